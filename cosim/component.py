@@ -1,0 +1,93 @@
+"""Component: everything that steps. Port and Parameter: how it is wired and set.
+
+Two kinds, and nothing else is known about a component:
+
+* A **sampled** component (controller, operator, estimator) reads its inputs as they are at
+  ``t`` and computes outputs that hold over ``[t, t+h)``: sample, compute, hold.
+* A **continuous** component (plant) takes inputs held over ``[t, t+h)`` and gives its outputs
+  at the end, at ``t+h``.
+
+Life cycle::
+
+    initialize(values) -> initial(u) [-> initial(u) ...] -> step(t, h, u) -> step ...
+
+A component reads no clock and keeps no role: time and inputs are arguments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import prod
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike
+
+    Values = Mapping[str, "np.ndarray[Any, np.dtype[np.float64]]"]
+    Outputs = Mapping[str, ArrayLike]
+
+Kind = Literal["sampled", "continuous"]
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A named signal of float64 values: `shape` () is a scalar, (m,) a vector, row-major."""
+
+    name: str
+    shape: tuple[int, ...] = ()
+    unit: str = "1"
+    description: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        return prod(self.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A value fixed before the first step: a parameter, or the start value of a state.
+
+    `default` holds the flattened values (row-major); `type` is the FMI type it is carried as.
+    """
+
+    name: str
+    default: tuple[float, ...]
+    shape: tuple[int, ...] = ()
+    unit: str = "1"
+    description: str = ""
+    type: Literal["real", "integer", "boolean"] = "real"
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        return prod(self.shape)
+
+
+class Component(Protocol):
+    """What the engine steps: a Python class with these members, or an FMU."""
+
+    kind: Kind
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    parameters: tuple[Parameter, ...]
+
+    def initialize(self, values: Values) -> None:
+        """Go to the start. `values`: parameters and start values by name, each of its shape.
+
+        Names left out keep their default. Raises CosimError for a value it cannot take.
+        """
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs at the start, given the inputs `u` there; may be called repeatedly."""
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """One step from `t` (s) of length `h` (s) with inputs `u`; returns all outputs."""
+
+    def get_state(self) -> object:
+        """Everything a later :meth:`set_state` needs to continue from here exactly."""
+
+    def set_state(self, state: object) -> None:
+        """Continue from a state taken earlier."""

@@ -1,0 +1,58 @@
+"""Everything that ends a run on purpose.
+
+``CosimError``
+ ├── ``ScenarioError``  a scenario says something that cannot be (file and TOML path)
+ ├── ``UnitError``      a unit that does not exist or does not fit
+ ├── ``FmuError``       an FMU that cannot be read, loaded or started
+ ├── ``PlanError``      components that cannot be put in an order
+ └── ``RunError``       a run that had to stop (component, tick, time)
+
+Each derives from :class:`CosimError` and from the fitting builtin. A message says what was
+found, what was expected and where.
+"""
+
+from __future__ import annotations
+
+
+class CosimError(Exception):
+    """Base of all errors of this project."""
+
+    exit_code = 2
+
+
+class ScenarioError(CosimError, ValueError):
+    """A scenario or an option is wrong; `place` is the file and the path inside it."""
+
+    def __init__(self, message: str, place: str = "") -> None:
+        super().__init__(f"{place}: {message}" if place else message)
+        self.place = place
+
+
+class UnitError(CosimError, ValueError):
+    """A unit is unknown, or two units measure different things."""
+
+
+class FmuError(CosimError, RuntimeError):
+    """An FMU cannot be read, loaded, instantiated or initialised."""
+
+
+class PlanError(CosimError, ValueError):
+    """The components of a scenario cannot be ordered or wired."""
+
+
+class RunError(CosimError, RuntimeError):
+    """A run stopped: the message names component, tick and time.
+
+    `saved` is the folder with everything recorded up to the stop, if there is one.
+    """
+
+    exit_code = 1
+
+    def __init__(
+        self, message: str, *, component: str = "", tick: int = -1, time: float = float("nan")
+    ) -> None:
+        super().__init__(message)
+        self.component = component
+        self.tick = tick
+        self.time = time
+        self.saved: str | None = None

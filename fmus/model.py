@@ -1,0 +1,100 @@
+"""A model declared once: its variables, from which XML, C struct and Python ports are made.
+
+Every variable, of whatever FMI type, is stored as float64 in one struct without padding. The
+struct member is called like the variable; FMI 2.0 value references count its scalars, FMI 3.0
+value references its variables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import prod
+from typing import Literal
+
+from cosim.component import Kind, Parameter, Port
+
+Causality = Literal["parameter", "input", "output", "local"]
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """One variable; `start` is a scalar for all entries, or one value per entry (row-major).
+
+    `settable`: the start value of an output or local may be set (FMI ``initial="exact"``);
+    otherwise it is calculated at the start. `depends`: the inputs this output depends on
+    directly, at the start and in a step; what is named here is tested by perturbation.
+    `symbol`: the C name where `name` is a keyword or clashes.
+    """
+
+    name: str
+    causality: Causality
+    shape: tuple[int, ...] = ()
+    unit: str = "1"
+    start: float | tuple[float, ...] = 0.0
+    description: str = ""
+    type: Literal["real", "integer", "boolean"] = "real"
+    settable: bool = False
+    depends: tuple[str, ...] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+    symbol: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        return prod(self.shape)
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """The start value of every entry, row-major."""
+        if isinstance(self.start, tuple):
+            return self.start
+        return (float(self.start),) * self.size
+
+
+@dataclass(frozen=True, slots=True)
+class Terminal:
+    """Variables that are wired together: a joint port, a network port (FMI 3.0 terminal)."""
+
+    name: str
+    members: tuple[str, ...]
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What a model is called, what it consists of and how it steps.
+
+    `identifier` is the FMI modelIdentifier (a C name, the file stem of the FMU); `sources` are C
+    files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds
+    ``model_initial`` and ``model_step``.
+    """
+
+    identifier: str
+    description: str
+    kind: Kind
+    variables: tuple[Variable, ...]
+    sources: tuple[str, ...]
+    version: str = "1.0"
+    step: float = 1e-3  # s, default communication step
+    terminals: tuple[Terminal, ...] = field(default=())
+
+    def inputs(self) -> tuple[Port, ...]:
+        """Input ports, in order."""
+        return tuple(_port(v) for v in self.variables if v.causality == "input")
+
+    def outputs(self) -> tuple[Port, ...]:
+        """Output ports, in order."""
+        return tuple(_port(v) for v in self.variables if v.causality == "output")
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Everything that may be set before the start: parameters and start values."""
+        return tuple(
+            Parameter(v.name, v.starts, v.shape, v.unit, v.description, v.type)
+            for v in self.variables
+            if v.causality == "parameter" or v.settable
+        )
+
+
+def _port(variable: Variable) -> Port:
+    return Port(variable.name, variable.shape, variable.unit, variable.description)

@@ -33,12 +33,16 @@ Kind = Literal["sampled", "continuous"]
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """A named signal of float64 values: `shape` () is a scalar, (m,) a vector, row-major."""
+    """A named signal of float64 values: `shape` () is a scalar, (m,) a vector, row-major.
+
+    `default` (flattened, () = zeros) is what an input holds when nothing is wired to it.
+    """
 
     name: str
     shape: tuple[int, ...] = ()
     unit: str = "1"
     description: str = ""
+    default: tuple[float, ...] = ()
 
     @property
     def size(self) -> int:

@@ -97,4 +97,5 @@ class Model:
 
 
 def _port(variable: Variable) -> Port:
-    return Port(variable.name, variable.shape, variable.unit, variable.description)
+    default = variable.starts if variable.causality == "input" else ()
+    return Port(variable.name, variable.shape, variable.unit, variable.description, default)

@@ -1,0 +1,250 @@
+/* engine.c: executes a plan.
+ *
+ * A plan is a flat array of operations over one contiguous vector of doubles (the signals). Each
+ * operation is due every `period` ticks; time is (tick * h), never a sum. The loop knows FMI
+ * function pointers, ticks and signals. It knows no Python, no robot and no network, allocates
+ * nothing, and prints nothing. Called with the GIL released, in chunks of ticks.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+#define ENGINE_ABI 1
+
+enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD };
+enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3 };
+enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
+       RUN_EARLY_RETURN };
+
+typedef struct {
+    int32_t code;
+    int32_t index;          /* of the unit or link */
+    int64_t period, next;   /* ticks */
+    int64_t source, target; /* into signals */
+    int64_t count;
+    double gain, offset;
+} operation_t;
+
+typedef int32_t (*call_t)(int32_t unit, double t, double h);
+typedef int (*set2_t)(void *, const uint32_t *, size_t, const double *);
+typedef int (*get2_t)(void *, const uint32_t *, size_t, double *);
+typedef int (*step2_t)(void *, double, double, int);
+typedef int (*set3_t)(void *, const uint32_t *, size_t, const double *, size_t);
+typedef int (*get3_t)(void *, const uint32_t *, size_t, double *, size_t);
+typedef int (*step3_t)(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
+
+typedef struct {
+    int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
+    double h;               /* s, length of a step */
+    void *instance;
+    void *set, *step, *get; /* FMI functions, or the call-back in `step` */
+    const uint32_t *inputs, *outputs;   /* value references */
+    int64_t n_inputs, n_outputs;        /* value references */
+    int64_t input, input_count;         /* signals */
+    int64_t output, output_count;
+} unit_t;
+
+typedef struct {
+    double *history;        /* capacity rows of `width` */
+    const int32_t *table;   /* held sample at each hit of the receiver, for this chunk */
+    const double *initial;  /* pre-history */
+    int64_t width, capacity, sent, row, rows, held;
+} link_t;
+
+typedef struct {
+    operation_t *operations;
+    unit_t *units;
+    link_t *links;
+    double *signals;
+    double *record;         /* rows of n_signals, or NULL */
+    int64_t n_operations, n_signals;
+    int64_t row, tick;
+    double h;
+    int32_t stop;           /* set from outside */
+    int32_t failed_index, failed_status;
+    int32_t reserved;
+} engine_t;
+
+static int not_finite(const double *x, int64_t n)
+{
+    uint64_t bad = 0;
+    for (int64_t i = 0; i < n; i++) {
+        uint64_t bits;
+        memcpy(&bits, x + i, sizeof bits);
+        bad |= (bits & 0x7ff0000000000000u) == 0x7ff0000000000000u;
+    }
+    return bad != 0;
+}
+
+static int step_fmi2(const unit_t *u, double *s, double t, int *status)
+{
+    if (u->n_inputs) {
+        *status = ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
+        if (*status > 1) return RUN_SET;
+    }
+    *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
+    if (*status > 1) return RUN_STEP;
+    if (u->n_outputs) {
+        *status = ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
+        if (*status > 1) return RUN_GET;
+    }
+    return RUN_OK;
+}
+
+static int step_fmi3(const unit_t *u, double *s, double t, int *status)
+{
+    _Bool event = 0, terminate = 0, early = 0;
+    double reached = t;
+    if (u->n_inputs) {
+        *status = ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
+                                   (size_t)u->input_count);
+        if (*status > 1) return RUN_SET;
+    }
+    *status = ((step3_t)u->step)(u->instance, t, u->h, 1, &event, &terminate, &early, &reached);
+    if (*status > 1) return RUN_STEP;
+    if (early) return RUN_EARLY_RETURN;
+    if (u->n_outputs) {
+        *status = ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,
+                                   (size_t)u->output_count);
+        if (*status > 1) return RUN_GET;
+    }
+    return terminate ? RUN_TERMINATED : RUN_OK;
+}
+
+static int step_unit(engine_t *e, int32_t index)
+{
+    const unit_t *u = e->units + index;
+    double *s = e->signals;
+    double t = (double)(e->tick - u->lag) * e->h;
+    int status = 0, result = RUN_OK;
+
+    switch (u->kind) {
+    case UNIT_FMI2: result = step_fmi2(u, s, t, &status); break;
+    case UNIT_FMI3: result = step_fmi3(u, s, t, &status); break;
+    default:
+        status = ((call_t)u->step)(index, t, u->h);
+        if (status) result = RUN_STEP;
+    }
+    if (result == RUN_OK && not_finite(s + u->output, u->output_count)) result = RUN_NOT_FINITE;
+    if (result != RUN_OK) {
+        e->failed_index = index;
+        e->failed_status = status;
+    }
+    return result;
+}
+
+static void push(link_t *l, const double *value)
+{
+    memcpy(l->history + (l->sent % l->capacity) * l->width, value, (size_t)l->width * sizeof *value);
+    l->sent++;
+}
+
+static int pull(link_t *l, const operation_t *op, double *target)
+{
+    int64_t held;
+    const double *value = l->initial;
+
+    if (l->row >= l->rows) return RUN_HISTORY;
+    held = l->table[l->row++];
+    if (held == l->held) return RUN_OK;
+    if (held >= 0) {
+        if (held >= l->sent || held < l->sent - l->capacity) return RUN_HISTORY;
+        value = l->history + (held % l->capacity) * l->width;
+    }
+    for (int64_t i = 0; i < op->count; i++) target[i] = op->gain * value[i] + op->offset;
+    l->held = held;
+    return RUN_OK;
+}
+
+/* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. */
+API int32_t engine_run(engine_t *e, int64_t ticks)
+{
+    double *s = e->signals;
+    operation_t *const first = e->operations, *const last = first + e->n_operations;
+    const int64_t end = e->tick + ticks;
+    int32_t result = RUN_OK;
+
+    for (; e->tick < end; e->tick++) {
+        const int64_t tick = e->tick;
+        if (*(volatile int32_t *)&e->stop) return RUN_STOPPED;
+        for (operation_t *op = first; op < last; op++) {
+            if (op->next != tick) continue;
+            op->next += op->period;
+            switch (op->code) {
+            case OP_COPY:
+                for (int64_t i = 0; i < op->count; i++) s[op->target + i] = s[op->source + i];
+                break;
+            case OP_SCALE:
+                for (int64_t i = 0; i < op->count; i++)
+                    s[op->target + i] = op->gain * s[op->source + i] + op->offset;
+                break;
+            case OP_PUSH: push(e->links + op->index, s + op->source); break;
+            case OP_PULL:
+                result = pull(e->links + op->index, op, s + op->target);
+                if (result != RUN_OK) e->failed_index = op->index;
+                break;
+            case OP_STEP: result = step_unit(e, op->index); break;
+            case OP_RECORD:
+                if (e->record) {
+                    memcpy(e->record + e->row * e->n_signals, s, (size_t)e->n_signals * sizeof *s);
+                    e->row++;
+                }
+                break;
+            }
+            if (result != RUN_OK) return result;
+        }
+    }
+    return RUN_OK;
+}
+
+/* ---- the last log lines of an FMU: a ring that C can fill (FMI 2.0 loggers are variadic) ---- */
+
+enum { LOG_LINES = 32, LOG_WIDTH = 512 };
+
+typedef struct {
+    int64_t count;
+    int32_t level[LOG_LINES];
+    char line[LOG_LINES][LOG_WIDTH];
+} log_t;
+
+static void log_line(log_t *log, int level, const char *text)
+{
+    int64_t i = log->count++ % LOG_LINES;
+    log->level[i] = level;
+    snprintf(log->line[i], LOG_WIDTH, "%s", text);
+}
+
+API void engine_log2(void *environment, const char *instance, int status, const char *category,
+                     const char *format, ...)
+{
+    char text[LOG_WIDTH];
+    va_list arguments;
+    (void)instance, (void)category;
+    if (!environment) return;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format ? format : "", arguments);
+    va_end(arguments);
+    log_line(environment, status, text);
+}
+
+API void engine_log3(void *environment, int status, const char *category, const char *message)
+{
+    (void)category;
+    if (environment) log_line(environment, status, message ? message : "");
+}
+
+API int32_t engine_abi(void) { return ENGINE_ABI; }
+API size_t engine_sizes(int32_t which)
+{
+    static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
+                                   sizeof(engine_t), sizeof(log_t)};
+    return which >= 0 && which < 5 ? sizes[which] : 0;
+}

@@ -23,6 +23,7 @@ class Variable:
     `settable`: the start value of an output or local may be set (FMI ``initial="exact"``);
     otherwise it is calculated at the start. `depends`: the inputs this output depends on
     directly, at the start and in a step; what is named here is tested by perturbation.
+    `elementwise`: each entry depends on the entry of the same place only (equal shapes).
     `symbol`: the C name where `name` is a keyword or clashes.
     """
 
@@ -35,6 +36,7 @@ class Variable:
     type: Literal["real", "integer", "boolean"] = "real"
     settable: bool = False
     depends: tuple[str, ...] = ()
+    elementwise: bool = False
     minimum: float | None = None
     maximum: float | None = None
     symbol: str = ""
@@ -67,7 +69,8 @@ class Model:
 
     `identifier` is the FMI modelIdentifier (a C name, the file stem of the FMU); `sources` are C
     files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds
-    ``model_initial`` and ``model_step``.
+    ``model_initial`` and ``model_step``. `documentation` is plain text with the equations, for the
+    page inside the FMU.
     """
 
     identifier: str
@@ -78,6 +81,7 @@ class Model:
     version: str = "1.0"
     step: float = 1e-3  # s, default communication step
     terminals: tuple[Terminal, ...] = field(default=())
+    documentation: str = ""
 
     def inputs(self) -> tuple[Port, ...]:
         """Input ports, in order."""

@@ -1,0 +1,216 @@
+"""The C compiler: C99 sources in, one shared library out, the same numbers from every compiler.
+
+The host's own compiler serves the host (``$CC``, ``cc``, ``gcc`` or ``clang``, the first that
+builds a small library); where there is none, and for every other platform, the PyPI package
+`ziglang` does. Knows nothing of FMI and nothing of models.
+
+What makes the numbers equal: C99, no fused multiply-add (``-ffp-contract=off``), no fast-math,
+no instruction set beyond the platform's baseline. The sources must bring their own sin and cos;
+sqrt, rounded correctly everywhere, may come from libm.
+"""
+
+from __future__ import annotations
+
+import os
+import platform as _host
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from cosim.errors import CosimError
+
+#: Platforms anything can be built for from here, by FMI 3.0's platform names (3.0.2, 2.5.1.4.1),
+#: and what zig calls them. Old on purpose: glibc 2.17 is of 2012, macOS 11 of 2020.
+_TARGETS = {
+    "x86_64-linux": "x86_64-linux-gnu.2.17",
+    "aarch64-linux": "aarch64-linux-gnu.2.17",
+    "x86_64-windows": "x86_64-windows-gnu",
+    "x86_64-darwin": "x86_64-macos.11.0",
+    "aarch64-darwin": "aarch64-macos.11.0",
+}
+PLATFORMS = tuple(_TARGETS)
+
+#: Compiler options that every library is built with.
+FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-g0",
+    "-ffp-contract=off",
+    "-fno-fast-math",
+    "-fvisibility=hidden",
+    "-shared",
+)
+_ZIG_FLAGS = ("-mcpu=baseline", "-fno-sanitize=undefined")
+_SUFFIX = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}
+_MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}
+_PROBE = "#include <math.h>\n#include <stdlib.h>\n#include <string.h>\nint probe(void){return 0;}\n"
+
+
+class ToolchainError(CosimError, RuntimeError):
+    """There is no compiler for a platform, or it refused the sources."""
+
+
+def host_platform() -> str:
+    """The platform this runs on, as ``"x86_64-linux"``; need not be one of :data:`PLATFORMS`.
+
+    Raises ToolchainError on an operating system that is not Linux, Windows or macOS.
+    """
+    machine, system = _host.machine().lower(), _host.system().lower()
+    if system not in _SUFFIX:
+        raise ToolchainError(
+            f"cannot build for operating system {_host.system()!r}; expected one of "
+            f"{', '.join(sorted(_SUFFIX))}"
+        )
+    return f"{_MACHINE.get(machine, machine)}-{system}"
+
+
+def shared_suffix(platform: str | None = None) -> str:
+    """``".so"``, ``".dll"`` or ``".dylib"``. `platform`: default the host's.
+
+    Raises ToolchainError for a platform of an unknown operating system.
+    """
+    name = platform or host_platform()
+    try:
+        return _SUFFIX[name.rpartition("-")[2]]
+    except KeyError:
+        raise ToolchainError(_unknown(name)) from None
+
+
+@lru_cache(maxsize=1)
+def host_compiler() -> tuple[str, ...] | None:
+    """The command of the host's own C compiler, or None where there is none that works.
+
+    ``$CC`` is taken at its word: if it is set, nothing else is tried. What is only found under
+    a usual name must build a small library first (a `cc` may come without a C library).
+    """
+    if os.environ.get("CC", "").strip():
+        return tuple(shlex.split(os.environ["CC"]))
+    names = ("gcc",) if host_platform().endswith("windows") else ("cc", "gcc", "clang")
+    for name in names:
+        path = shutil.which(name)
+        if path is not None and _works(path):
+            return (path,)
+    return None
+
+
+def compiler(platform: str | None = None) -> tuple[str, ...]:
+    """The command that compiles for `platform` (default: the host), with its own options.
+
+    Raises ToolchainError where there is none, saying what to install.
+    """
+    name = platform or host_platform()
+    native = host_compiler() if name == host_platform() else None
+    if native is not None:
+        return native
+    if name not in _TARGETS:
+        raise ToolchainError(_unknown(name))
+    if find_spec("ziglang") is None:
+        missing = "no C compiler (CC, cc, gcc, clang)" if name == host_platform() else "no compiler"
+        raise ToolchainError(
+            f"{missing} for {name} on {host_platform()}: 'pip install ziglang' brings one"
+        )
+    return (sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[name], *_ZIG_FLAGS)
+
+
+def compile_shared(
+    sources: Sequence[Path | str],
+    output: Path | str,
+    *,
+    include: Iterable[Path | str] = (),
+    defines: Mapping[str, str | int | None] | None = None,
+    platform: str | None = None,
+    flags: Iterable[str] = (),
+) -> Path:
+    """Compile C99 `sources` into the shared library `output` and return its path.
+
+    `include`: directories; `defines`: macros, None for one without value; `platform`: default
+    the host's; `flags`: further options, after (and so stronger than) :data:`FLAGS`. Only what
+    is marked for export is visible. The library appears at once and complete: a process that
+    has an older one mapped keeps it, and two builds at a time do not meet.
+
+    Raises ToolchainError with the compiler's last lines.
+    """
+    target = Path(output).resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    name = platform or host_platform()
+    command = [*compiler(name), *FLAGS, *_platform_flags(name, target.name)]
+    command += [f"-I{Path(folder).resolve()}" for folder in include]
+    command += [f"-D{k}" if v is None else f"-D{k}={v}" for k, v in (defines or {}).items()]
+    command += flags
+    with tempfile.TemporaryDirectory(prefix=".cc-", dir=target.parent) as scratch:
+        built = Path(scratch, target.name)
+        command += ["-o", str(built), *(str(Path(source).resolve()) for source in sources)]
+        command += ["-lm"] if name.endswith("linux") else []
+        _run(command, f"{target.name} for {name}")
+        built.replace(target)
+    return target
+
+
+def _platform_flags(platform: str, name: str) -> list[str]:
+    """What shared libraries need on each system besides :data:`FLAGS`.
+
+    On Linux a library binds its own calls to itself (several FMUs in one process define the
+    same names), and is not said to need libm unless it calls it.
+    """
+    system = platform.rpartition("-")[2]
+    if system == "linux":
+        return ["-fPIC", "-Wl,-Bsymbolic", "-Wl,--as-needed"]
+    if system == "darwin":
+        return ["-fPIC", f"-Wl,-install_name,@rpath/{name}"]
+    return []
+
+
+def _run(command: list[str], what: str) -> None:
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            env=_environment(),
+        )
+    except OSError as error:
+        raise ToolchainError(
+            f"cannot start the compiler {command[0]!r} for {what} ({error.strerror}): "
+            "set CC to one that exists, or unset it and 'pip install ziglang'"
+        ) from None
+    if done.returncode:
+        last = "\n  ".join((done.stderr + done.stdout).strip().splitlines()[-20:])
+        raise ToolchainError(
+            f"compiling {what} failed (exit code {done.returncode}):\n  {last}\n"
+            f"command: {shlex.join(command)}"
+        )
+
+
+def _environment() -> dict[str, str]:
+    """The environment of a compiler: plain messages, and a place for zig's cache."""
+    environment = {**os.environ, "LC_ALL": "C"}
+    home = Path.home() / ".cache"
+    usable = os.access(home if home.is_dir() else home.parent, os.W_OK)
+    if not usable and "ZIG_GLOBAL_CACHE_DIR" not in environment:
+        environment["ZIG_GLOBAL_CACHE_DIR"] = str(Path(tempfile.gettempdir(), "cosim-zig-cache"))
+    return environment
+
+
+def _works(command: str) -> bool:
+    """Whether a compiler found by name builds a library with the C library's headers."""
+    with tempfile.TemporaryDirectory(prefix="cc-") as scratch:
+        source = Path(scratch, "probe.c")
+        source.write_text(_PROBE)
+        flags = [*FLAGS, *_platform_flags(host_platform(), "probe")]
+        try:
+            _run([command, *flags, "-o", str(Path(scratch, "probe")), str(source)], "a probe")
+        except ToolchainError:
+            return False
+    return True
+
+
+def _unknown(platform: str) -> str:
+    return f"unknown platform {platform!r}; expected one of {', '.join(PLATFORMS)}"

@@ -24,8 +24,21 @@ stage, and as outputs at the end of the step.
 
 from __future__ import annotations
 
-from cosim.component import Kind
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from cosim.component import Kind, Parameter, Port
+from cosim.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
+from fmus.models.start import Array, copied, received, start_values
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.component import Outputs, Values
+    from fmus.build import Version
+    from fmus.kernel import Kernel
 
 #: Lumped parameters theta, kg.m2. ``SL91``: Slotine and Li, Applied Nonlinear Control (1991),
 #: two-link example of chapter 9 with δe = 0; ``IMI``: direct-drive arm; ``unit``: two rods of
@@ -90,3 +103,109 @@ def model() -> Model:
         terminals=(Terminal("joints", ("tau", "q", "dq"), "Torque in, position and velocity out"),),
         documentation=__doc__ or "",
     )
+
+
+def fmu(version: Version = "2.0") -> Path:
+    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+
+    Raises FmuError where it cannot be built.
+    """
+    from fmus.build import find
+
+    return find(model(), version)
+
+
+def kernel() -> Kernel:
+    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
+    from fmus.kernel import Kernel
+
+    return Kernel(model())
+
+
+def inertia(theta: Array, q: Array) -> Array:
+    """M(q), kg.m2, (2, 2); `theta` (3,) kg.m2, `q` (2,) rad."""
+    c2 = np.cos(q[1])
+    m12 = theta[2] + theta[1] * c2
+    return np.array([[theta[0] + 2 * theta[1] * c2, m12], [m12, theta[2]]])
+
+
+def coriolis(theta: Array, q: Array, dq: Array) -> Array:
+    """C(q, dq), kg.m2/s, (2, 2), of Christoffel symbols, so that dM/dt - 2 C is skew-symmetric."""
+    c = theta[1] * np.sin(q[1])
+    return np.array([[-c * dq[1], -c * (dq[0] + dq[1])], [c * dq[0], 0.0]])
+
+
+@final
+class Planar2R:
+    """The arm in NumPy: the readable reference of the C kernel."""
+
+    kind: Kind = "continuous"
+
+    def __init__(self) -> None:
+        self._model = model()
+        self.inputs: tuple[Port, ...] = self._model.inputs()
+        self.outputs: tuple[Port, ...] = self._model.outputs()
+        self.parameters: tuple[Parameter, ...] = self._model.parameters()
+        self._x = start_values(self._model, {})  # parameters, and the state q, dq
+
+    def initialize(self, values: Values) -> None:
+        """Go to the start. Raises ScenarioError, also where M would not be positive definite."""
+        x = start_values(self._model, values)
+        theta1, theta2, theta3 = x["theta"]
+        if theta3 <= 0 or theta1 * theta3 - theta3**2 - theta2**2 <= 0:
+            raise ScenarioError(
+                f"inertia is not positive definite for {x['theta'].tolist()}; expected "
+                "theta[2] > 0 and theta[0] theta[2] > theta[1]^2 + theta[2]^2",
+                "planar2r.theta",
+            )
+        self._x = x
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs at the start; they do not depend on the inputs."""
+        received(self.inputs, u)
+        return self._measure()
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """Integrate over [t, t + h) (s) with the inputs held; outputs at the end."""
+        tau, tau_ext = received(self.inputs, u, t)
+        substeps = int(self._x["substeps"])
+        q, dq = self._x["q"], self._x["dq"]
+        for _ in range(substeps):
+            q, dq = self._runge_kutta(q, dq, tau + tau_ext, h / substeps)
+        self._x["q"], self._x["dq"] = q, dq
+        return self._measure()
+
+    def _runge_kutta(self, q: Array, dq: Array, held: Array, h: float) -> tuple[Array, Array]:
+        k1, l1 = dq, self._acceleration(q, dq, held)
+        k2 = dq + h / 2 * l1
+        l2 = self._acceleration(q + h / 2 * k1, k2, held)
+        k3 = dq + h / 2 * l2
+        l3 = self._acceleration(q + h / 2 * k2, k3, held)
+        k4 = dq + h * l3
+        l4 = self._acceleration(q + h * k3, k4, held)
+        return q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), dq + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+
+    def _acceleration(self, q: Array, dq: Array, held: Array) -> Array:
+        theta = self._x["theta"]
+        torque = held + self._grip(q, dq) - self._wall(q, dq) - coriolis(theta, q, dq) @ dq
+        return np.asarray(np.linalg.solve(inertia(theta, q), torque), dtype=np.float64)
+
+    def _grip(self, q: Array, dq: Array) -> Array:
+        return -self._x["k_d"] * dq - self._x["k_p"] * (q - self._x["q_h"])
+
+    def _wall(self, q: Array, dq: Array) -> Array:
+        depth = q - self._x["q_w"]
+        push = np.maximum(0.0, self._x["k_w"] * depth + self._x["b_w"] * dq)
+        return np.where(depth > 0, push, 0.0)
+
+    def _measure(self) -> Outputs:
+        q, dq = self._x["q"], self._x["dq"]
+        return {"q": q, "dq": dq, "tau_h": self._grip(q, dq), "tau_e": self._wall(q, dq)}
+
+    def get_state(self) -> object:
+        """Parameters and state, copied."""
+        return copied(self._x)
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = copied(state)

@@ -24,9 +24,21 @@ K and Gamma are diagonal, one entry a joint and a parameter.
 
 from __future__ import annotations
 
-from cosim.component import Kind
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
+from fmus.models.start import Array, copied, received, start_values
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.component import Outputs, Values
+    from fmus.build import Version
+    from fmus.kernel import Kernel
 
 _KIND: Kind = "sampled"
 _TORQUE, _RATE = "N.m", "rad/s"
@@ -115,3 +127,80 @@ def model(neighbours: int = 1) -> Model:
         ),
         documentation=__doc__ or "",
     )
+
+
+def fmu(version: Version = "2.0", neighbours: int = 1) -> Path:
+    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+
+    Raises FmuError where it cannot be built.
+    """
+    from fmus.build import find
+
+    return find(model(neighbours), version)
+
+
+def kernel(neighbours: int = 1) -> Kernel:
+    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
+    from fmus.kernel import Kernel
+
+    return Kernel(model(neighbours))
+
+
+def regressor(q: Array, dq: Array, z: Array, dz: Array) -> Array:
+    """Y(q, dq, z, dz), (2, 3), with Y theta = M(q) dz + C(q, dq) z for every theta (3,)."""
+    c2, s2 = np.cos(q[1]), np.sin(q[1])
+    y12 = c2 * (2 * dz[0] + dz[1]) - s2 * (dq[1] * z[0] + (dq[0] + dq[1]) * z[1])
+    return np.array([[dz[0], y12, dz[1]], [0.0, c2 * dz[0] + s2 * dq[0] * z[0], dz[0] + dz[1]]])
+
+
+@final
+class Teleoperation:
+    """The controller in NumPy: the readable reference of the C kernel."""
+
+    kind: Kind = "sampled"
+
+    def __init__(self, neighbours: int = 1) -> None:
+        self._model = model(neighbours)
+        self.inputs: tuple[Port, ...] = self._model.inputs()
+        self.outputs: tuple[Port, ...] = self._model.outputs()
+        self.parameters: tuple[Parameter, ...] = self._model.parameters()
+        self.initialize({})
+
+    def initialize(self, values: Values) -> None:
+        """Go to the start. Raises ScenarioError."""
+        self._x = start_values(self._model, values)  # parameters, and the state z, theta_hat
+        self._x["z_next"], self._x["theta_hat_next"] = self._x["z"], self._x["theta_hat"]
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs for the start values of z and theta_hat; these do not advance."""
+        return self._law(0.0, received(self.inputs, u))
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """Outputs as of `t` (s), which hold to t + h; z and theta_hat advance to t + h."""
+        self._x["z"], self._x["theta_hat"] = self._x["z_next"], self._x["theta_hat_next"]
+        return self._law(h, received(self.inputs, u, t))
+
+    def _law(self, h: float, inputs: list[Array]) -> Outputs:
+        q, dq, xi_in, w = inputs  # (2,), (2,), (n, 2), (n,)
+        x = self._x
+        z, theta_hat, alpha, tau_max = x["z"], x["theta_hat"], x["alpha"], x["tau_max"]
+        xi = dq + alpha * q
+        dz = -alpha * dq + x["lambda_M"] * (dq - z) - x["lambda"] * (w @ (xi - xi_in))
+        s = dq - z
+        Y = regressor(q, dq, z, dz)
+        wanted = -x["K"] * s + Y @ theta_hat
+        tau = np.clip(wanted, -tau_max, tau_max)
+        if (tau == wanted).all():
+            x["z_next"] = z + h * dz
+            x["theta_hat_next"] = theta_hat - h * x["Gamma"] * (Y.T @ s)
+        else:
+            x["z_next"], x["theta_hat_next"] = z, theta_hat
+        return {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
+
+    def get_state(self) -> object:
+        """Parameters and state, copied."""
+        return copied(self._x)
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = copied(state)

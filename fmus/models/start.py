@@ -1,0 +1,70 @@
+"""Values that go into a reference model: checked at the start and at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import nan
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.component import Port
+from cosim.errors import RunError, ScenarioError
+from fmus.model import Model, Variable
+
+Array = NDArray[np.float64]
+
+
+def start_values(model: Model, values: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Every parameter and start value of `model`, by name, of its shape; defaults filled in.
+
+    Raises ScenarioError for an unknown name, a wrong shape, a value that is not finite, outside
+    the declared range, or fractional where the type is integer.
+    """
+    declared = {v.name: v for v in model.variables if v.causality == "parameter" or v.settable}
+    for name in values:
+        if name not in declared:
+            raise ScenarioError(
+                f"unknown parameter {name!r}; expected one of {', '.join(declared)}",
+                model.identifier,
+            )
+    return {
+        name: _checked(variable, values.get(name, variable.starts), f"{model.identifier}.{name}")
+        for name, variable in declared.items()
+    }
+
+
+def _checked(variable: Variable, given: ArrayLike, place: str) -> Array:
+    value = np.array(given, dtype=np.float64)
+    if value.shape != variable.shape:
+        if value.size != variable.size or value.ndim > 1:
+            raise ScenarioError(f"shape is {value.shape}, expected {variable.shape}", place)
+        value = value.reshape(variable.shape)
+    if not np.isfinite(value).all():
+        raise ScenarioError(f"{value.tolist()} is not finite", place)
+    if variable.minimum is not None and (value < variable.minimum).any():
+        raise ScenarioError(f"{value.tolist()} is below the minimum {variable.minimum:g}", place)
+    if variable.maximum is not None and (value > variable.maximum).any():
+        raise ScenarioError(f"{value.tolist()} is above the maximum {variable.maximum:g}", place)
+    if variable.type != "real" and (value != np.round(value)).any():
+        raise ScenarioError(f"{value.tolist()} is no {variable.type}", place)
+    return value
+
+
+def received(inputs: tuple[Port, ...], u: Mapping[str, ArrayLike], t: float = nan) -> list[Array]:
+    """The inputs in the order of `inputs`, each of its shape; `t` (s) is for the message.
+
+    Raises RunError where a value is not finite.
+    """
+    values = [np.array(u[port.name], dtype=np.float64).reshape(port.shape) for port in inputs]
+    for port, value in zip(inputs, values, strict=True):
+        if not np.isfinite(value).all():
+            raise RunError(f"input {port.name} is {value.tolist()}, not finite", time=t)
+    return values
+
+
+def copied(state: object) -> dict[str, Array]:
+    """A copy of the values a reference model keeps by name. Raises RunError for anything else."""
+    if not isinstance(state, dict):
+        raise RunError(f"state is a {type(state).__name__}, expected what get_state gave")
+    return {name: value.copy() for name, value in state.items()}

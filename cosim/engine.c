@@ -53,7 +53,7 @@ typedef struct {
 } unit_t;
 
 typedef struct {
-    double *history;        /* capacity rows of `width` */
+    double *history;        /* capacity rows of `width`, in the receiver's unit */
     const int32_t *table;   /* held sample at each hit of the receiver, for this chunk */
     const double *initial;  /* pre-history */
     int64_t width, capacity, sent, row, rows, held;
@@ -141,13 +141,18 @@ static int step_unit(engine_t *e, int32_t index)
     return result;
 }
 
-static void push(link_t *l, const double *value)
+static void push(link_t *l, const operation_t *op, const double *value)
 {
-    memcpy(l->history + (l->sent % l->capacity) * l->width, value, (size_t)l->width * sizeof *value);
+    double *sample = l->history + (l->sent % l->capacity) * l->width;
+    if (op->gain == 1.0 && op->offset == 0.0)
+        memcpy(sample, value, (size_t)l->width * sizeof *value);
+    else
+        for (int64_t i = 0; i < l->width; i++) sample[i] = op->gain * value[i] + op->offset;
     l->sent++;
 }
 
-static int pull(link_t *l, const operation_t *op, double *target)
+/* The receiver keeps what it holds; only a change is looked up. */
+static int pull(link_t *l, double *target)
 {
     int64_t held;
     const double *value = l->initial;
@@ -159,7 +164,7 @@ static int pull(link_t *l, const operation_t *op, double *target)
         if (held >= l->sent || held < l->sent - l->capacity) return RUN_HISTORY;
         value = l->history + (held % l->capacity) * l->width;
     }
-    for (int64_t i = 0; i < op->count; i++) target[i] = op->gain * value[i] + op->offset;
+    memcpy(target, value, (size_t)l->width * sizeof *value);
     l->held = held;
     return RUN_OK;
 }
@@ -186,9 +191,9 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
                 for (int64_t i = 0; i < op->count; i++)
                     s[op->target + i] = op->gain * s[op->source + i] + op->offset;
                 break;
-            case OP_PUSH: push(e->links + op->index, s + op->source); break;
+            case OP_PUSH: push(e->links + op->index, op, s + op->source); break;
             case OP_PULL:
-                result = pull(e->links + op->index, op, s + op->target);
+                result = pull(e->links + op->index, s + op->target);
                 if (result != RUN_OK) e->failed_index = op->index;
                 break;
             case OP_STEP: result = step_unit(e, op->index); break;

@@ -1,0 +1,281 @@
+"""Executes a plan: native components through their FMI functions, Python ones as call-backs.
+
+The loop itself is ``engine.c``, called in chunks of ticks with the GIL released. What Python does
+between chunks: hand over the next rows of the link tables, and a buffer to record into.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim import native
+from cosim.errors import RunError
+from cosim.fmi import FmuComponent
+from cosim.native import Result
+from cosim.plan import Plan, Slot, Step
+
+Vector = NDArray[np.float64]
+Views = dict[str, Vector]
+
+
+class Engine:
+    """One execution of a plan, from :meth:`initialize` on. Use as a context manager.
+
+    `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
+    link's table as they are used, if `keep_tables` is given: called with (link name, rows).
+    """
+
+    def __init__(
+        self, plan: Plan, keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None
+    ) -> None:
+        self.plan = plan
+        self.signals: Vector = np.zeros(plan.n_signals)
+        self._keep_tables = keep_tables
+        self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
+        self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
+        self._streams = [link.table.stream() for link in plan.links]
+        self._failure: BaseException | None = None
+        self._alive: list[Any] = []  # what C points to
+        self._rows: dict[str, NDArray[np.int32]] = {}
+        self._state = native.EngineState()
+        self._library = native.library()
+
+    def __enter__(self) -> Engine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def tick(self) -> int:
+        """The next tick to run; after a failure, the tick that failed."""
+        return int(self._state.tick)
+
+    def initialize(self) -> None:
+        """Start all components; initial outputs travel along wires until nothing changes."""
+        for step in self.plan.components:
+            self._start(step)
+        for _ in range(len(self.plan.components) + 1):
+            before = self.signals.tobytes()
+            for i, step in enumerate(self.plan.components):
+                self._gather_initial(step.name)
+                _store(self._outputs[i], step.component.initial(self._inputs[i]), step.name)
+            if self.signals.tobytes() == before:
+                break
+        for step in self.plan.components:
+            if isinstance(step.component, FmuComponent):
+                step.component.exit_initialization()
+        self._check_start()
+        self._bind()
+
+    def _start(self, step: Step) -> None:
+        parameters = {p.name: p for p in step.component.parameters}
+        step.component.initialize(
+            {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
+        )
+        for slot, port in zip(step.inputs, step.component.inputs, strict=True):
+            value = step.start.get(port.name) or port.default or (0.0,) * port.size
+            self.signals[slot.start : slot.start + slot.size] = value
+
+    def _gather_initial(self, name: str) -> None:
+        for e in (*self.plan.wires, *self.plan.links):
+            if e.target.component == name:
+                value = e.gain * _part(self.signals, e.source) + e.offset
+                _part(self.signals, e.target)[:] = value
+        for link in self.plan.links:
+            if link.target.component == name and link.initial is not None:
+                _part(self.signals, link.target)[:] = link.initial
+
+    def _check_start(self) -> None:
+        for step in self.plan.components:
+            for slot in step.outputs:
+                if not np.isfinite(_part(self.signals, slot)).all():
+                    value = _part(self.signals, slot).tolist()
+                    raise RunError(
+                        f"{slot.name} = {value} at the start", component=step.name, tick=0, time=0.0
+                    )
+
+    # ---- binding: the plan as C sees it ------------------------------------------------------
+
+    def _bind(self) -> None:
+        plan, state = self.plan, self._state
+        operations = (native.Operation * len(plan.operations))(
+            *(
+                native.Operation(
+                    o.code, o.index, o.period, o.first, o.source, o.target, o.count, o.gain, o.offset
+                )
+                for o in plan.operations
+            )
+        )
+        units = (native.Unit * len(plan.components))(
+            *(self._unit(i, step) for i, step in enumerate(plan.components))
+        )
+        self._links = (native.Link * len(plan.links))(
+            *(self._link(i) for i in range(len(plan.links)))
+        )
+        self._alive += [operations, units]
+        state.operations, state.units = c.addressof(operations), c.addressof(units)
+        state.links = c.addressof(self._links)
+        state.signals = self.signals.ctypes.data
+        state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
+        state.h, state.tick = plan.h, 0
+
+    def _unit(self, index: int, step: Step) -> native.Unit:
+        late = step.name not in self.plan.order
+        unit = native.Unit(lag=step.period - 1 if late else 0, h=step.period * self.plan.h)
+        unit.input, unit.input_count = _extent(step.inputs)
+        unit.output, unit.output_count = _extent(step.outputs)
+        if isinstance(step.component, FmuComponent):
+            self._bind_fmu(unit, step.component)
+        else:
+            call = native.CALL(self._call_back(index, step))
+            self._alive.append(call)
+            unit.kind, unit.step = native.UnitKind.CALL, native.address(call)
+        return unit
+
+    def _bind_fmu(self, unit: native.Unit, component: FmuComponent) -> None:
+        two = component.description.fmi == "2.0"
+        unit.kind = native.UnitKind.FMI2 if two else native.UnitKind.FMI3
+        unit.instance = component.instance.handle
+        unit.set, unit.step, unit.get = component.instance.hot()
+        for name in ("input", "output"):
+            references = component.references(name)
+            array = (c.c_uint32 * max(1, len(references)))(*references)
+            self._alive.append(array)
+            setattr(unit, f"{name}s", c.addressof(array))
+            setattr(unit, f"n_{name}s", len(references))
+
+    def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
+        inputs, outputs, component = self._inputs[index], self._outputs[index], step.component
+
+        def call(_: int, t: float, h: float) -> int:
+            try:
+                _store(outputs, component.step(t, h, inputs), step.name)
+            except BaseException as error:
+                self._failure = error
+                return 1
+            return 0
+
+        return call
+
+    def _link(self, index: int) -> native.Link:
+        link, stream = self.plan.links[index], self._streams[index]
+        width = link.source.size
+        history = np.zeros((max(1, stream.history), width))
+        initial = _part(self.signals, link.target).copy()
+        self._alive += [history, initial]
+        return native.Link(
+            history=history.ctypes.data, initial=initial.ctypes.data, width=width,
+            capacity=len(history), held=-1,
+        )  # fmt: skip
+
+    # ---- running -----------------------------------------------------------------------------
+
+    def run(self, ticks: int, record: Vector | None = None) -> int:
+        """Run `ticks` ticks, recording one row a tick into `record` (rows, n_signals).
+
+        Returns the number of rows written. Raises RunError where a component fails or gives a
+        value that is not finite; rows recorded until then are in `record`.
+        """
+        self._next_tables(ticks)
+        state = self._state
+        state.row = 0
+        state.record = None if record is None else record.ctypes.data
+        result = Result(self._library.engine_run(c.byref(state), ticks))
+        if result not in (Result.OK, Result.STOPPED):
+            raise self._error(result)
+        return int(state.row)
+
+    @property
+    def rows(self) -> int:
+        """Rows recorded by the last :meth:`run`, also when it failed."""
+        return int(self._state.row)
+
+    def stop(self) -> None:
+        """Ask a running loop to stop after the current tick; callable from any thread."""
+        self._state.stop = 1
+
+    def _next_tables(self, ticks: int) -> None:
+        first = self.tick
+        for link, bound, stream in zip(self.plan.links, self._links, self._streams, strict=True):
+            period = self.plan.component(link.target.component).period
+            hits = -(-(first + ticks) // period) - -(-first // period)
+            rows = np.ascontiguousarray(stream.rows(hits), dtype=np.int32)
+            bound.table, bound.row, bound.rows = rows.ctypes.data, 0, hits
+            self._rows[link.name] = rows
+            if self._keep_tables:
+                self._keep_tables(link.name, rows)
+
+    def _error(self, result: Result) -> BaseException:
+        failure, self._failure = self._failure, None
+        if isinstance(failure, KeyboardInterrupt | SystemExit):
+            return failure
+        tick, index = self.tick, self._state.failed_index
+        time = tick * self.plan.h
+        where = f"at tick {tick} (t = {time:.6g} s)"
+        if result is Result.HISTORY:
+            name = self.plan.links[index].name
+            return RunError(f"link {name}: no such sample {where}", tick=tick, time=time)
+        step = self.plan.components[index]
+        text = f"{step.name}: {self._reason(result, step, failure)} {where}"
+        error = RunError(text, component=step.name, tick=tick, time=time)
+        error.__cause__ = failure
+        return error
+
+    def _reason(self, result: Result, step: Step, failure: BaseException | None) -> str:
+        if failure is not None:
+            return f"{type(failure).__name__}: {failure}"
+        if result is Result.NOT_FINITE:
+            bad = [
+                f"{name} = {value}"
+                for slot in step.outputs
+                for name, value in zip(slot.scalars(), _part(self.signals, slot), strict=True)
+                if not np.isfinite(value)
+            ]
+            return f"not a finite number: {', '.join(bad)}"
+        if result is Result.TERMINATED:
+            return "the FMU asked to terminate the simulation"
+        if result is Result.EARLY_RETURN:
+            return "the FMU returned early from its step, which is not supported"
+        verb = {Result.SET: "setting inputs", Result.GET: "getting outputs"}.get(result, "doStep")
+        status = {2: "discard", 3: "error", 4: "fatal"}.get(self._state.failed_status, "a failure")
+        assert isinstance(step.component, FmuComponent)
+        lines = "; ".join(step.component.instance.log.tail()) or "the FMU logged nothing"
+        return f"{verb} returned {status} ({lines})"
+
+    def close(self) -> None:
+        """Free the FMUs; may be called twice."""
+        for step in self.plan.components:
+            if isinstance(step.component, FmuComponent):
+                step.component.close()
+
+
+def _part(signals: Vector, slot: Slot) -> Vector:
+    return signals[slot.start : slot.start + slot.size]
+
+
+def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
+    return (slots[0].start if slots else 0), sum(s.size for s in slots)
+
+
+def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:
+    views = {s.port: _part(signals, s).reshape(s.shape) for s in slots}
+    for view in views.values():
+        view.flags.writeable = writable
+    return views
+
+
+def _store(views: Views, outputs: Mapping[str, Any], name: str) -> None:
+    """Write what a component returned; every output must be there and of its shape."""
+    for port, view in views.items():
+        try:
+            view[...] = outputs[port]
+        except KeyError:
+            raise RunError(f"{name} returned no {port!r}", component=name) from None
+        except (TypeError, ValueError) as error:
+            raise RunError(f"{name}.{port}: {error}", component=name) from None

@@ -1,0 +1,83 @@
+"""Variables of an FMU as ports: arrays of FMI 3.0 as they are, scalars `q[0]` of 2.0 grouped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import prod
+
+from cosim.fmi.description import Variable
+
+_INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]$")
+REAL = ("Real", "Float64")
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Variables that make up one signal, row-major: one array, or scalars of one array."""
+
+    name: str
+    shape: tuple[int, ...]
+    variables: tuple[Variable, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        return prod(self.shape)
+
+    @property
+    def first(self) -> Variable:
+        """The variable that stands for all: its type, unit and causality are everybody's."""
+        return self.variables[0]
+
+    @property
+    def references(self) -> tuple[int, ...]:
+        """Value references, in order."""
+        return tuple(v.reference for v in self.variables)
+
+    @property
+    def start(self) -> tuple[str, ...]:
+        """The start value of every scalar as written, or () where any is missing."""
+        texts = tuple(t for v in self.variables for t in v.start)
+        if len(self.variables) == 1 and len(texts) == 1:
+            return texts * self.size
+        return texts if len(texts) == self.size else ()
+
+
+def groups(variables: Iterable[Variable]) -> tuple[Group, ...]:
+    """Group variables into signals, in the order of their first appearance.
+
+    FMI 2.0 scalars ``a[i]``/``a[i,j]`` become one array when they fill a whole grid from 0 or 1
+    and share type, unit and causality; what does not stays scalar under its own name.
+    """
+    families: dict[str, list[tuple[tuple[int, ...], Variable]]] = {}
+    order: list[str] = []
+    for variable in variables:
+        match = _INDEXED.match(variable.name) if not variable.shape else None
+        name = match[1] if match else variable.name
+        index = tuple(int(i) for i in match[2].split(",")) if match else ()
+        if name not in families:
+            order.append(name)
+        families.setdefault(name, []).append((index, variable))
+    return tuple(group for name in order for group in _family(name, families[name]))
+
+
+def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> Iterable[Group]:
+    alone = [Group(v.name, v.shape, (v,)) for _, v in members]
+    indices = [index for index, _ in members]
+    first = members[0][1]
+    alike = all(
+        (v.type, v.unit, v.causality, v.initial) == (first.type, first.unit, first.causality, first.initial)
+        for _, v in members
+    )
+    if not alike or any(not i or len(i) != len(indices[0]) for i in indices):
+        return alone
+    base = min(min(i) for i in indices)
+    shape = tuple(max(axis) - base + 1 for axis in zip(*indices, strict=True))
+    grid = [tuple(i + base for i in entry) for entry in product(*(range(n) for n in shape))]
+    table = dict(members)
+    if base > 1 or len(grid) != len(members) or any(i not in table for i in grid):
+        return alone
+    return [Group(name, shape, tuple(table[i] for i in grid))]

@@ -1,0 +1,172 @@
+"""The C engine's structs and functions, as ctypes sees them (``engine.c`` is the definition)."""
+
+from __future__ import annotations
+
+import ctypes as c
+import sys
+from enum import IntEnum
+from functools import lru_cache
+from pathlib import Path
+
+from cosim.errors import CosimError
+
+ABI = 1
+LOG_LINES, LOG_WIDTH = 32, 512
+
+
+class Code(IntEnum):
+    """What an operation does."""
+
+    COPY = 0
+    SCALE = 1
+    PUSH = 2
+    PULL = 3
+    STEP = 4
+    RECORD = 5
+
+
+class UnitKind(IntEnum):
+    """How a unit is stepped."""
+
+    CALL = 0
+    FMI2 = 2
+    FMI3 = 3
+
+
+class Result(IntEnum):
+    """Why ``engine_run`` returned."""
+
+    OK = 0
+    STOPPED = 1
+    STEP = 2
+    SET = 3
+    GET = 4
+    NOT_FINITE = 5
+    HISTORY = 6
+    TERMINATED = 7
+    EARLY_RETURN = 8
+
+
+CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
+
+
+class Operation(c.Structure):
+    """``operation_t``."""
+
+    _fields_ = (
+        ("code", c.c_int32),
+        ("index", c.c_int32),
+        ("period", c.c_int64),
+        ("next", c.c_int64),
+        ("source", c.c_int64),
+        ("target", c.c_int64),
+        ("count", c.c_int64),
+        ("gain", c.c_double),
+        ("offset", c.c_double),
+    )
+
+
+class Unit(c.Structure):
+    """``unit_t``."""
+
+    _fields_ = (
+        ("kind", c.c_int32),
+        ("lag", c.c_int32),
+        ("h", c.c_double),
+        ("instance", c.c_void_p),
+        ("set", c.c_void_p),
+        ("step", c.c_void_p),
+        ("get", c.c_void_p),
+        ("inputs", c.c_void_p),
+        ("outputs", c.c_void_p),
+        ("n_inputs", c.c_int64),
+        ("n_outputs", c.c_int64),
+        ("input", c.c_int64),
+        ("input_count", c.c_int64),
+        ("output", c.c_int64),
+        ("output_count", c.c_int64),
+    )
+
+
+class Link(c.Structure):
+    """``link_t``."""
+
+    _fields_ = (
+        ("history", c.c_void_p),
+        ("table", c.c_void_p),
+        ("initial", c.c_void_p),
+        ("width", c.c_int64),
+        ("capacity", c.c_int64),
+        ("sent", c.c_int64),
+        ("row", c.c_int64),
+        ("rows", c.c_int64),
+        ("held", c.c_int64),
+    )
+
+
+class EngineState(c.Structure):
+    """``engine_t``."""
+
+    _fields_ = (
+        ("operations", c.c_void_p),
+        ("units", c.c_void_p),
+        ("links", c.c_void_p),
+        ("signals", c.c_void_p),
+        ("record", c.c_void_p),
+        ("n_operations", c.c_int64),
+        ("n_signals", c.c_int64),
+        ("row", c.c_int64),
+        ("tick", c.c_int64),
+        ("h", c.c_double),
+        ("stop", c.c_int32),
+        ("failed_index", c.c_int32),
+        ("failed_status", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class Log(c.Structure):
+    """``log_t``: the last lines an FMU logged."""
+
+    _fields_ = (
+        ("count", c.c_int64),
+        ("level", c.c_int32 * LOG_LINES),
+        ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
+    )
+
+    def tail(self, n: int = 3) -> list[str]:
+        """The last `n` lines, oldest first."""
+        first = max(0, self.count - min(n, LOG_LINES))
+        lines = (self.line[i % LOG_LINES].value for i in range(first, self.count))
+        return [line.decode("utf-8", "replace").strip() for line in lines]
+
+
+def library_path() -> Path:
+    """Where the engine's shared library is, built at installation."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    return Path(__file__).with_name(f"_engine{suffix}")
+
+
+@lru_cache(maxsize=1)
+def library() -> c.CDLL:
+    """The engine, loaded once. Raises CosimError when it is missing or of another version."""
+    path = library_path()
+    if not path.is_file():
+        raise CosimError(f"{path} is missing: install the project (pip install .), which builds it")
+    engine = c.CDLL(str(path))
+    engine.engine_run.argtypes = (c.POINTER(EngineState), c.c_int64)
+    engine.engine_run.restype = c.c_int32
+    engine.engine_sizes.argtypes = (c.c_int32,)
+    engine.engine_sizes.restype = c.c_size_t
+    expected = [c.sizeof(t) for t in (Operation, Unit, Link, EngineState, Log)]
+    found = [engine.engine_sizes(i) for i in range(len(expected))]
+    if engine.engine_abi() != ABI or found != expected:
+        raise CosimError(f"{path} belongs to another version of cosim: install the project again")
+    return engine
+
+
+def address(function: object) -> int:
+    """The address of a ctypes function or call-back."""
+    value = c.cast(function, c.c_void_p).value  # type: ignore[arg-type]
+    assert value is not None
+    return value

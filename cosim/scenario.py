@@ -1,0 +1,269 @@
+"""A scenario: TOML read into frozen structs. Every error names the file and the place in it.
+
+Numbers are SI; where a unit makes a value clearer it is written as text: ``step = "1 ms"``. What a
+scenario may contain is the fields of these structs and nothing else: a key that is not known is an
+error. Whether components, ports and shapes fit together is :mod:`cosim.plan`'s business.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import msgspec
+
+from cosim.errors import ScenarioError, UnitError
+from cosim.links.spec import DelaySpec, Semantics
+from cosim.units import quantity
+
+Number = int | float | str
+Value = Any  # number, boolean, text with a unit, or nested lists of these
+
+
+class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Frozen, and strict about keys."""
+
+
+class RecordSpec(_Struct):
+    """What is recorded: every `every`-th tick of `signals` (default: all outputs and received)."""
+
+    every: int = 1
+    signals: tuple[str, ...] = ()
+
+
+class RunSpec(_Struct):
+    """How long and how finely."""
+
+    step: Number
+    stop: Number
+    seed: int = 0
+    algorithm: Literal["sampled", "jacobi"] = "sampled"
+    record: RecordSpec = RecordSpec()
+
+
+class WireSpec(_Struct, rename={"source": "from"}):
+    """A wire with a factor: the input gets ``gain * value + offset``."""
+
+    source: str
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+class ComponentSpec(_Struct):
+    """One component: its model, how often it steps, its values, and what feeds its inputs."""
+
+    model: str
+    fmi: Literal["2.0", "3.0"] = "2.0"
+    sizes: dict[str, int] = {}
+    kind: Literal["sampled", "continuous"] | None = None
+    period: Number | None = None
+    preset: str | None = None
+    parameters: dict[str, Value] = {}
+    start: dict[str, Value] = {}
+    inputs: dict[str, str | WireSpec] = {}
+
+
+class LinkSpec(_Struct, rename={"source": "from", "target": "to"}):
+    """A link from an output to an input: late, sometimes, or never."""
+
+    source: str
+    target: str
+    delay: dict[str, Any]
+    semantics: Semantics = "signal"
+    playout: Number | None = None
+    initial: Value = None
+    name: str = ""
+
+
+class MetricSpec(_Struct):
+    """One number of the summary; see :mod:`cosim.analysis.metrics` for the kinds."""
+
+    kind: str
+    of: tuple[str, ...]
+    target: str | tuple[float, ...] | None = None
+    within: Number | None = None
+    window: Number | None = None
+    label: str = ""
+
+
+class PanelSpec(_Struct):
+    """One diagram of a figure."""
+
+    y: tuple[str, ...]
+    title: str = ""
+    labels: tuple[str, ...] = ()
+    reference: tuple[float | str, ...] = ()
+    reference_label: str = ""
+    ylabel: str = ""
+
+
+class FigureSpec(_Struct):
+    """A figure of one or more panels, written as ``NAME.png``."""
+
+    panels: tuple[PanelSpec, ...]
+    title: str = ""
+
+
+class Scenario(_Struct):
+    """A whole scenario, as read."""
+
+    path: Path
+    title: str
+    run: RunSpec
+    components: dict[str, ComponentSpec]
+    links: tuple[LinkSpec, ...]
+    metrics: dict[str, MetricSpec]
+    figures: dict[str, FigureSpec]
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+    def place(self, *path: str | int) -> str:
+        """Where something is said: ``FILE at components.master.period``."""
+        return f"{self.path} at {'.'.join(str(p) for p in path)}"
+
+    def seconds(self, value: Number, *path: str | int) -> float:
+        """A duration in seconds. Raises ScenarioError with its place."""
+        return number(value, "s", self.place(*path))
+
+
+T = TypeVar("T")
+_NAME = re.compile(r"[A-Za-z_]\w*$")
+_TABLES = ("title", "run", "components", "links", "metrics", "figures")
+
+
+def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
+    """Read a scenario and apply ``path=value`` settings. Raises ScenarioError."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise ScenarioError(f"{path}: is a folder; expected a scenario file (.toml)") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    for setting in settings:
+        _apply(document, setting)
+    return build(document, path)
+
+
+def build(document: Mapping[str, Any], path: Path) -> Scenario:
+    """A scenario from an already parsed document. Raises ScenarioError."""
+    for key in document:
+        if key not in _TABLES:
+            raise ScenarioError(f"unknown key {key!r}; expected one of {', '.join(_TABLES)}", f"{path}")
+    for key in ("run", "components"):
+        if key not in document:
+            raise ScenarioError(f"no [{key}] table", f"{path}")
+    tables = {k: _table(document, k, path) for k in ("components", "metrics", "figures")}
+    for name in tables["components"]:
+        if not _NAME.match(name):
+            raise ScenarioError(
+                f"component name {name!r} is not an identifier", f"{path} at components"
+            )
+    links = document.get("links", [])
+    if not isinstance(links, list):
+        raise ScenarioError("expected an array of tables, [[links]]", f"{path} at links")
+    return Scenario(
+        path=path,
+        title=_convert(document.get("title", path.stem), str, path, "title"),
+        run=_convert(document["run"], RunSpec, path, "run"),
+        components=_each(tables["components"], ComponentSpec, path, "components"),
+        links=tuple(_convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
+        metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
+        figures=_each(tables["figures"], FigureSpec, path, "figures"),
+    )
+
+
+def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
+    table = document.get(key, {})
+    if not isinstance(table, dict):
+        raise ScenarioError(f"expected a table [{key}.NAME]", f"{path} at {key}")
+    return table
+
+
+def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    return {name: _convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+
+
+def _convert(value: Any, kind: type[T], path: Path, place: str) -> T:
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        message, _, inside = str(error).partition(" - at `$")
+        raise ScenarioError(message, f"{path} at {place}{inside.rstrip('`')}") from None
+
+
+def _apply(document: dict[str, Any], setting: str) -> None:
+    """Set ``components.master.period=0.002``; the value is TOML, or text where it is none."""
+    key, equals, text = setting.partition("=")
+    if not equals or not key.strip():
+        raise ScenarioError(f"--set {setting!r}: expected path=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    *parents, last = key.strip().split(".")
+    node: Any = document
+    for depth, part in enumerate(parents):
+        node = _child(node, part, ".".join(parents[:depth]), setting)
+    if isinstance(node, list):
+        node[_index(node, last, setting)] = value
+    elif isinstance(node, dict):
+        node[last] = value
+    else:
+        raise ScenarioError(f"--set {setting!r}: {'.'.join(parents)} is not a table")
+
+
+def _child(node: Any, part: str, above: str, setting: str) -> Any:
+    if isinstance(node, list):
+        return node[_index(node, part, setting)]
+    if not isinstance(node, dict):
+        raise ScenarioError(f"--set {setting!r}: {above} is not a table")
+    if part not in node and above in ("", "components", "metrics", "figures"):
+        known = ", ".join(sorted(node)) or "nothing"
+        raise ScenarioError(f"--set {setting!r}: no {part!r} in {above or 'the file'}; it has {known}")
+    return node.setdefault(part, {})
+
+
+def _index(node: Sequence[Any], part: str, setting: str) -> int:
+    if not part.isdigit() or int(part) >= len(node):
+        raise ScenarioError(f"--set {setting!r}: {part!r} is no index below {len(node)}")
+    return int(part)
+
+
+def number(value: Number, unit: str, place: str) -> float:
+    """A value in `unit`: a number as it is, or a text with a unit that fits."""
+    if isinstance(value, str):
+        try:
+            return quantity(value, unit)
+        except UnitError as error:
+            raise ScenarioError(f"{error} (expected [{unit}])", place) from None
+    return float(value)
+
+
+def numbers(value: Value, shape: tuple[int, ...], unit: str, place: str) -> tuple[float, ...]:
+    """Flattened values for a signal of `shape`; one value alone stands for every entry.
+
+    Raises ScenarioError when the nesting does not match the shape, or an entry is no number.
+    """
+    if not isinstance(value, list | tuple):
+        if isinstance(value, bool | int | float | str):
+            size = 1
+            for n in shape:
+                size *= n
+            return (number(value, unit, place),) * size
+        raise ScenarioError(f"expected a number, found {value!r}", place)
+    if not shape or len(value) != shape[0]:
+        expected = f"{list(shape)}" if shape else "a single number"
+        raise ScenarioError(f"expected shape {expected}, found {len(value)} entries", place)
+    return tuple(
+        x for i, item in enumerate(value) for x in numbers(item, shape[1:], unit, f"{place}[{i}]")
+    )

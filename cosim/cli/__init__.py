@@ -1,0 +1,62 @@
+"""The commands. Errors become one sentence and an exit code; nothing else is caught.
+
+Exit codes: 0 done, 1 a run stopped or a comparison failed, 2 bad input, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from cosim.cli import info, run, show
+from cosim.errors import CosimError
+
+app = typer.Typer(
+    name="cosim",
+    help="Co-simulation of controllers and FMU plants over links with real latency.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run")(run.run)
+app.command("show")(show.show)
+app.command("info")(info.info)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from cosim import __version__
+
+        typer.echo(f"cosim {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
+    ),
+) -> None:
+    """Co-simulation of controllers and FMU plants over links with real latency."""
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    # The working directory is where a user's own modules are.
+    sys.path.insert(0, os.getcwd())
+    try:
+        app()
+    except CosimError as error:
+        typer.echo(f"error: {error}", err=True)
+        saved = vars(error).get("saved")
+        if saved:
+            typer.echo(f"recorded until then, and the last ticks of every signal: {saved}", err=True)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.exit(1)

@@ -1,0 +1,176 @@
+"""Runs a scenario offline into a run folder: plan -> engine -> recorder, in chunks of ticks."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cosim
+from cosim.assemble import assemble
+from cosim.clock import stopwatch
+from cosim.engine import Engine
+from cosim.errors import RunError, ScenarioError
+from cosim.fmi import FmuComponent
+from cosim.links.table import TableWriter
+from cosim.plan import Plan
+from cosim.record import Column, Recorder, write_metadata
+from cosim.scenario import Scenario
+
+#: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
+CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
+#: Ticks of everything that are kept when a run fails.
+FLIGHT_RECORDER = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run was: `wall` s for `seconds` s of simulated time, recorded in `folder`."""
+
+    folder: Path
+    plan: Plan
+    ticks: int
+    seconds: float
+    wall: float
+
+
+def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
+    """What is recorded: all outputs and everything received over links, or what is `wanted`.
+
+    Raises ScenarioError for a wanted signal that does not exist.
+    """
+    slots = {s.name: s for c in plan.components for s in c.outputs}
+    slots |= {s.name: s for s in plan.slots().values() if _received(plan, s.name)}
+    if wanted:
+        every = plan.slots()
+        unknown = [w for w in wanted if w not in every]
+        if unknown:
+            raise ScenarioError(f"no signal {unknown[0]!r}; there are: {', '.join(every)}", place)
+        slots = {w: every[w] for w in wanted}
+    return [
+        Column(name, slot.unit, slot.start + i)
+        for _, slot in sorted(slots.items())
+        for i, name in enumerate(slot.scalars())
+    ]
+
+
+def _received(plan: Plan, name: str) -> bool:
+    return any(x.target.name == name or x.target.name.startswith(f"{name}[") for x in plan.links)
+
+
+def simulate(
+    scenario: Scenario,
+    folder: Path,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    plan: Plan | None = None,
+) -> Outcome:
+    """Run a scenario from start to stop, recording into `folder`.
+
+    `progress` is called with (ticks done, ticks in all) between chunks. Raises CosimError; a
+    RunError leaves what was recorded, and the last ticks of every signal, in the folder.
+    """
+    plan = plan or assemble(scenario)
+    recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
+    rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))
+    with ExitStack() as stack:
+        tables = {x.name: TableWriter(folder / "links", x.table) for x in plan.links}
+        engine = stack.enter_context(
+            Engine(plan, lambda name, table: tables[name].write(table))
+        )
+        engine.initialize()
+        recorder = Recorder(
+            folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
+            n_signals=plan.n_signals,
+        )  # fmt: skip
+        watch = stopwatch()
+        try:
+            _loop(engine, plan, recorder, rows, progress)
+        except BaseException as error:
+            _save_failure(error, recorder, engine, plan, folder)
+            write_metadata(folder, metadata(scenario, plan, error=error))
+            raise
+        finally:
+            recorder.close()
+            for table in tables.values():
+                table.close()
+        wall = watch()
+        write_metadata(folder, metadata(scenario, plan, wall=wall))
+    return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall)
+
+
+def _loop(
+    engine: Engine,
+    plan: Plan,
+    recorder: Recorder,
+    rows: int,
+    progress: Callable[[int, int], None],
+) -> None:
+    while engine.tick < plan.ticks:
+        first = engine.tick
+        buffer = recorder.buffer()
+        try:
+            engine.run(min(rows - 1, plan.ticks - first), buffer)
+        finally:
+            n = engine.rows
+            if engine.tick == plan.ticks:  # the last row: everything as it stands at the end
+                buffer[n] = engine.signals
+                n += 1
+            recorder.submit(buffer, first, n)
+        progress(engine.tick, plan.ticks)
+
+
+def _save_failure(
+    error: BaseException, recorder: Recorder, engine: Engine, plan: Plan, folder: Path
+) -> None:
+    """Keep the last ticks of every signal; the failing tick itself is their last row."""
+    if not isinstance(error, RunError):
+        return
+    names = [name for c in plan.components for s in (*c.inputs, *c.outputs) for name in s.scalars()]
+    path = folder / "last_ticks.parquet"
+    recorder.save_last(path, FLIGHT_RECORDER, names, final=(engine.tick, engine.signals))
+    error.saved = str(folder)
+
+
+def metadata(
+    scenario: Scenario,
+    plan: Plan,
+    wall: float | None = None,
+    error: BaseException | None = None,
+) -> dict[str, Any]:
+    """What ``run.json`` says: scenario, seeds, versions, FMU hashes, links, outcome."""
+    import msgspec
+
+    return {
+        "scenario": msgspec.to_builtins(scenario, enc_hook=str),
+        "seed": scenario.run.seed,
+        "step": plan.h,
+        "ticks": plan.ticks,
+        "algorithm": plan.algorithm,
+        "order": list(plan.order),
+        "versions": versions(),
+        "fmus": {
+            c.name: c.component.facts()
+            for c in plan.components
+            if isinstance(c.component, FmuComponent)
+        },
+        "links": {x.name: x.table.facts() for x in plan.links},
+        "wall": wall,
+        "error": None if error is None else f"{type(error).__name__}: {error}",
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    return {
+        "cosim": cosim.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "platform": f"{platform.machine()}-{sys.platform}",
+    }
+

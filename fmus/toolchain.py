@@ -156,14 +156,15 @@ def _platform_flags(platform: str, name: str) -> list[str]:
     """What shared libraries need on each system besides :data:`FLAGS`.
 
     On Linux a library binds its own calls to itself (several FMUs in one process define the
-    same names), and is not said to need libm unless it calls it.
+    same names), and is not said to need libm unless it calls it. On Windows symbols are
+    stripped: with them comes the time of the build, and no two builds would be the same.
     """
     system = platform.rpartition("-")[2]
     if system == "linux":
         return ["-fPIC", "-Wl,-Bsymbolic", "-Wl,--as-needed"]
     if system == "darwin":
         return ["-fPIC", f"-Wl,-install_name,@rpath/{name}"]
-    return []
+    return ["-s"]
 
 
 def _run(command: list[str], what: str) -> None:

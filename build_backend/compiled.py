@@ -1,0 +1,97 @@
+"""The compiled parts, in place: ``cosim/_engine.so`` and ``fmus/_built/*.fmu``.
+
+``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
+same. What is up to date, by the contents of everything it is made from, is left alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def build() -> list[Path]:
+    """Make what is missing or old; return the files made now.
+
+    Raises fmus.toolchain.ToolchainError where there is no compiler or it refuses the sources.
+    """
+    if str(ROOT) not in sys.path:
+        sys.path.insert(0, str(ROOT))
+    return [*_engine(), *_models()]
+
+
+def _engine() -> list[Path]:
+    from fmus.toolchain import compile_shared, shared_suffix
+
+    folder = ROOT / "cosim"
+    made_from = _fingerprint([*folder.glob("*.c"), *folder.glob("*.h"), ROOT / "fmus/toolchain.py"])
+    stamp = folder / "_engine.json"
+    if _current(stamp, made_from):
+        return []
+    output = folder / f"_engine{shared_suffix()}"
+    compile_shared([folder / "engine.c"], output, include=[folder])
+    _write(stamp, made_from, [output])
+    return [output]
+
+
+def _models() -> list[Path]:
+    """All FMUs; those of models that are no longer there go."""
+    folder = ROOT / "fmus" / "_built"
+    files = [p for p in (ROOT / "fmus").rglob("*") if p.is_file() and _is_source(p)]
+    made_from = _fingerprint([*files, *(ROOT / "cosim").glob("*.py")])
+    stamp = folder / "built.json"
+    if _current(stamp, made_from):
+        return []
+    from fmus.build import build_all
+
+    built = [path.resolve() for path in build_all(folder)]
+    for path in set(folder.glob("*.fmu")) - set(built):
+        path.unlink()
+    _write(stamp, made_from, built)
+    return built
+
+
+def _is_source(path: Path) -> bool:
+    parts = path.relative_to(ROOT).parts
+    return "_built" not in parts and "__pycache__" not in parts
+
+
+def _fingerprint(files: Iterable[Path]) -> str:
+    """SHA-256 of names and contents, and of the compiler for the host."""
+    from fmus.toolchain import compiler, host_platform
+
+    digest = hashlib.sha256(repr((host_platform(), compiler()[1:])).encode())
+    for path in sorted(files):
+        digest.update(f"{path.relative_to(ROOT).as_posix()}\0".encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _current(stamp: Path, made_from: str) -> bool:
+    """Whether a stamp names these sources, and its files are there as they were written."""
+    if not stamp.is_file():
+        return False
+    known = json.loads(stamp.read_text())
+    return known["made_from"] == made_from and all(
+        (stamp.parent / name).is_file() and _sha256(stamp.parent / name) == digest
+        for name, digest in known["files"].items()
+    )
+
+
+def _write(stamp: Path, made_from: str, files: Iterable[Path]) -> None:
+    digests = {path.name: _sha256(path) for path in sorted(files)}
+    stamp.write_text(json.dumps({"made_from": made_from, "files": digests}, indent=2) + "\n")
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+if __name__ == "__main__":
+    for made in build():
+        print(made.relative_to(ROOT))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, final
 
 from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.start import Array, copied, received, start_values
+from fmus.models.start import Array, copied, given, received, start_values
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,7 +100,7 @@ class Operator:
 
     def _law(self, inputs: list[Array]) -> Outputs:
         q, dq = inputs
-        return {"tau_h": -self._x["k_d"] * dq - self._x["k_p"] * (q - self._x["q_h"])}
+        return given({"tau_h": -self._x["k_d"] * dq - self._x["k_p"] * (q - self._x["q_h"])})
 
     def get_state(self) -> object:
         """Parameters, copied; there is no other state."""

@@ -31,7 +31,7 @@ import numpy as np
 from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.start import Array, copied, received, start_values
+from fmus.models.start import Array, copied, given, received, start_values
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -163,17 +163,21 @@ class Planar2R:
     def initial(self, u: Values) -> Outputs:
         """Outputs at the start; they do not depend on the inputs."""
         received(self.inputs, u)
-        return self._measure()
+        return self._measure(self._x["q"], self._x["dq"], 0.0)
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Integrate over [t, t + h) (s) with the inputs held; outputs at the end."""
+        """Integrate over [t, t + h) (s) with the inputs held; outputs at the end.
+
+        Raises RunError where an input is not finite or the motion diverges; nothing changes then.
+        """
         tau, tau_ext = received(self.inputs, u, t)
         substeps = int(self._x["substeps"])
         q, dq = self._x["q"], self._x["dq"]
         for _ in range(substeps):
             q, dq = self._runge_kutta(q, dq, tau + tau_ext, h / substeps)
+        y = self._measure(q, dq, t)
         self._x["q"], self._x["dq"] = q, dq
-        return self._measure()
+        return y
 
     def _runge_kutta(self, q: Array, dq: Array, held: Array, h: float) -> tuple[Array, Array]:
         k1, l1 = dq, self._acceleration(q, dq, held)
@@ -198,9 +202,9 @@ class Planar2R:
         push = np.maximum(0.0, self._x["k_w"] * depth + self._x["b_w"] * dq)
         return np.where(depth > 0, push, 0.0)
 
-    def _measure(self) -> Outputs:
-        q, dq = self._x["q"], self._x["dq"]
-        return {"q": q, "dq": dq, "tau_h": self._grip(q, dq), "tau_e": self._wall(q, dq)}
+    def _measure(self, q: Array, dq: Array, t: float) -> dict[str, Array]:
+        tau_h, tau_e = self._grip(q, dq), self._wall(q, dq)
+        return given({"q": q, "dq": dq, "tau_h": tau_h, "tau_e": tau_e}, t)
 
     def get_state(self) -> object:
         """Parameters and state, copied."""

@@ -1,4 +1,4 @@
-"""Values that go into a reference model: checked at the start and at every step."""
+"""What the reference models share: values checked on the way in and on the way out."""
 
 from __future__ import annotations
 
@@ -61,6 +61,14 @@ def received(inputs: tuple[Port, ...], u: Mapping[str, ArrayLike], t: float = na
         if not np.isfinite(value).all():
             raise RunError(f"input {port.name} is {value.tolist()}, not finite", time=t)
     return values
+
+
+def given(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:
+    """The outputs as they are. Raises RunError where one is not finite: something diverged."""
+    for name, value in outputs.items():
+        if not np.isfinite(value).all():
+            raise RunError(f"output {name} is {value.tolist()}: it diverged", time=t)
+    return outputs
 
 
 def copied(state: object) -> dict[str, Array]:

@@ -31,7 +31,7 @@ import numpy as np
 from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.start import Array, copied, received, start_values
+from fmus.models.start import Array, copied, given, received, start_values
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -173,29 +173,37 @@ class Teleoperation:
 
     def initial(self, u: Values) -> Outputs:
         """Outputs for the start values of z and theta_hat; these do not advance."""
-        return self._law(0.0, received(self.inputs, u))
+        outputs, *_ = self._law(0.0, received(self.inputs, u), self._x["z"], self._x["theta_hat"])
+        return given(outputs)
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h; z and theta_hat advance to t + h."""
-        self._x["z"], self._x["theta_hat"] = self._x["z_next"], self._x["theta_hat_next"]
-        return self._law(h, received(self.inputs, u, t))
+        """Outputs as of `t` (s), which hold to t + h; z and theta_hat advance to t + h.
 
-    def _law(self, h: float, inputs: list[Array]) -> Outputs:
+        Raises RunError where an input is not finite or the law diverges; nothing changes then.
+        """
+        x, inputs = self._x, received(self.inputs, u, t)
+        outputs, z_next, theta_hat_next = self._law(h, inputs, x["z_next"], x["theta_hat_next"])
+        given(outputs, t)
+        x["z"], x["theta_hat"] = outputs["z"], outputs["theta_hat"]
+        x["z_next"], x["theta_hat_next"] = z_next, theta_hat_next
+        return outputs
+
+    def _law(
+        self, h: float, inputs: list[Array], z: Array, theta_hat: Array
+    ) -> tuple[dict[str, Array], Array, Array]:
+        """Outputs for the state z (2,), theta_hat (3,), and the state a time h (s) later."""
         q, dq, xi_in, w = inputs  # (2,), (2,), (n, 2), (n,)
-        x = self._x
-        z, theta_hat, alpha, tau_max = x["z"], x["theta_hat"], x["alpha"], x["tau_max"]
+        x, alpha, tau_max = self._x, self._x["alpha"], self._x["tau_max"]
         xi = dq + alpha * q
         dz = -alpha * dq + x["lambda_M"] * (dq - z) - x["lambda"] * (w @ (xi - xi_in))
         s = dq - z
         Y = regressor(q, dq, z, dz)
         wanted = -x["K"] * s + Y @ theta_hat
         tau = np.clip(wanted, -tau_max, tau_max)
-        if (tau == wanted).all():
-            x["z_next"] = z + h * dz
-            x["theta_hat_next"] = theta_hat - h * x["Gamma"] * (Y.T @ s)
-        else:
-            x["z_next"], x["theta_hat_next"] = z, theta_hat
-        return {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
+        outputs = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
+        if (tau != wanted).any():
+            return outputs, z, theta_hat
+        return outputs, z + h * dz, theta_hat - h * x["Gamma"] * (Y.T @ s)
 
     def get_state(self) -> object:
         """Parameters and state, copied."""

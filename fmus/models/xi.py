@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, final
 
 from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.start import Array, copied, received, start_values
+from fmus.models.start import Array, copied, given, received, start_values
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -98,7 +98,7 @@ class Xi:
 
     def _law(self, inputs: list[Array]) -> Outputs:
         q, dq = inputs
-        return {"xi": dq + self._x["alpha"] * q}
+        return given({"xi": dq + self._x["alpha"] * q})
 
     def get_state(self) -> object:
         """Parameters, copied; there is no other state."""

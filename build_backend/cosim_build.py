@@ -39,17 +39,20 @@ class PlatformWheel(bdist_wheel):
 
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
     """What `build_wheel` needs besides ``build-system.requires``."""
-    return build_meta.get_requires_for_build_wheel(config_settings) + _compiler()
+    with _outside_the_sources():
+        return build_meta.get_requires_for_build_wheel(config_settings) + _compiler()
 
 
 def get_requires_for_build_editable(config_settings: Settings = None) -> list[str]:
     """What `build_editable` needs besides ``build-system.requires``."""
-    return build_meta.get_requires_for_build_editable(config_settings) + _compiler()
+    with _outside_the_sources():
+        return build_meta.get_requires_for_build_editable(config_settings) + _compiler()
 
 
 def get_requires_for_build_sdist(config_settings: Settings = None) -> list[str]:
     """What `build_sdist` needs besides ``build-system.requires``: no compiler."""
-    return build_meta.get_requires_for_build_sdist(config_settings)
+    with _outside_the_sources():
+        return build_meta.get_requires_for_build_sdist(config_settings)
 
 
 def prepare_metadata_for_build_wheel(directory: str, config_settings: Settings = None) -> str:

@@ -1,0 +1,18 @@
+"""Links: a signal that arrives late, sometimes, or never. A link is a table.
+
+Whatever the delay law and the semantics, a link comes down to one int32 per hit of the
+receiver: *which sent sample it holds* (-1: none yet). What is in this room, in the order in
+which it is built up::
+
+    laws        how late a sample is: constant, uniform redrawn every hold
+    traces      delays that were measured, from CSV or Parquet
+    grid        when it is sent and looked at, in ticks
+    semantics   what the receiver makes of it: signal, three packet rules, playout
+    table       LinkSpec -> stream of rows, with the facts an engine must know beforehand
+    storage     tables as Parquet files, and their replay
+    statistics  age of what was held, how often it was held, how often it went back in time
+    spec        the structs a scenario decodes, and the sentences that refuse them
+
+Nothing here knows an engine, a component or a clock; everything is a pure function of a seed or
+of a file, streamed in chunks whose sizes do not matter.
+"""

@@ -1,0 +1,57 @@
+"""When a link's sender sends and its receiver looks, and seconds as whole ticks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, gcd, isfinite
+
+import numpy as np
+
+from cosim.errors import ScenarioError
+from cosim.links.laws import FloatArray, exact
+
+TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """When there is something to send and to receive: every n_s and n_r ticks of h (s)."""
+
+    n_s: int
+    n_r: int
+    h: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no grid. Raises ScenarioError."""
+        if self.n_s < 1 or self.n_r < 1:
+            raise ScenarioError(f"periods {self.n_s}, {self.n_r} ticks; expected 1 or more")
+        if not (isfinite(self.h) and self.h > 0):
+            raise ScenarioError(f"base step {self.h:g} s; expected more than 0")
+
+    @property
+    def sending(self) -> Fraction:
+        """Sending period n_s·h, s, exactly."""
+        return self.n_s * exact(self.h)
+
+    @property
+    def looking(self) -> Fraction:
+        """Receiving period n_r·h, s, exactly."""
+        return self.n_r * exact(self.h)
+
+    def sent(self, rows: int) -> int:
+        """How many samples are sent up to the last of `rows` looks."""
+        return self.n_r * (rows - 1) // self.n_s + 1 if rows else 0
+
+    def ticks_up(self, T: FloatArray) -> FloatArray:
+        """ceil(T/h), forgiving 1e-9 tick; whole numbers, or not finite as T is."""
+        return np.ceil(T / self.h - TOLERANCE)
+
+    def ticks(self, T: float) -> int:
+        """ceil(T/h) of a finite time (s), forgiving 1e-9 tick."""
+        return ceil(T / self.h - TOLERANCE)
+
+    def up(self, ticks: int) -> int:
+        """The next tick difference K - n_s·j that exists: a multiple of gcd(n_s, n_r)."""
+        g = gcd(self.n_s, self.n_r)
+        return -(-ticks // g) * g

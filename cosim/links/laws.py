@@ -1,0 +1,198 @@
+"""Delay laws: how late is a sample that is sent, or read, at t = 0, period, 2·period and so on.
+
+A law is a frozen value with declared facts (`minimum`, `maximum`, `loses`) that hold for every
+delay it ever gives. :meth:`Law.stream` starts the delays of one link; they are taken in chunks,
+and the sizes of the chunks do not change the values: the same generator state gives the same
+delays. A lost packet has a delay that is not finite.
+
+A further law (gamma, Markov levels, Gilbert–Elliott, bursts) is one more class with these
+members and one more struct in `spec`; nothing else knows how many there are. Delays that were
+measured are in `traces`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import isfinite
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from cosim.errors import ScenarioError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Delays(Protocol):
+    """The delays of one link, in order."""
+
+    def take(self, n: int) -> FloatArray:
+        """The next `n` delays, (n,), s; not finite where the packet is lost."""
+
+
+class Law(Protocol):
+    """A delay law: declared facts and a way to draw."""
+
+    @property
+    def minimum(self) -> float:
+        """No delay is shorter, s."""
+
+    @property
+    def maximum(self) -> float:
+        """No delay of a packet that arrives is longer, s."""
+
+    @property
+    def loses(self) -> bool:
+        """Whether a packet can be lost."""
+
+    def limit(self, period: Fraction) -> int | None:
+        """How many delays there are at this sampling period (s); None: as many as you like."""
+
+    def stream(self, period: Fraction, rng: Generator) -> Delays:
+        """The delays at t = 0, period, 2·period, … (s), drawn from `rng`."""
+
+    def facts(self) -> dict[str, Any]:
+        """What is written down with a run: the law's name and its values, SI."""
+
+
+def exact(seconds: float) -> Fraction:
+    """The decimal number that was written down, not its binary neighbour: 0.03 is 3/100."""
+    return Fraction(repr(float(seconds)))
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """T(t) = delay (s)."""
+
+    delay: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no delay. Raises ScenarioError."""
+        _check_delay("delay", self.delay)
+
+    @property
+    def minimum(self) -> float:
+        """The delay, s."""
+        return self.delay
+
+    @property
+    def maximum(self) -> float:
+        """The delay, s."""
+        return self.delay
+
+    @property
+    def loses(self) -> bool:
+        """Never."""
+        return False
+
+    def limit(self, period: Fraction) -> int | None:
+        """Unlimited."""
+        return None
+
+    def stream(self, period: Fraction, rng: Generator) -> Delays:
+        """The same delay for ever; nothing is drawn."""
+        return _Same(self.delay)
+
+    def facts(self) -> dict[str, Any]:
+        """Name and delay (s)."""
+        return {"law": "constant", "delay": self.delay}
+
+
+@dataclass(frozen=True, slots=True)
+class Uniform:
+    """T(t) = low + (high - low)·u_i, u_i ~ U[0, 1), i = floor(t / hold): constant in between.
+
+    The paper's delay (Sec. VII) is low = 0.3 s, high = 1.2 s, hold = 0.03 s. `hold = None` draws
+    anew for every sample. i is computed in integers from the decimal numbers as written, so that
+    the redraw at t = 0.03 s happens there and not one sample later.
+    """
+
+    low: float
+    high: float
+    hold: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no distribution of delays. Raises ScenarioError."""
+        _check_delay("low", self.low)
+        _check_delay("high", self.high)
+        if self.high < self.low:
+            raise ScenarioError(f"high = {self.high:g} s is less than low = {self.low:g} s")
+        if self.hold is not None and not (isfinite(self.hold) and self.hold > 0):
+            raise ScenarioError(
+                f"hold = {self.hold:g} s; expected a time greater than 0 between two draws"
+            )
+
+    @property
+    def minimum(self) -> float:
+        """Lower bound, s."""
+        return self.low
+
+    @property
+    def maximum(self) -> float:
+        """Upper bound, s."""
+        return self.high
+
+    @property
+    def loses(self) -> bool:
+        """Never."""
+        return False
+
+    def limit(self, period: Fraction) -> int | None:
+        """Unlimited."""
+        return None
+
+    def stream(self, period: Fraction, rng: Generator) -> Delays:
+        """One draw a hold interval, whether a sample falls into it or not."""
+        if self.hold is None:
+            return _HeldUniform(self.low, self.high, Fraction(1), rng)
+        draws_per_sample = (period / exact(self.hold)).limit_denominator(10**9)
+        if draws_per_sample > 10**4:
+            raise ScenarioError(
+                f"hold = {self.hold:g} s; expected at least 1/10000 of the sampling period"
+                f" {float(period):g} s"
+            )
+        return _HeldUniform(self.low, self.high, draws_per_sample, rng)
+
+    def facts(self) -> dict[str, Any]:
+        """Name, bounds and hold (s)."""
+        return {"law": "uniform", "low": self.low, "high": self.high, "hold": self.hold}
+
+
+class _Same:
+    def __init__(self, delay: float) -> None:
+        self._delay = delay
+
+    def take(self, n: int) -> FloatArray:
+        return np.full(n, self._delay)
+
+
+class _HeldUniform:
+    """Carry: which sample is next, and the draw that is still held."""
+
+    def __init__(self, low: float, high: float, ratio: Fraction, rng: Generator) -> None:
+        self._low, self._high, self._ratio, self._rng = low, high, ratio, rng
+        self._sample = 0  # the next sample
+        self._draw = -1  # index of the last draw made
+        self._value = np.empty(1)  # (1,), the last draw made, s
+
+    def take(self, n: int) -> FloatArray:
+        if n == 0:
+            return np.empty(0)
+        p, q = self._ratio.numerator, self._ratio.denominator
+        whole, rest = divmod(self._sample * p, q)  # Python integers: no overflow in long runs
+        draw = (rest + p * np.arange(n, dtype=np.int64)) // q  # (n,), relative to `whole`
+        first = self._draw - whole  # what `_value` holds, relative as well
+        u = self._rng.random(int(draw[-1]) - first)
+        fresh = np.minimum(self._low + (self._high - self._low) * u, self._high)
+        drawn = np.concatenate((self._value, fresh))
+        self._sample, self._draw, self._value = self._sample + n, whole + int(draw[-1]), drawn[-1:]
+        return drawn[draw - first]
+
+
+def _check_delay(name: str, value: float) -> None:
+    if not (isfinite(value) and value >= 0):
+        raise ScenarioError(f"{name} = {value:g} s; expected a delay of 0 or more")

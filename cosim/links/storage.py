@@ -1,0 +1,238 @@
+"""Tables as Parquet files: one column `sent` (int32), everything else in the schema metadata.
+
+The same rows and facts give the same bytes, however the rows were handed over. A stored table
+replays: it answers like one that is drawn, without law or semantics.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.errors import ScenarioError
+from cosim.links.grid import Grid
+from cosim.links.laws import IntArray
+from cosim.links.table import TableSpec, TableStream, check_indices
+
+COLUMN = "sent"
+FACTS = b"cosim.link"
+GROUP = 1 << 18  # rows of a row group
+
+
+class TableWriter:
+    """Writes rows as they come; a context manager. Memory: one row group.
+
+    `facts`: what :meth:`TableSpec.facts` says, or at least `name`, `sender_period`,
+    `receiver_period` (ticks) and `h` (s), without which a table does not replay.
+    """
+
+    def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        what = {"description": "index of the sent sample held at each look; -1: none yet"}
+        field = pa.field(COLUMN, pa.int32(), nullable=False, metadata=what)
+        text = json.dumps(facts, sort_keys=True, allow_nan=False)
+        self._schema = pa.schema([field], metadata={FACTS: text.encode()})
+        self._writer = pq.ParquetWriter(
+            path,
+            self._schema,
+            compression="zstd",
+            use_dictionary=False,
+            column_encoding={COLUMN: "DELTA_BINARY_PACKED"},
+        )
+        self._buffer = np.empty(GROUP, np.int32)
+        self._filled = 0
+
+    def write(self, rows: ArrayLike) -> None:
+        """Append rows, (n,) integers."""
+        rest = np.asarray(rows, dtype=np.int32)
+        while rest.size:
+            part = rest[: GROUP - self._filled]
+            self._buffer[self._filled : self._filled + part.size] = part
+            self._filled += part.size
+            rest = rest[part.size :]
+            if self._filled == GROUP:
+                self._flush()
+
+    def close(self) -> None:
+        """Write what is left and the footer."""
+        if self._filled:
+            self._flush()
+        self._writer.close()
+
+    def __enter__(self) -> TableWriter:
+        """The writer itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close; what was written up to an error is kept."""
+        self.close()
+
+    def _flush(self) -> None:
+        import pyarrow as pa
+
+        batch = pa.record_batch([pa.array(self._buffer[: self._filled])], schema=self._schema)
+        self._writer.write_batch(batch, row_group_size=GROUP)
+        self._filled = 0
+
+
+def save_table(path: Path, table: TableSpec, length: int) -> None:
+    """Write the first `length` rows of a table. Raises ScenarioError if it has fewer."""
+    stream = table.stream(length)
+    with TableWriter(path, table.facts()) as writer:
+        for start in range(0, length, GROUP):
+            writer.write(stream.rows(min(GROUP, length - start)))
+
+
+def load_table(path: Path) -> tuple[dict[str, Any], NDArray[np.int32]]:
+    """The facts and all rows of a stored table. Raises ScenarioError naming the file."""
+    facts, _ = _read_facts(path)
+    groups = list(_groups(path))
+    return facts, np.concatenate(groups) if groups else np.empty(0, np.int32)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredTable:
+    """A table in a file, to be replayed: law and semantics are what they were. See `open_table`.
+
+    Its facts are those of its rows: `history` and `minimum_delay_ticks` were counted in them.
+    """
+
+    path: Path
+    name: str
+    grid: Grid
+    length: int
+    history: int
+    minimum_delay_ticks: int
+
+    def check(self, length: int) -> None:
+        """Refuse a run that is longer than the file. Raises ScenarioError."""
+        if length > self.length:
+            raise ScenarioError(
+                f"{self.length} rows, the run asks for {length}; expected a shorter run",
+                str(self.path),
+            )
+
+    def stream(self, length: int | None = None) -> TableStream:
+        """The rows, read one row group at a time."""
+        if length is not None:
+            self.check(length)
+        return TableStream(_StoredRows(self.path), self.grid, self.length)
+
+    def facts(self) -> dict[str, Any]:
+        """What the file says, as a replay of it."""
+        facts, _ = _read_facts(self.path)
+        return {**facts, "name": self.name, "replay": self.path.name}
+
+
+def open_table(path: Path, *, name: str, grid: Grid) -> StoredTable:
+    """A stored table for a link between these periods; every row is checked.
+
+    Raises ScenarioError where the file is no table, belongs to other periods, or holds a sample
+    before it was sent; the message names the file and the row.
+    """
+    facts, length = _read_facts(path)
+    found = tuple(facts.get(key) for key in ("sender_period", "receiver_period", "h"))
+    if found[:2] != (grid.n_s, grid.n_r) or not _same(found[2], grid.h):
+        raise ScenarioError(
+            f"stored for periods of {found[0]} and {found[1]} ticks of {found[2]} s; expected"
+            f" {grid.n_s} and {grid.n_r} ticks of {grid.h:g} s",
+            str(path),
+        )
+    check_indices(grid, length)
+    least, greatest, row, before = None, 0, 0, -1
+    for sent in _groups(path):
+        ages, fresh = _ages(sent, before, row, grid, path)
+        if ages.size:
+            smallest = int(ages.min())
+            least = smallest if least is None else min(least, smallest)
+        greatest = max(greatest, int(fresh.max(initial=0)))
+        row, before = row + sent.size, int(sent[-1])
+    minimum = grid.up(1) if least is None else least
+    return StoredTable(path, name, grid, length, greatest // grid.n_s + 1, minimum)
+
+
+def _ages(
+    sent: NDArray[np.int32], before: int, row: int, grid: Grid, path: Path
+) -> tuple[IntArray, IntArray]:
+    """Ages (ticks) of what is held, and of those rows that differ from the row before."""
+    tick = grid.n_r * np.arange(row, row + sent.size, dtype=np.int64)
+    age = tick - grid.n_s * sent.astype(np.int64)
+    wrong = (age < 0) | (sent < -1)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise ScenarioError(
+            f"holds sample {sent[first]}, but {grid.sent(row + first + 1)} samples are sent by"
+            " then",
+            f"{path}: row {row + first}",
+        )
+    held = sent >= 0
+    new = held & (sent != np.concatenate(([before], sent[:-1])))
+    return age[held], age[new]
+
+
+class _StoredRows:
+    def __init__(self, path: Path) -> None:
+        self._groups = _groups(path)
+        self._rest = np.empty(0, np.int32)
+
+    def take(self, n: int) -> IntArray:
+        parts = []
+        while n:
+            if not self._rest.size:
+                self._rest = next(self._groups)
+            parts.append(self._rest[:n])
+            self._rest = self._rest[parts[-1].size :]
+            n -= parts[-1].size
+        return np.concatenate([np.empty(0, np.int32), *parts]).astype(np.int64)
+
+
+def _groups(path: Path) -> Iterator[NDArray[np.int32]]:
+    """The rows, one row group after the other; empty ones are left out."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        for group in range(file.num_row_groups):
+            rows = file.read_row_group(group, columns=[COLUMN]).column(0).to_numpy()
+            if rows.size:
+                yield rows
+
+
+def _read_facts(path: Path) -> tuple[dict[str, Any], int]:
+    """Facts and number of rows. Raises ScenarioError where this is no link table."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.is_file():
+        raise ScenarioError("no such file; expected a stored link table", str(path))
+    try:
+        with pq.ParquetFile(path) as file:
+            schema, length = file.schema_arrow, file.metadata.num_rows
+    except (pa.ArrowException, OSError) as error:
+        raise ScenarioError(f"no Parquet file ({error})", str(path)) from None
+    index = schema.get_field_index(COLUMN)
+    if index < 0 or schema.field(index).type != pa.int32() or FACTS not in (schema.metadata or {}):
+        raise ScenarioError(
+            f"columns {', '.join(schema.names) or 'none'}; expected a link table: an int32 column"
+            f" {COLUMN!r} and the metadata {FACTS.decode()!r}",
+            str(path),
+        )
+    facts = json.loads(schema.metadata[FACTS])
+    return dict(facts), int(length)
+
+
+def _same(found: object, h: float) -> bool:
+    return isinstance(found, int | float) and abs(found - h) <= 1e-12 * h

@@ -1,0 +1,164 @@
+"""A link as a table: who sends and looks when, by which law and rule; and the stream of rows.
+
+What an engine needs before the run is declared (`history`, `minimum_delay_ticks`); during the run
+it asks for rows in chunks of any size. Memory does not grow with the run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.random import PCG64, Generator, SeedSequence
+from numpy.typing import NDArray
+
+from cosim.errors import RunError, ScenarioError
+from cosim.links.grid import Grid
+from cosim.links.laws import Law
+from cosim.links.semantics import Rows, Rule
+
+INDEX_MAXIMUM = 2**31 - 1  # a row is an int32
+BLOCK = 1 << 14  # rows or packets worked on at once; they stay in the cache
+
+
+class TableSpec(Protocol):
+    """The description of a table, drawn from a law or stored in a file."""
+
+    @property
+    def name(self) -> str:
+        """The link's name."""
+
+    @property
+    def grid(self) -> Grid:
+        """Periods of sender and receiver, and the base step."""
+
+    @property
+    def history(self) -> int:
+        """How many samples, the newest included, must be kept so that every new row is there.
+
+        A row that equals the one before needs none: the receiver keeps what it holds.
+        """
+
+    @property
+    def minimum_delay_ticks(self) -> int:
+        """No row holds a sample sent fewer ticks before; 0: the link orders like a wire."""
+
+    def check(self, length: int) -> None:
+        """Refuse a run of `length` rows that it cannot serve. Raises ScenarioError."""
+
+    def stream(self, length: int | None = None) -> TableStream:
+        """The rows from the first on. Raises ScenarioError if there are fewer than `length`."""
+
+    def facts(self) -> dict[str, Any]:
+        """What is written down with the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnTable:
+    """A table that a law and a rule make from a seed; `name` keeps apart links of one seed.
+
+    The order in which links are listed does not matter: the generator depends on (seed, name).
+    Raises ScenarioError where law and rule contradict each other.
+    """
+
+    name: str
+    grid: Grid
+    law: Law
+    rule: Rule
+    seed: int
+
+    def __post_init__(self) -> None:
+        """Check that the law suits the rule. Raises ScenarioError."""
+        if self.seed < 0:
+            raise ScenarioError(f"seed {self.seed}; expected 0 or more")
+        if self.law.maximum / self.grid.h > INDEX_MAXIMUM:
+            raise ScenarioError(
+                f"a delay of {self.law.maximum:g} s is more than {INDEX_MAXIMUM} ticks"
+            )
+        self.rule.check(self.law, self.grid)
+
+    @property
+    def history(self) -> int:
+        """Samples to keep: those sent in the last `greatest` ticks and the newest."""
+        return self.rule.greatest(self.law, self.grid) // self.grid.n_s + 1
+
+    @property
+    def minimum_delay_ticks(self) -> int:
+        """Least age of a sample at a look, ticks."""
+        return self.rule.least(self.law, self.grid)
+
+    def check(self, length: int) -> None:
+        """Refuse a run that outlasts the law or int32. Raises ScenarioError."""
+        check_indices(self.grid, length)
+        period, asked = self.rule.asks(self.grid, length)
+        limit = self.law.limit(period)
+        if limit is not None and asked > limit:
+            raise ScenarioError(
+                f"the delays end after {limit} samples ({float(limit * period):g} s), the run asks"
+                f" for {asked} ({float(asked * period):g} s); expected a shorter run, or"
+                " repeat = true"
+            )
+
+    def stream(self, length: int | None = None) -> TableStream:
+        """The rows, drawn from the start."""
+        if length is not None:
+            self.check(length)
+        rows = self.rule.stream(self.law, self.grid, generator(self.seed, self.name))
+        return TableStream(rows, self.grid, length)
+
+    def facts(self) -> dict[str, Any]:
+        """Name, periods (ticks), base step (s), law, semantics, seed."""
+        return {
+            "name": self.name,
+            "sender_period": self.grid.n_s,
+            "receiver_period": self.grid.n_r,
+            "h": self.grid.h,
+            "delay": self.law.facts(),
+            **self.rule.facts(),
+            "seed": self.seed,
+        }
+
+
+class TableStream:
+    """Rows in order, in chunks whose sizes do not change them."""
+
+    def __init__(self, rows: Rows, grid: Grid, length: int | None = None) -> None:
+        self._rows, self._grid = rows, grid
+        self._length = INDEX_MAXIMUM if length is None else length
+        self._row = 0
+        self._block = max(1, BLOCK * grid.n_s // max(grid.n_s, grid.n_r))
+
+    @property
+    def row(self) -> int:
+        """The next row."""
+        return self._row
+
+    def rows(self, n: int) -> NDArray[np.int32]:
+        """The next `n` rows, (n,): the sent sample held at each look, -1: none yet.
+
+        Raises RunError beyond the length the stream was opened for.
+        """
+        if self._row + n > self._length:
+            raise RunError(
+                f"rows {self._row} to {self._row + n} of a link table opened for {self._length}"
+            )
+        out = np.empty(n, np.int32)
+        for start in range(0, n, self._block):
+            part = out[start : start + self._block]
+            part[:] = self._rows.take(part.size)
+        self._row += n
+        return out
+
+
+def check_indices(grid: Grid, length: int) -> None:
+    """Refuse a run whose rows or samples do not count in int32. Raises ScenarioError."""
+    if max(length, grid.sent(length)) > INDEX_MAXIMUM:
+        raise ScenarioError(f"{length} rows; more than {INDEX_MAXIMUM} samples are sent or read")
+
+
+def generator(seed: int, name: str) -> Generator:
+    """The generator of one link: PCG64, seeded by `seed` and the SHA-256 of the name."""
+    words = np.frombuffer(sha256(name.encode()).digest(), dtype="<u4")
+    return Generator(PCG64(SeedSequence([seed, *words.tolist()])))

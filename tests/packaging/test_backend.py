@@ -1,0 +1,186 @@
+"""The build backend: what it asks for, what it makes, and what gets into wheel and sdist."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from fmus.toolchain import host_compiler, shared_suffix
+
+ROOT = Path(__file__).resolve().parents[2]
+ENGINE = f"cosim/_engine{shared_suffix()}"
+PARTS = ("cosim", "fmus", "bridge", "build_backend", "configs")
+FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CONTRIBUTING.md", "CHANGELOG.md")
+
+
+@pytest.fixture
+def backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
+    """The backend of this checkout, looking for a compiler anew."""
+    monkeypatch.syspath_prepend(str(ROOT / "build_backend"))
+    monkeypatch.chdir(ROOT)
+    import cosim_build
+
+    host_compiler.cache_clear()
+    yield cosim_build
+    host_compiler.cache_clear()
+
+
+def copy_of_the_sources(folder: Path) -> Path:
+    skip = shutil.ignore_patterns("_built", "_engine.*", "__pycache__")
+    for part in PARTS:
+        shutil.copytree(ROOT / part, folder / part, ignore=skip)
+    for name in FILES:
+        shutil.copy(ROOT / name, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the sources with the compiled parts made; tests leave it up to date."""
+    folder = copy_of_the_sources(tmp_path_factory.mktemp("project"))
+    assert ENGINE in make(folder)
+    return folder
+
+
+def make(folder: Path) -> list[str]:
+    """Make the compiled parts; the names of those made now."""
+    command = [sys.executable, "build_backend/compiled.py"]
+    return run(command, folder).split()
+
+
+def run(command: list[str], folder: Path) -> str:
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def hook(folder: Path, name: str, target: Path) -> Path:
+    """Call a build hook the way a front end does: in a process of its own, in the sources."""
+    target.mkdir(exist_ok=True)
+    script = (
+        "import sys; sys.path.insert(0, 'build_backend'); import cosim_build; "
+        f"print(); print(cosim_build.{name}(sys.argv[1]))"
+    )
+    return target / run([sys.executable, "-c", script, str(target)], folder).split()[-1]
+
+
+@pytest.mark.parametrize("kind", ["wheel", "editable"])
+def test_a_compiler_is_asked_for_only_where_there_is_none(
+    backend: ModuleType, kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    requires = getattr(backend, f"get_requires_for_build_{kind}")
+    monkeypatch.setenv("CC", "cc")
+    assert not any("ziglang" in requirement for requirement in requires())
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    host_compiler.cache_clear()
+    assert any("ziglang" in requirement for requirement in requires())
+
+
+def test_a_source_distribution_needs_no_compiler(
+    backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert not any("ziglang" in need for need in backend.get_requires_for_build_sdist())
+
+
+def test_what_is_up_to_date_is_left_alone(built: Path) -> None:
+    assert make(built) == []
+    lock = built / ENGINE
+    lock.unlink()
+    assert make(built) == [ENGINE]
+
+
+def test_a_change_in_c_is_built(built: Path) -> None:
+    with (built / "cosim" / "engine.c").open("a") as source:
+        source.write("/* changed */\n")
+    assert make(built) == [ENGINE]
+    assert make(built) == []
+
+
+def test_an_fmu_whose_model_has_gone_goes_too(built: Path) -> None:
+    known = set((built / "fmus" / "_built").glob("*.fmu"))
+    (built / "fmus" / "_built" / "renamed.fmu").write_bytes(b"old")
+    (built / "fmus" / "c" / "note.h").write_text("/* a change */\n")
+    assert len(make(built)) == len(known) > 0
+    assert set((built / "fmus" / "_built").glob("*.fmu")) == known
+    (built / "fmus" / "c" / "note.h").unlink()
+    make(built)
+
+
+def test_the_stamp_names_what_was_made(built: Path) -> None:
+    stamp = json.loads((built / "fmus" / "_built" / "built.json").read_text())
+    assert set(stamp["files"]) == {p.name for p in (built / "fmus" / "_built").glob("*.fmu")}
+
+
+@pytest.fixture(scope="module")
+def wheel(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel, made where an earlier version has left its traces."""
+    old = built / "build" / "lib" / "cosim" / "old_module.py"
+    old.parent.mkdir(parents=True)
+    old.write_text("")
+    return hook(built, "build_wheel", tmp_path_factory.mktemp("wheel"))
+
+
+def names(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def test_a_wheel_is_for_one_platform_and_any_python_3(wheel: Path) -> None:
+    python, abi, platform = wheel.stem.split("-")[2:]
+    assert (python, abi) == ("py3", "none")
+    assert platform != "any"
+
+
+def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> None:
+    found = names(wheel)
+    python = {
+        path.relative_to(built).as_posix()
+        for package in ("cosim", "fmus", "bridge")
+        for path in (built / package).rglob("*.py")
+    }
+    c = {path.relative_to(built).as_posix() for path in (built / "fmus" / "c").rglob("*.[ch]")}
+    fmus = {f"fmus/_built/{path.name}" for path in (built / "fmus" / "_built").glob("*.fmu")}
+    typed = {f"{package}/py.typed" for package in ("cosim", "fmus", "bridge")}
+    assert fmus
+    assert {ENGINE, "cosim/engine.c"} | python | c | fmus | typed <= found
+
+
+def test_a_wheel_holds_nothing_else(wheel: Path) -> None:
+    for name in names(wheel):
+        assert name.startswith(("cosim/", "fmus/", "bridge/", "cosim_bridge-"))
+        assert name.endswith((".py", ".c", ".h", ".md", ".fmu", "py.typed", ENGINE)) or (
+            ".dist-info/" in name
+        )
+    assert "cosim/old_module.py" not in names(wheel)
+
+
+def test_building_leaves_the_sources_as_they_were(wheel: Path, built: Path) -> None:
+    assert {path.name for path in built.iterdir()} == {*PARTS, *FILES, "build"}
+
+
+def test_an_sdist_holds_sources_only_and_makes_the_same_wheel(
+    wheel: Path, built: Path, tmp_path: Path
+) -> None:
+    archive = hook(built, "build_sdist", tmp_path / "dist")
+    with tarfile.open(archive) as sdist:
+        assert not [n for n in sdist.getnames() if n.endswith((".so", ".dylib", ".dll", ".fmu"))]
+        sdist.extractall(tmp_path, filter="data")
+    again = hook(tmp_path / archive.name.removesuffix(".tar.gz"), "build_wheel", tmp_path / "again")
+    assert again.name == wheel.name
+    assert names(again) == names(wheel)

@@ -1,0 +1,80 @@
+"""What README, CI and pyproject promise each other."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import cosim
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def command(name: str) -> str:
+    """The one command between two markers of the README."""
+    found = re.search(rf"<!-- {name} -->\n```sh\n(.*)\n```\n<!-- end -->", README)
+    assert found, f"README.md has no {name} on a line of its own"
+    return found[1]
+
+
+@pytest.mark.parametrize("name", ["run command", "test command"])
+def test_each_command_of_the_readme_sets_up_its_own_environment(name: str) -> None:
+    setup, install, use = command(name).split(" && ")
+    assert setup == "python3 -m venv .venv"
+    assert install.startswith(".venv/bin/pip install -q ")
+    assert use.startswith(".venv/bin/")
+
+
+def test_ci_runs_the_test_command_as_the_readme_prints_it() -> None:
+    script = (ROOT / ".ci" / "run").read_text()
+    extraction = re.search(r"^\s*(sed -n .* README\.md)", script, re.MULTILINE)
+    assert extraction
+    done = subprocess.run(
+        ["bash", "-c", extraction[1]], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == command("test command")
+
+
+@pytest.mark.parametrize("script", PROJECT["project"]["scripts"].items(), ids=lambda s: s[0])
+def test_console_scripts_exist(script: tuple[str, str]) -> None:
+    module, _, function = script[1].partition(":")
+    assert callable(getattr(import_module(module), function))
+
+
+@pytest.mark.parametrize("name", PROJECT["project"]["scripts"])
+def test_commands_print_their_help(name: str) -> None:
+    module = PROJECT["project"]["scripts"][name].partition(":")[0]
+    call = f"import sys; sys.argv = [{name!r}, '--help']; from {module} import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", call], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "usage" in done.stdout.lower()
+
+
+@pytest.mark.parametrize("package", ["cosim", "fmus", "bridge"])
+def test_packages_are_typed(package: str) -> None:
+    assert (ROOT / package / "py.typed").is_file()
+
+
+def test_the_changelog_knows_this_version() -> None:
+    assert re.search(
+        rf"^## {re.escape(cosim.__version__)}\b", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE
+    )
+
+
+def test_importing_the_packages_is_cheap() -> None:
+    call = "import sys, cosim, fmus, bridge, cosim.native, fmus.toolchain; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", call], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    heavy = {"numpy", "pyarrow", "matplotlib", "fmpy", "msgspec"}
+    assert not heavy & set(done.stdout.split())

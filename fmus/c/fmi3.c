@@ -1,0 +1,248 @@
+/* fmi3.c - FMI 3.0.2 for co-simulation: the entry points.
+ *
+ * In which state what may be called: clauses 2.3 and 4.2.1. There is no event mode, no
+ * configuration mode and no intermediate update. A value reference is the place of a variable in
+ * the declaration, N_VARIABLES is the time; arrays are row-major.
+ */
+#include "fmi3.h"
+
+#include "instance.h"
+
+enum {
+    ANY = INSTANTIATED | INITIALIZATION | STEPPING | TERMINATED,
+    READ = INITIALIZATION | STEPPING | TERMINATED,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING
+};
+
+/* --- life cycle --------------------------------------------------------------------------- */
+
+const char *fmi3GetVersion(void) { return "3.0"; }
+
+static void forward(const Instance *x, Status status, const char *category, const char *text) {
+    const fmi3LogMessageCallback log = (fmi3LogMessageCallback)x->callback;
+    log(x->environment, (fmi3Status)status, category, text);
+}
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance x, fmi3Boolean loggingOn, size_t n,
+                               const fmi3String categories[]) {
+    if (!legal(x, ANY, "fmi3SetDebugLogging")) return fmi3Error;
+    return (fmi3Status)set_logging(x, loggingOn, n, categories, "fmi3SetDebugLogging");
+}
+
+/* An instance, or NULL after logging `impossible` if there is such a sentence. */
+static fmi3Instance instantiate(fmi3String name, fmi3String token, fmi3Boolean loggingOn,
+                                fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
+                                const char *impossible, const char *function) {
+    Instance *x =
+        instance_new(name, token, loggingOn, forward, (AnyFunction *)log, environment, function);
+    if (x == NULL || impossible == NULL) return x;
+    refuse(x, function, "%s", impossible);
+    instance_free(x);
+    return NULL;
+}
+
+fmi3Instance fmi3InstantiateCoSimulation(
+    fmi3String instanceName, fmi3String token, fmi3String resourcePath, fmi3Boolean visible,
+    fmi3Boolean loggingOn, fmi3Boolean eventModeUsed, fmi3Boolean earlyReturnAllowed,
+    const fmi3ValueReference requiredIntermediateVariables[],
+    size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
+    (void)resourcePath, (void)visible; /* nothing to read, nothing to show */
+    (void)earlyReturnAllowed;          /* allowed, never done */
+    (void)requiredIntermediateVariables, (void)nRequiredIntermediateVariables;
+    (void)intermediateUpdate; /* none provided */
+    return instantiate(instanceName, token, loggingOn, environment, logMessage,
+                       eventModeUsed ? "this FMU has no event mode: eventModeUsed must be false"
+                                     : NULL,
+                       "fmi3InstantiateCoSimulation");
+}
+
+fmi3Instance fmi3InstantiateModelExchange(
+    fmi3String instanceName, fmi3String token, fmi3String resourcePath, fmi3Boolean visible,
+    fmi3Boolean loggingOn, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback logMessage) {
+    (void)resourcePath, (void)visible;
+    return instantiate(instanceName, token, loggingOn, environment, logMessage,
+                       "this FMU is for co-simulation, not model exchange",
+                       "fmi3InstantiateModelExchange");
+}
+
+fmi3Instance fmi3InstantiateScheduledExecution(
+    fmi3String instanceName, fmi3String token, fmi3String resourcePath, fmi3Boolean visible,
+    fmi3Boolean loggingOn, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logMessage,
+    fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
+    fmi3UnlockPreemptionCallback unlockPreemption) {
+    (void)resourcePath, (void)visible;
+    (void)clockUpdate, (void)lockPreemption, (void)unlockPreemption;
+    return instantiate(instanceName, token, loggingOn, environment, logMessage,
+                       "this FMU is for co-simulation, not scheduled execution",
+                       "fmi3InstantiateScheduledExecution");
+}
+
+void fmi3FreeInstance(fmi3Instance x) { instance_free(x); }
+
+fmi3Status fmi3EnterInitializationMode(fmi3Instance x, fmi3Boolean toleranceDefined,
+                                       fmi3Float64 tolerance, fmi3Float64 startTime,
+                                       fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
+    static const char function[] = "fmi3EnterInitializationMode";
+    (void)toleranceDefined, (void)tolerance; /* the step is fixed */
+    if (!legal(x, INSTANTIATED, function)) return fmi3Error;
+    const Status status = set_up(x, startTime, stopTimeDefined, stopTime, function);
+    return (fmi3Status)(status == STATUS_OK ? enter_initialization(x) : status);
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance x) {
+    if (!legal(x, INITIALIZATION, "fmi3ExitInitializationMode")) return fmi3Error;
+    return (fmi3Status)exit_initialization(x, "fmi3ExitInitializationMode");
+}
+
+fmi3Status fmi3Terminate(fmi3Instance x) {
+    if (!legal(x, STEPPING, "fmi3Terminate")) return fmi3Error;
+    return (fmi3Status)terminate(x);
+}
+
+fmi3Status fmi3Reset(fmi3Instance x) {
+    if (!legal(x, ANY, "fmi3Reset")) return fmi3Error;
+    return (fmi3Status)reset(x);
+}
+
+/* --- values ------------------------------------------------------------------------------- */
+
+static inline int has(fmi3ValueReference reference, unsigned need) {
+    return reference <= N_VARIABLES && (variables[reference].access & need) == need;
+}
+
+static int refuse_reference(const Instance *x, const char *function, fmi3ValueReference reference,
+                            unsigned need) {
+    if (reference > N_VARIABLES) {
+        refuse(x, function, "there is no value reference %lu, the last is %d",
+               (unsigned long)reference, N_VARIABLES);
+        return 0;
+    }
+    const Variable *v = &variables[reference];
+    const char *type = v->access & IS_REAL      ? "Float64"
+                       : v->access & IS_INTEGER ? "Int32"
+                                                : "Boolean";
+    refuse_access(x, function, v->name, type, v->access, need);
+    return 0;
+}
+
+/* Pointers, references that are all that `need` says, and as many values as they have. */
+static inline int fit(const Instance *x, const fmi3ValueReference vr[], size_t n,
+                      const void *values, size_t nValues, unsigned need, const char *function) {
+    size_t size = 0;
+    if ((n > 0 && vr == NULL) || (nValues > 0 && values == NULL)) {
+        refuse(x, function, "%s is null", vr == NULL ? "valueReferences" : "values");
+        return 0;
+    }
+    for (size_t i = 0; i < n; i++) {
+        if (!has(vr[i], need)) return refuse_reference(x, function, vr[i], need);
+        size += variables[vr[i]].size;
+    }
+    if (size == nValues) return 1;
+    refuse(x, function, "nValues is %lu, expected %lu", (unsigned long)nValues,
+           (unsigned long)size);
+    return 0;
+}
+
+static int may_get(Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
+                   size_t nValues, unsigned type, const char *function) {
+    if (!legal(x, READ, function)) return 0;
+    if (!fit(x, vr, n, values, nValues, type, function)) return 0;
+    if (!x->stale || x->mode != INITIALIZATION) return 1;
+    for (size_t i = 0; i < n; i++)
+        if (has(vr[i], IS_CALCULATED)) return settle(x, function) == STATUS_OK;
+    return 1;
+}
+
+static int may_set(Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
+                   size_t nValues, unsigned type, const char *function) {
+    if (!legal(x, WRITE, function)) return 0;
+    const unsigned need = type | (x->mode == STEPPING ? SET_IN_STEPS : SET_AT_START);
+    if (!fit(x, vr, n, values, nValues, need, function)) return 0;
+    x->stale |= x->mode != STEPPING;
+    return 1;
+}
+
+/* fmi3Get<T> and fmi3Set<T>: each variable's scalars lie one after the other. */
+#define VALUES(T, BIT)                                                                       \
+    fmi3Status fmi3Get##T(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,    \
+                          fmi3##T values[], size_t nValues) {                                \
+        Instance *x = instance;                                                              \
+        if (!may_get(x, vr, n, values, nValues, BIT, "fmi3Get" #T)) return fmi3Error;        \
+        for (size_t i = 0; i < n; i++) {                                                     \
+            const double *from = x->x.values + variables[vr[i]].offset;                      \
+            for (unsigned k = variables[vr[i]].size; k > 0; k--) *values++ = (fmi3##T)*from++; \
+        }                                                                                    \
+        return fmi3OK;                                                                       \
+    }                                                                                        \
+    fmi3Status fmi3Set##T(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,    \
+                          const fmi3##T values[], size_t nValues) {                          \
+        Instance *x = instance;                                                              \
+        if (!may_set(x, vr, n, values, nValues, BIT, "fmi3Set" #T)) return fmi3Error;        \
+        for (size_t i = 0; i < n; i++) {                                                     \
+            double *to = x->x.values + variables[vr[i]].offset;                              \
+            for (unsigned k = variables[vr[i]].size; k > 0; k--) *to++ = *values++;          \
+        }                                                                                    \
+        return fmi3OK;                                                                       \
+    }
+VALUES(Float64, IS_REAL)
+VALUES(Int32, IS_INTEGER)
+VALUES(Boolean, IS_BOOLEAN)
+
+/* --- saved states ------------------------------------------------------------------------- */
+
+fmi3Status fmi3GetFMUState(fmi3Instance x, fmi3FMUState *state) {
+    if (!legal(x, ANY, "fmi3GetFMUState")) return fmi3Error;
+    return (fmi3Status)state_save(x, state, "fmi3GetFMUState");
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
+    Instance *x = instance;
+    if (!legal(x, ANY, "fmi3SetFMUState")) return fmi3Error;
+    const Status status = state_restore(x, state, "fmi3SetFMUState");
+    if (x->mode == STEP_FAILED) x->mode = STEPPING; /* serialised by FMI 2.0, unknown to 3.0 */
+    return (fmi3Status)status;
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance x, fmi3FMUState *state) {
+    if (!legal(x, ANY, "fmi3FreeFMUState")) return fmi3Error;
+    return (fmi3Status)state_free(x, state, "fmi3FreeFMUState");
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance x, fmi3FMUState state, size_t *size) {
+    if (!legal(x, ANY, "fmi3SerializedFMUStateSize")) return fmi3Error;
+    return (fmi3Status)state_size(x, state, size, "fmi3SerializedFMUStateSize");
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance x, fmi3FMUState state, fmi3Byte bytes[],
+                                 size_t size) {
+    if (!legal(x, ANY, "fmi3SerializeFMUState")) return fmi3Error;
+    return (fmi3Status)state_write(x, state, bytes, size, "fmi3SerializeFMUState");
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance x, const fmi3Byte bytes[], size_t size,
+                                   fmi3FMUState *state) {
+    if (!legal(x, ANY, "fmi3DeserializeFMUState")) return fmi3Error;
+    return (fmi3Status)state_read(x, bytes, size, state, "fmi3DeserializeFMUState");
+}
+
+/* --- steps -------------------------------------------------------------------------------- */
+
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint,
+                      fmi3Float64 communicationStepSize,
+                      fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+                      fmi3Boolean *eventHandlingNeeded, fmi3Boolean *terminateSimulation,
+                      fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
+    Instance *x = instance;
+    (void)noSetFMUStatePriorToCurrentPoint; /* nothing is kept for going back */
+    if (!legal(x, STEPPING, "fmi3DoStep")) return fmi3Error;
+    if (eventHandlingNeeded == NULL || terminateSimulation == NULL || earlyReturn == NULL ||
+        lastSuccessfulTime == NULL)
+        return (fmi3Status)refuse(x, "fmi3DoStep", "a pointer for the answer is null");
+    const Status status =
+        do_step(x, currentCommunicationPoint, communicationStepSize, "fmi3DoStep");
+    *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
+    *lastSuccessfulTime = x->x.values[TIME];
+    return (fmi3Status)status;
+}

@@ -1,0 +1,231 @@
+/* fmi3_refused.c - functions of FMI 3.0.2 this FMU has, but not what they are for.
+ *
+ * No types but Float64, Int32 and Boolean, no clocks, events, configuration or derivatives, neither
+ * model exchange nor scheduled execution: the model description says so, and a call is refused
+ * in every mode with a sentence.
+ */
+#include "fmi3.h"
+#include "instance.h"
+
+#ifdef __GNUC__
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard's, not needed here */
+#endif
+
+static fmi3Status refused(const Instance *x, const char *function, const char *why) {
+    return (fmi3Status)refuse(x, function, "%s", why);
+}
+
+/* --- values of types no variable has: nothing asked of nothing is fine ---------------------- */
+
+static fmi3Status none(const Instance *x, unsigned modes, size_t n, const char *type,
+                       const char *function) {
+    if (!legal(x, modes, function)) return fmi3Error;
+    if (n == 0) return fmi3OK;
+    return (fmi3Status)refuse(x, function, "this FMU has no variable of type %s", type);
+}
+
+enum {
+    READ = INITIALIZATION | STEPPING | TERMINATED,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING
+};
+
+#define NO_VALUES(T)                                                                      \
+    fmi3Status fmi3Get##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,        \
+                          fmi3##T values[], size_t nValues) {                             \
+        return none(x, READ, n + nValues, #T, "fmi3Get" #T);                              \
+    }                                                                                     \
+    fmi3Status fmi3Set##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,        \
+                          const fmi3##T values[], size_t nValues) {                       \
+        return none(x, WRITE, n + nValues, #T, "fmi3Set" #T);                             \
+    }
+NO_VALUES(Float32)
+NO_VALUES(Int8)
+NO_VALUES(UInt8)
+NO_VALUES(Int16)
+NO_VALUES(UInt16)
+NO_VALUES(UInt32)
+NO_VALUES(Int64)
+NO_VALUES(UInt64)
+NO_VALUES(String)
+
+fmi3Status fmi3GetBinary(fmi3Instance x, const fmi3ValueReference vr[], size_t n, size_t sizes[],
+                         fmi3Binary values[], size_t nValues) {
+    return none(x, READ, n + nValues, "Binary", "fmi3GetBinary");
+}
+
+fmi3Status fmi3SetBinary(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                         const size_t sizes[], const fmi3Binary values[], size_t nValues) {
+    return none(x, WRITE, n + nValues, "Binary", "fmi3SetBinary");
+}
+
+fmi3Status fmi3GetClock(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                        fmi3Clock values[]) {
+    return none(x, READ, n, "Clock", "fmi3GetClock");
+}
+
+fmi3Status fmi3SetClock(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                        const fmi3Clock values[]) {
+    return none(x, WRITE, n, "Clock", "fmi3SetClock");
+}
+
+/* --- dependencies and derivatives ----------------------------------------------------------- */
+
+static const char NO_DEPENDENCIES[] = "this FMU does not provide dependencies of elements";
+static const char NO_DERIVATIVES[] = "this FMU provides no derivatives";
+
+fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance x, fmi3ValueReference vr, size_t *n) {
+    return refused(x, "fmi3GetNumberOfVariableDependencies", NO_DEPENDENCIES);
+}
+
+fmi3Status fmi3GetVariableDependencies(fmi3Instance x, fmi3ValueReference dependent,
+                                       size_t elementsOfDependent[],
+                                       fmi3ValueReference independents[],
+                                       size_t elementsOfIndependents[],
+                                       fmi3DependencyKind kinds[], size_t n) {
+    return refused(x, "fmi3GetVariableDependencies", NO_DEPENDENCIES);
+}
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance x, const fmi3ValueReference unknowns[],
+                                        size_t nUnknowns, const fmi3ValueReference knowns[],
+                                        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                                        fmi3Float64 sensitivity[], size_t nSensitivity) {
+    return refused(x, "fmi3GetDirectionalDerivative", NO_DERIVATIVES);
+}
+
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance x, const fmi3ValueReference unknowns[],
+                                    size_t nUnknowns, const fmi3ValueReference knowns[],
+                                    size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                                    fmi3Float64 sensitivity[], size_t nSensitivity) {
+    return refused(x, "fmi3GetAdjointDerivative", NO_DERIVATIVES);
+}
+
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                    const fmi3Int32 orders[], fmi3Float64 values[],
+                                    size_t nValues) {
+    return refused(x, "fmi3GetOutputDerivatives", NO_DERIVATIVES);
+}
+
+/* --- configuration mode, events and clocks -------------------------------------------------- */
+
+static const char NO_CONFIGURATION[] = "this FMU has no structural parameters";
+static const char NO_EVENTS[] = "this FMU has no event mode";
+static const char NO_CLOCKS[] = "this FMU has no clocks";
+
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance x) {
+    return refused(x, "fmi3EnterConfigurationMode", NO_CONFIGURATION);
+}
+
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance x) {
+    return refused(x, "fmi3ExitConfigurationMode", NO_CONFIGURATION);
+}
+
+fmi3Status fmi3EnterEventMode(fmi3Instance x) {
+    return refused(x, "fmi3EnterEventMode", NO_EVENTS);
+}
+
+fmi3Status fmi3EnterStepMode(fmi3Instance x) { return refused(x, "fmi3EnterStepMode", NO_EVENTS); }
+
+fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance x) {
+    return refused(x, "fmi3EvaluateDiscreteStates", NO_EVENTS);
+}
+
+fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesNeedUpdate,
+                                    fmi3Boolean *terminateSimulation,
+                                    fmi3Boolean *nominalsOfContinuousStatesChanged,
+                                    fmi3Boolean *valuesOfContinuousStatesChanged,
+                                    fmi3Boolean *nextEventTimeDefined,
+                                    fmi3Float64 *nextEventTime) {
+    return refused(x, "fmi3UpdateDiscreteStates", NO_EVENTS);
+}
+
+fmi3Status fmi3GetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                  fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
+    return refused(x, "fmi3GetIntervalDecimal", NO_CLOCKS);
+}
+
+fmi3Status fmi3GetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                   fmi3UInt64 counters[], fmi3UInt64 resolutions[],
+                                   fmi3IntervalQualifier qualifiers[]) {
+    return refused(x, "fmi3GetIntervalFraction", NO_CLOCKS);
+}
+
+fmi3Status fmi3GetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                               fmi3Float64 shifts[]) {
+    return refused(x, "fmi3GetShiftDecimal", NO_CLOCKS);
+}
+
+fmi3Status fmi3GetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
+    return refused(x, "fmi3GetShiftFraction", NO_CLOCKS);
+}
+
+fmi3Status fmi3SetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                  const fmi3Float64 intervals[]) {
+    return refused(x, "fmi3SetIntervalDecimal", NO_CLOCKS);
+}
+
+fmi3Status fmi3SetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                   const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
+    return refused(x, "fmi3SetIntervalFraction", NO_CLOCKS);
+}
+
+fmi3Status fmi3SetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                               const fmi3Float64 shifts[]) {
+    return refused(x, "fmi3SetShiftDecimal", NO_CLOCKS);
+}
+
+fmi3Status fmi3SetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
+                                const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
+    return refused(x, "fmi3SetShiftFraction", NO_CLOCKS);
+}
+
+/* --- model exchange and scheduled execution ------------------------------------------------- */
+
+static const char CO_SIMULATION_ONLY[] = "this FMU is for co-simulation only";
+
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance x) {
+    return refused(x, "fmi3EnterContinuousTimeMode", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance x, fmi3Boolean noSetPrior,
+                                       fmi3Boolean *enterEventMode,
+                                       fmi3Boolean *terminateSimulation) {
+    return refused(x, "fmi3CompletedIntegratorStep", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3SetTime(fmi3Instance x, fmi3Float64 time) {
+    return refused(x, "fmi3SetTime", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3SetContinuousStates(fmi3Instance x, const fmi3Float64 states[], size_t n) {
+    return refused(x, "fmi3SetContinuousStates", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance x, fmi3Float64 derivatives[], size_t n) {
+    return refused(x, "fmi3GetContinuousStateDerivatives", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3GetEventIndicators(fmi3Instance x, fmi3Float64 indicators[], size_t n) {
+    return refused(x, "fmi3GetEventIndicators", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3GetContinuousStates(fmi3Instance x, fmi3Float64 states[], size_t n) {
+    return refused(x, "fmi3GetContinuousStates", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance x, fmi3Float64 nominals[], size_t n) {
+    return refused(x, "fmi3GetNominalsOfContinuousStates", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance x, size_t *n) {
+    return refused(x, "fmi3GetNumberOfEventIndicators", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance x, size_t *n) {
+    return refused(x, "fmi3GetNumberOfContinuousStates", CO_SIMULATION_ONLY);
+}
+
+fmi3Status fmi3ActivateModelPartition(fmi3Instance x, fmi3ValueReference clock,
+                                      fmi3Float64 activationTime) {
+    return refused(x, "fmi3ActivateModelPartition", CO_SIMULATION_ONLY);
+}

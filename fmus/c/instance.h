@@ -1,0 +1,100 @@
+/* instance.h - one instance of a model, as FMI 2.0 and FMI 3.0 both need it.
+ *
+ * Knows modes, logging, values, saved states and steps; knows neither version of the API. The
+ * entry points in fmi2.c and fmi3.c check what is theirs and call the functions here, giving
+ * their own name for the messages.
+ *
+ * A call that is refused (STATUS_ERROR) or discarded changes nothing.
+ */
+#ifndef INSTANCE_H
+#define INSTANCE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "model.h"
+
+/* The same numbers in fmi2Status and fmi3Status. */
+typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR } Status;
+
+/* The mode is one bit; what a function allows is several. */
+enum {
+    INSTANTIATED = 1,
+    INITIALIZATION = 2,
+    STEPPING = 4,    /* 2.0: stepComplete, 3.0: Step Mode */
+    STEP_FAILED = 8, /* 2.0 only: fmi2DoStep returned fmi2Discard */
+    TERMINATED = 16
+};
+
+/* Log categories, bits. */
+enum { LOG_EVENTS = 1, LOG_WARNING = 2, LOG_DISCARD = 4, LOG_ERROR = 8, LOG_ALL = 15 };
+
+enum { TIME = N_SCALARS }; /* index of the time in Instance.x.values */
+
+typedef struct Instance Instance;
+typedef void AnyFunction(void);
+typedef void Forward(const Instance *x, Status status, const char *category, const char *text);
+
+struct Instance {
+    unsigned mode;
+    int stale;           /* calculated variables do not follow from the rest yet */
+    unsigned categories; /* that are logged */
+    double start_time, stop_time; /* s; stop_time is infinite where none is defined */
+    Forward *forward;             /* knows the type of `callback` */
+    AnyFunction *callback;
+    void *environment;
+    char *name;
+    union {
+        Model model;
+        double values[N_SCALARS + 1]; /* and the time, s */
+    } x;
+};
+
+typedef struct Snapshot Snapshot;
+
+/* --- instance.c --------------------------------------------------------------------------- */
+
+/* NULL after a logged sentence where name or token do not fit, or without memory. */
+Instance *instance_new(const char *name, const char *token, int logging, Forward *forward,
+                       AnyFunction *callback, void *environment, const char *function);
+void instance_free(Instance *x);
+
+/* Log a sentence "function: ..." and return STATUS_ERROR. `x` may be NULL: nothing is logged. */
+Status refuse(const Instance *x, const char *function, const char *format, ...);
+/* Say why a variable of `access` cannot be used as `need` says; `type` is its type's name. */
+Status refuse_access(const Instance *x, const char *function, const char *name, const char *type,
+                     unsigned access, unsigned need);
+int refuse_mode(const Instance *x, unsigned allowed, const char *function);
+
+/* Whether `function` may be called now; if not, that is logged. */
+static inline int legal(const Instance *x, unsigned allowed, const char *function) {
+    return x != NULL && (x->mode & allowed) ? 1 : refuse_mode(x, allowed, function);
+}
+
+Status set_logging(Instance *x, int on, size_t n, const char *const categories[],
+                   const char *function);
+Status set_up(Instance *x, double start, int stop_defined, double stop, const char *function);
+Status enter_initialization(Instance *x);
+Status exit_initialization(Instance *x, const char *function);
+Status terminate(Instance *x);
+Status reset(Instance *x);
+
+/* Recalculate what depends on start values, parameters and inputs, before the first step. */
+Status settle(Instance *x, const char *function);
+
+/* One communication step h (s) from t (s). */
+Status do_step(Instance *x, double t, double h, const char *function);
+
+/* --- state.c ------------------------------------------------------------------------------ */
+
+/* `*state` is reused, or made where it is NULL. */
+Status state_save(const Instance *x, void **state, const char *function);
+Status state_restore(Instance *x, const Snapshot *state, const char *function);
+Status state_free(const Instance *x, void **state, const char *function);
+Status state_size(const Instance *x, const Snapshot *state, size_t *size, const char *function);
+Status state_write(const Instance *x, const Snapshot *state, unsigned char bytes[], size_t size,
+                   const char *function);
+Status state_read(const Instance *x, const unsigned char bytes[], size_t size, void **state,
+                  const char *function);
+
+#endif

@@ -1,0 +1,28 @@
+/* kernel.c - the model without FMI: the same machine code for whoever steps the struct itself.
+ *
+ * `x` points to kernel_size() doubles in the order of the declaration. The functions return NULL
+ * or a sentence; they hold nothing and allocate nothing.
+ */
+#include <string.h>
+
+#include "export.h"
+#include "model.h"
+
+typedef char no_padding[sizeof(Model) == N_SCALARS * sizeof(double) ? 1 : -1];
+
+EXPORT size_t kernel_size(void) { return N_SCALARS; }
+
+/* All start values. */
+EXPORT void kernel_reset(double *x) { memcpy(x, start_values, sizeof start_values); }
+
+/* Outputs at the start, from parameters, start values and inputs; may be called repeatedly. */
+EXPORT const char *kernel_initial(double *x) { return model_initial((Model *)x); }
+
+/* One step h > 0 (s) from t (s); after a sentence nothing has changed. */
+EXPORT const char *kernel_step(double *x, double t, double h) {
+    if (!(h > 0.0 && h - h == 0.0)) return "the step is not a positive finite number";
+    for (int i = 0; i < N_INPUT_RANGES; i++)
+        if (!all_finite(x + input_ranges[i].first, input_ranges[i].size))
+            return "an input is not a finite number";
+    return model_step((Model *)x, t, h);
+}

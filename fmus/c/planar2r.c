@@ -1,0 +1,102 @@
+/* planar2r.c - planar arm with two revolute joints; equations in fmus/models/planar2r.py.
+ *
+ *     M(q) ddq + C(q, dq) dq = tau + tau_ext + tau_h - tau_e
+ *
+ * Runge-Kutta of order 4, `substeps` times a communication step; grip and wall at every stage.
+ */
+#include <stddef.h>
+
+#include "model.h"
+#include "trig.h"
+
+/* tau_h = -k_d dq - k_p (q - q_h), operator's torque on the robot. */
+static inline double grip(const Model *x, int i, double q, double dq) {
+    return -x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]);
+}
+
+/* tau_e = max(0, k_w (q - q_w) + b_w dq) beyond the wall, robot's torque on its environment. */
+static inline double wall(const Model *x, int i, double q, double dq) {
+    const double depth = q - x->q_w[i];
+    const double torque = x->k_w[i] * depth + x->b_w[i] * dq;
+    return depth > 0.0 && torque > 0.0 ? torque : 0.0;
+}
+
+/* ddq = M^-1 (tau + tau_ext + tau_h - tau_e - C dq), rad/s^2; `torque` = tau + tau_ext. */
+static inline void acceleration(const Model *x, const double torque[2], const double q[2],
+                                const double dq[2], double ddq[2]) {
+    const double *theta = x->theta;
+    double s2, c2;
+    sine_cosine(q[1], &s2, &c2);
+    const double M11 = theta[0] + 2.0 * theta[1] * c2;
+    const double M12 = theta[2] + theta[1] * c2;
+    const double M22 = theta[2];
+    const double h = theta[1] * s2;
+    const double Cdq1 = -h * dq[1] * (2.0 * dq[0] + dq[1]);
+    const double Cdq2 = h * dq[0] * dq[0];
+    const double b1 = torque[0] + grip(x, 0, q[0], dq[0]) - wall(x, 0, q[0], dq[0]) - Cdq1;
+    const double b2 = torque[1] + grip(x, 1, q[1], dq[1]) - wall(x, 1, q[1], dq[1]) - Cdq2;
+    const double inverse = 1.0 / (M11 * M22 - M12 * M12);
+    ddq[0] = (M22 * b1 - M12 * b2) * inverse;
+    ddq[1] = (M11 * b2 - M12 * b1) * inverse;
+}
+
+/* One step h of the classical method, in place. */
+static inline void runge_kutta(const Model *x, const double torque[2], double h, double q[2],
+                               double dq[2]) {
+    double k1[2], k2[2], k3[2], k4[2]; /* ddq of the stages; their dq is v1 = dq, v2, v3, v4 */
+    double p[2], v2[2], v3[2], v4[2];
+    acceleration(x, torque, q, dq, k1);
+    for (int i = 0; i < 2; i++) {
+        p[i] = q[i] + 0.5 * h * dq[i];
+        v2[i] = dq[i] + 0.5 * h * k1[i];
+    }
+    acceleration(x, torque, p, v2, k2);
+    for (int i = 0; i < 2; i++) {
+        p[i] = q[i] + 0.5 * h * v2[i];
+        v3[i] = dq[i] + 0.5 * h * k2[i];
+    }
+    acceleration(x, torque, p, v3, k3);
+    for (int i = 0; i < 2; i++) {
+        p[i] = q[i] + h * v3[i];
+        v4[i] = dq[i] + h * k3[i];
+    }
+    acceleration(x, torque, p, v4, k4);
+    for (int i = 0; i < 2; i++) {
+        q[i] += h / 6.0 * (dq[i] + 2.0 * (v2[i] + v3[i]) + v4[i]);
+        dq[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+    }
+}
+
+static inline void outputs(Model *x) {
+    for (int i = 0; i < 2; i++) {
+        x->tau_h[i] = grip(x, i, x->q[i], x->dq[i]);
+        x->tau_e[i] = wall(x, i, x->q[i], x->dq[i]);
+    }
+}
+
+const char *model_initial(Model *x) {
+    const double *theta = x->theta;
+    if (!(theta[2] > 0.0 && theta[0] * theta[2] - theta[2] * theta[2] - theta[1] * theta[1] > 0.0))
+        return "theta gives no positive definite inertia: theta[2] > 0 and theta[0] theta[2]"
+               " - theta[2]^2 - theta[1]^2 > 0 are needed";
+    if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
+    outputs(x);
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    const int substeps = (int)x->substeps;
+    const double torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};
+    double q[2] = {x->q[0], x->q[1]}, dq[2] = {x->dq[0], x->dq[1]};
+    (void)t; /* the arm does not depend on time */
+    for (int i = 0; i < substeps; i++) runge_kutta(x, torque, h / substeps, q, dq);
+    if (!all_finite(q, 2) || !all_finite(dq, 2))
+        return "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is"
+               " too long";
+    for (int i = 0; i < 2; i++) {
+        x->q[i] = q[i];
+        x->dq[i] = dq[i];
+    }
+    outputs(x);
+    return NULL;
+}

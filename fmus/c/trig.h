@@ -1,0 +1,10 @@
+/* trig.h - sine and cosine that are the same on every machine: no libm, no fused operations. */
+#ifndef TRIG_H
+#define TRIG_H
+
+/* sin x and cos x of x in rad, to about 1 ulp; |x| <= TRIG_RANGE, both NaN beyond. */
+#define TRIG_RANGE 1048576.0
+
+void sine_cosine(double x, double *sine, double *cosine);
+
+#endif

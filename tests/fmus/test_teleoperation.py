@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
-from cosim.component import Component, Outputs
+from cosim.component import Component
 from cosim.errors import CosimError
 from fmus.models import teleoperation
 from fmus.models.planar2r import coriolis, inertia
@@ -43,7 +44,7 @@ def drawn(rng: np.random.Generator, neighbours: int = 1) -> dict[str, np.ndarray
     }
 
 
-def kept(outputs: Outputs) -> dict[str, np.ndarray]:
+def kept(outputs: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
     """Outputs that the next step does not overwrite."""
     return {name: np.array(value) for name, value in outputs.items()}
 

@@ -1,0 +1,148 @@
+"""Equal numbers: NumPy and C to 1e-12; C called directly and through FMI 2.0 and 3.0 to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from cosim.component import Component
+from fmus.models import operator, planar2r, teleoperation, xi
+from fmus.models.operator import Operator
+from fmus.models.planar2r import PRESETS, Planar2R
+from fmus.models.teleoperation import Teleoperation
+from fmus.models.xi import Xi
+
+Values = dict[str, np.ndarray]
+EXAMPLES, STEPS = 10, 1000  # 10 000 random steps of each model
+
+seed = st.integers(0, 2**32 - 1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One model: how to make its components, and values it is at home with."""
+
+    module: ModuleType
+    reference: Callable[..., Component]
+    draw: Callable[[np.random.Generator], Values]
+    sizes: Mapping[str, int]
+
+    def __str__(self) -> str:
+        return str(self.module.model(**self.sizes).identifier)
+
+
+def arm_values(rng: np.random.Generator) -> Values:
+    """A preset in a damped grip, with a wall on either side of where the hand wants to be."""
+    theta = list(PRESETS.values())[rng.integers(len(PRESETS))]["theta"]
+    return {
+        "theta": np.array(theta),
+        "q": rng.uniform(-3, 3, 2),
+        "dq": rng.uniform(-1, 1, 2),
+        "k_p": rng.uniform(1, 20, 2),
+        "k_d": rng.uniform(4, 10, 2),
+        "q_h": rng.uniform(-3, 3, 2),
+        "k_w": rng.uniform(0, 300, 2),
+        "b_w": rng.uniform(0, 3, 2),
+        "q_w": rng.uniform(-3, 3, 2),
+        "substeps": np.array(float(rng.integers(1, 3))),
+    }
+
+
+def controller_values(rng: np.random.Generator) -> Values:
+    """Gains around the paper's; every other time with a torque limit that is met now and then."""
+    return {
+        "K": rng.uniform(1, 20, 2),
+        "Gamma": rng.uniform(0, 1, 3),
+        "alpha": np.array(rng.uniform(0, 2)),
+        "lambda": np.array(rng.uniform(0, 3)),
+        "lambda_M": np.array(rng.choice([0.0, 1.0, 6.0, 10.0])),
+        "tau_max": rng.choice([40.0, 1e9]) * np.ones(2),
+        "z": rng.uniform(-1, 1, 2),
+        "theta_hat": rng.uniform(0, 3, 3),
+    }
+
+
+def operator_values(rng: np.random.Generator) -> Values:
+    return {name: rng.uniform(0, 50, 2) for name in ("k_p", "k_d", "q_h")}
+
+
+def xi_values(rng: np.random.Generator) -> Values:
+    return {"alpha": np.array(rng.uniform(0, 5))}
+
+
+CASES = [
+    Case(planar2r, Planar2R, arm_values, {}),
+    Case(teleoperation, Teleoperation, controller_values, {}),
+    Case(teleoperation, Teleoperation, controller_values, {"neighbours": 2}),
+    Case(operator, Operator, operator_values, {}),
+    Case(xi, Xi, xi_values, {}),
+]
+
+
+def inputs(component: Component, rng: np.random.Generator) -> Values:
+    """Inputs at random, of the size of a working robot's."""
+    return {port.name: rng.uniform(-3, 3, port.shape) for port in component.inputs}
+
+
+def differ(a: Mapping[str, ArrayLike], b: Mapping[str, ArrayLike]) -> list[str]:
+    """The outputs that differ by more than 1e-12 of the larger of 1 and their greatest entry."""
+
+    def far(name: str) -> bool:
+        x, y = np.array(a[name]), np.array(b[name])
+        return not np.abs(x - y).max() <= 1e-12 * max(1.0, np.abs(y).max())
+
+    return [name for name in a if far(name)]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(seed=seed)
+def test_numpy_and_c_agree_over_ten_thousand_random_steps(case: Case, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    reference, kernel = case.reference(**case.sizes), case.module.kernel(**case.sizes)
+    values, h = case.draw(rng), float(rng.choice([1e-3, 2e-3, 5e-3]))
+    reference.initialize(values)
+    kernel.initialize(values)
+    for k in range(STEPS):
+        if k == STEPS // 3:
+            saved = reference.get_state(), kernel.get_state()
+        if k == STEPS // 2:
+            reference.set_state(saved[0])
+            kernel.set_state(saved[1])
+        u = inputs(reference, rng)
+        a, b = reference.step(k * h, h, u), kernel.step(k * h, h, u)
+        assert not differ(a, b), (k, a, b)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+@settings(max_examples=20)
+@given(seed=seed)
+def test_numpy_and_c_agree_at_the_start(case: Case, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    reference, kernel = case.reference(**case.sizes), case.module.kernel(**case.sizes)
+    values, u = case.draw(rng), inputs(reference, rng)
+    reference.initialize(values)
+    kernel.initialize(values)
+    assert not differ(reference.initial(u), kernel.initial(u))
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_numpy_and_c_have_the_same_ports_and_defaults(case: Case) -> None:
+    reference, kernel = case.reference(**case.sizes), case.module.kernel(**case.sizes)
+    assert reference.kind == kernel.kind
+    assert reference.inputs == kernel.inputs
+    assert reference.outputs == kernel.outputs
+    assert reference.parameters == kernel.parameters
+    reference.initialize({})
+    kernel.initialize({})
+    u = inputs(reference, np.random.default_rng(3))
+    a, b = reference.initial(u), kernel.initial(u)
+    assert list(a) == list(b) == [port.name for port in reference.outputs]
+    assert not differ(a, b)

@@ -40,7 +40,7 @@ def assemble(scenario: Scenario) -> Plan:
     slots = {s.name: s for c in steps for s in (*c.inputs, *c.outputs)}
     by_name = {c.name: c for c in steps}
     wires = [w for c in steps for w in _wires(scenario, c, by_name, slots)]
-    links = _links(scenario, h, by_name, slots)
+    links = _links(scenario, h, ticks, by_name, slots)
     _check_single_source(scenario, wires, links)
     fed = {s.name for e in (*wires, *links) for s in (e.target,)}
     _check_start_inputs(scenario, steps, fed)
@@ -196,7 +196,11 @@ def _wires(
 
 
 def _links(
-    scenario: Scenario, h: float, steps: Mapping[str, Step], slots: Mapping[str, Slot]
+    scenario: Scenario,
+    h: float,
+    ticks: int,
+    steps: Mapping[str, Step],
+    slots: Mapping[str, Slot],
 ) -> list[Link]:
     links: list[Link] = []
     for i, spec in enumerate(scenario.links):
@@ -207,42 +211,22 @@ def _links(
         name = spec.name or f"{source.name}->{target.name}"
         if name in {x.name for x in links}:
             raise ScenarioError(f"a second link is called {name!r}", place)
-        links.append(
-            Link(
-                name=name,
-                source=source,
-                target=target,
-                table=_table(scenario, spec, name, source, target, steps, h, place),
-                gain=gain,
-                offset=offset,
-                initial=_initial(spec, target, place),
-            )
+        table = link_table(
+            delay=spec.delay,
+            semantics=spec.semantics,
+            playout=spec.playout,
+            name=name,
+            seed=scenario.run.seed,
+            h=h,
+            sender_period=steps[source.component].period,
+            receiver_period=steps[target.component].period,
+            folder=scenario.path.parent,
+            place=place,
+            ticks=ticks,
         )
+        initial = _initial(spec, target, place)
+        links.append(Link(name, source, target, table, gain, offset, initial))
     return links
-
-
-def _table(
-    scenario: Scenario,
-    spec: LinkSpec,
-    name: str,
-    source: Slot,
-    target: Slot,
-    steps: Mapping[str, Step],
-    h: float,
-    place: str,
-) -> Any:
-    return link_table(
-        delay=spec.delay,
-        semantics=spec.semantics,
-        playout=spec.playout,
-        name=name,
-        seed=scenario.run.seed,
-        h=h,
-        sender_period=steps[source.component].period,
-        receiver_period=steps[target.component].period,
-        folder=scenario.path.parent,
-        place=place,
-    )
 
 
 def _initial(spec: LinkSpec, target: Slot, place: str) -> tuple[float, ...] | None:

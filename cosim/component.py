@@ -19,16 +19,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike
 
-    Values = Mapping[str, "np.ndarray[Any, np.dtype[np.float64]]"]
-    Outputs = Mapping[str, ArrayLike]
-
 Kind = Literal["sampled", "continuous"]
+Values: TypeAlias = "Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]"
+Outputs: TypeAlias = "Mapping[str, ArrayLike]"
 
 
 @dataclass(frozen=True, slots=True)

@@ -164,9 +164,9 @@ class Engine:
         return call
 
     def _link(self, index: int) -> native.Link:
-        link, stream = self.plan.links[index], self._streams[index]
+        link = self.plan.links[index]
         width = link.source.size
-        history = np.zeros((max(1, stream.history), width))
+        history = np.zeros((link.table.history, width))
         initial = _part(self.signals, link.target).copy()
         self._alive += [history, initial]
         return native.Link(

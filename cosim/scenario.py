@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from cosim.errors import ScenarioError, UnitError
-from cosim.links.spec import DelaySpec, Semantics
+from cosim.links.spec import Semantics
 from cosim.units import quantity
 
 Number = int | float | str
@@ -84,8 +84,9 @@ class MetricSpec(_Struct):
     kind: str
     of: tuple[str, ...]
     target: str | tuple[float, ...] | None = None
-    within: Number | None = None
+    within: float | None = None
     window: Number | None = None
+    norm: Literal["max", "euclidean"] = "max"
     label: str = ""
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import cosim
 from cosim.assemble import assemble
@@ -18,9 +19,11 @@ from cosim.clock import stopwatch
 from cosim.engine import Engine
 from cosim.errors import RunError, ScenarioError
 from cosim.fmi import FmuComponent
-from cosim.links.table import TableWriter
-from cosim.plan import Plan
-from cosim.record import Column, Recorder, write_metadata
+from cosim.links.statistics import Ages, LinkStatistics
+from cosim.links.storage import TableWriter
+from cosim.plan import Plan, Slot
+from cosim.record import Column, Recorder, link_file, write_metadata
+from cosim.record.folder import LAST
 from cosim.scenario import Scenario
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
@@ -38,6 +41,7 @@ class Outcome:
     ticks: int
     seconds: float
     wall: float
+    ages: Mapping[str, LinkStatistics]
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
@@ -53,9 +57,13 @@ def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Col
         if unknown:
             raise ScenarioError(f"no signal {unknown[0]!r}; there are: {', '.join(every)}", place)
         slots = {w: every[w] for w in wanted}
+    return _columns([slot for _, slot in sorted(slots.items())])
+
+
+def _columns(slots: Sequence[Slot]) -> list[Column]:
     return [
         Column(name, slot.unit, slot.start + i)
-        for _, slot in sorted(slots.items())
+        for slot in slots
         for i, name in enumerate(slot.scalars())
     ]
 
@@ -79,10 +87,17 @@ def simulate(
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))
     with ExitStack() as stack:
-        tables = {x.name: TableWriter(folder / "links", x.table) for x in plan.links}
-        engine = stack.enter_context(
-            Engine(plan, lambda name, table: tables[name].write(table))
-        )
+        tables = {
+            x.name: stack.enter_context(TableWriter(link_file(folder, x.name), x.table.facts()))
+            for x in plan.links
+        }
+        ages = {x.name: Ages(x.table.grid) for x in plan.links}
+
+        def keep(name: str, rows: NDArray[np.int32]) -> None:
+            tables[name].write(rows)
+            ages[name].add(rows)
+
+        engine = stack.enter_context(Engine(plan, keep))
         engine.initialize()
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
@@ -92,16 +107,15 @@ def simulate(
         try:
             _loop(engine, plan, recorder, rows, progress)
         except BaseException as error:
-            _save_failure(error, recorder, engine, plan, folder)
+            _save_failure(error, recorder, plan, folder)
             write_metadata(folder, metadata(scenario, plan, error=error))
             raise
         finally:
             recorder.close()
-            for table in tables.values():
-                table.close()
         wall = watch()
         write_metadata(folder, metadata(scenario, plan, wall=wall))
-    return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall)
+    statistics = {name: age.result() for name, age in ages.items()}
+    return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall, statistics)
 
 
 def _loop(
@@ -114,27 +128,25 @@ def _loop(
     while engine.tick < plan.ticks:
         first = engine.tick
         buffer = recorder.buffer()
+        failed = True
         try:
             engine.run(min(rows - 1, plan.ticks - first), buffer)
+            failed = False
         finally:
             n = engine.rows
-            if engine.tick == plan.ticks:  # the last row: everything as it stands at the end
+            if engine.tick == plan.ticks or failed:  # the last row: everything as it stands
                 buffer[n] = engine.signals
                 n += 1
             recorder.submit(buffer, first, n)
         progress(engine.tick, plan.ticks)
 
 
-def _save_failure(
-    error: BaseException, recorder: Recorder, engine: Engine, plan: Plan, folder: Path
-) -> None:
-    """Keep the last ticks of every signal; the failing tick itself is their last row."""
-    if not isinstance(error, RunError):
-        return
-    names = [name for c in plan.components for s in (*c.inputs, *c.outputs) for name in s.scalars()]
-    path = folder / "last_ticks.parquet"
-    recorder.save_last(path, FLIGHT_RECORDER, names, final=(engine.tick, engine.signals))
-    error.saved = str(folder)
+def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: Path) -> None:
+    """Keep the last ticks of every signal; their last row is what the failure left behind."""
+    if isinstance(error, RunError):
+        slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
+        recorder.save_last(folder / LAST, FLIGHT_RECORDER, _columns(slots))
+        error.saved = str(folder)
 
 
 def metadata(

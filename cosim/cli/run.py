@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from cosim.scenario import Scenario
-    from cosim.simulate import Outcome
 
 
 def run(
@@ -32,25 +28,42 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
-    from cosim.cli.summary import figures, header, summary
-    from cosim.record import Run, new_folder
+    from cosim.assemble import assemble
+    from cosim.cli.summary import check, figures, header, progress_bar, summary
+    from cosim.clock import stamp
+    from cosim.record import Run, claim_folder
     from cosim.scenario import load
-    from cosim.simulate import simulate
+    from cosim.simulate import columns, simulate
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     loaded = load(scenario, settings)
-    plan = _plan(loaded)
-    say = (lambda text: None) if quiet else typer.echo
+    plan = assemble(loaded)
+    recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
+    check(loaded, [c.name for c in recorded])
+    folder = claim_folder(out or _fresh(Path("runs") / f"{loaded.name}-{stamp()}"), force=force)
+
+    def say(text: str) -> None:
+        if not quiet:
+            typer.echo(text)
+
     say(header(loaded, plan))
-    folder = new_folder(out, loaded.name, force=force)
-    with _progress(quiet) as progress:
+    with progress_bar(quiet) as progress:
         outcome = simulate(loaded, folder, progress, plan)
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)
     if csv:
         result.to_csv(folder / "trajectories.csv")
-    if plot:
-        for path in figures(loaded, result, folder):
-            say(f"figure       {path}")
-    say(f"run folder   {folder}")
+    for path in figures(loaded, result, folder) if plot else ():
+        say(f"{'figure':<16} {path}")
+    say(f"{'run folder':<16} {folder}")
+
+
+def _fresh(folder: Path) -> Path:
+    """`folder`, or with -2, -3, ... behind it: two runs may start in one second."""
+    n = 1
+    path = folder
+    while path.exists():
+        n += 1
+        path = folder.with_name(f"{folder.name}-{n}")
+    return path

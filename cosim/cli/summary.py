@@ -1,0 +1,164 @@
+"""What ``cosim run`` says before and after: header, progress, ten lines of numbers, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cosim.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from cosim.analysis.metrics import Metric, Result
+    from cosim.plan import Plan
+    from cosim.record import Run
+    from cosim.report.figures import Figure
+    from cosim.scenario import Scenario
+    from cosim.simulate import Outcome
+
+_WIDTH = 16
+
+
+def header(scenario: Scenario, plan: Plan) -> str:
+    """What is about to run."""
+    from cosim.fmi import FmuComponent
+
+    fmus = sum(isinstance(c.component, FmuComponent) for c in plan.components)
+    rest = len(plan.components) - fmus
+    parts = [f"{fmus} FMUs"] + ([f"{rest} Python components"] if rest else [])
+    parts += [f"{len(plan.links)} links"] if plan.links else []
+    return (
+        f"{scenario.title}\n"
+        f"{scenario.path}: {', '.join(parts)}, {plan.ticks} ticks of {plan.h:g} s, "
+        f"algorithm {plan.algorithm}, seed {scenario.run.seed}"
+    )
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """A bar on a terminal's standard error; elsewhere, and when quiet, nothing."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda done, ticks: None
+        return
+    columns = (BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("run")
+        yield lambda done, ticks: bar.update(task, completed=done, total=ticks)
+
+
+def metrics(scenario: Scenario) -> list[Metric]:
+    """The scenario's metrics. Raises ScenarioError with the place of what is wrong."""
+    from cosim.analysis.metrics import metric
+
+    found = []
+    for name, spec in scenario.metrics.items():
+        place = scenario.place("metrics", name)
+        durations = {
+            key: None if value is None else scenario.seconds(value, "metrics", name, key)
+            for key, value in (("window", spec.window),)
+        }
+        within = spec.within if spec.within is None else float(spec.within)
+        found.append(
+            metric(
+                name, spec.kind, spec.of, target=spec.target, within=within,
+                window=durations["window"], norm=spec.norm, label=spec.label, place=place,
+            )
+        )  # fmt: skip
+    return found
+
+
+def figure_specs(scenario: Scenario) -> dict[str, Figure]:
+    """The scenario's figures."""
+    from cosim.report.figures import Figure, Panel
+
+    return {
+        name: Figure(
+            title=spec.title or scenario.title,
+            panels=tuple(
+                Panel(
+                    y=p.y, title=p.title, labels=p.labels, reference=p.reference,
+                    reference_label=p.reference_label, ylabel=p.ylabel,
+                )
+                for p in spec.panels
+            ),
+        )
+        for name, spec in scenario.figures.items()
+    }  # fmt: skip
+
+
+def check(scenario: Scenario, recorded: list[str]) -> None:
+    """Refuse metrics and figures of signals that will not be recorded, before the run."""
+    known = {name for name in recorded} | {name.split("[")[0] for name in recorded}
+    wanted = [
+        (signal, scenario.place("metrics", m.name)) for m in metrics(scenario) for signal in m.signals
+    ]
+    for name, spec in scenario.figures.items():
+        for i, panel in enumerate(spec.panels):
+            place = scenario.place("figures", name, "panels", i)
+            references = [r for r in panel.reference if isinstance(r, str)]
+            wanted += [(signal, place) for signal in (*panel.y, *references)]
+    for signal, place in wanted:
+        if signal not in known:
+            raise ScenarioError(
+                f"no recorded signal {signal!r}; there are: {', '.join(sorted(known))}", place
+            )
+
+
+def summary(scenario: Scenario, run: Run, outcome: Outcome) -> list[str]:
+    """The numbers of a run, a line each."""
+    from cosim.analysis.metrics import evaluate
+
+    results = evaluate(metrics(scenario), run)
+    lines = [_line(r.label, r.text) for r in results]
+    settled = _settled(scenario, results)
+    if settled:
+        at = next(i for i, r in enumerate(results) if "settle_s" not in r.parts)
+        lines.insert(at, _line("settle time", settled))
+    lines += [_line("link age", text) for text in _ages(outcome)]
+    ratio = outcome.seconds / outcome.wall
+    lines.append(
+        _line("wall time", f"{outcome.wall:.3f} s for {outcome.seconds:g} s: {ratio:.0f} x real time")
+    )
+    return lines
+
+
+def _line(label: str, text: str) -> str:
+    return f"{label:<{_WIDTH}} {text}"
+
+
+def _settled(scenario: Scenario, results: tuple[Result, ...]) -> str:
+    parts = []
+    for r in results:
+        if "settle_s" in r.parts:
+            within = scenario.metrics[r.name].within
+            time = r.parts["settle_s"]
+            when = f"{time:.2f} s" if time < float("inf") else "never"
+            parts.append(f"{when} ({r.label} < {within:g} {r.unit})")
+    return ", ".join(parts)
+
+
+def _ages(outcome: Outcome) -> list[str]:
+    """Mean and p95 of the age of what each link held."""
+    lines = []
+    for name, s in outcome.ages.items():
+        ms = {"mean": s.age_mean, "p95": s.age_p95, "max": s.age_maximum}
+        numbers = ", ".join(f"{key} {value * 1e3:.0f} ms" for key, value in ms.items())
+        lines.append(f"{numbers}  {name}")
+    return lines
+
+
+def figures(scenario: Scenario, run: Run, folder: Path) -> list[Path]:
+    """Draw the scenario's figures into the run folder."""
+    from cosim.report.figures import draw
+
+    paths = []
+    for name, figure in figure_specs(scenario).items():
+        path = folder / f"{name}.png"
+        draw(figure, run, path)
+        paths.append(path)
+    return paths

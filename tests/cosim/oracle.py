@@ -1,0 +1,87 @@
+"""The engine's oracle: the same plan, executed operation by operation in plain Python.
+
+Short and obvious on purpose. FMUs are stepped through their Component interface (one ctypes call
+per FMI function), everything else is list arithmetic.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cosim.fmi import FmuComponent
+from cosim.native import Code
+from cosim.plan import Plan, Slot, Step
+
+
+def execute(plan: Plan) -> np.ndarray:
+    """Run a plan from start to stop; returns (ticks + 1, n_signals), as a recording is."""
+    signals = start(plan)
+    tables = [link.table.stream().rows(_hits(plan, link)) for link in plan.links]
+    sent: list[list[np.ndarray]] = [[] for _ in plan.links]
+    before = [signals[_range(link.target)].copy() for link in plan.links]
+    rows = []
+    for tick in range(plan.ticks):
+        for op in plan.operations:
+            if tick < op.first or (tick - op.first) % op.period:
+                continue
+            source, target = slice(op.source, op.source + op.count), slice(op.target, op.target + op.count)
+            if op.code == Code.COPY:
+                signals[target] = signals[source]
+            elif op.code == Code.SCALE:
+                signals[target] = op.gain * signals[source] + op.offset
+            elif op.code == Code.PUSH:
+                plain = (op.gain, op.offset) == (1.0, 0.0)
+                value = signals[source].copy()
+                sent[op.index].append(value if plain else op.gain * value + op.offset)
+            elif op.code == Code.PULL:
+                held = tables[op.index][tick // op.period]
+                signals[target] = before[op.index] if held < 0 else sent[op.index][held]
+            elif op.code == Code.STEP:
+                step = plan.components[op.index]
+                first = tick - (0 if step.name in plan.order else step.period - 1)
+                u = _values(signals, step.inputs)
+                y = step.component.step(first * plan.h, step.period * plan.h, u)
+                _store(signals, step, y)
+            elif op.code == Code.RECORD:
+                rows.append(signals.copy())
+    rows.append(signals.copy())
+    return np.array(rows)
+
+
+def start(plan: Plan) -> np.ndarray:
+    """Signals at the start: initial outputs travel along every connection until nothing changes."""
+    signals = np.zeros(plan.n_signals)
+    for step in plan.components:
+        shapes = {p.name: p.shape for p in step.component.parameters}
+        step.component.initialize({k: np.reshape(v, shapes[k]) for k, v in step.values.items()})
+        for slot, port in zip(step.inputs, step.component.inputs, strict=True):
+            signals[_range(slot)] = step.start.get(port.name) or port.default or 0.0
+    for _ in range(len(plan.components) + 1):
+        for step in plan.components:
+            for edge in (*plan.wires, *plan.links):
+                if edge.target.component == step.name:
+                    value = edge.gain * signals[_range(edge.source)] + edge.offset
+                    given = getattr(edge, "initial", None)
+                    signals[_range(edge.target)] = value if given is None else given
+            _store(signals, step, step.component.initial(_values(signals, step.inputs)))
+    for step in plan.components:
+        if isinstance(step.component, FmuComponent):
+            step.component.exit_initialization()
+    return signals
+
+
+def _range(slot: Slot) -> slice:
+    return slice(slot.start, slot.start + slot.size)
+
+
+def _values(signals: np.ndarray, slots: tuple[Slot, ...]) -> dict[str, np.ndarray]:
+    return {s.port: signals[_range(s)].reshape(s.shape).copy() for s in slots}
+
+
+def _store(signals: np.ndarray, step: Step, y: object) -> None:
+    for slot in step.outputs:
+        signals[_range(slot)] = np.reshape(y[slot.port], -1)  # type: ignore[index]
+
+
+def _hits(plan: Plan, link: object) -> int:
+    return -(-plan.ticks // plan.component(link.target.component).period)  # type: ignore[attr-defined]

@@ -1,0 +1,1 @@
+"""Numbers from a run: what the summary of a run says."""

@@ -1,0 +1,283 @@
+"""Metrics: one number of the summary each, declared in the scenario, computed from a run.
+
+A metric names recorded signals and knows nothing else: no robot, no role. With x(t) the stacked
+entries of its signals, recorded at t_0 … t_n:
+
+=============  ===================================================================
+error          E(t) = max over signals of ‖x(t) - target(t)‖; E(t_n), RMSE, max, settle time
+norm           ‖x‖₂ = sqrt(∫ |x|² dt)
+integral_abs   ∫ |x| dt
+rms            sqrt(∫ |x|² dt / (t_n - t_0))
+tail_mean      mean of |x| over the rows of the last `window` seconds
+peak           max over time and entries of |x_i|
+final          x(t_n); |x(t_n)| for more than one entry
+=============  ===================================================================
+
+|x| is the Euclidean norm of x(t). Integrals are trapezoids over the recorded rows, so what is
+recorded coarsely is integrated coarsely. A number that cannot be had (nothing recorded, a value
+that is not finite) is NaN with a sentence; a metric that makes no sense raises ScenarioError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf, isfinite, isnan, nan, sqrt
+from typing import Literal, cast, get_args
+
+import numpy as np
+
+from cosim.analysis.signals import Array, Signals, Stack, stack
+from cosim.errors import ScenarioError
+
+Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "peak", "final"]
+Distance = Literal["max", "euclidean"]
+
+_KINDS = ("error", *get_args(Kind))
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a metric says: `value` in `unit`, the rest in words and, by name, as numbers.
+
+    `parts` are in `unit`, or in s where the name ends in ``_s``.
+    """
+
+    name: str
+    label: str
+    value: float
+    unit: str
+    detail: str = ""
+    parts: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """Value, unit and detail on one line."""
+        if isnan(self.value):
+            return f"no number: {self.detail}"
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.value:.4g}{unit} {self.detail}".rstrip()
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """How far signals are from a target: E(t) = max over `of` of ‖x(t) - target(t)‖.
+
+    `target`: a number per entry, or a signal. `norm`: the largest entry ("max", by which settle
+    times of joints are told here) or the Euclidean norm. The settle time is the last exit from
+    the band E < `within`: from the row after it on, the error stays inside. RMSE is the root of
+    the mean of E² over time.
+    """
+
+    name: str
+    of: tuple[str, ...]
+    target: tuple[float, ...] | str
+    within: float | None = None
+    norm: Distance = "max"
+    label: str = ""
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals it reads."""
+        return (*self.of, self.target) if isinstance(self.target, str) else self.of
+
+    def evaluate(self, signals: Signals) -> Result:
+        """E(t_n), with RMSE, maximum and settle time in the detail and the parts."""
+        place = f"metrics.{self.name}"
+        whole = stack(signals, self.signals, place)
+        each = [stack(signals, [name], place) for name in self.of]
+        target = self._target(signals, [s.x.shape[1] for s in each], place)
+        if whole.flaw:
+            return Result(self.name, self.label or self.name, nan, whole.unit, whole.flaw)
+        distance = _largest if self.norm == "max" else _length
+        t, E = whole.t, np.max([distance(s.x - target) for s in each], axis=0)
+        worst, rmse = int(np.argmax(E)), _root_mean_square(E, whole.t)
+        parts = {"final": E[-1], "rmse": rmse, "max": E[worst], "max_at_s": t[worst]}
+        words = f"at {t[-1]:.4g} s; RMSE {rmse:.3g}; max {E[worst]:.3g} at {t[worst]:.4g} s"
+        if self.within is not None:
+            parts["settle_s"] = settle = settle_time(E, t, self.within)
+            words += (
+                f"; below {self.within:g} from {settle:.4g} s on"
+                if settle < inf
+                else f"; not below {self.within:g} at the end"
+            )
+        parts = {key: float(value) for key, value in parts.items()}
+        return Result(self.name, self.label or self.name, parts["final"], whole.unit, words, parts)
+
+    def _target(self, signals: Signals, sizes: Sequence[int], place: str) -> Array:
+        """Target as (n, m), or (1, m) if it is fixed; m is checked against every signal."""
+        if isinstance(self.target, str):
+            target, found = stack(signals, [self.target], place).x, f"{self.target} of size"
+        else:
+            target, found = np.array([self.target], dtype=np.float64), "a list of length"
+        for name, size in zip(self.of, sizes, strict=True):
+            if size != target.shape[1]:
+                raise ScenarioError(
+                    f"{name} has size {size}, but its target is {found} {target.shape[1]}", place
+                )
+        return target
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A number of the stacked signals `of` by themselves; `kind` as in the table above.
+
+    `window`: s, of ``tail_mean``.
+    """
+
+    name: str
+    kind: Kind
+    of: tuple[str, ...]
+    window: float = 0.0
+    label: str = ""
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals it reads."""
+        return self.of
+
+    def evaluate(self, signals: Signals) -> Result:
+        """The number, over all that was recorded."""
+        s = stack(signals, self.of, f"metrics.{self.name}")
+        unit = _times(s.unit, {"norm": "√s", "integral_abs": "s"}.get(self.kind, ""))
+        if s.flaw:
+            return Result(self.name, self.label or self.name, nan, unit, s.flaw)
+        value, words, parts = _MEASURES[self.kind](s, self.window)
+        parts = {key: float(part) for key, part in parts.items()}
+        return Result(self.name, self.label or self.name, float(value), unit, words, parts)
+
+
+Metric = Error | Measure
+
+
+def evaluate(metrics: Iterable[Metric], signals: Signals) -> tuple[Result, ...]:
+    """Result of each metric, in order. Raises ScenarioError for one that makes no sense."""
+    return tuple(metric.evaluate(signals) for metric in metrics)
+
+
+def metric(
+    name: str,
+    kind: str,
+    of: Sequence[str],
+    *,
+    target: Sequence[float] | str | None = None,
+    within: float | None = None,
+    window: float | None = None,
+    norm: Distance = "max",
+    label: str = "",
+    place: str = "",
+) -> Metric:
+    """The metric a table of the scenario declares (durations in s already).
+
+    Raises ScenarioError at `place` for an unknown kind, or a key it lacks or does not take.
+    """
+    place = place or f"metrics.{name}"
+    if kind not in _KINDS:
+        raise ScenarioError(f"unknown kind {kind!r}; expected one of {', '.join(_KINDS)}", place)
+    if not of:
+        raise ScenarioError("'of' names no signal", place)
+    needs = {"error": ("target",), "tail_mean": ("window",)}.get(kind, ())
+    takes = {"error": ("target", "within"), "tail_mean": ("window",)}.get(kind, ())
+    for key, value in (("target", target), ("within", within), ("window", window)):
+        if value is None and key in needs:
+            raise ScenarioError(f"kind {kind!r} needs {key!r}", place)
+        if value is not None and key not in takes:
+            raise ScenarioError(f"kind {kind!r} takes no {key!r}", place)
+        if isinstance(value, int | float) and not (isfinite(value) and value > 0):
+            raise ScenarioError(f"found {value:g}, expected a number above 0", f"{place}.{key}")
+    if kind != "error":
+        return Measure(name, cast(Kind, kind), tuple(of), window or 0.0, label)
+    fixed = target if isinstance(target, str) else tuple(float(x) for x in target or ())
+    return Error(name, tuple(of), fixed, within, norm, label)
+
+
+def settle_time(E: Array, t: Array, within: float) -> float:
+    """Time of the first row, s, from which on E < `within`; inf if the last row is outside.
+
+    `E`, `t`: (n,). NaN counts as outside.
+    """
+    outside = np.flatnonzero(~(within > E))
+    if not len(outside):
+        return float(t[0]) if len(t) else nan
+    first = int(outside[-1]) + 1
+    return float(t[first]) if first < len(t) else inf
+
+
+# ---- measures: stack and window to value, words, parts ------------------------------------------
+
+_Measured = tuple[float, str, Mapping[str, float]]
+
+
+def _norm(s: Stack, _: float) -> _Measured:
+    return sqrt(_integral(_length(s.x) ** 2, s.t)), _over(s.t), {}
+
+
+def _integral_abs(s: Stack, _: float) -> _Measured:
+    return _integral(_length(s.x), s.t), _over(s.t), {}
+
+
+def _rms(s: Stack, _: float) -> _Measured:
+    return _root_mean_square(_length(s.x), s.t), _over(s.t), {}
+
+
+def _tail_mean(s: Stack, window: float) -> _Measured:
+    tail = s.t >= s.t[-1] - window * (1 + 1e-9)
+    words = f"over the last {window:.4g} s"
+    if s.t[-1] - s.t[0] < window * (1 - 1e-9):
+        words = f"{_over(s.t)}, which is all there is"
+    return float(_length(s.x[tail]).mean()), words, {}
+
+
+def _peak(s: Stack, _: float) -> _Measured:
+    row, entry = divmod(int(np.argmax(np.abs(s.x))), s.x.shape[1])
+    words = f"at {s.t[row]:.4g} s ({s.names[entry]})"
+    return abs(float(s.x[row, entry])), words, {"at_s": s.t[row]}
+
+
+def _final(s: Stack, _: float) -> _Measured:
+    last = s.x[-1]
+    parts = dict(zip(s.names, last.tolist(), strict=True))
+    if len(last) == 1:
+        return float(last[0]), f"at {s.t[-1]:.4g} s", parts
+    entries = ", ".join(f"{x:.4g}" for x in last)
+    return float(_length(s.x[-1:])[0]), f"at {s.t[-1]:.4g} s, length of ({entries})", parts
+
+
+_MEASURES: Mapping[Kind, Callable[[Stack, float], _Measured]] = {
+    "norm": _norm,
+    "integral_abs": _integral_abs,
+    "rms": _rms,
+    "tail_mean": _tail_mean,
+    "peak": _peak,
+    "final": _final,
+}
+
+
+def _largest(x: Array) -> Array:
+    """max_i |x_i| of each row; (n, m) -> (n,)."""
+    return np.asarray(np.abs(x).max(axis=1, initial=0.0))
+
+
+def _length(x: Array) -> Array:
+    """|x| of each row; (n, m) -> (n,)."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", x, x)))
+
+
+def _integral(y: Array, t: Array) -> float:
+    """∫ y dt by trapezoids; y, t (n,)."""
+    return float(0.5 * np.sum(np.diff(t) * (y[1:] + y[:-1])))
+
+
+def _root_mean_square(y: Array, t: Array) -> float:
+    duration = float(t[-1] - t[0])
+    return sqrt(_integral(y**2, t) / duration) if duration > 0 else float(abs(y[-1]))
+
+
+def _over(t: Array) -> str:
+    return f"over {t[-1] - t[0]:.4g} s"
+
+
+def _times(unit: str, factor: str) -> str:
+    if not factor:
+        return unit
+    return factor if unit in ("", "1") else f"{unit}.{factor}"

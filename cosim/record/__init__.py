@@ -1,0 +1,26 @@
+"""The run folder: what a run leaves behind, written while it runs and read back afterwards.
+
+``runs/<scenario>-<date>-<time>/`` holds
+
+* ``trajectories.parquet``: column ``t`` (s) and one float64 column a recorded scalar, its unit in
+  the field's metadata;
+* ``run.json``: scenario, seeds, versions, results;
+* ``links/<name>.parquet``: the table of sent samples of each link;
+* ``last.parquet``: the last ticks of *all* signals, only after a run that had to stop.
+
+This package knows columns and rows; it does not know what the signals mean.
+"""
+
+from cosim.record.folder import claim_folder, link_file, read_metadata, write_metadata
+from cosim.record.recorder import Column, Recorder
+from cosim.record.run import Run
+
+__all__ = [
+    "Column",
+    "Recorder",
+    "Run",
+    "claim_folder",
+    "link_file",
+    "read_metadata",
+    "write_metadata",
+]

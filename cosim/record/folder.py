@@ -1,0 +1,139 @@
+"""Names and life of a run folder; ``run.json``, its only text file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote
+
+from cosim.errors import RunError, ScenarioError
+
+TRAJECTORIES = "trajectories.parquet"
+METADATA = "run.json"
+LAST = "last.parquet"
+LINKS = "links"
+
+
+def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
+    """Create `folder` for a run, or take one that is there and empty.
+
+    With `force`, the files of an earlier run in it are deleted: those this package writes, and
+    nothing else. Raises ScenarioError for a folder that holds something and no `force`, that
+    holds something but no run, or that cannot be created.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        present = sorted(path.name for path in folder.iterdir())
+        if present and not force:
+            raise ScenarioError(
+                f"the folder is not empty (it holds {_some(present)}); "
+                "choose another one or force overwriting",
+                str(folder),
+            )
+        if present and not {TRAJECTORIES, METADATA, LAST, LINKS} & set(present):
+            raise ScenarioError(
+                f"the folder holds {_some(present)} but no earlier run; nothing is overwritten",
+                str(folder),
+            )
+        for path in _own_files(folder):
+            path.unlink()
+    except OSError as error:
+        raise ScenarioError(f"no run folder here: {reason(error)}", str(folder)) from error
+    return folder
+
+
+def _own_files(folder: Path) -> list[Path]:
+    single = [folder / name for name in (TRAJECTORIES, METADATA, LAST)]
+    return [path for path in single if path.is_file()] + sorted((folder / LINKS).glob("*.parquet"))
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong in words: the system's text for an OSError, else the error's own."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return os.strerror(error.errno)
+    return str(error) or type(error).__name__
+
+
+def link_file(folder: str | Path, name: str) -> Path:
+    """File for the table of link `name` in `folder`; creates ``links/``.
+
+    Names may hold any character: what a file name cannot hold is percent-encoded.
+    """
+    links = Path(folder) / LINKS
+    try:
+        links.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f"cannot create {links}: {reason(error)}") from error
+    return links / f"{quote(name, safe=' ')}.parquet"
+
+
+def link_files(folder: Path) -> dict[str, Path]:
+    """The stored link tables of a folder: file by link name, sorted by name."""
+    files = (folder / LINKS).glob("*.parquet")
+    return dict(sorted((unquote(path.stem), path) for path in files))
+
+
+def write_metadata(folder: str | Path, mapping: Mapping[str, Any]) -> Path:
+    """Write ``run.json``: keys sorted, indented, replaced in one step (never half a file).
+
+    Numbers that are not finite become ``null``, which JSON has, unlike NaN. Takes NumPy numbers
+    and arrays and paths besides JSON's own types. Raises RunError naming the place of a value
+    that JSON cannot hold, or the path where writing fails.
+    """
+    path = Path(folder) / METADATA
+    text = json.dumps(_plain(mapping, METADATA), indent=2, sort_keys=True, ensure_ascii=False)
+    part = path.with_name(f"{METADATA}.{os.getpid()}.part")
+    try:
+        part.write_text(text + "\n", encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise RunError(f"cannot write {path}: {reason(error)}") from error
+    return path
+
+
+def read_metadata(folder: str | Path) -> dict[str, Any]:
+    """What ``run.json`` of `folder` says; empty if there is none (a run that was cut short).
+
+    Raises ScenarioError naming the file if it is no JSON object.
+    """
+    path = Path(folder) / METADATA
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"cannot be read: {reason(error)}", str(path)) from error
+    if not isinstance(content, dict):
+        raise ScenarioError(f"found a {type(content).__name__}, expected an object", str(path))
+    return content
+
+
+def _plain(value: Any, place: str) -> Any:
+    """`value` in JSON's types only."""
+    import numpy as np
+
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return float(value) if isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, np.generic):
+        return _plain(value.item(), place)
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist(), place)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry, f"{place}.{key}") for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry, f"{place}[{i}]") for i, entry in enumerate(value)]
+    raise RunError(f"{place}: a {type(value).__name__} cannot be written as JSON")

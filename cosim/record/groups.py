@@ -1,0 +1,127 @@
+"""Rows of the signal vector in, Parquet row groups of fixed size out.
+
+Settings, measured on a teleoperation run (60 001 rows, 39 columns, one core, best of five):
+no compression 26 ms and 18.7 MB, Snappy 28 ms and 7.7 MB, LZ4 28 ms and 7.5 MB, Zstandard 36 ms
+and 5.7 MB; splitting the bytes of the numbers (BYTE_STREAM_SPLIT) adds 9 ms and saves little or
+nothing, because held signals repeat. Snappy is what every reader has. Dictionaries and
+statistics of the signals are off; the statistics of ``t`` let readers skip row groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = NDArray[np.float64]
+
+#: Values in a row group, at most (8 MiB), and the limits of its rows.
+_GROUP_VALUES, _GROUP_LEAST, _GROUP_MOST = 1 << 20, 1 << 10, 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A recorded scalar: its name (``master.q[0]``), unit and index in the signal vector."""
+
+    name: str
+    unit: str
+    index: int
+
+
+def group_rows(n_columns: int) -> int:
+    """Rows in a full row group of `n_columns` signals: a power of two near 8 MiB."""
+    fit = _GROUP_VALUES // (n_columns + 1)
+    return max(_GROUP_LEAST, min(_GROUP_MOST, 1 << (max(fit, 1).bit_length() - 1)))
+
+
+class GroupWriter:
+    """One Parquet file: ``t`` and the columns, every `every`-th tick and the last one.
+
+    Boundaries of row groups depend on the number of rows only, so the same rows give the same
+    bytes however they were cut into chunks. Not thread-safe; errors of the file pass through.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[Column],
+        *,
+        h: float,
+        every: int = 1,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self._arrow: Any = pa
+        self._h, self._every = h, every
+        self._index = np.array([column.index for column in columns], dtype=np.intp)
+        self._rows = group_rows(len(columns))
+        self._group = np.empty((len(columns) + 1, self._rows))  # row 0 is t
+        self._fill = 0
+        self._pending: tuple[int, Rows] | None = None  # last tick so far, if not on the grid
+        named = [("t", "s"), *((column.name, column.unit) for column in columns)]
+        self._schema: Any = pa.schema(
+            [pa.field(n, pa.float64(), nullable=False, metadata={"unit": u}) for n, u in named],
+            metadata={"h": repr(h), "every": str(every), **(metadata or {})},
+        )
+        self._file: Any = pa.OSFile(str(path), "wb")
+        self._writer: Any = pq.ParquetWriter(
+            self._file,
+            self._schema,
+            compression="snappy",
+            use_dictionary=False,
+            write_statistics=["t"],
+        )
+
+    def add(self, rows: Rows, k0: int) -> None:
+        """Take `rows` (n, n_signals), the signal vector at ticks k0 … k0+n-1."""
+        if not len(rows):
+            return
+        first = -k0 % self._every
+        self._put(rows[first :: self._every], k0 + first)
+        last = k0 + len(rows) - 1
+        off_grid = last % self._every != 0
+        self._pending = (last, rows[-1:].copy()) if off_grid else None
+
+    def _put(self, rows: Rows, k0: int) -> None:
+        """Take rows on the grid: ticks k0, k0 + every and so on."""
+        done = 0
+        while done < len(rows):
+            n = min(len(rows) - done, self._rows - self._fill)
+            place = slice(self._fill, self._fill + n)
+            ticks = k0 + self._every * np.arange(done, done + n, dtype=np.int64)
+            np.multiply(ticks, self._h, out=self._group[0, place])
+            self._group[1:, place] = rows[done : done + n].T[self._index]
+            self._fill += n
+            done += n
+            if self._fill == self._rows:
+                self._flush()
+
+    def _flush(self) -> None:
+        arrays = [self._arrow.array(values[: self._fill]) for values in self._group]
+        batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
+        self._writer.write_batch(batch, row_group_size=self._rows)
+        self._fill = 0
+
+    def close(self) -> None:
+        """Write what is left, the last tick included, and the footer."""
+        if self._pending is not None:
+            last, row = self._pending
+            self._pending = None
+            self._put(row, last)
+        if self._fill:
+            self._flush()
+        self._writer.close()
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Let go of the file after a failure, whatever state it is in."""
+        for item in (self._writer, self._file):
+            with suppress(Exception):
+                item.close()

@@ -1,0 +1,239 @@
+"""Recorder: takes chunks of the signal vector from the engine and writes them behind its back.
+
+The engine fills a buffer, hands it over and takes the next one; a thread selects, transposes and
+encodes. Buffers are few and allocated once: memory does not grow with the length of a run (the
+index at the end of the Parquet file does: some kilobytes a row group). What the buffers still
+hold is the flight recorder: the last ticks of *all* signals, recorded or not.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from cosim.errors import RunError, ScenarioError
+from cosim.record.folder import TRAJECTORIES, reason
+from cosim.record.groups import Column, GroupWriter, Rows
+
+__all__ = ["Column", "Recorder"]
+
+
+class Recorder:
+    """Records ticks k0, k0+1, … of a run into ``<folder>/trajectories.parquet``.
+
+    Use::
+
+        with Recorder(folder, columns, h=1e-3, n_signals=120) as recorder:
+            rows = recorder.buffer()          # (rows_per_chunk, n_signals), yours to fill
+            recorder.submit(rows, k0=0, n=2048)
+
+    `columns`: what is recorded, in this order. `h`: base step, s. `every`: ticks k with
+    k mod every = 0 are kept, and the last one. `rows_per_chunk`: rows (ticks) of a buffer.
+    `buffers`: how many there are; all but the one being filled are the flight recorder.
+    `metadata`: texts for the file's schema metadata, which is part of its bytes.
+
+    Raises ScenarioError for settings that cannot be, RunError with the path if the file cannot
+    be created. What fails in the thread (a full disk) is raised as RunError by the next
+    :meth:`buffer`, :meth:`submit` or :meth:`close`.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        columns: Sequence[Column],
+        *,
+        h: float,
+        n_signals: int,
+        rows_per_chunk: int = 2048,
+        every: int = 1,
+        buffers: int = 3,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        _check(columns, h, n_signals, rows_per_chunk, every, buffers)
+        self.path = Path(folder) / TRAJECTORIES
+        self._columns = tuple(columns)
+        self._h, self._every, self._metadata = h, every, metadata
+        self._n_signals = n_signals
+        self._next: int | None = None  # tick expected next
+        self._failure: BaseException | None = None
+        self._closed = False
+        self._free: queue.SimpleQueue[Rows] = queue.SimpleQueue()
+        self._full: queue.SimpleQueue[tuple[Rows, int, int] | None] = queue.SimpleQueue()
+        self._out: list[Rows] = []  # with the engine
+        self._held: deque[tuple[Rows, int, int]] = deque()  # handed in, not yet reused
+        self._buffers = buffers
+        for _ in range(buffers):
+            self._free.put(np.empty((rows_per_chunk, n_signals)))
+        self._writer = self._create()
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    def _create(self) -> GroupWriter:
+        """Open the file here, so that a folder that cannot be written fails at once.
+
+        And so that pyarrow is imported before the run: next to it, the import would hold up
+        every call of the engine that comes back to Python.
+        """
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with open(self.path, "xb"):
+                pass
+            return GroupWriter(
+                self.path, self._columns, h=self._h, every=self._every, metadata=self._metadata
+            )
+        except OSError as error:
+            raise RunError(f"cannot write {self.path}: {reason(error)}") from error
+
+    # ---- the engine's side -------------------------------------------------------------------
+
+    def buffer(self) -> Rows:
+        """A buffer to fill, (rows_per_chunk, n_signals); waits until one has been written.
+
+        What it held leaves the flight recorder.
+        """
+        self._raise_failure()
+        if len(self._out) == self._buffers:
+            raise RunError(f"all {self._buffers} buffers of the recorder are out; submit one first")
+        rows = self._free.get()
+        self._raise_failure()
+        self._held = deque(entry for entry in self._held if entry[0] is not rows)
+        self._out.append(rows)
+        return rows
+
+    def submit(self, buffer: Rows, k0: int, n: int) -> None:
+        """Hand over a buffer: its first `n` rows are ticks `k0` … `k0`+n-1, following the last."""
+        place = next((i for i, rows in enumerate(self._out) if rows is buffer), None)
+        if place is None or self._closed:
+            raise RunError("a buffer was submitted that this recorder did not hand out")
+        if not 0 <= n <= len(buffer):
+            raise RunError(f"found {n} rows to record, expected 0 to {len(buffer)}")
+        if k0 < 0 or self._next not in (None, k0):
+            raise RunError(f"found a chunk from tick {k0}, expected tick {self._next or 0}")
+        del self._out[place]
+        self._next = k0 + n
+        self._held.append((buffer, k0, n))
+        self._full.put((buffer, k0, n))
+        self._raise_failure()
+
+    def close(self) -> None:
+        """Write the rest and the footer. Later calls do nothing. Raises RunError."""
+        if self._closed:
+            return
+        self._closed = True
+        self._full.put(None)
+        self._thread.join()
+        self._raise_failure()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except RunError as failure:
+            if error is None:
+                raise
+            error.add_note(str(failure))  # what stopped the run comes first
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            error = RunError(f"cannot write {self.path}: {reason(self._failure)}")
+            error.saved = str(self.path.parent)
+            raise error from self._failure
+
+    # ---- flight recorder ---------------------------------------------------------------------
+
+    def last(self, n: int) -> tuple[int, Rows]:
+        """First tick and rows (≤ n, n_signals) of the last `n` ticks handed in, all signals.
+
+        Reaches back at least (buffers - 1) full chunks. Works after :meth:`close` and after any
+        failure. Without a tick: (0, no rows).
+        """
+        parts: list[Rows] = []
+        first = self._next or 0
+        for rows, k0, count in reversed(self._held):
+            if n <= 0:
+                break
+            start = max(count - n, 0)
+            parts.append(rows[start:count])
+            first = k0 + start
+            n -= count - start
+        if not parts:
+            return first, np.empty((0, self._n_signals))
+        return first, np.concatenate(parts[::-1])
+
+    def save_last(self, path: str | Path, n: int, columns: Sequence[Column] | None = None) -> Path:
+        """Write :meth:`last` as Parquet: `columns` of the signal vector (default the recorded).
+
+        Raises RunError with the path.
+        """
+        path = Path(path)
+        k0, rows = self.last(n)
+        chosen = self._columns if columns is None else tuple(columns)
+        try:
+            writer = GroupWriter(path, chosen, h=self._h, metadata=self._metadata)
+            writer.add(rows, k0)
+            writer.close()
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {reason(error)}") from error
+        return path
+
+    # ---- the thread's side -------------------------------------------------------------------
+
+    def _write(self) -> None:
+        """Write chunks until told to stop; after a failure go on taking them, so nobody waits."""
+        try:
+            while (chunk := self._full.get()) is not None:
+                rows, k0, n = chunk
+                try:
+                    self._writer.add(rows[:n], k0)
+                finally:
+                    self._free.put(rows)
+            self._writer.close()
+        except Exception as error:
+            self._failure = error
+            self._writer.abandon()
+            self._drain()
+
+    def _drain(self) -> None:
+        while not self._closed and (chunk := self._full.get()) is not None:
+            self._free.put(chunk[0])
+
+
+def _check(
+    columns: Sequence[Column], h: float, n_signals: int, rows: int, every: int, buffers: int
+) -> None:
+    """Refuse settings that cannot be, in a sentence."""
+    if not (isfinite(h) and h > 0):
+        raise ScenarioError(f"found the base step {h} s, expected one above 0", "record.h")
+    for name, value, least in (
+        ("every", every, 1),
+        ("rows_per_chunk", rows, 1),
+        ("buffers", buffers, 2),
+        ("n_signals", n_signals, 0),
+    ):
+        if value < least:
+            raise ScenarioError(f"found {value}, expected {least} or more", f"record.{name}")
+    names = {"t"}
+    for column in columns:
+        if column.name in names:
+            raise ScenarioError(f"the column {column.name!r} is there twice", "record.columns")
+        if not 0 <= column.index < n_signals:
+            raise ScenarioError(
+                f"the column {column.name!r} is entry {column.index} of the signal vector, "
+                f"which has {n_signals}",
+                "record.columns",
+            )
+        names.add(column.name)

@@ -1,0 +1,179 @@
+"""Run: a run folder read back. Columns are read when asked for, once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import RunError, ScenarioError
+from cosim.record.folder import TRAJECTORIES, link_files, read_metadata, reason
+
+Array = NDArray[np.float64]
+
+_ENTRY = re.compile(r"(.+?)((?:\[[\d, ]+\])+)$")  # master.q[0], m.xi_in[1,0], m.xi_in[1][0]
+
+
+class Run:
+    """Trajectories of a finished run. Make one with :meth:`open`.
+
+    ``run.t`` (n,) s; ``run.column("master.q[0]")`` (n,); ``run.array("master.q")`` (n, m).
+    Arrays are read-only. Unknown names raise ScenarioError with the nearest known ones.
+    """
+
+    def __init__(self, path: Path, file: Any) -> None:
+        self.path = path
+        self._file = file
+        schema = file.schema_arrow
+        self._cache: dict[str, Array] = {}
+        self.units: Mapping[str, str] = {
+            field.name: (field.metadata or {}).get(b"unit", b"1").decode() for field in schema
+        }
+        self.properties: Mapping[str, str] = {
+            key.decode(): value.decode()
+            for key, value in (schema.metadata or {}).items()
+            if key != b"ARROW:schema"
+        }
+        self._groups = _group(self.units)
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Run:
+        """Open a run folder, or a single trajectory file such as ``last.parquet``.
+
+        Raises ScenarioError if there is none or it cannot be read.
+        """
+        place = Path(folder)
+        path = place if place.is_file() else place / TRAJECTORIES
+        if not place.exists():
+            raise ScenarioError("there is no such run folder", str(place))
+        if not path.exists():
+            raise ScenarioError(f"no {TRAJECTORIES} in this folder; not a run folder", str(place))
+        import pyarrow.parquet as pq
+
+        try:
+            file = pq.ParquetFile(path)
+        except (OSError, ValueError) as error:
+            raise ScenarioError(
+                f"not a complete Parquet file; was the run cut short? ({reason(error)})", str(path)
+            ) from error
+        if "t" not in file.schema_arrow.names:
+            raise ScenarioError("found no column 't'; not the trajectories of a run", str(path))
+        return cls(path, file)
+
+    # ---- signals -----------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the recorded scalars, in the order of the file, without ``t``."""
+        return tuple(name for name in self.units if name != "t")
+
+    @property
+    def t(self) -> Array:
+        """Time of each row, (n,), s: t_k = k·h."""
+        return self.column("t")
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return int(self._file.metadata.num_rows)
+
+    def column(self, name: str) -> Array:
+        """One recorded scalar, (n,)."""
+        if name not in self.units:
+            raise self._unknown(name)
+        self._load([name])
+        return self._cache[name]
+
+    def array(self, prefix: str) -> Array:
+        """All recorded entries of a signal, (n, m).
+
+        ``"master.q"`` stacks ``master.q[0]``, ``master.q[1]`` and so on. A scalar, or one entry
+        by its full name, is (n, 1). Entries come in the order of their indices (row-major),
+        whatever their order in the file.
+        """
+        names = self.entries(prefix)
+        self._load(list(names))
+        stacked = np.stack([self._cache[name] for name in names], axis=1)
+        stacked.flags.writeable = False
+        return stacked
+
+    def entries(self, prefix: str) -> tuple[str, ...]:
+        """Names of the scalars that :meth:`array` stacks."""
+        if prefix in self.units:
+            return (prefix,)
+        if prefix not in self._groups:
+            raise self._unknown(prefix)
+        return self._groups[prefix]
+
+    def unit(self, prefix: str) -> str:
+        """Unit of a signal, or of one entry. Raises ScenarioError if entries differ in it."""
+        found = sorted({self.units[name] for name in self.entries(prefix)})
+        if len(found) > 1:
+            raise ScenarioError(f"{prefix} has several units: {', '.join(found)}", str(self.path))
+        return found[0]
+
+    def _load(self, names: list[str]) -> None:
+        missing = [name for name in names if name not in self._cache]
+        if not missing:
+            return
+        try:
+            table = self._file.read(columns=missing, use_threads=False)
+        except (OSError, ValueError) as error:
+            raise ScenarioError(f"cannot be read: {reason(error)}", str(self.path)) from error
+        for name in missing:
+            values = np.asarray(table.column(name).to_numpy(), dtype=np.float64)
+            values.flags.writeable = False
+            self._cache[name] = values
+
+    def _unknown(self, name: str) -> ScenarioError:
+        known = [*self._groups, *self.units]
+        near = get_close_matches(name, known, n=3, cutoff=0.5)
+        hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
+        if not hint:
+            shown = ", ".join(list(self._groups)[:8]) + (", …" if len(self._groups) > 8 else "")
+            hint = f"; recorded are {shown or 'no signals'}"
+        return ScenarioError(f"no signal {name!r} was recorded{hint}", str(self.path))
+
+    # ---- beside the signals ------------------------------------------------------------------
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """``run.json``; empty if the run did not get as far as writing it."""
+        return read_metadata(self.path.parent)
+
+    @property
+    def link_tables(self) -> dict[str, Path]:
+        """File of each stored link table, by link name."""
+        return link_files(self.path.parent)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write everything as CSV: a line of names, then numbers that read back exactly.
+
+        Row group after row group, so a long run does not have to fit into memory. Raises
+        RunError with the path.
+        """
+        import pyarrow.csv as csv
+
+        try:
+            with csv.CSVWriter(str(path), self._file.schema_arrow) as writer:
+                for i in range(self._file.num_row_groups):
+                    writer.write_table(self._file.read_row_group(i))
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {reason(error)}") from error
+        return Path(path)
+
+
+def _group(names: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """Scalars by the signal they are entries of, in the order of their indices."""
+    found: dict[str, list[tuple[tuple[int, ...], str]]] = {}
+    for name in names:
+        match = _ENTRY.match(name)
+        key = match[1] if match else name
+        index = tuple(map(int, re.findall(r"\d+", match[2]))) if match else ()
+        if name != "t":
+            found.setdefault(key, []).append((index, name))
+    return {key: tuple(name for _, name in sorted(entries)) for key, entries in found.items()}

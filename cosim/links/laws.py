@@ -15,13 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from cosim.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -29,14 +29,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
-from numpy.random import Generator
 
 from cosim.errors import ScenarioError
 from cosim.links.grid import TOLERANCE, Grid
 from cosim.links.laws import FloatArray, IntArray, Law
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 Ordering = Literal["last-arrival", "newest-stamp", "fifo"]
 

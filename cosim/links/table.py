@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.random import PCG64, Generator, SeedSequence
 from numpy.typing import NDArray
 
 from cosim.errors import RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Law
 from cosim.links.semantics import Rows, Rule
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 INDEX_MAXIMUM = 2**31 - 1  # a row is an int32
 BLOCK = 1 << 14  # rows or packets worked on at once; they stay in the cache
@@ -160,5 +162,7 @@ def check_indices(grid: Grid, length: int) -> None:
 
 def generator(seed: int, name: str) -> Generator:
     """The generator of one link: PCG64, seeded by `seed` and the SHA-256 of the name."""
+    from numpy.random import PCG64, Generator, SeedSequence  # not needed to only look at a table
+
     words = np.frombuffer(sha256(name.encode()).digest(), dtype="<u4")
     return Generator(PCG64(SeedSequence([seed, *words.tolist()])))

@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.random import Generator
 
 from cosim.errors import RunError, ScenarioError
 from cosim.links.laws import Delays, FloatArray
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 COLUMNS = ("t_send", "delay")
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import native
-from cosim.errors import RunError
+from cosim.errors import CosimError, RunError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.native import Result
 from cosim.plan import Plan, Slot, Step
@@ -75,9 +75,11 @@ class Engine:
 
     def _start(self, step: Step) -> None:
         parameters = {p.name: p for p in step.component.parameters}
-        step.component.initialize(
-            {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
-        )
+        values = {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
+        try:
+            step.component.initialize(values)
+        except CosimError as error:
+            raise ScenarioError(f"{step.name} does not start: {error}") from error
         for slot, port in zip(step.inputs, step.component.inputs, strict=True):
             value = step.start.get(port.name) or port.default or (0.0,) * port.size
             self.signals[slot.start : slot.start + slot.size] = value

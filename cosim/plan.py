@@ -41,9 +41,8 @@ class Slot:
         indices: list[tuple[int, ...]] = [()]
         for n in self.shape:
             indices = [(*i, j) for i in indices for j in range(n)]
-        return tuple(
-            f"{self.name}[{','.join(map(str, i))}]" if i else self.name for i in indices
-        )
+        head = f"{self.name[:-1]}," if self.name.endswith("]") else f"{self.name}["
+        return tuple(f"{head}{','.join(map(str, i))}]" if i else self.name for i in indices)
 
 
 @dataclass(frozen=True, slots=True)

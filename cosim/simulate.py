@@ -22,7 +22,7 @@ from cosim.fmi import FmuComponent
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.storage import TableWriter
 from cosim.plan import Plan, Slot
-from cosim.record import Column, Recorder, link_file, write_metadata
+from cosim.record import Column, Recorder, claim_folder, link_file, write_metadata
 from cosim.record.folder import LAST
 from cosim.scenario import Scenario
 
@@ -77,28 +77,32 @@ def simulate(
     folder: Path,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     plan: Plan | None = None,
+    *,
+    force: bool = False,
 ) -> Outcome:
-    """Run a scenario from start to stop, recording into `folder`.
+    """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 
+    The folder is made once all components have started: what cannot start leaves nothing behind.
     `progress` is called with (ticks done, ticks in all) between chunks. Raises CosimError; a
     RunError leaves what was recorded, and the last ticks of every signal, in the folder.
     """
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))
+    tables: dict[str, TableWriter] = {}
+    ages = {x.name: Ages(x.table.grid) for x in plan.links}
+
+    def keep(name: str, held: NDArray[np.int32]) -> None:
+        tables[name].write(held)
+        ages[name].add(held)
+
     with ExitStack() as stack:
-        tables = {
-            x.name: stack.enter_context(TableWriter(link_file(folder, x.name), x.table.facts()))
-            for x in plan.links
-        }
-        ages = {x.name: Ages(x.table.grid) for x in plan.links}
-
-        def keep(name: str, rows: NDArray[np.int32]) -> None:
-            tables[name].write(rows)
-            ages[name].add(rows)
-
         engine = stack.enter_context(Engine(plan, keep))
         engine.initialize()
+        claim_folder(folder, force=force)
+        for x in plan.links:
+            writer = TableWriter(link_file(folder, x.name), x.table.facts())
+            tables[x.name] = stack.enter_context(writer)
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
             n_signals=plan.n_signals,

@@ -31,7 +31,7 @@ def run(
     from cosim.assemble import assemble
     from cosim.cli.summary import check, figures, header, progress_bar, summary
     from cosim.clock import stamp
-    from cosim.record import Run, claim_folder
+    from cosim.record import Run
     from cosim.scenario import load
     from cosim.simulate import columns, simulate
 
@@ -40,7 +40,7 @@ def run(
     plan = assemble(loaded)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, [c.name for c in recorded])
-    folder = claim_folder(out or _fresh(Path("runs") / f"{loaded.name}-{stamp()}"), force=force)
+    folder = out or _fresh(Path("runs") / f"{loaded.name}-{stamp()}")
 
     def say(text: str) -> None:
         if not quiet:
@@ -48,7 +48,7 @@ def run(
 
     say(header(loaded, plan))
     with progress_bar(quiet) as progress:
-        outcome = simulate(loaded, folder, progress, plan)
+        outcome = simulate(loaded, folder, progress, plan, force=force)
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from cosim.plan import Plan, Slot, Step
+    from cosim.plan import Link, Plan, Slot, Step, Wire
 
 
 def show(
@@ -21,35 +20,56 @@ def show(
     ] = None,
 ) -> None:
     """Print how a scenario will run: components, rates, order, and what every input samples."""
-    from rich.console import Console
-
     from cosim.assemble import assemble
     from cosim.scenario import load
 
     loaded = load(scenario, set_ or [])
     plan = assemble(loaded)
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(loaded.title, style="bold")
-    seconds = plan.ticks * plan.h
-    console.print(
-        f"base step {plan.h:g} s, {plan.ticks} ticks ({seconds:g} s), algorithm "
-        f"{plan.algorithm}, seed {loaded.run.seed}\n"
+    typer.echo(loaded.title)
+    typer.echo(
+        f"base step {plan.h:g} s, {plan.ticks} ticks ({plan.ticks * plan.h:g} s), "
+        f"algorithm {plan.algorithm}, seed {loaded.run.seed}"
     )
-    console.print(_components(plan))
-    console.print(_order(plan))
-    console.print(_inputs(plan))
-    if plan.links:
-        console.print(_links(plan))
+    for title, rows in (
+        ("components", _components(plan)),
+        ("order within tick k", _order(plan)),
+        ("what each input samples", _inputs(plan)),
+        ("links", _links(plan)),
+    ):
+        if rows:
+            typer.echo(f"\n{title}")
+            typer.echo("\n".join(aligned(rows)))
 
 
-def _table(title: str, *columns: str) -> Table:
-    from rich import box
-    from rich.table import Table
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of texts as lines whose columns line up; the last column is as long as it is."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)]
+    return [
+        "  " + "  ".join([*(f"{t:<{w}}" for t, w in zip(row, widths, strict=False)), row[-1]])
+        for row in rows
+    ]
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    return table
+
+def _components(plan: Plan) -> list[list[str]]:
+    return [
+        [
+            c.name,
+            c.kind,
+            f"every {_times(c.period, plan.h)}",
+            f"{_ports(c.inputs)} -> {_ports(c.outputs)}",
+            _model(c),
+        ]
+        for c in plan.components
+    ]
+
+
+def _times(period: int, h: float) -> str:
+    return f"{period * h:g} s ({period} tick{'s' if period != 1 else ''})"
+
+
+def _ports(slots: Sequence[Slot]) -> str:
+    shapes = [(s.port, ",".join(str(n) for n in s.shape)) for s in slots]
+    return " ".join(f"{port}[{shape}]" if shape else port for port, shape in shapes) or "nothing"
 
 
 def _model(step: Step) -> str:
@@ -57,101 +77,72 @@ def _model(step: Step) -> str:
 
     component = step.component
     if isinstance(component, FmuComponent):
-        return f"{component.archive.path.name} (FMI {component.description.fmi})"
-    return f"{type(component).__module__}:{type(component).__name__} (Python call-back)"
+        return f"{component.archive.path.name}, FMI {component.description.fmi}"
+    return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
 
 
-def _components(plan: Plan) -> Table:
-    table = _table("Components", "name", "kind", "model", "every", "inputs", "outputs")
-    for c in plan.components:
-        table.add_row(
-            c.name, c.kind, _model(c), f"{c.period} ticks = {c.period * plan.h:g} s",
-            " ".join(_shape(s) for s in c.inputs) or "-",
-            " ".join(_shape(s) for s in c.outputs) or "-",
-        )  # fmt: skip
-    return table
-
-
-def _shape(slot: Slot) -> str:
-    shape = ",".join(str(n) for n in slot.shape)
-    return f"{slot.port}\\[{shape}]" if shape else slot.port
-
-
-def _order(plan: Plan) -> Table:
+def _order(plan: Plan) -> list[list[str]]:
     """The stages of a tick, each step with its reason."""
-    table = _table("Order within tick k", "", "step", "why")
-    last = [c.name for c in plan.components if c.name not in plan.order]
-    position = 0
-    for position, name in enumerate(plan.order, 1):
+    rows = []
+    for name in plan.order:
         step = plan.component(name)
-        after = sorted(
-            {
-                w.source.component
-                for w in plan.wires
-                if w.target.component == name and w.source.component in plan.order
-            }
-        )
-        reason = f"after {', '.join(after)}, whose outputs it samples" if after else (
-            "sampled; waits for no other in this tick"
-        )
-        every = "" if step.period == 1 else f" (when k mod {step.period} = 0)"
-        table.add_row(str(position), f"{name}{every}: sample, compute, hold", reason)
-    table.add_row(str(position + 1), "record", "everything known at t_k")
-    why = "continuous: inputs gathered at the start of the interval, outputs given at its end"
+        sources = {w.source.component for w in plan.wires if w.target.component == name}
+        after = sorted(sources & set(plan.order))
+        reason = "waits for no other in this tick"
+        if after:
+            reason = f"after {', '.join(after)}: samples what they compute in this tick"
+        rows.append([f"{len(rows) + 1}.", name, "sample, compute, hold", _due(step), reason])
+    rows.append([f"{len(rows) + 1}.", "record", "the signal vector", "", "what is known at t_k"])
+    why = "input held over the step, output at its end"
     if plan.algorithm == "jacobi":
-        why = "jacobi: everybody sees the outputs of the previous tick"
-    for name in last:
-        table.add_row(str(position + 2), f"{name}: t_k -> t_k + {_interval(plan, name)}", why)
-    return table
+        why = "jacobi: everybody sees what the tick before left behind"
+    number = f"{len(rows) + 1}."
+    for step in plan.components:
+        if step.name not in plan.order:
+            span = f"t_k -> t_k + {step.period * plan.h:g} s"
+            rows.append([number, step.name, span, _due(step), why])
+    return rows
 
 
-def _interval(plan: Plan, name: str) -> str:
-    return f"{plan.component(name).period * plan.h:g} s"
+def _due(step: Step) -> str:
+    return "every tick" if step.period == 1 else f"k mod {step.period} = 0"
 
 
-def _inputs(plan: Plan) -> Table:
-    table = _table("What each input samples and holds", "input", "from", "samples", "holds for")
-    fed = {e.target.name: e for e in (*plan.wires, *plan.links)}
+def _inputs(plan: Plan) -> list[list[str]]:
+    edges: dict[str, Wire | Link] = {e.target.name: e for e in (*plan.wires, *plan.links)}
+    rows = []
     for c in plan.components:
-        hold = f"{c.period * plan.h:g} s"
         for slot in c.inputs:
-            parts = [e for name, e in sorted(fed.items()) if name.split("[")[0] == slot.name]
-            for e in parts:
-                table.add_row(_escape(e.target.name), _escape(e.source.name), _samples(plan, e), hold)
-            if not parts:
-                value = list(c.start.get(slot.port, ())) or "its default"
-                table.add_row(slot.name, "-", f"nothing: keeps {value}", "the run")
-    return table
+            fed = [name for name in sorted(edges) if name.split("[")[0] == slot.name]
+            for name in fed:
+                rows.append([name, "<-", edges[name].source.name, _samples(plan, edges[name], c)])
+            if not fed:
+                value = c.start.get(slot.port) or c.component.inputs[c.inputs.index(slot)].default
+                held = " ".join(f"{v:g}" for v in value) or "0"
+                rows.append([slot.name, "<-", "nothing", f"keeps {held} [{slot.unit}]"])
+    return rows
 
 
-def _samples(plan: Plan, edge: object) -> str:
-    from cosim.plan import Link, Wire
+def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
+    from cosim.plan import Link
 
+    hold = f", holds it {step.period * plan.h:g} s"
     if isinstance(edge, Link):
-        return "the sample its link holds (see Links)"
-    assert isinstance(edge, Wire)
+        return f"the sample its link holds at t_k{hold}"
     factor = "" if (edge.gain, edge.offset) == (1.0, 0.0) else f", x {edge.gain:g} + {edge.offset:g}"
-    source = plan.component(edge.source.component)
-    if source.name in plan.order:
-        return f"value computed in this tick (held {source.period * plan.h:g} s){factor}"
-    return f"value at t_k{factor}"
+    if edge.source.component in plan.order:
+        return f"computed in this tick{factor}{hold}"
+    return f"value at t_k{factor}{hold}"
 
 
-def _escape(text: str) -> str:
-    return text.replace("[", "\\[")
-
-
-def _links(plan: Plan) -> Table:
-    table = _table("Links", "link", "delay law (s)", "semantics", "least delay (ticks)")
+def _links(plan: Plan) -> list[list[str]]:
+    rows = []
     for x in plan.links:
-        least = x.table.minimum_delay_ticks
-        wire = " (acts as a wire in the order)" if least == 0 else ""
         facts = x.table.facts()
-        law = _escape(" ".join(f"{k}={v}" for k, v in _flat(facts["delay"])))
-        rule = facts.get("semantics", "")
-        table.add_row(_escape(x.name), law, str(rule), f"{least}{wire}")
-    return table
-
-
-def _flat(facts: object) -> list[tuple[str, object]]:
-    return list(facts.items()) if isinstance(facts, dict) else [("law", facts)]
+        law = facts.get("delay", {})
+        text = " ".join(f"{v}" if k == "law" else f"{k}={v} s" for k, v in law.items())
+        least = x.table.minimum_delay_ticks
+        wire = "; orders like a wire" if least == 0 else ""
+        rule = str(facts.get("semantics", "stored table"))
+        rows.append([x.name, rule, text, f"at least {least} ticks old{wire}"])
+    return rows

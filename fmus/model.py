@@ -24,7 +24,8 @@ class Variable:
     otherwise it is calculated at the start. `depends`: the inputs this output depends on
     directly, at the start and in a step; what is named here is tested by perturbation.
     `elementwise`: each entry depends on the entry of the same place only (equal shapes).
-    `symbol`: the C name where `name` is a keyword or clashes.
+    `start_depends`: the parameters and start values that the calculated start of an output depends
+    on besides. `symbol`: the C name where `name` is a keyword or clashes.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Variable:
     settable: bool = False
     depends: tuple[str, ...] = ()
     elementwise: bool = False
+    start_depends: tuple[str, ...] = ()
     minimum: float | None = None
     maximum: float | None = None
     symbol: str = ""

@@ -1,0 +1,247 @@
+"""From a model to an ``.fmu``: compiled libraries, sources and descriptions in one archive.
+
+One library serves FMI 2.0 and 3.0 and Python: it is compiled once and packed twice. The archive
+has the same bytes whenever model, sources and compiler are the same.
+"""
+
+from __future__ import annotations
+
+import html
+import os
+import re
+import tempfile
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+from cosim.errors import FmuError
+from fmus import toolchain
+from fmus.description import Version, build_description, model_description, terminals
+from fmus.model import Model, Variable
+from fmus.source import sources, token
+
+__all__ = ["VERSIONS", "Version", "build", "build_all", "compile_model", "find", "pack"]
+
+VERSIONS: tuple[Version, ...] = ("2.0", "3.0")
+
+#: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
+_BUILT = Path(__file__).parent / "_built"
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date a ZIP archive knows
+_FOLDER2 = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
+_LICENCE = """\
+SPDX-License-Identifier: Apache-2.0
+
+The model description, the sources and the binaries in this FMU are licensed under the Apache
+License, version 2.0: https://www.apache.org/licenses/LICENSE-2.0
+
+Nothing else is linked into the binaries but the C library of the platform.
+"""
+
+
+def build(
+    model: Model, version: Version, out_dir: Path | str, platforms: Sequence[str] | None = None
+) -> Path:
+    """Build ``out_dir/<identifier>.fmi2.fmu`` (or ``fmi3``) and return its path.
+
+    `platforms`: of :data:`fmus.toolchain.PLATFORMS`; default the host's. Raises FmuError for an
+    unknown version or a missing source, fmus.toolchain.ToolchainError from the compiler.
+    """
+    _check(version)
+    return pack(model, version, out_dir, compile_model(model, platforms))
+
+
+def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> list[Path]:
+    """Build `models` (default: those an installation ships) for the host, in 2.0 and 3.0."""
+    built = []
+    for model in shipped() if models is None else models:
+        binaries = compile_model(model)
+        built += [pack(model, version, out_dir, binaries) for version in VERSIONS]
+    return built
+
+
+def shipped() -> list[Model]:
+    """The models an installation brings as FMUs."""
+    from fmus.models import operator, planar2r, teleoperation, xi
+
+    return [
+        planar2r.model(),
+        operator.model(),
+        xi.model(),
+        teleoperation.model(1),
+        teleoperation.model(2),
+    ]
+
+
+def find(model: Model, version: Version) -> Path:
+    """The FMU of `model` for the host: from the installation, the cache, or built into the cache.
+
+    The cache is ``$XDG_CACHE_HOME/cosim/fmus`` (default ``~/.cache/cosim/fmus``), keyed by
+    declaration and sources. Raises as :func:`build` does, and FmuError where the cache cannot be
+    written.
+    """
+    _check(version)
+    name = file_name(model, version)
+    if _is_of(_BUILT / name, model):
+        return _BUILT / name
+    folder = cache(model)
+    if not _is_of(folder / name, model):
+        binaries = compile_model(model)
+        for each in VERSIONS:
+            pack(model, each, folder, binaries)
+    return folder / name
+
+
+def cache(model: Model) -> Path:
+    """The folder in the cache for what is made from `model`; it exists afterwards."""
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(root) / "cosim" / "fmus" / token(model).strip("{}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FmuError(
+            f"{folder}: cannot be made ({error.strerror}); set XDG_CACHE_HOME to a folder that "
+            "can be written"
+        ) from error
+    return folder
+
+
+def file_name(model: Model, version: Version) -> str:
+    """``planar2r.fmi2.fmu``."""
+    return f"{model.identifier}.fmi{version[0]}.fmu"
+
+
+def compile_model(model: Model, platforms: Sequence[str] | None = None) -> dict[str, bytes]:
+    """The shared library for each platform (default: the host's). Raises ToolchainError."""
+    binaries = {}
+    with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
+        files = _write(sources(model), Path(scratch))
+        for platform in platforms or (toolchain.host_platform(),):
+            name = model.identifier + toolchain.shared_suffix(platform)
+            output = Path(scratch, platform, name)
+            toolchain.compile_shared(files, output, include=[Path(scratch)], platform=platform)
+            binaries[platform] = output.read_bytes()
+    return binaries
+
+
+def pack(
+    model: Model, version: Version, out_dir: Path | str, binaries: Mapping[str, bytes]
+) -> Path:
+    """Write the archive of one version around compiled `binaries`, by platform; return its path."""
+    entries = {
+        "modelDescription.xml": model_description(model, version),
+        "documentation/index.html": _documentation(model, version),
+        **_licences(version),
+        **{f"sources/{name}": text for name, text in sources(model).items()},
+    }
+    if version == "3.0":
+        entries["sources/buildDescription.xml"] = build_description(model, FLAGS)
+        entries["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(model)
+    content = {name: text.encode() for name, text in entries.items()}
+    for platform, binary in binaries.items():
+        suffix = toolchain.shared_suffix(platform)
+        folder = platform if version == "3.0" else _folder2(platform, binaries)
+        content[f"binaries/{folder}/{model.identifier}{suffix}"] = binary
+    target = Path(out_dir) / file_name(model, version)
+    _archive(content, target)
+    return target
+
+
+def _check(version: str) -> None:
+    if version not in VERSIONS:
+        raise FmuError(f"FMI version is {version!r}; expected one of {', '.join(VERSIONS)}")
+
+
+def _write(files: Mapping[str, str], folder: Path) -> list[Path]:
+    """Write all `files` into `folder`; those to compile are returned."""
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8", newline="\n")
+    return [folder / name for name in files if name.endswith(".c")]
+
+
+def _folder2(platform: str, platforms: Iterable[str]) -> str:
+    """FMI 2.0's folder, which names no processor: x86_64 has it, or aarch64 where that is alone."""
+    machine, _, system = platform.rpartition("-")
+    if machine == "x86_64" or f"x86_64-{system}" not in platforms:
+        return _FOLDER2[system]
+    return platform
+
+
+def _archive(content: Mapping[str, bytes], target: Path) -> None:
+    """A ZIP archive with nothing in it but names and contents; it appears at once, complete."""
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, scratch = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
+        with os.fdopen(handle, "wb") as file, zipfile.ZipFile(file, "w") as archive:
+            for name in sorted(content):
+                entry = zipfile.ZipInfo(name, _EPOCH)
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                entry.create_system = 3  # Unix, wherever this runs
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, content[name])
+        os.chmod(scratch, 0o644)
+        os.replace(scratch, target)
+    except OSError as error:
+        raise FmuError(f"{target}: cannot be written: {error.strerror}") from error
+
+
+@lru_cache(maxsize=64)
+def _token_of(path: Path, changed: int) -> str:
+    """The token an FMU was built with; `changed`, its modification time, is for the cache."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            text = archive.read("modelDescription.xml").decode()
+    except (OSError, KeyError, zipfile.BadZipFile):
+        return ""
+    found = re.search(r' (?:guid|instantiationToken)="([^"]*)"', text)
+    return found[1] if found else ""
+
+
+def _is_of(path: Path, model: Model) -> bool:
+    """Whether `path` is an FMU built from just this declaration and these sources."""
+    return path.is_file() and _token_of(path, path.stat().st_mtime_ns) == token(model)
+
+
+def _licences(version: Version) -> dict[str, str]:
+    folder = "documentation/licenses"
+    return {f"{folder}/license.txt": _LICENCE, f"{folder}/spdx.txt": "Apache-2.0\n"}
+
+
+def _documentation(model: Model, version: Version) -> str:
+    """The page that belongs to an FMU: equations and variables."""
+    rows = "\n".join(_row(variable) for variable in model.variables)
+    text = html.escape(model.documentation.strip() or model.description)
+    return f"""\
+<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><title>{model.identifier}</title></head>
+<body>
+<h1>{model.identifier}</h1>
+<p>{html.escape(model.description)}. FMI {version} for co-simulation, {model.kind},
+default step {model.step:g} s.</p>
+<pre>
+{text}
+</pre>
+<table>
+<tr><th>name</th><th>causality</th><th>shape</th><th>unit</th><th>start</th><th></th></tr>
+{rows}
+</table>
+</body>
+</html>
+"""
+
+
+def _row(variable: Variable) -> str:
+    start = ", ".join(f"{value:g}" for value in variable.starts)
+    shape = " x ".join(map(str, variable.shape)) or "1"
+    given = variable.causality in ("parameter", "input") or variable.settable
+    cells = (
+        variable.name,
+        variable.causality,
+        shape,
+        variable.unit,
+        start if given else "calculated",
+        variable.description,
+    )
+    return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>"

@@ -1,0 +1,103 @@
+"""``modelDescription.xml`` of FMI 2.0.5 (clause 2.2 and 4.3).
+
+Scalars only: ``q[0]``, ``xi_in[0,1]`` (structured names). A value reference is the place of a
+scalar in the C struct; the last one is the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from xml.etree.ElementTree import Element, SubElement
+
+from fmus.attributes import (
+    Unknown,
+    as_text,
+    attributes,
+    categories,
+    dependencies,
+    experiment,
+    has_start,
+    identify,
+    initial_unknowns,
+    limits,
+    outputs,
+    units,
+)
+from fmus.model import Model, Variable
+from fmus.source import c_files, scalars, token
+
+_TYPE = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
+
+
+def describe(model: Model) -> Element:
+    """``modelDescription.xml`` as an element."""
+    root = Element("fmiModelDescription", fmiVersion="2.0", modelName=model.identifier)
+    root.set("guid", token(model))
+    identify(root, model)
+    root.set("numberOfEventIndicators", "0")
+    interface = SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.identifier,
+        canHandleVariableCommunicationStepSize="true",
+        canNotUseMemoryManagementFunctions="true",
+        canGetAndSetFMUstate="true",
+        canSerializeFMUstate="true",
+    )
+    files = SubElement(interface, "SourceFiles")
+    for name in c_files(model):
+        SubElement(files, "File", name=name)
+    units(root, model)
+    categories(root)
+    experiment(root, model)
+    tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="cosim")
+    SubElement(tool, "Component", kind=model.kind)
+    _variables(SubElement(root, "ModelVariables"), model)
+    _structure(SubElement(root, "ModelStructure"), model)
+    return root
+
+
+def _variables(listed: Element, model: Model) -> None:
+    reference = 0
+    for variable in model.variables:
+        starts = as_text(variable, variable.starts)
+        for name, start in zip(scalars(variable), starts, strict=True):
+            scalar = SubElement(listed, "ScalarVariable", name=name)
+            scalar.attrib |= {"valueReference": str(reference)} | attributes(variable, model)
+            typed = SubElement(scalar, _TYPE[variable.type])
+            if variable.type == "real":
+                typed.set("unit", variable.unit)
+            limits(typed, variable)
+            if has_start(variable):
+                typed.set("start", start)
+            reference += 1
+    time = SubElement(listed, "ScalarVariable", name="time", valueReference=str(reference))
+    time.attrib |= {"description": "Time", "causality": "independent", "variability": "continuous"}
+    SubElement(time, "Real", unit="s")
+
+
+def _structure(structure: Element, model: Model) -> None:
+    """Outputs and InitialUnknowns; an unknown is named by its place in ModelVariables, from 1."""
+    place: dict[str, range] = {}
+    first = 1
+    for variable in model.variables:
+        place[variable.name] = range(first, first + variable.size)
+        first += variable.size
+    _unknowns(SubElement(structure, "Outputs"), outputs(model), place)
+    calculated = initial_unknowns(model)
+    if calculated:
+        _unknowns(SubElement(structure, "InitialUnknowns"), calculated, place)
+
+
+def _unknowns(group: Element, unknowns: Iterable[Unknown], place: dict[str, range]) -> None:
+    for variable, knowns in unknowns:
+        for entry, index in enumerate(place[variable.name]):
+            on = [k for name in knowns for k in _related(variable, entry, place[name])]
+            SubElement(group, "Unknown", index=str(index)).attrib |= dependencies(on)
+
+
+def _related(variable: Variable, entry: int, places: range) -> range:
+    """Of a known's entries, those that entry `entry` of an unknown depends on."""
+    if variable.elementwise and len(places) == variable.size:
+        return places[entry : entry + 1]
+    return places

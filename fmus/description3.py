@@ -1,0 +1,75 @@
+"""``modelDescription.xml`` of FMI 3.0.2 (clauses 2.4 and 4.3).
+
+Arrays are arrays. A value reference is the place of a variable in the declaration; the last one is
+the time.
+"""
+
+from __future__ import annotations
+
+from xml.etree.ElementTree import Element, SubElement
+
+from fmus.attributes import (
+    as_text,
+    attributes,
+    categories,
+    dependencies,
+    experiment,
+    has_start,
+    identify,
+    initial_unknowns,
+    limits,
+    outputs,
+    units,
+)
+from fmus.model import Model
+from fmus.source import token
+
+_TYPE = {"real": "Float64", "integer": "Int32", "boolean": "Boolean"}
+
+
+def describe(model: Model) -> Element:
+    """``modelDescription.xml`` as an element."""
+    root = Element("fmiModelDescription", fmiVersion="3.0", modelName=model.identifier)
+    root.set("instantiationToken", token(model))
+    identify(root, model)
+    SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=model.identifier,
+        canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUState="true",
+        canSerializeFMUState="true",
+    )
+    units(root, model)
+    categories(root)
+    experiment(root, model)
+    _variables(SubElement(root, "ModelVariables"), model)
+    _structure(SubElement(root, "ModelStructure"), model)
+    annotation = SubElement(SubElement(root, "Annotations"), "Annotation", type="cosim.component")
+    SubElement(annotation, "Component", kind=model.kind)
+    return root
+
+
+def _variables(listed: Element, model: Model) -> None:
+    for reference, variable in enumerate(model.variables):
+        element = SubElement(listed, _TYPE[variable.type], name=variable.name)
+        element.attrib |= {"valueReference": str(reference)} | attributes(variable, model)
+        if variable.type == "real":
+            element.set("unit", variable.unit)
+        limits(element, variable)
+        if has_start(variable):
+            element.set("start", " ".join(as_text(variable, variable.starts)))
+        for size in variable.shape:
+            SubElement(element, "Dimension", start=str(size))
+    time = SubElement(listed, "Float64", name="time", valueReference=str(len(model.variables)))
+    time.attrib |= {"description": "Time", "causality": "independent", "variability": "continuous"}
+    time.set("unit", "s")
+
+
+def _structure(structure: Element, model: Model) -> None:
+    """Outputs and initial unknowns, by value reference."""
+    reference = {variable.name: n for n, variable in enumerate(model.variables)}
+    for tag, unknowns in (("Output", outputs(model)), ("InitialUnknown", initial_unknowns(model))):
+        for variable, knowns in unknowns:
+            element = SubElement(structure, tag, valueReference=str(reference[variable.name]))
+            element.attrib |= dependencies(reference[name] for name in knowns)

@@ -1,0 +1,195 @@
+"""A model in C: the files its library is compiled from, some of them generated here.
+
+``variables.h`` (the struct `Model`) and ``variables.c`` (the tables) follow from the declaration;
+the rest lies in ``fmus/c``. Together with the declaration they determine the token by which an
+FMU's description and its binary recognise each other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import uuid
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from functools import lru_cache
+from itertools import product
+from math import inf
+from pathlib import Path
+
+from cosim.errors import FmuError
+from fmus.model import Model, Variable
+
+_FOLDER = Path(__file__).parent / "c"
+#: The generic layer: what every library consists of besides the model.
+_GENERIC = (
+    "fmi2.c",
+    "fmi2_refused.c",
+    "fmi3.c",
+    "fmi3_refused.c",
+    "instance.c",
+    "kernel.c",
+    "state.c",
+)
+_HEADERS = (
+    "export.h",
+    "fmi2.h",
+    "fmi2_types.h",
+    "fmi3.h",
+    "fmi3_types.h",
+    "instance.h",
+    "model.h",
+    "trig.h",
+)
+_TYPE = {"real": "IS_REAL", "integer": "IS_INTEGER", "boolean": "IS_BOOLEAN"}
+
+
+@lru_cache(maxsize=32)
+def sources(model: Model) -> dict[str, str]:
+    """Every C file and header of the model's library, by name; compile the ``.c`` files.
+
+    Raises FmuError where a source of the model does not exist.
+    """
+    files = {name: _read(_FOLDER / name, model) for name in (*_GENERIC, *_HEADERS)}
+    for source in model.sources:
+        path = Path(source) if Path(source).is_absolute() else _FOLDER / source
+        files[path.name] = _read(path, model)
+    files["variables.h"] = _header(model, _token(model, files))
+    files["variables.c"] = _tables(model)
+    return dict(sorted(files.items()))
+
+
+def c_files(model: Model) -> list[str]:
+    """The C files to compile, in the order of the alphabet."""
+    return [name for name in sources(model) if name.endswith(".c")]
+
+
+def token(model: Model) -> str:
+    """The GUID (FMI 2.0) and instantiation token (3.0): a hash of declaration and sources."""
+    return _token(model, {k: v for k, v in sources(model).items() if "variables" not in k})
+
+
+def scalars(variable: Variable) -> Iterator[str]:
+    """Names of the scalars, row-major: ``alpha``; ``q[0]``, ``q[1]``; ``xi_in[0,0]`` ..."""
+    if not variable.shape:
+        yield variable.name
+    else:
+        for index in product(*map(range, variable.shape)):
+            yield f"{variable.name}[{','.join(map(str, index))}]"
+
+
+def _read(path: Path, model: Model) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FmuError(f"{model.identifier}: source {path}: {error.strerror}") from error
+
+
+@lru_cache(maxsize=1)
+def _generator() -> str:
+    """What else decides what is in an FMU: the code that writes it."""
+    names = "attributes build description description2 description3 model source toolchain".split()
+    return "".join((_FOLDER.parent / f"{n}.py").read_text(encoding="utf-8") for n in names)
+
+
+def _token(model: Model, files: dict[str, str]) -> str:
+    named = replace(model, sources=tuple(Path(source).name for source in model.sources))
+    made_from = [asdict(named), sorted(files.items()), _generator()]
+    digest = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).digest()
+    return "{" + str(uuid.UUID(bytes=digest[:16])) + "}"
+
+
+def _layout(model: Model) -> str:
+    """Eight bytes that differ where two models do not have the same variables in the same order."""
+    entries = [(v.name, v.type, v.shape) for v in model.variables]
+    digest = hashlib.sha256(json.dumps([model.identifier, entries]).encode())
+    return digest.hexdigest()[:16]
+
+
+def _inputs(model: Model) -> list[tuple[int, int]]:
+    """(first scalar, number of scalars) of each run of inputs that lie one after the other."""
+    ranges: list[tuple[int, int]] = []
+    offset = 0
+    for variable in model.variables:
+        if variable.causality == "input":
+            if ranges and sum(ranges[-1]) == offset:
+                ranges[-1] = (ranges[-1][0], ranges[-1][1] + variable.size)
+            else:
+                ranges.append((offset, variable.size))
+        offset += variable.size
+    return ranges
+
+
+def _header(model: Model, token: str) -> str:
+    size = sum(v.size for v in model.variables)
+    members = "".join(f"    {_member(v)}\n" for v in model.variables)
+    return f"""\
+/* variables.h - generated from the declaration of {model.identifier}. */
+#ifndef VARIABLES_H
+#define VARIABLES_H
+
+#define MODEL_IDENTIFIER "{model.identifier}"
+#define INSTANTIATION_TOKEN "{token}"
+#define LAYOUT UINT64_C(0x{_layout(model)})
+
+enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size}, \
+N_INPUT_RANGES = {len(_inputs(model))} }};
+
+typedef struct {{
+{members}}} Model;
+
+#endif
+"""
+
+
+def _member(variable: Variable) -> str:
+    sizes = "".join(f"[{n}]" for n in variable.shape)
+    return f"double {variable.symbol or variable.name}{sizes}; /* {variable.unit} */"
+
+
+def _access(variable: Variable) -> str:
+    bits = [_TYPE[variable.type]]
+    if variable.causality == "parameter":
+        bits += ["IS_PARAMETER", "SET_AT_START"]
+    elif variable.causality == "input":
+        bits += ["SET_AT_START", "SET_IN_STEPS"]
+    else:
+        bits += ["SET_AT_START" if variable.settable else "IS_CALCULATED"]
+    return " | ".join(bits)
+
+
+def _number(value: float) -> str:
+    return {inf: "INFINITY", -inf: "-INFINITY"}.get(value) or repr(float(value))
+
+
+def _tables(model: Model) -> str:
+    entries, access, starts, names = [], [], [], []
+    offset = 0
+    for v in model.variables:
+        bits = _access(v)
+        low = -inf if v.minimum is None else v.minimum
+        high = inf if v.maximum is None else v.maximum
+        entries.append(
+            f'{{"{v.name}", {bits}, {offset}, {v.size}, {_number(low)}, {_number(high)}}}'
+        )
+        access += [bits] * v.size
+        starts += [_number(value) for value in v.starts]
+        names += [f'"{name}"' for name in scalars(v)]
+        offset += v.size
+    entries.append(f'{{"time", IS_REAL, {offset}, 1, -INFINITY, INFINITY}}')
+    ranges = [f"{{{first}, {size}}}" for first, size in _inputs(model)]
+    return "\n".join(
+        (
+            f"/* variables.c - generated from the declaration of {model.identifier}. */",
+            '#include "model.h"\n',
+            _table("Variable variables[N_VARIABLES + 1]", entries),
+            _table("unsigned char scalar_access[N_SCALARS + 1]", [*access, "IS_REAL"]),
+            _table("double start_values[N_SCALARS]", starts),
+            _table("char *const scalar_names[N_SCALARS + 1]", [*names, '"time"']),
+            _table("Range input_ranges[N_INPUT_RANGES + 1]", [*ranges, "{0, 0}"]),
+        )
+    )
+
+
+def _table(name: str, entries: list[str]) -> str:
+    return f"const {name} = {{\n    " + ",\n    ".join(entries) + "};\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cosim.errors import RunError, ScenarioError
@@ -39,6 +39,7 @@ def test_a_table_comes_back_with_its_facts(tmp_path):
 
 @settings(max_examples=15, deadline=None)
 @given(cuts=st.lists(st.integers(0, GROUP + 2000), max_size=6))
+@example(cuts=[GROUP - 1, GROUP, GROUP + 1])
 def test_the_bytes_do_not_depend_on_how_the_rows_came(tmp_path_factory, cuts):
     folder = tmp_path_factory.mktemp("bytes")
     n = GROUP + 2000

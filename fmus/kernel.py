@@ -68,14 +68,18 @@ class Kernel:
         self._library.kernel_reset(self._address)
         for name, value in found.items():
             self._place[name][...] = value
+        self._settle()
 
     def initial(self, u: Values) -> Outputs:
         """Outputs at the start, given the inputs there. Raises ScenarioError."""
         self._take(u)
+        self._settle()
+        return self._give()
+
+    def _settle(self) -> None:
         message = self._library.kernel_initial(self._address)
         if message:
-            raise ScenarioError(message.decode(), self._model.identifier)
-        return self._give()
+            raise ScenarioError(self._why(message.decode()), self._model.identifier)
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
         """One step from `t` (s) of length `h` (s). Raises RunError; the state is as before then."""

@@ -44,6 +44,7 @@ def model() -> Model:
                 description="Torque of the operator on the robot",
                 depends=("q", "dq"),
                 elementwise=True,
+                start_depends=("k_p", "k_d", "q_h"),
             ),
             Variable("k_p", "parameter", (2,), stiffness, 10.0, "Stiffness", minimum=0.0),
             Variable("k_d", "parameter", (2,), damping, 5.0, "Damping", minimum=0.0),

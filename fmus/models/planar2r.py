@@ -62,10 +62,22 @@ def _ports() -> tuple[Variable, ...]:
         Variable("q", "output", (2,), "rad", settable=True, description="Joint position"),
         Variable("dq", "output", (2,), _RATE, settable=True, description="Joint velocity"),
         Variable(
-            "tau_h", "output", (2,), _TORQUE, description="Torque of the operator on the robot"
+            "tau_h",
+            "output",
+            (2,),
+            _TORQUE,
+            description="Torque of the operator on the robot",
+            elementwise=True,
+            start_depends=("q", "dq", "k_p", "k_d", "q_h"),
         ),
         Variable(
-            "tau_e", "output", (2,), _TORQUE, description="Torque of the robot on its environment"
+            "tau_e",
+            "output",
+            (2,),
+            _TORQUE,
+            description="Torque of the robot on its environment",
+            elementwise=True,
+            start_depends=("q", "dq", "k_w", "b_w", "q_w"),
         ),
     )
 

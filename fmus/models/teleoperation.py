@@ -56,7 +56,15 @@ def _inputs(n: int) -> tuple[Variable, ...]:
 
 def _outputs() -> tuple[Variable, ...]:
     return (
-        Variable("tau", "output", (2,), _TORQUE, description="Control torque", depends=_ALL),
+        Variable(
+            "tau",
+            "output",
+            (2,),
+            _TORQUE,
+            description="Control torque",
+            depends=_ALL,
+            start_depends=("z", "theta_hat", "K", "alpha", "lambda", "lambda_M", "tau_max"),
+        ),
         Variable(
             "xi",
             "output",
@@ -65,6 +73,7 @@ def _outputs() -> tuple[Variable, ...]:
             description="Signal sent: dq + alpha q",
             depends=("q", "dq"),
             elementwise=True,
+            start_depends=("alpha",),
         ),
         Variable(
             "s",
@@ -74,6 +83,7 @@ def _outputs() -> tuple[Variable, ...]:
             description="Sliding vector: dq - z",
             depends=("dq",),
             elementwise=True,
+            start_depends=("z",),
         ),
         Variable(
             "z", "output", (2,), _RATE, description="State of the dynamic feedback", settable=True

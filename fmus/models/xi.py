@@ -44,6 +44,7 @@ def model() -> Model:
                 description="Signal sent: dq + alpha q",
                 depends=("q", "dq"),
                 elementwise=True,
+                start_depends=("alpha",),
             ),
             Variable("alpha", "parameter", (), "1/s", 0.5, "Gain of q", minimum=0.0),
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from cosim.component import Component
+from fmus import toolchain
+from fmus.build import compile_model
 from fmus.models import operator, planar2r, teleoperation, xi
 from fmus.models.operator import Operator
 from fmus.models.planar2r import PRESETS, Planar2R
@@ -146,3 +149,26 @@ def test_numpy_and_c_have_the_same_ports_and_defaults(case: Case) -> None:
     a, b = reference.initial(u), kernel.initial(u)
     assert list(a) == list(b) == [port.name for port in reference.outputs]
     assert not differ(a, b)
+
+
+def trajectory(case: Case) -> bytes:
+    """Every output of a thousand random steps of the kernel."""
+    rng = np.random.default_rng(4)
+    kernel = case.module.kernel(**case.sizes)
+    kernel.initialize(case.draw(rng))
+    rows = [kernel.step(k * 5e-3, 5e-3, inputs(kernel, rng)) for k in range(STEPS)]
+    return np.array([np.concatenate([np.ravel(v) for v in y.values()]) for y in rows]).tobytes()
+
+
+@pytest.mark.parametrize("case", CASES[:2], ids=str)
+def test_another_compiler_makes_the_same_numbers(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = trajectory(case)
+    monkeypatch.setattr(toolchain, "host_compiler", lambda: None)
+    model = case.module.model(**case.sizes)
+    (binary,) = compile_model(model).values()
+    library = tmp_path / model.identifier
+    library.write_bytes(binary)
+    monkeypatch.setattr("fmus.kernel.library", lambda _: library)
+    assert trajectory(case) == here

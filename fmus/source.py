@@ -41,6 +41,17 @@ _HEADERS = (
     "model.h",
     "trig.h",
 )
+#: The code that decides what else is in an FMU.
+_GENERATOR = (
+    "attributes.py",
+    "build.py",
+    "description.py",
+    "description2.py",
+    "description3.py",
+    "model.py",
+    "source.py",
+    "toolchain.py",
+)
 _TYPE = {"real": "IS_REAL", "integer": "IS_INTEGER", "boolean": "IS_BOOLEAN"}
 
 
@@ -87,9 +98,7 @@ def _read(path: Path, model: Model) -> str:
 
 @lru_cache(maxsize=1)
 def _generator() -> str:
-    """What else decides what is in an FMU: the code that writes it."""
-    names = "attributes build description description2 description3 model source toolchain".split()
-    return "".join((_FOLDER.parent / f"{n}.py").read_text(encoding="utf-8") for n in names)
+    return "".join((_FOLDER.parent / name).read_text(encoding="utf-8") for name in _GENERATOR)
 
 
 def _token(model: Model, files: dict[str, str]) -> str:

@@ -67,11 +67,23 @@ static inline void runge_kutta(const Model *x, const double torque[2], double h,
     }
 }
 
-static inline void outputs(Model *x) {
+/* Take q, dq and what follows from them, or give a sentence and change nothing. */
+static inline const char *arrive(Model *x, const double q[2], const double dq[2]) {
+    double tau_h[2], tau_e[2];
     for (int i = 0; i < 2; i++) {
-        x->tau_h[i] = grip(x, i, x->q[i], x->dq[i]);
-        x->tau_e[i] = wall(x, i, x->q[i], x->dq[i]);
+        tau_h[i] = grip(x, i, q[i], dq[i]);
+        tau_e[i] = wall(x, i, q[i], dq[i]);
     }
+    if (!all_finite(q, 2) || !all_finite(dq, 2) || !all_finite(tau_h, 2) || !all_finite(tau_e, 2))
+        return "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is"
+               " too long";
+    for (int i = 0; i < 2; i++) {
+        x->q[i] = q[i];
+        x->dq[i] = dq[i];
+        x->tau_h[i] = tau_h[i];
+        x->tau_e[i] = tau_e[i];
+    }
+    return NULL;
 }
 
 const char *model_initial(Model *x) {
@@ -80,8 +92,7 @@ const char *model_initial(Model *x) {
         return "theta gives no positive definite inertia: theta[2] > 0 and theta[0] theta[2]"
                " - theta[2]^2 - theta[1]^2 > 0 are needed";
     if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
-    outputs(x);
-    return NULL;
+    return arrive(x, x->q, x->dq);
 }
 
 const char *model_step(Model *x, double t, double h) {
@@ -90,13 +101,5 @@ const char *model_step(Model *x, double t, double h) {
     double q[2] = {x->q[0], x->q[1]}, dq[2] = {x->dq[0], x->dq[1]};
     (void)t; /* the arm does not depend on time */
     for (int i = 0; i < substeps; i++) runge_kutta(x, torque, h / substeps, q, dq);
-    if (!all_finite(q, 2) || !all_finite(dq, 2))
-        return "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is"
-               " too long";
-    for (int i = 0; i < 2; i++) {
-        x->q[i] = q[i];
-        x->dq[i] = dq[i];
-    }
-    outputs(x);
-    return NULL;
+    return arrive(x, q, dq);
 }

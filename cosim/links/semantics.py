@@ -9,6 +9,7 @@ there for a look in that same tick.
 ``last-arrival``
     Packets. Sample j arrives at tick n_s·j + ceil(T/h), T at its *sending*. The newest arrival
     wins even if it is stale; of two that arrive in the same tick the later sent is the later.
+    (The one rule for which a finer base step is another link: it tells two arrivals apart.)
 ``newest-stamp``
     As before, but what was sent no later than what is held is ignored.
 ``fifo``

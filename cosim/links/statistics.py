@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cosim.links.grid import Grid
 from cosim.links.laws import IntArray
 
-REMEMBERED = 1 << 20  # samples of which it is known exactly whether they were held
+REMEMBERED = 1 << 16  # samples of which it is known exactly whether they were held
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class LinkStatistics:
 class Ages:
     """Counts rows as they come. Memory grows with the greatest age, not with the run.
 
-    Exact; only `unused` forgets: it counts a sample again that is held again after 2^20 others.
+    Exact; only `unused` forgets: a sample held again after 2^16 others were sent counts anew.
     """
 
     def __init__(self, grid: Grid) -> None:

@@ -192,6 +192,29 @@ def test_whole_ticks_stay_whole(rule, h):
         assert rows.tolist() == [-1] * ticks + [0, 1, 2]
 
 
+@pytest.mark.parametrize("rule", [*PACKETS[1:], Signal(), Playout(0.2512)])
+def test_a_finer_base_step_changes_nothing(rule):
+    """5 ms periods on a base step of 5 ms or of 1 ms are the same link, but for last-arrival."""
+    law = Uniform(0.05, 0.4, 0.03)
+    coarse = DrawnTable("x", Grid(1, 1, 0.005), law, rule, 2)
+    fine = DrawnTable("x", Grid(5, 5, 0.001), law, rule, 2)
+    assert coarse.stream().rows(5000).tolist() == fine.stream().rows(5000).tolist()
+    assert (coarse.history, 5 * coarse.minimum_delay_ticks) == (
+        fine.history,
+        fine.minimum_delay_ticks,
+    )
+
+
+def test_a_finer_base_step_tells_arrivals_apart():
+    """Sent at 0 and 5 ms, there at 9 and 8 ms: both are seen at 10 ms, and the first came last."""
+    law = Trace(np.arange(3), np.array([0.009, 0.003, 1.0]), lookup="index")
+    last = Packets("last-arrival")
+    coarse = DrawnTable("x", Grid(1, 1, 0.005), law, last, 0)
+    fine = DrawnTable("x", Grid(5, 5, 0.001), law, last, 0)
+    assert coarse.stream().rows(3).tolist() == [-1, -1, 1]
+    assert fine.stream().rows(3).tolist() == [-1, -1, 0]
+
+
 def test_no_delay_is_a_wire():
     for rule in (*PACKETS, Signal(), Playout(0.0)):
         table = DrawnTable("x", Grid(1, 1, 0.005), Constant(0.0), rule, 0)

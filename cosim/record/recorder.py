@@ -12,7 +12,7 @@ import queue
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import ceil, isfinite
 from pathlib import Path
 from types import TracebackType
 
@@ -36,7 +36,8 @@ class Recorder:
 
     `columns`: what is recorded, in this order. `h`: base step, s. `every`: ticks k with
     k mod every = 0 are kept, and the last one. `rows_per_chunk`: rows (ticks) of a buffer.
-    `buffers`: how many there are; all but the one being filled are the flight recorder.
+    `keep`: ticks the flight recorder reaches back, at least, if chunks are handed in full or a
+    row short of it; the buffers (three or more) are as many as that takes.
     `metadata`: texts for the file's schema metadata, which is part of its bytes.
 
     Raises ScenarioError for settings that cannot be, RunError with the path if the file cannot
@@ -53,10 +54,10 @@ class Recorder:
         n_signals: int,
         rows_per_chunk: int = 2048,
         every: int = 1,
-        buffers: int = 3,
+        keep: int = 1000,
         metadata: Mapping[str, str] | None = None,
     ) -> None:
-        _check(columns, h, n_signals, rows_per_chunk, every, buffers)
+        _check(columns, h, n_signals, rows_per_chunk, every, keep)
         self.path = Path(folder) / TRAJECTORIES
         self._columns = tuple(columns)
         self._h, self._every, self._metadata = h, every, metadata
@@ -68,8 +69,8 @@ class Recorder:
         self._full: queue.SimpleQueue[tuple[Rows, int, int] | None] = queue.SimpleQueue()
         self._out: list[Rows] = []  # with the engine
         self._held: deque[tuple[Rows, int, int]] = deque()  # handed in, not yet reused
-        self._buffers = buffers
-        for _ in range(buffers):
+        self._buffers = max(3, 1 + ceil(keep / max(1, rows_per_chunk - 1)))
+        for _ in range(self._buffers):
             self._free.put(np.empty((rows_per_chunk, n_signals)))
         self._writer = self._create()
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
@@ -119,8 +120,8 @@ class Recorder:
         del self._out[place]
         self._next = k0 + n
         self._held.append((buffer, k0, n))
-        self._full.put((buffer, k0, n))
         self._raise_failure()
+        self._full.put((buffer, k0, n))
 
     def close(self) -> None:
         """Write the rest and the footer. Later calls do nothing. Raises RunError."""
@@ -158,7 +159,7 @@ class Recorder:
     def last(self, n: int) -> tuple[int, Rows]:
         """First tick and rows (≤ n, n_signals) of the last `n` ticks handed in, all signals.
 
-        Reaches back at least (buffers - 1) full chunks. Works after :meth:`close` and after any
+        Reaches back `keep` ticks at least. Works after :meth:`close` and after any
         failure. Without a tick: (0, no rows).
         """
         parts: list[Rows] = []
@@ -213,7 +214,7 @@ class Recorder:
 
 
 def _check(
-    columns: Sequence[Column], h: float, n_signals: int, rows: int, every: int, buffers: int
+    columns: Sequence[Column], h: float, n_signals: int, rows: int, every: int, keep: int
 ) -> None:
     """Refuse settings that cannot be, in a sentence."""
     if not (isfinite(h) and h > 0):
@@ -221,7 +222,7 @@ def _check(
     for name, value, least in (
         ("every", every, 1),
         ("rows_per_chunk", rows, 1),
-        ("buffers", buffers, 2),
+        ("keep", keep, 0),
         ("n_signals", n_signals, 0),
     ):
         if value < least:

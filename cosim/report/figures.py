@@ -24,7 +24,7 @@ from cosim.report.thinning import thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Sheet
 
 DPI = 150
 
@@ -79,7 +79,7 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
-class FigureSpec:
+class Figure:
     """Panels from top to bottom over one time axis; `size` (width, height) in inches."""
 
     panels: tuple[Panel, ...]
@@ -93,7 +93,7 @@ class _Line:
     y: Array  # (n,)
 
 
-def draw(spec: FigureSpec, run: Signals, path: str | Path) -> Path:
+def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
     """Draw `spec` from `run` into the PNG `path`, 150 dots per inch; replaced in one step.
 
     Raises ScenarioError naming the panel for signals that were not recorded, RunError with the
@@ -183,15 +183,13 @@ def _unit(unit: str) -> str:
 # ---- how it is drawn -----------------------------------------------------------------------------
 
 
-def _render(
-    spec: FigureSpec, run: Signals, content: list[tuple[list[_Line], list[_Line]]]
-) -> bytes:
+def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_Line]]]) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Sheet
 
     count = len(spec.panels)
     width, height = spec.size or (7.2, _TOP + _BOTTOM + 2.0 * count + _GAP * (count - 1) + _TITLE)
-    figure = Figure(figsize=(width, height), dpi=DPI)
+    figure = Sheet(figsize=(width, height), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)  # partly untyped
     axes: list[Axes] = []
     for panel, (lines, references) in zip(spec.panels, content, strict=True):
@@ -236,7 +234,7 @@ def _legend_width(ax: Axes, canvas: Any) -> float:
     return float(legend.get_window_extent(canvas.get_renderer()).width) / DPI
 
 
-def _arrange(figure: Figure, axes: list[Axes], spec: FigureSpec, legend: float) -> None:
+def _arrange(figure: Sheet, axes: list[Axes], spec: Figure, legend: float) -> None:
     """Place axes, legends and titles; all lengths in inches until the last step."""
     width, height = figure.get_size_inches()
     inner = max(width - _LEFT - _LEGEND_GAP - legend - _RIGHT, 0.3 * width)

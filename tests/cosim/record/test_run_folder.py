@@ -1,0 +1,104 @@
+"""Run folder: never lost by accident; run.json always whole."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cosim.errors import RunError, ScenarioError
+from cosim.record import Recorder, claim_folder, link_file, read_metadata, write_metadata
+from cosim.record.folder import link_files
+
+
+def test_a_new_folder_is_made_and_an_empty_one_taken(tmp_path: Path) -> None:
+    folder = claim_folder(tmp_path / "runs" / "a")
+    assert folder.is_dir()
+    assert claim_folder(folder) == folder
+
+
+def test_what_is_there_is_kept_without_force(tmp_path: Path) -> None:
+    for name in ("trajectories.parquet", "run.json", "a.png", "b.png"):
+        (tmp_path / name).write_text("x")
+    with pytest.raises(
+        ScenarioError, match=r"not empty \(it holds a\.png, b\.png, run\.json and 1 more"
+    ):
+        claim_folder(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_force_deletes_the_files_of_a_run_and_nothing_else(tmp_path: Path) -> None:
+    with Recorder(tmp_path, [], h=1.0, n_signals=0):
+        pass
+    write_metadata(tmp_path, {})
+    link_file(tmp_path, "old").write_text("x")
+    (tmp_path / "notes.txt").write_text("mine")
+    claim_folder(tmp_path, force=True)
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["links", "notes.txt"]
+    with Recorder(tmp_path, [], h=1.0, n_signals=0):
+        pass
+
+
+def test_force_does_not_touch_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(ScenarioError, match=r"holds thesis\.tex but no earlier run"):
+        claim_folder(tmp_path, force=True)
+    assert (tmp_path / "thesis.tex").read_text() == "x"
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ScenarioError, match="no run folder here") as caught:
+        claim_folder(tmp_path / "file" / "run")
+    assert caught.value.place.endswith("run")
+
+
+def test_metadata_is_sorted_plain_and_comes_back(tmp_path: Path) -> None:
+    write_metadata(tmp_path, {"old": 1})
+    write_metadata(
+        tmp_path,
+        {
+            "z": np.float64(0.1),
+            "a": {"n": np.int64(3), "x": np.array([[1.0, np.nan]]), "path": Path("a")},
+            "ξ": (True, None, float("inf")),
+        },
+    )
+    text = (tmp_path / "run.json").read_text(encoding="utf-8")
+    assert [key for key in json.loads(text)] == ["a", "z", "ξ"]
+    assert read_metadata(tmp_path) == {
+        "z": 0.1,
+        "a": {"n": 3, "x": [[1.0, None]], "path": "a"},
+        "ξ": [True, None, None],
+    }
+    assert [p.name for p in tmp_path.iterdir()] == ["run.json"]
+
+
+def test_metadata_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"run\.json\.links\[1\]: a set cannot"):
+        write_metadata(tmp_path, {"links": [1, {2}]})
+    with pytest.raises(RunError, match=r"cannot write .*gone.*run\.json: No such file"):
+        write_metadata(tmp_path / "gone", {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_metadata_that_is_damaged_or_missing(tmp_path: Path) -> None:
+    assert read_metadata(tmp_path) == {}
+    (tmp_path / "run.json").write_text("{")
+    with pytest.raises(ScenarioError, match=r"run\.json: cannot be read"):
+        read_metadata(tmp_path)
+    (tmp_path / "run.json").write_text("[]")
+    with pytest.raises(ScenarioError, match="found a list, expected an object"):
+        read_metadata(tmp_path)
+
+
+@given(st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=20))
+def test_a_link_may_be_called_anything(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+    folder = tmp_path_factory.mktemp("run")
+    path = link_file(folder, name)
+    assert path.parent == folder / "links"
+    path.write_text("x")
+    assert link_files(folder) == {name: path}

@@ -1,0 +1,136 @@
+"""Run: what was recorded comes back, by name, or a sentence says why not."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.errors import RunError, ScenarioError
+from cosim.record import Column, Recorder, Run, link_file, write_metadata
+
+NAMES = {
+    "m.q[0]": "rad", "m.q[10]": "rad", "m.q[2]": "rad",
+    "m.xi_in[0,0]": "rad/s", "m.xi_in[1,0]": "rad/s", "m.xi_in[0,1]": "rad/s",
+    "m.q_d[0]": "rad", "m.w": "1/s", "m.mixed[0]": "m", "m.mixed[1]": "rad",
+}  # fmt: skip
+
+
+def write(folder: Path, rows: np.ndarray, names: dict[str, str] = NAMES, h: float = 0.1) -> Run:
+    columns = [Column(name, unit, i) for i, (name, unit) in enumerate(names.items())]
+    chunk = max(1, len(rows))
+    with Recorder(folder, columns, h=h, n_signals=len(names), rows_per_chunk=chunk) as recorder:
+        buffer = recorder.buffer()
+        buffer[: len(rows)] = rows
+        recorder.submit(buffer, 0, len(rows))
+    return Run.open(folder)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    return write(tmp_path, np.arange(30.0).reshape(3, 10))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(0, 40),
+    st.lists(st.floats(width=64), min_size=3, max_size=3),
+    st.floats(1e-9, 1e3),
+)
+def test_round_trip(n: int, values: list[float], h: float) -> None:
+    rows = np.outer(np.ones(n), values)
+    with TemporaryDirectory() as folder:
+        run = write(Path(folder), rows, {"a": "1", "b.c": "N.m", "b.d[0]": "kg.m2"}, h)
+        assert len(run) == n and run.names == ("a", "b.c", "b.d[0]")
+        assert run.units == {"t": "s", "a": "1", "b.c": "N.m", "b.d[0]": "kg.m2"}
+        assert run.t.tolist() == [k * h for k in range(n)]
+        for i, name in enumerate(run.names):
+            assert run.column(name).tobytes() == np.ascontiguousarray(rows[:, i]).tobytes()
+
+
+def test_entries_come_in_the_order_of_their_indices(run: Run) -> None:
+    assert run.entries("m.q") == ("m.q[0]", "m.q[2]", "m.q[10]")
+    assert run.array("m.q")[0].tolist() == [0, 2, 1]
+    assert run.entries("m.xi_in") == ("m.xi_in[0,0]", "m.xi_in[0,1]", "m.xi_in[1,0]")
+    assert run.array("m.q_d").shape == (3, 1)
+
+
+def test_a_scalar_or_an_entry_is_an_array_of_one(run: Run) -> None:
+    assert run.array("m.w").tolist() == [[7], [17], [27]]
+    assert run.array("m.q[10]").tolist() == [[1], [11], [21]]
+
+
+def test_arrays_cannot_be_changed_by_accident(run: Run) -> None:
+    for values in (run.t, run.column("m.w"), run.array("m.q")):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1
+
+
+def test_units(run: Run) -> None:
+    assert run.unit("m.xi_in") == "rad/s"
+    assert run.unit("m.w") == "1/s"
+    with pytest.raises(ScenarioError, match=r"m\.mixed has several units: m, rad"):
+        run.unit("m.mixed")
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("m.qq", "did you mean 'm.q'"),
+        ("m.q[1]", "did you mean 'm.q"),
+        ("M.xi_in", "did you mean 'm.xi_in'"),
+        ("nothing like it", "recorded are m.q, m.xi_in"),
+    ],
+)
+def test_an_unknown_name_gets_the_nearest_ones(run: Run, name: str, hint: str) -> None:
+    for read in (run.column, run.array, run.unit):
+        with pytest.raises(ScenarioError) as caught:
+            read(name)
+        assert f"no signal {name!r} was recorded" in str(caught.value)
+        assert hint in str(caught.value)
+
+
+def test_metadata_properties_and_links(run: Run, tmp_path: Path) -> None:
+    assert run.metadata == {} and run.link_tables == {}
+    write_metadata(tmp_path, {"seed": 3})
+    path = link_file(tmp_path, "a.xi -> b.xi_in[0]")
+    path.write_text("")
+    assert run.metadata == {"seed": 3}
+    assert run.link_tables == {"a.xi -> b.xi_in[0]": path}
+    assert run.properties["h"] == "0.1"
+
+
+def test_csv_reads_back_exactly(tmp_path: Path) -> None:
+    rows = np.random.default_rng(1).normal(size=(50, 10)) * 10.0 ** np.arange(-20, 20, 4)
+    run = write(tmp_path, rows)
+    path = run.to_csv(tmp_path / "run.csv")
+    with open(path, newline="") as file:
+        header, *lines = csv.reader(file)
+    assert header == ["t", *NAMES]
+    np.testing.assert_array_equal(np.array(lines, dtype=float)[:, 1:], rows)
+    np.testing.assert_array_equal(np.array(lines, dtype=float)[:, 0], run.t)
+
+
+def test_csv_that_cannot_be_written(run: Run, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"cannot write .*run\.csv: No such file"):
+        run.to_csv(tmp_path / "gone" / "run.csv")
+
+
+def test_no_run_there(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="gone: there is no such run folder"):
+        Run.open(tmp_path / "gone")
+    with pytest.raises(ScenarioError, match=r"no trajectories\.parquet in this folder"):
+        Run.open(tmp_path)
+
+
+def test_a_file_that_was_cut_short(run: Run, tmp_path: Path) -> None:
+    data = run.path.read_bytes()
+    for size in (0, 3, len(data) // 2, len(data) - 1):
+        run.path.write_bytes(data[:size])
+        with pytest.raises(ScenarioError, match=r"trajectories\.parquet: not a complete Parquet"):
+            Run.open(tmp_path)

@@ -13,6 +13,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 from cosim.errors import FmuError
@@ -21,9 +22,27 @@ from fmus.description import Version, build_description, model_description, term
 from fmus.model import Model, Variable
 from fmus.source import sources, token
 
-__all__ = ["VERSIONS", "Version", "build", "build_all", "compile_model", "find", "pack"]
+__all__ = [
+    "SHIPPED",
+    "VERSIONS",
+    "Version",
+    "build",
+    "build_all",
+    "compile_model",
+    "find",
+    "pack",
+    "shipped",
+]
 
 VERSIONS: tuple[Version, ...] = ("2.0", "3.0")
+
+#: What an installation brings as FMUs: models of ``fmus.models``, and the sizes of each.
+SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
+    "planar2r": ({},),
+    "operator": ({},),
+    "xi": ({},),
+    "teleoperation": ({"neighbours": 1}, {"neighbours": 2}),
+}
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
@@ -62,16 +81,9 @@ def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> lis
 
 
 def shipped() -> list[Model]:
-    """The models an installation brings as FMUs."""
-    from fmus.models import operator, planar2r, teleoperation, xi
-
-    return [
-        planar2r.model(),
-        operator.model(),
-        xi.model(),
-        teleoperation.model(1),
-        teleoperation.model(2),
-    ]
+    """The models of :data:`SHIPPED`, declared."""
+    modules = {name: import_module(f"fmus.models.{name}") for name in SHIPPED}
+    return [modules[name].model(**sizes) for name, many in SHIPPED.items() for sizes in many]
 
 
 def find(model: Model, version: Version) -> Path:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -59,8 +60,9 @@ _TYPE = {"real": "IS_REAL", "integer": "IS_INTEGER", "boolean": "IS_BOOLEAN"}
 def sources(model: Model) -> dict[str, str]:
     """Every C file and header of the model's library, by name; compile the ``.c`` files.
 
-    Raises FmuError where a source of the model does not exist.
+    Raises FmuError where a source of the model does not exist or a declaration cannot be.
     """
+    _check(model)
     files = {name: _read(_FOLDER / name, model) for name in (*_GENERIC, *_HEADERS)}
     for source in model.sources:
         path = Path(source) if Path(source).is_absolute() else _FOLDER / source
@@ -87,6 +89,23 @@ def scalars(variable: Variable) -> Iterator[str]:
     else:
         for index in product(*map(range, variable.shape)):
             yield f"{variable.name}[{','.join(map(str, index))}]"
+
+
+def _check(model: Model) -> None:
+    """Names are C names and unique, start values as many as entries, dependencies declared."""
+    names = [variable.name for variable in model.variables]
+    for name in (model.identifier, *(v.symbol or v.name for v in model.variables)):
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+            raise FmuError(f"{model.identifier}: {name!r} is no C name")
+    for v in model.variables:
+        place = f"{model.identifier}.{v.name}"
+        if v.name == "time" or names.count(v.name) > 1:
+            raise FmuError(f"{place}: declared twice; 'time' is there already")
+        if len(v.starts) != v.size:
+            raise FmuError(f"{place}: {len(v.starts)} start values, expected {v.size}")
+        for name in (*v.depends, *v.start_depends):
+            if name not in names:
+                raise FmuError(f"{place}: depends on {name!r}, which is not declared")
 
 
 def _read(path: Path, model: Model) -> str:

@@ -1,0 +1,167 @@
+"""``fmus``: build FMUs from models, list the models, validate FMUs.
+
+Exit codes: 0 done, 1 an FMU has problems, 2 bad input or no compiler.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated
+
+import typer
+
+from cosim.errors import CosimError, ScenarioError
+from fmus.build import SHIPPED, VERSIONS, Version, compile_model, pack, shipped
+from fmus.model import Model
+from fmus.toolchain import PLATFORMS
+
+app = typer.Typer(
+    name="fmus",
+    help="Models and the FMUs they become.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback()
+def _options() -> None:
+    """Models and the FMUs they become."""
+
+
+@app.command("build")
+def build(
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[MODEL]...", help="Of `fmus list`, or a module. [default: all]"),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the .fmu files.")] = Path("."),
+    fmi: Annotated[str, typer.Option(help="2.0, 3.0 or both.")] = "both",
+    platforms: Annotated[
+        str, typer.Option(help=f"Comma-separated, or all: {', '.join(PLATFORMS)}. [default: host]")
+    ] = "",
+    sizes: Annotated[
+        list[str] | None, typer.Option("--set", help="A size of the model, as neighbours=3.")
+    ] = None,
+) -> None:
+    """Build FMUs with sources, for this machine or for others."""
+    versions, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
+    for model in _models(models or [], given):
+        binaries = compile_model(model, targets)
+        for version in versions:
+            path = pack(model, version, out, binaries)
+            typer.echo(f"{path}  FMI {version}, {', '.join(binaries)}")
+
+
+@app.command("list")
+def list_models() -> None:
+    """The models that come with this package, their kind, sizes and default step."""
+    for name in SHIPPED:
+        module = _module(name)
+        model, sizes = module.model(), ", ".join(inspect.signature(module.model).parameters)
+        typer.echo(f"{name:14} {model.kind:11} {model.step:g} s  {model.description}")
+        if sizes:
+            typer.echo(f"{'':14} sizes: {sizes}")
+
+
+@app.command("validate")
+def validate(fmu: Annotated[Path, typer.Argument(help="The .fmu file.")]) -> None:
+    """Check an FMU against the standard's schema and rules, with FMPy."""
+    from cosim.fmi.validation import problems
+
+    if not fmu.is_file():
+        raise ScenarioError("no such file", str(fmu))
+    found = problems(fmu)
+    for problem in found:
+        typer.echo(problem)
+    typer.echo(f"{fmu}: {'no problems found' if not found else f'{len(found)} problem(s)'}")
+    if found:
+        raise typer.Exit(1)
+
+
+def _models(names: list[str], sizes: dict[str, int]) -> list[Model]:
+    """The models asked for: all that are shipped where neither a name nor a size is given."""
+    if not names and sizes:
+        raise ScenarioError("sizes belong to a model; name it", "--set")
+    if not names:
+        return shipped()
+    return [_model(_module(name), sizes) for name in names]
+
+
+def _module(name: str) -> ModuleType:
+    """The module of a model: one of ours by its short name, or any that has ``model()``."""
+    full = name if "." in name else f"fmus.models.{name}"
+    known = f"expected one of {', '.join(SHIPPED)}, or a module with a function model()"
+    try:
+        module = importlib.import_module(full)
+    except ModuleNotFoundError as error:
+        if error.name is None or not full.startswith(error.name):
+            raise
+        raise ScenarioError(f"no model {name!r}; {known}") from None
+    if not callable(getattr(module, "model", None)):
+        raise ScenarioError(f"{full} has no function model(); {known}")
+    return module
+
+
+def _model(module: ModuleType, sizes: dict[str, int]) -> Model:
+    accepted = list(inspect.signature(module.model).parameters)
+    for name in sizes:
+        if name not in accepted:
+            known = f"expected one of {', '.join(accepted)}" if accepted else "it has no sizes"
+            raise ScenarioError(f"{module.__name__} has no size {name!r}; {known}", "--set")
+    model = module.model(**sizes)
+    if not isinstance(model, Model):
+        raise ScenarioError(f"{module.__name__}.model() gives a {type(model).__name__}, no Model")
+    return model
+
+
+def _versions(fmi: str) -> tuple[Version, ...]:
+    if fmi == "both":
+        return VERSIONS
+    for version in VERSIONS:
+        if fmi == version:
+            return (version,)
+    raise ScenarioError(f"{fmi!r} is not 2.0, 3.0 or both", "--fmi")
+
+
+def _platforms(text: str) -> tuple[str, ...] | None:
+    if text == "all":
+        return PLATFORMS
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    for name in names:
+        if name not in PLATFORMS:
+            raise ScenarioError(
+                f"unknown platform {name!r}; expected all, or of {', '.join(PLATFORMS)}",
+                "--platforms",
+            )
+    return names or None
+
+
+def _sizes(texts: list[str]) -> dict[str, int]:
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = int(value)
+        except ValueError:
+            raise ScenarioError(f"{text!r} is not NAME=INTEGER, as neighbours=3", "--set") from None
+    return found
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    sys.path.insert(0, os.getcwd())  # where a user's own models are
+    try:
+        app()
+    except CosimError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        sys.exit(130)

@@ -33,14 +33,15 @@ def test_each_command_of_the_readme_sets_up_its_own_environment(name: str) -> No
     assert use.startswith(".venv/bin/")
 
 
-def test_ci_runs_the_test_command_as_the_readme_prints_it() -> None:
+@pytest.mark.parametrize("name", ["run command", "test command"])
+def test_ci_runs_each_command_as_the_readme_prints_it(name: str) -> None:
     script = (ROOT / ".ci" / "run").read_text()
-    extraction = re.search(r"^\s*(sed -n .* README\.md)", script, re.MULTILINE)
-    assert extraction
-    done = subprocess.run(
-        ["bash", "-c", extraction[1]], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == command("test command")
+    function = re.search(r"^readme_command\(\).*?^}$", script, re.MULTILINE | re.DOTALL)
+    assert function
+    assert script.count(f'readme_command "{name}"') > 0
+    call = ["bash", "-c", f"{function[0]}\nreadme_command '{name}'"]
+    done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == command(name)
 
 
 @pytest.mark.parametrize("script", PROJECT["project"]["scripts"].items(), ids=lambda s: s[0])

@@ -182,7 +182,7 @@ def test_without_any_compiler_the_error_says_what_to_do(
 ) -> None:
     hide_compilers(monkeypatch, tmp_path)
     monkeypatch.setattr(toolchain, "find_spec", lambda name: None)
-    with pytest.raises(ToolchainError, match="no C compiler.*'pip install ziglang'"):
+    with pytest.raises(ToolchainError, match=r"no C compiler.*'pip install ziglang'"):
         build(tmp_path / "a.so")
     foreign = next(name for name in PLATFORMS if name != host_platform())
     with pytest.raises(ToolchainError, match=f"no compiler for {foreign}.*'pip install ziglang'"):

@@ -41,9 +41,10 @@ def assemble(scenario: Scenario) -> Plan:
     by_name = {c.name: c for c in steps}
     wires = [w for c in steps for w in _wires(scenario, c, by_name, slots)]
     links = _links(scenario, h, ticks, by_name, slots)
-    _check_single_source(scenario, wires, links)
-    fed = {s.name for e in (*wires, *links) for s in (e.target,)}
-    _check_start_inputs(scenario, steps, fed)
+    fed = [(e.target, e.source.name) for e in (*wires, *links)]
+    fed += [(x.age, f"the age of {x.name}") for x in links if x.age is not None]
+    _check_single_source(scenario, fed)
+    _check_start_inputs(scenario, steps, {target.name for target, _ in fed})
     try:
         return compile_plan(h, ticks, steps, wires, links, scenario.run.algorithm)
     except PlanError as error:
@@ -215,7 +216,7 @@ def _links(
             delay=spec.delay,
             semantics=spec.semantics,
             playout=spec.playout,
-            name=name,
+            name=spec.channel or name,
             seed=scenario.run.seed,
             h=h,
             sender_period=steps[source.component].period,
@@ -225,8 +226,28 @@ def _links(
             ticks=ticks,
         )
         initial = _initial(spec, target, place)
-        links.append(Link(name, source, target, table, gain, offset, initial))
+        age = _age(spec, target, steps, slots, place)
+        links.append(Link(name, source, target, table, gain, offset, initial, age))
     return links
+
+
+def _age(
+    spec: LinkSpec,
+    target: Slot,
+    steps: Mapping[str, Step],
+    slots: Mapping[str, Slot],
+    place: str,
+) -> Slot | None:
+    if not spec.age:
+        return None
+    age = _endpoint(spec.age, "input", steps, slots, f"{place}.age")
+    if age.component != target.component or age.size != 1:
+        raise ScenarioError(
+            f"{age.name} is to get the age of {target.name}; expected a scalar input of "
+            f"{target.component}",
+            f"{place}.age",
+        )
+    return age
 
 
 def _initial(spec: LinkSpec, target: Slot, place: str) -> tuple[float, ...] | None:
@@ -301,17 +322,16 @@ def _unit(slot: Slot, steps: Mapping[str, Step]) -> str | Unit:
     return slot.unit
 
 
-def _check_single_source(scenario: Scenario, wires: list[Wire], links: list[Link]) -> None:
-    fed: dict[int, str] = {}
-    for e in (*wires, *links):
-        for i, scalar in enumerate(e.target.scalars()):
-            at = e.target.start + i
-            if at in fed:
+def _check_single_source(scenario: Scenario, fed: Iterable[tuple[Slot, str]]) -> None:
+    sources: dict[int, str] = {}
+    for target, source in fed:
+        for i, scalar in enumerate(target.scalars()):
+            at = target.start + i
+            if at in sources:
                 raise ScenarioError(
-                    f"{scalar} is fed twice: by {fed[at]} and by {e.source.name}",
-                    str(scenario.path),
+                    f"{scalar} is fed twice: by {sources[at]} and by {source}", str(scenario.path)
                 )
-            fed[at] = e.source.name
+            sources[at] = source
 
 
 def _check_start_inputs(scenario: Scenario, steps: list[Step], fed: set[str]) -> None:

@@ -17,9 +17,9 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-#define ENGINE_ABI 1
+#define ENGINE_ABI 2
 
-enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD };
+enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY };
 enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN };
@@ -60,9 +60,15 @@ typedef struct {
 } link_t;
 
 typedef struct {
+    const double *values;   /* one a hit of the receiver, for this chunk */
+    int64_t row, rows;
+} player_t;
+
+typedef struct {
     operation_t *operations;
     unit_t *units;
     link_t *links;
+    player_t *players;
     double *signals;
     double *record;         /* rows of n_signals, or NULL */
     int64_t n_operations, n_signals;
@@ -169,6 +175,20 @@ static int pull(link_t *l, double *target)
     return RUN_OK;
 }
 
+/* How old what a link holds is; before anything has arrived, as old as the run. */
+static double age(const engine_t *e, const operation_t *op)
+{
+    int64_t held = e->links[op->index].held;
+    return (double)(e->tick - (held < 0 ? 0 : held) * op->source) * e->h;
+}
+
+static int play(player_t *p, double *target)
+{
+    if (p->row >= p->rows) return RUN_HISTORY;
+    *target = p->values[p->row++];
+    return RUN_OK;
+}
+
 /* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. */
 API int32_t engine_run(engine_t *e, int64_t ticks)
 {
@@ -196,6 +216,8 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
                 result = pull(e->links + op->index, s + op->target);
                 if (result != RUN_OK) e->failed_index = op->index;
                 break;
+            case OP_AGE: s[op->target] = age(e, op); break;
+            case OP_PLAY: result = play(e->players + op->index, s + op->target); break;
             case OP_STEP: result = step_unit(e, op->index); break;
             case OP_RECORD:
                 if (e->record) {
@@ -250,6 +272,6 @@ API int32_t engine_abi(void) { return ENGINE_ABI; }
 API size_t engine_sizes(int32_t which)
 {
     static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
-                                   sizeof(engine_t), sizeof(log_t)};
-    return which >= 0 && which < 5 ? sizes[which] : 0;
+                                   sizeof(engine_t), sizeof(log_t), sizeof(player_t)};
+    return which >= 0 && which < 6 ? sizes[which] : 0;
 }

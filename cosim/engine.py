@@ -41,7 +41,8 @@ class Engine:
         self._streams = [link.table.stream() for link in plan.links]
         self._failure: BaseException | None = None
         self._alive: list[Any] = []  # what C points to
-        self._rows: dict[str, NDArray[np.int32]] = {}
+        self._played = [player.source.stream() for player in plan.players]
+        self._rows: dict[str, NDArray[Any]] = {}
         self._state = native.EngineState()
         self._library = native.library()
 
@@ -120,9 +121,11 @@ class Engine:
         self._links = (native.Link * len(plan.links))(
             *(self._link(i) for i in range(len(plan.links)))
         )
+        self._players = (native.Player * len(plan.players))()
         self._alive += [operations, units]
         state.operations, state.units = c.addressof(operations), c.addressof(units)
         state.links = c.addressof(self._links)
+        state.players = c.addressof(self._players)
         state.signals = self.signals.ctypes.data
         state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
         state.h, state.tick = plan.h, 0
@@ -203,15 +206,25 @@ class Engine:
         self._state.stop = 1
 
     def _next_tables(self, ticks: int) -> None:
-        first = self.tick
         for link, bound, stream in zip(self.plan.links, self._links, self._streams, strict=True):
-            period = self.plan.component(link.target.component).period
-            hits = -(-(first + ticks) // period) - -(-first // period)
+            hits = self._hits(link.target.component, ticks)
             rows = np.ascontiguousarray(stream.rows(hits), dtype=np.int32)
             bound.table, bound.row, bound.rows = rows.ctypes.data, 0, hits
             self._rows[link.name] = rows
             if self._keep_tables:
                 self._keep_tables(link.name, rows)
+        for player, played, values in zip(
+            self.plan.players, self._players, self._played, strict=True
+        ):
+            hits = self._hits(player.target.component, ticks)
+            chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
+            played.values, played.row, played.rows = chunk.ctypes.data, 0, hits
+            self._rows[player.target.name] = chunk
+
+    def _hits(self, name: str, ticks: int) -> int:
+        """How often a component is due in the next `ticks` ticks."""
+        period = self.plan.component(name).period
+        return -(-(self.tick + ticks) // period) - -(-self.tick // period)
 
     def _error(self, result: Result) -> BaseException:
         failure, self._failure = self._failure, None

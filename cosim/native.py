@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cosim.errors import CosimError
 
-ABI = 1
+ABI = 2
 LOG_LINES, LOG_WIDTH = 32, 512
 
 
@@ -23,6 +23,8 @@ class Code(IntEnum):
     PULL = 3
     STEP = 4
     RECORD = 5
+    AGE = 6
+    PLAY = 7
 
 
 class UnitKind(IntEnum):
@@ -104,6 +106,12 @@ class Link(c.Structure):
     )
 
 
+class Player(c.Structure):
+    """``player_t``."""
+
+    _fields_ = (("values", c.c_void_p), ("row", c.c_int64), ("rows", c.c_int64))
+
+
 class EngineState(c.Structure):
     """``engine_t``."""
 
@@ -111,6 +119,7 @@ class EngineState(c.Structure):
         ("operations", c.c_void_p),
         ("units", c.c_void_p),
         ("links", c.c_void_p),
+        ("players", c.c_void_p),
         ("signals", c.c_void_p),
         ("record", c.c_void_p),
         ("n_operations", c.c_int64),
@@ -158,7 +167,7 @@ def library() -> c.CDLL:
     engine.engine_run.restype = c.c_int32
     engine.engine_sizes.argtypes = (c.c_int32,)
     engine.engine_sizes.restype = c.c_size_t
-    expected = [c.sizeof(t) for t in (Operation, Unit, Link, EngineState, Log)]
+    expected = [c.sizeof(t) for t in (Operation, Unit, Link, EngineState, Log, Player)]
     found = [engine.engine_sizes(i) for i in range(len(expected))]
     if engine.engine_abi() != ABI or found != expected:
         raise CosimError(f"{path} belongs to another version of cosim: install the project again")

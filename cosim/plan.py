@@ -10,11 +10,16 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.component import Component, Kind
 from cosim.errors import PlanError
 from cosim.links.table import TableSpec
 from cosim.native import Code
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +76,10 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A wire through a table of sent samples; `initial` is the pre-history, None: the start."""
+    """A wire through a table of sent samples; `initial` is the pre-history, None: the start.
+
+    `age`: a scalar input that gets the age (s) of what the link holds.
+    """
 
     name: str
     source: Slot
@@ -80,6 +88,32 @@ class Link:
     gain: float = 1.0
     offset: float = 0.0
     initial: tuple[float, ...] | None = None
+    age: Slot | None = None
+
+
+class Rows(Protocol):
+    """Values in order, in chunks whose sizes do not change them."""
+
+    def rows(self, n: int) -> NDArray[np.float64]:
+        """The next `n` values."""
+
+
+class Source(Protocol):
+    """What a player plays: one value a hit of its receiver."""
+
+    def stream(self) -> Rows:
+        """The values from the first on."""
+
+    def facts(self) -> dict[str, Any]:
+        """What is written down with a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Player:
+    """A table of values that feeds a scalar input: the weight of an edge over time."""
+
+    target: Slot
+    source: Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +142,7 @@ class Plan:
     components: tuple[Step, ...]
     wires: tuple[Wire, ...]
     links: tuple[Link, ...]
+    players: tuple[Player, ...]
     operations: tuple[Operation, ...]
     order: tuple[str, ...]
 
@@ -127,6 +162,7 @@ def compile_plan(
     wires: Iterable[Wire],
     links: Iterable[Link],
     algorithm: str = "sampled",
+    players: Iterable[Player] = (),
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
@@ -137,7 +173,8 @@ def compile_plan(
     links_ = tuple(sorted(links, key=lambda x: x.name))
     sampled = {c.name for c in steps if c.kind == "sampled" and algorithm == "sampled"}
     order = _order(sampled, wires_, links_)
-    operations = _operations(steps, wires_, links_, order)
+    players_ = tuple(sorted(players, key=lambda p: p.target.start))
+    operations = _operations(steps, wires_, links_, players_, order)
     n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
     return Plan(
         h=h,
@@ -147,6 +184,7 @@ def compile_plan(
         components=steps,
         wires=wires_,
         links=links_,
+        players=players_,
         operations=operations,
         order=order,
     )
@@ -207,18 +245,23 @@ def _loop(waiting: Mapping[str, set[str]], edges: Sequence[Wire | Link]) -> str:
 
 
 def _operations(
-    steps: Sequence[Step], wires: Sequence[Wire], links: Sequence[Link], order: Sequence[str]
+    steps: Sequence[Step],
+    wires: Sequence[Wire],
+    links: Sequence[Link],
+    players: Sequence[Player],
+    order: Sequence[str],
 ) -> tuple[Operation, ...]:
+    periods = {c.name: c.period for c in steps}
     index = {c.name: i for i, c in enumerate(steps)}
     held = [c for c in steps if c.name not in order]
     operations = [op for c in held for op in _pushes(c, links)]
     for name in order:
         c = steps[index[name]]
-        operations += _gather(c, wires, links)
+        operations += _gather(c, wires, links, players, periods)
         operations.append(Operation(Code.STEP, index[name], c.period))
         operations += _pushes(c, links)
     operations.append(Operation(Code.RECORD))
-    operations += [op for c in held for op in _gather(c, wires, links)]
+    operations += [op for c in held for op in _gather(c, wires, links, players, periods)]
     operations += [
         Operation(Code.STEP, index[c.name], c.period, first=c.period - 1) for c in held
     ]
@@ -236,11 +279,26 @@ def _pushes(c: Step, links: Sequence[Link]) -> list[Operation]:
     ]
 
 
-def _gather(c: Step, wires: Sequence[Wire], links: Sequence[Link]) -> list[Operation]:
-    pulls = [
-        Operation(Code.PULL, i, c.period, target=x.target.start, count=x.target.size)
-        for i, x in enumerate(links)
-        if x.target.component == c.name
+def _gather(
+    c: Step,
+    wires: Sequence[Wire],
+    links: Sequence[Link],
+    players: Sequence[Player],
+    periods: Mapping[str, int],
+) -> list[Operation]:
+    received: list[Operation] = []
+    for i, x in enumerate(links):
+        if x.target.component == c.name:
+            received.append(
+                Operation(Code.PULL, i, c.period, target=x.target.start, count=x.target.size)
+            )
+            if x.age is not None:
+                sent = periods[x.source.component]
+                received.append(Operation(Code.AGE, i, c.period, source=sent, target=x.age.start))
+    received += [
+        Operation(Code.PLAY, i, c.period, target=p.target.start)
+        for i, p in enumerate(players)
+        if p.target.component == c.name
     ]
     copies: list[Operation] = []
     for w in (w for w in wires if w.target.component == c.name):
@@ -253,7 +311,7 @@ def _gather(c: Step, wires: Sequence[Wire], links: Sequence[Link]) -> list[Opera
             copies[-1] = replace(copies[-1], count=copies[-1].count + copy.count)
         else:
             copies.append(copy)
-    return pulls + copies
+    return received + copies
 
 
 def _continues(a: Operation, b: Operation) -> bool:

@@ -67,15 +67,22 @@ class ComponentSpec(_Struct):
 
 
 class LinkSpec(_Struct, rename={"source": "from", "target": "to"}):
-    """A link from an output to an input: late, sometimes, or never."""
+    """A link from an output to an input: late, sometimes, or never.
+
+    Links of one `channel` travel in the same packets: they share their delays and losses. `age`
+    is an input that gets the age (s) of what is held.
+    """
 
     source: str
     target: str
     delay: dict[str, Any]
     semantics: Semantics = "signal"
     playout: Number | None = None
+    loss: dict[str, Any] | None = None
     initial: Value = None
     name: str = ""
+    channel: str = ""
+    age: str = ""
 
 
 class MetricSpec(_Struct):

@@ -37,6 +37,12 @@ class Milliseconds(Gain):
     inputs = (Port("u", (), "ms"),)
 
 
+class Pair(Gain):
+    """Sampled: a gain that is told the age of its input."""
+
+    inputs = (Port("u", (), "s"), Port("age", (), "s"))
+
+
 class Integrator:
     """Continuous: dx/dt = u, y = x, exact for held inputs."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.fmi import FmuComponent
 from cosim.native import Code
-from cosim.plan import Plan, Slot, Step
+from cosim.plan import Link, Plan, Player, Slot, Step
 
 
 def execute(plan: Plan) -> np.ndarray:
@@ -19,6 +19,8 @@ def execute(plan: Plan) -> np.ndarray:
     tables = [link.table.stream().rows(_hits(plan, link)) for link in plan.links]
     sent: list[list[np.ndarray]] = [[] for _ in plan.links]
     before = [signals[_range(link.target)].copy() for link in plan.links]
+    played = [p.source.stream().rows(_hits(plan, p)) for p in plan.players]
+    now = [-1] * len(plan.links)
     rows = []
     for tick in range(plan.ticks):
         for op in plan.operations:
@@ -36,6 +38,11 @@ def execute(plan: Plan) -> np.ndarray:
             elif op.code == Code.PULL:
                 held = tables[op.index][tick // op.period]
                 signals[target] = before[op.index] if held < 0 else sent[op.index][held]
+                now[op.index] = held
+            elif op.code == Code.AGE:
+                signals[op.target] = (tick - max(now[op.index], 0) * op.source) * plan.h
+            elif op.code == Code.PLAY:
+                signals[op.target] = played[op.index][tick // op.period]
             elif op.code == Code.STEP:
                 step = plan.components[op.index]
                 first = tick - (0 if step.name in plan.order else step.period - 1)
@@ -83,5 +90,5 @@ def _store(signals: np.ndarray, step: Step, y: object) -> None:
         signals[_range(slot)] = np.reshape(y[slot.port], -1)  # type: ignore[index]
 
 
-def _hits(plan: Plan, link: object) -> int:
-    return -(-plan.ticks // plan.component(link.target.component).period)  # type: ignore[attr-defined]
+def _hits(plan: Plan, fed: Link | Player) -> int:
+    return -(-plan.ticks // plan.component(fed.target.component).period)

@@ -91,6 +91,43 @@ def test_the_pre_history_is_the_senders_start_or_what_is_given():
         assert held[5] == 5.0
 
 
+@pytest.mark.parametrize("semantics", ["signal", "newest-stamp"])
+def test_the_age_of_what_is_held_is_a_signal(semantics):
+    components = {
+        "clock": {"model": "Clock", "period": 0.5},
+        "late": {"model": "Pair"},
+    }
+    link = {
+        "from": "clock.y[0]",
+        "to": "late.u",
+        "age": "late.age",
+        "delay": {"law": "uniform", "low": 0.5, "high": 3.0, "hold": 1.0},
+        "semantics": semantics,
+    }
+    args = {"stop": 50.0, "seed": 3}
+    p = plan(components, [link], **args)
+    record = chunks(p, [11])
+    assert record.tobytes() == execute(plan(components, [link], **args)).tobytes()
+    t = 0.25 * np.arange(p.ticks)
+    sent, age = (record[:-1, p.slots()[name].start] for name in ("late.u", "late.age"))
+    arrived = sent >= 0  # the clock sends its own time; before that, its start value -1
+    assert arrived.any() and not arrived.all()
+    assert age[arrived] == pytest.approx((t - sent)[arrived])
+    assert age[~arrived] == pytest.approx(t[~arrived])
+
+
+def test_links_of_one_channel_share_their_delays():
+    components = {"a": {"model": "Gain"}, "b": {"model": "Gain"}, "c": {"model": "Gain"}}
+    law = {"law": "uniform", "low": 0.25, "high": 5.0}
+    tables = {}
+    for channel in ({}, {"channel": "there"}):
+        links = [{"from": "a.y", "to": f"{x}.u", "delay": law, **channel} for x in "bc"]
+        p = plan(components, links)
+        tables[bool(channel)] = [x.table.stream().rows(99).tolist() for x in p.links]
+    assert tables[True][0] == tables[True][1]
+    assert tables[False][0] != tables[False][1]
+
+
 @pytest.mark.parametrize(
     ("how", "message"),
     [

@@ -41,7 +41,8 @@ def assemble(scenario: Scenario) -> Plan:
     by_name = {c.name: c for c in steps}
     wires = [w for c in steps for w in _wires(scenario, c, by_name, slots)]
     links = _links(scenario, h, ticks, by_name, slots)
-    fed = [(e.target, e.source.name) for e in (*wires, *links)]
+    fed = [(w.target, w.source.name) for w in wires]
+    fed += [(x.target, x.source.name) for x in links]
     fed += [(x.age, f"the age of {x.name}") for x in links if x.age is not None]
     _check_single_source(scenario, fed)
     _check_start_inputs(scenario, steps, {target.name for target, _ in fed})
@@ -283,8 +284,9 @@ def _endpoint(
 def _part(slot: Slot, index: str, place: str) -> Slot:
     at = tuple(int(i) for i in index.split(","))
     if len(at) > len(slot.shape) or any(i >= n for i, n in zip(at, slot.shape, strict=False)):
-        shape = list(slot.shape)
-        raise ScenarioError(f"[{index}] is outside of {slot.name}, which has shape {shape}", place)
+        raise ScenarioError(
+            f"[{index}] is outside of {slot.name}, which has shape {list(slot.shape)}", place
+        )
     start, shape = slot.start, slot.shape
     for i in at:
         shape = shape[1:]
@@ -293,9 +295,7 @@ def _part(slot: Slot, index: str, place: str) -> Slot:
     return replace(slot, name=f"{slot.name}[{index}]", start=start, shape=shape)
 
 
-def _fit(
-    source: Slot, target: Slot, steps: Mapping[str, Step], place: str
-) -> tuple[float, float]:
+def _fit(source: Slot, target: Slot, steps: Mapping[str, Step], place: str) -> tuple[float, float]:
     """(gain, offset) between two slots of one shape. Raises ScenarioError."""
     if source.shape != target.shape:
         raise ScenarioError(
@@ -351,7 +351,9 @@ def _ticks(seconds: float, h: float, place: str) -> int:
     """How many base steps `seconds` are. Raises ScenarioError when they are not a whole number."""
     ticks = round(seconds / h)
     if ticks < 1 or abs(ticks * h - seconds) > 1e-9 * max(seconds, h):
-        near = ", ".join(f"{n * h:g}" for n in sorted({max(1, int(seconds / h)), int(seconds / h) + 1}))
+        near = ", ".join(
+            f"{n * h:g}" for n in sorted({max(1, int(seconds / h)), int(seconds / h) + 1})
+        )
         raise ScenarioError(
             f"{seconds:g} s is not a multiple of the base step {h:g} s (nearest: {near} s)", place
         )

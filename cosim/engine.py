@@ -17,7 +17,7 @@ from cosim import native
 from cosim.errors import CosimError, RunError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.native import Result
-from cosim.plan import Plan, Slot, Step
+from cosim.plan import Link, Plan, Slot, Step, Wire
 
 Vector = NDArray[np.float64]
 Views = dict[str, Vector]
@@ -86,7 +86,8 @@ class Engine:
             self.signals[slot.start : slot.start + slot.size] = value
 
     def _gather_initial(self, name: str) -> None:
-        for e in (*self.plan.wires, *self.plan.links):
+        edges: list[Wire | Link] = [*self.plan.wires, *self.plan.links]
+        for e in edges:
             if e.target.component == name:
                 value = e.gain * _part(self.signals, e.source) + e.offset
                 _part(self.signals, e.target)[:] = value
@@ -110,7 +111,15 @@ class Engine:
         operations = (native.Operation * len(plan.operations))(
             *(
                 native.Operation(
-                    o.code, o.index, o.period, o.first, o.source, o.target, o.count, o.gain, o.offset
+                    o.code,
+                    o.index,
+                    o.period,
+                    o.first,
+                    o.source,
+                    o.target,
+                    o.count,
+                    o.gain,
+                    o.offset,
                 )
                 for o in plan.operations
             )

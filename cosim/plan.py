@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.component import Component, Kind
@@ -190,12 +191,12 @@ def compile_plan(
     )
 
 
-def _order(
-    sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]
-) -> tuple[str, ...]:
+def _order(sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]) -> tuple[str, ...]:
     """Topological order of the sampled components, ties broken by name."""
     edges = same_tick(sampled, wires, links)
-    waiting = {name: {e.source.component for e in edges if e.target.component == name} for name in sampled}
+    waiting = {
+        name: {e.source.component for e in edges if e.target.component == name} for name in sampled
+    }
     ready = [name for name, sources in waiting.items() if not sources]
     heapq.heapify(ready)
     order: list[str] = []
@@ -217,11 +218,10 @@ def same_tick(
     sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]
 ) -> tuple[Wire | Link, ...]:
     """Connections between sampled components that carry a value within one tick."""
-    immediate = [x for x in links if x.table.minimum_delay_ticks == 0]
+    edges: list[Wire | Link] = [*wires, *(x for x in links if x.table.minimum_delay_ticks == 0)]
     return tuple(
-        e for e in (*wires, *immediate)
-        if e.source.component in sampled and e.target.component in sampled
-    )  # fmt: skip
+        e for e in edges if e.source.component in sampled and e.target.component in sampled
+    )
 
 
 def _loop(waiting: Mapping[str, set[str]], edges: Sequence[Wire | Link]) -> str:
@@ -234,7 +234,7 @@ def _loop(waiting: Mapping[str, set[str]], edges: Sequence[Wire | Link]) -> str:
     cycle = walk[walk.index(name) :][::-1]
     hops = [
         next(e for e in edges if (e.source.component, e.target.component) == pair)
-        for pair in zip(cycle, cycle[1:], strict=False)
+        for pair in pairwise(cycle)
     ]
     text = ", ".join(f"{e.source.name} -> {e.target.name}" for e in hops)
     return (
@@ -262,18 +262,21 @@ def _operations(
         operations += _pushes(c, links)
     operations.append(Operation(Code.RECORD))
     operations += [op for c in held for op in _gather(c, wires, links, players, periods)]
-    operations += [
-        Operation(Code.STEP, index[c.name], c.period, first=c.period - 1) for c in held
-    ]
+    operations += [Operation(Code.STEP, index[c.name], c.period, first=c.period - 1) for c in held]
     return tuple(operations)
 
 
 def _pushes(c: Step, links: Sequence[Link]) -> list[Operation]:
     return [
         Operation(
-            Code.PUSH, i, c.period, source=x.source.start, count=x.source.size,
-            gain=x.gain, offset=x.offset,
-        )  # fmt: skip
+            Code.PUSH,
+            i,
+            c.period,
+            source=x.source.start,
+            count=x.source.size,
+            gain=x.gain,
+            offset=x.offset,
+        )
         for i, x in enumerate(links)
         if x.source.component == c.name
     ]
@@ -304,9 +307,15 @@ def _gather(
     for w in (w for w in wires if w.target.component == c.name):
         plain = w.gain == 1.0 and w.offset == 0.0
         copy = Operation(
-            Code.COPY if plain else Code.SCALE, 0, c.period, source=w.source.start,
-            target=w.target.start, count=w.target.size, gain=w.gain, offset=w.offset,
-        )  # fmt: skip
+            Code.COPY if plain else Code.SCALE,
+            0,
+            c.period,
+            source=w.source.start,
+            target=w.target.start,
+            count=w.target.size,
+            gain=w.gain,
+            offset=w.offset,
+        )
         if copies and _continues(copies[-1], copy):
             copies[-1] = replace(copies[-1], count=copies[-1].count + copy.count)
         else:

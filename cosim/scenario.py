@@ -23,18 +23,14 @@ Number = int | float | str
 Value = Any  # number, boolean, text with a unit, or nested lists of these
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Frozen, and strict about keys."""
-
-
-class RecordSpec(_Struct):
+class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is recorded: every `every`-th tick of `signals` (default: all outputs and received)."""
 
     every: int = 1
     signals: tuple[str, ...] = ()
 
 
-class RunSpec(_Struct):
+class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How long and how finely."""
 
     step: Number
@@ -44,7 +40,9 @@ class RunSpec(_Struct):
     record: RecordSpec = RecordSpec()
 
 
-class WireSpec(_Struct, rename={"source": "from"}):
+class WireSpec(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, rename={"source": "from"}
+):
     """A wire with a factor: the input gets ``gain * value + offset``."""
 
     source: str
@@ -52,7 +50,7 @@ class WireSpec(_Struct, rename={"source": "from"}):
     offset: float = 0.0
 
 
-class ComponentSpec(_Struct):
+class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One component: its model, how often it steps, its values, and what feeds its inputs."""
 
     model: str
@@ -66,7 +64,13 @@ class ComponentSpec(_Struct):
     inputs: dict[str, str | WireSpec] = {}
 
 
-class LinkSpec(_Struct, rename={"source": "from", "target": "to"}):
+class LinkSpec(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    rename={"source": "from", "target": "to"},
+):
     """A link from an output to an input: late, sometimes, or never.
 
     Links of one `channel` travel in the same packets: they share their delays and losses. `age`
@@ -85,7 +89,7 @@ class LinkSpec(_Struct, rename={"source": "from", "target": "to"}):
     age: str = ""
 
 
-class MetricSpec(_Struct):
+class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One number of the summary; see :mod:`cosim.analysis.metrics` for the kinds."""
 
     kind: str
@@ -97,7 +101,7 @@ class MetricSpec(_Struct):
     label: str = ""
 
 
-class PanelSpec(_Struct):
+class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One diagram of a figure."""
 
     y: tuple[str, ...]
@@ -108,14 +112,14 @@ class PanelSpec(_Struct):
     ylabel: str = ""
 
 
-class FigureSpec(_Struct):
+class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A figure of one or more panels, written as ``NAME.png``."""
 
     panels: tuple[PanelSpec, ...]
     title: str = ""
 
 
-class Scenario(_Struct):
+class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole scenario, as read."""
 
     path: Path
@@ -166,7 +170,9 @@ def build(document: Mapping[str, Any], path: Path) -> Scenario:
     """A scenario from an already parsed document. Raises ScenarioError."""
     for key in document:
         if key not in _TABLES:
-            raise ScenarioError(f"unknown key {key!r}; expected one of {', '.join(_TABLES)}", f"{path}")
+            raise ScenarioError(
+                f"unknown key {key!r}; expected one of {', '.join(_TABLES)}", f"{path}"
+            )
     for key in ("run", "components"):
         if key not in document:
             raise ScenarioError(f"no [{key}] table", f"{path}")
@@ -188,6 +194,12 @@ def build(document: Mapping[str, Any], path: Path) -> Scenario:
         metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=_each(tables["figures"], FigureSpec, path, "figures"),
     )
+
+
+def as_data(scenario: Scenario) -> dict[str, Any]:
+    """A scenario as plain data: what a run's metadata keeps of it."""
+    data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
+    return data
 
 
 def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
@@ -237,7 +249,9 @@ def _child(node: Any, part: str, above: str, setting: str) -> Any:
         raise ScenarioError(f"--set {setting!r}: {above} is not a table")
     if part not in node and above in ("", "components", "metrics", "figures"):
         known = ", ".join(sorted(node)) or "nothing"
-        raise ScenarioError(f"--set {setting!r}: no {part!r} in {above or 'the file'}; it has {known}")
+        raise ScenarioError(
+            f"--set {setting!r}: no {part!r} in {above or 'the file'}; it has {known}"
+        )
     return node.setdefault(part, {})
 
 

@@ -24,7 +24,7 @@ from cosim.links.storage import TableWriter
 from cosim.plan import Plan, Slot
 from cosim.record import Column, Recorder, claim_folder, link_file, write_metadata
 from cosim.record.folder import LAST
-from cosim.scenario import Scenario
+from cosim.scenario import Scenario, as_data
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
 CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
@@ -160,10 +160,8 @@ def metadata(
     error: BaseException | None = None,
 ) -> dict[str, Any]:
     """What ``run.json`` says: scenario, seeds, versions, FMU hashes, links, outcome."""
-    import msgspec
-
     return {
-        "scenario": msgspec.to_builtins(scenario, enc_hook=str),
+        "scenario": as_data(scenario),
         "seed": scenario.run.seed,
         "step": plan.h,
         "ticks": plan.ticks,
@@ -189,4 +187,3 @@ def versions() -> dict[str, str]:
         "numpy": np.__version__,
         "platform": f"{platform.machine()}-{sys.platform}",
     }
-

@@ -123,4 +123,6 @@ def _name(unit: str | Unit) -> str:
     if isinstance(unit, str):
         return unit or "1"
     powers = zip(BASE, unit.exponents, strict=True)
-    return ".".join(f"{base}{power if power != 1 else ''}" for base, power in powers if power) or "1"
+    return (
+        ".".join(f"{base}{power if power != 1 else ''}" for base, power in powers if power) or "1"
+    )

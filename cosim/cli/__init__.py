@@ -53,7 +53,9 @@ def main() -> None:
         typer.echo(f"error: {error}", err=True)
         saved = vars(error).get("saved")
         if saved:
-            typer.echo(f"recorded until then, and the last ticks of every signal: {saved}", err=True)
+            typer.echo(
+                f"recorded until then, and the last ticks of every signal: {saved}", err=True
+            )
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         typer.echo("interrupted", err=True)

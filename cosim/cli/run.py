@@ -15,7 +15,7 @@ def run(
         typer.Option(
             "--set",
             metavar="PATH=VALUE",
-            help="Change a value, e.g. components.master_control.parameters.lambda_M=1; repeatable.",
+            help="Change a value, e.g. components.master.parameters.k_p=20; repeatable.",
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the links (run.seed).")] = None,

@@ -83,7 +83,7 @@ def _model(step: Step) -> str:
 
 def _order(plan: Plan) -> list[list[str]]:
     """The stages of a tick, each step with its reason."""
-    rows = []
+    rows: list[list[str]] = []
     for name in plan.order:
         step = plan.component(name)
         sources = {w.source.component for w in plan.wires if w.target.component == name}
@@ -109,7 +109,8 @@ def _due(step: Step) -> str:
 
 
 def _inputs(plan: Plan) -> list[list[str]]:
-    edges: dict[str, Wire | Link] = {e.target.name: e for e in (*plan.wires, *plan.links)}
+    edges: dict[str, Wire | Link] = {w.target.name: w for w in plan.wires}
+    edges |= {x.target.name: x for x in plan.links}
     rows = []
     for c in plan.components:
         for slot in c.inputs:
@@ -129,7 +130,9 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
     hold = f", holds it {step.period * plan.h:g} s"
     if isinstance(edge, Link):
         return f"the sample its link holds at t_k{hold}"
-    factor = "" if (edge.gain, edge.offset) == (1.0, 0.0) else f", x {edge.gain:g} + {edge.offset:g}"
+    factor = (
+        "" if (edge.gain, edge.offset) == (1.0, 0.0) else f", x {edge.gain:g} + {edge.offset:g}"
+    )
     if edge.source.component in plan.order:
         return f"computed in this tick{factor}{hold}"
     return f"value at t_k{factor}{hold}"

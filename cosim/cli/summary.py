@@ -95,7 +95,9 @@ def check(scenario: Scenario, recorded: list[str]) -> None:
     """Refuse metrics and figures of signals that will not be recorded, before the run."""
     known = {name for name in recorded} | {name.split("[")[0] for name in recorded}
     wanted = [
-        (signal, scenario.place("metrics", m.name)) for m in metrics(scenario) for signal in m.signals
+        (signal, scenario.place("metrics", m.name))
+        for m in metrics(scenario)
+        for signal in m.signals
     ]
     for name, spec in scenario.figures.items():
         for i, panel in enumerate(spec.panels):
@@ -122,7 +124,9 @@ def summary(scenario: Scenario, run: Run, outcome: Outcome) -> list[str]:
     lines += [_line("link age", text) for text in _ages(outcome)]
     ratio = outcome.seconds / outcome.wall
     lines.append(
-        _line("wall time", f"{outcome.wall:.3f} s for {outcome.seconds:g} s: {ratio:.0f} x real time")
+        _line(
+            "wall time", f"{outcome.wall:.3f} s for {outcome.seconds:g} s: {ratio:.0f} x real time"
+        )
     )
     return lines
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cosim.component import Kind, Outputs, Parameter, Port, Values
 from cosim.errors import FmuError
 from cosim.fmi import archive as archives
-from cosim.fmi.description import Description, read
+from cosim.fmi.description import read
 from cosim.fmi.library import Instance, instantiate
 from cosim.fmi.ports import REAL, Group, groups
 

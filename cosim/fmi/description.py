@@ -14,9 +14,20 @@ from cosim.units import BASE, Unit
 
 _TYPES2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _TYPES3 = (
-    "Float64 Float32 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 "
-    "Boolean String Binary Enumeration Clock"
-).split()
+    *(
+        "Float64",
+        "Float32",
+        "Int8",
+        "UInt8",
+        "Int16",
+        "UInt16",
+        "Int32",
+        "UInt32",
+        "Int64",
+        "UInt64",
+    ),
+    *("Boolean", "String", "Binary", "Enumeration", "Clock"),
+)
 
 
 @dataclass(frozen=True, slots=True)

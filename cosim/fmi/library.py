@@ -7,7 +7,7 @@ same members; which one an FMU needs is decided once, in :func:`instantiate`.
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -52,6 +52,17 @@ class Instance(Protocol):
 
     def hot(self) -> tuple[int, int, int]:
         """Addresses of the functions that set, step and get in the loop."""
+
+
+_TYPES2: Mapping[str, Any] = {
+    "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
+}  # fmt: skip
+_TYPES3: Mapping[str, Any] = {
+    "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
+    "Int8": c.c_int8, "Int16": c.c_int16, "Int32": c.c_int32, "Int64": c.c_int64,
+    "UInt8": c.c_uint8, "UInt16": c.c_uint16, "UInt32": c.c_uint32, "UInt64": c.c_uint64,
+    "Enumeration": c.c_int64,
+}  # fmt: skip
 
 
 class _Calls:
@@ -102,8 +113,6 @@ class _Callbacks2(c.Structure):
 class Instance2:
     """An instance of an FMI 2.0 co-simulation FMU."""
 
-    _types = {"Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int}
-
     def __init__(self, path: Path, name: str, token: str, resources: Path) -> None:
         self._calls = calls = _Calls(path, "fmi2", name)
         self.log = calls.log
@@ -141,20 +150,18 @@ class Instance2:
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
         suffix = "Integer" if kind == "Enumeration" else kind
-        return self._calls.checked(
-            verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p
-        )
+        return self._calls.checked(verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """``fmi2GetReal`` and its sisters."""
-        values = (self._types[kind] * count)()
+        values = (_TYPES2[kind] * count)()
         self._access("Get", kind)(self.handle, _uint32(references), len(references), values)
         return [float(v) for v in values]
 
     def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
         """``fmi2SetReal`` and its sisters."""
         convert = float if kind == "Real" else int
-        array = (self._types[kind] * len(values))(*(convert(v) for v in values))
+        array = (_TYPES2[kind] * len(values))(*(convert(v) for v in values))
         self._access("Set", kind)(self.handle, _uint32(references), len(references), array)
 
     def do_step(self, t: float, h: float) -> None:
@@ -194,13 +201,6 @@ class Instance2:
 class Instance3:
     """An instance of an FMI 3.0 co-simulation FMU."""
 
-    _types = {
-        "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
-        "Int8": c.c_int8, "Int16": c.c_int16, "Int32": c.c_int32, "Int64": c.c_int64,
-        "UInt8": c.c_uint8, "UInt16": c.c_uint16, "UInt32": c.c_uint32, "UInt64": c.c_uint64,
-        "Enumeration": c.c_int64,
-    }  # fmt: skip
-
     def __init__(self, path: Path, name: str, token: str, resources: Path) -> None:
         self._calls = calls = _Calls(path, "fmi3", name)
         self.log = calls.log
@@ -239,7 +239,7 @@ class Instance3:
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """``fmi3GetFloat64`` and its sisters."""
-        values = (self._types[kind] * count)()
+        values = (_TYPES3[kind] * count)()
         get = self._access("Get", kind)
         get(self.handle, _uint32(references), len(references), values, count)
         return [float(v) for v in values]
@@ -247,7 +247,7 @@ class Instance3:
     def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
         """``fmi3SetFloat64`` and its sisters."""
         convert = float if kind.startswith("Float") else int
-        array = (self._types[kind] * len(values))(*(convert(v) for v in values))
+        array = (_TYPES3[kind] * len(values))(*(convert(v) for v in values))
         set_ = self._access("Set", kind)
         set_(self.handle, _uint32(references), len(references), array, len(values))
 

@@ -69,7 +69,8 @@ def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> I
     indices = [index for index, _ in members]
     first = members[0][1]
     alike = all(
-        (v.type, v.unit, v.causality, v.initial) == (first.type, first.unit, first.causality, first.initial)
+        (v.type, v.unit, v.causality, v.initial)
+        == (first.type, first.unit, first.causality, first.initial)
         for _, v in members
     )
     if not alike or any(not i or len(i) != len(indices[0]) for i in indices):

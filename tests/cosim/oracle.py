@@ -26,7 +26,10 @@ def execute(plan: Plan) -> np.ndarray:
         for op in plan.operations:
             if tick < op.first or (tick - op.first) % op.period:
                 continue
-            source, target = slice(op.source, op.source + op.count), slice(op.target, op.target + op.count)
+            source, target = (
+                slice(op.source, op.source + op.count),
+                slice(op.target, op.target + op.count),
+            )
             if op.code == Code.COPY:
                 signals[target] = signals[source]
             elif op.code == Code.SCALE:

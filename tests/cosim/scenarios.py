@@ -14,7 +14,10 @@ BLOCKS = "tests.cosim.blocks"
 def document(components, links=(), step=0.25, stop=2.0, **run):
     """A document; component models without a colon or dot are blocks of the tests."""
     components = {
-        name: {**spec, "model": spec["model"] if "." in spec["model"] else f"{BLOCKS}:{spec['model']}"}
+        name: {
+            **spec,
+            "model": spec["model"] if "." in spec["model"] else f"{BLOCKS}:{spec['model']}",
+        }
         for name, spec in components.items()
     }
     return {

@@ -41,9 +41,10 @@ def chunks(p, sizes):
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(1, 17), max_size=12))
 def test_chunks_do_not_show(sizes):
-    assert chunks(plan(LOOP, LINKS, stop=40.0), sizes).tobytes() == chunks(
-        plan(LOOP, LINKS, stop=40.0), []
-    ).tobytes()
+    assert (
+        chunks(plan(LOOP, LINKS, stop=40.0), sizes).tobytes()
+        == chunks(plan(LOOP, LINKS, stop=40.0), []).tobytes()
+    )
 
 
 DELAYS = st.one_of(

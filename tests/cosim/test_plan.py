@@ -153,7 +153,9 @@ def test_units_are_converted_on_the_wire():
 
 
 def test_units_that_measure_different_things_do_not_connect():
-    with pytest.raises(ScenarioError, match=r"clock.y\[0\] is in \[s\], mm.u\[0,0\] expects \[mm\]"):
+    with pytest.raises(
+        ScenarioError, match=r"clock.y\[0\] is in \[s\], mm.u\[0,0\] expects \[mm\]"
+    ):
         plan(
             {
                 "mm": {"model": "Wide", "inputs": {"u[0,0]": "clock.y[0]"}},

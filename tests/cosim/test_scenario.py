@@ -51,7 +51,11 @@ def test_a_scenario_is_read_as_written(file):
         ("run.algorithm=jacobi", lambda s: s.run.algorithm, "jacobi"),
         ("title=other words", lambda s: s.title, "other words"),
         ("components.plant.start.x=[1,2]", lambda s: s.components["plant"].start["x"], [1, 2]),
-        ("components.control.inputs.u.gain=3", lambda s: s.components["control"].inputs["u"].gain, 3),
+        (
+            "components.control.inputs.u.gain=3",
+            lambda s: s.components["control"].inputs["u"].gain,
+            3,
+        ),
         ("links.0.delay.delay='5 ms'", lambda s: s.links[0].delay["delay"], "5 ms"),
         ("run.record.every=5", lambda s: s.run.record.every, 5),
     ],
@@ -126,7 +130,9 @@ def test_values_take_the_shape_of_their_port():
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers(-3, 9) | st.floats(0.1, 5) | st.text(max_size=4),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
     max_leaves=6,
 )
 
@@ -137,7 +143,9 @@ def test_any_mutation_of_a_document_is_read_or_refused_with_a_sentence(data):
     node, keys = document, []
     while isinstance(node, dict | list) and node and (not keys or data.draw(st.booleans())):
         parent = node
-        keys.append(data.draw(st.sampled_from(sorted(node) if isinstance(node, dict) else range(len(node)))))
+        keys.append(
+            data.draw(st.sampled_from(sorted(node) if isinstance(node, dict) else range(len(node))))
+        )
         node = parent[keys[-1]]
     parent[keys[-1]] = data.draw(JSON)
     try:

@@ -1,0 +1,58 @@
+"""The C layer and the kernels under the sanitizers, driven by an importer in C (host.c)."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from fmus.model import Model
+from fmus.models import operator, planar2r, teleoperation
+from fmus.source import c_files, sources
+
+HOST = Path(__file__).with_name("host.c")
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
+FLAGS = ("-std=c99", "-O1", "-g", "-fno-omit-frame-pointer", "-ffp-contract=off", *WARNINGS)
+
+
+@cache
+def sanitized() -> tuple[str, ...]:
+    """A compiler with its strongest sanitizers: the host's with ASan, or zig's with UBSan."""
+    gcc = shutil.which("gcc") or shutil.which("clang")
+    if gcc is not None:
+        both = (gcc, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+        check = subprocess.run(
+            [*both, "-x", "c", "-", "-o", os.devnull],
+            input="int main(void) { return 0; }",
+            text=True,
+            capture_output=True,
+        )
+        if check.returncode == 0:
+            return both
+    # -fno-sanitize-recover: trap, since zig ships no UBSan runtime for every target
+    return (sys.executable, "-m", "ziglang", "cc", "-fsanitize=undefined", "-fsanitize-trap=all")
+
+
+MODELS = (planar2r.model(), operator.model(), teleoperation.model(2))
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.identifier)
+def test_both_apis_are_clean_under_the_sanitizers(model: Model, tmp_path: Path) -> None:
+    for name, text in sources(model).items():
+        (tmp_path / name).write_text(text)
+    host = tmp_path / "host"
+    files = [str(tmp_path / name) for name in c_files(model)]
+    command = [*sanitized(), *FLAGS, f"-I{tmp_path}", "-o", str(host), str(HOST), *files, "-lm"]
+    built = subprocess.run(command, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    options = {"ASAN_OPTIONS": "detect_leaks=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
+    done = subprocess.run(
+        [str(host)], capture_output=True, text=True, env={**os.environ, **options}
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""

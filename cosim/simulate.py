@@ -149,8 +149,11 @@ def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: 
     """Keep the last ticks of every signal; their last row is what the failure left behind."""
     if isinstance(error, RunError):
         slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
-        recorder.save_last(folder / LAST, FLIGHT_RECORDER, _columns(slots))
         error.saved = str(folder)
+        try:
+            recorder.save_last(folder / LAST, FLIGHT_RECORDER, _columns(slots))
+        except RunError as failure:  # what stopped the run comes first
+            error.add_note(str(failure))
 
 
 def metadata(

@@ -11,6 +11,7 @@ sqrt, rounded correctly everywhere, may come from libm.
 
 from __future__ import annotations
 
+import atexit
 import os
 import platform as _host
 import shlex
@@ -193,11 +194,18 @@ def _run(command: list[str], what: str) -> None:
 def _environment() -> dict[str, str]:
     """The environment of a compiler: plain messages, and a place for zig's cache."""
     environment = {**os.environ, "LC_ALL": "C"}
-    home = Path.home() / ".cache"
-    usable = os.access(home if home.is_dir() else home.parent, os.W_OK)
-    if not usable and "ZIG_GLOBAL_CACHE_DIR" not in environment:
-        environment["ZIG_GLOBAL_CACHE_DIR"] = str(Path(tempfile.gettempdir(), "cosim-zig-cache"))
+    usual = Path(os.path.expanduser("~"), ".cache")
+    if not os.access(usual if usual.is_dir() else usual.parent, os.W_OK):
+        environment.setdefault("ZIG_GLOBAL_CACHE_DIR", _own_cache())
     return environment
+
+
+@lru_cache(maxsize=1)
+def _own_cache() -> str:
+    """A cache for this process alone, removed at its end, where there is no home to keep one in."""
+    folder = tempfile.mkdtemp(prefix="zig-cache-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def _works(command: str) -> bool:

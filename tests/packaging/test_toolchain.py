@@ -303,3 +303,14 @@ def test_libraries_for_all_platforms_are_made_here_and_twice_the_same(
         build(output, platform=name)
     assert_is_library_for(name, outputs[0])
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.slow
+def test_zig_needs_no_home_to_keep_its_cache_in(
+    build: Build, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    hide_compilers(monkeypatch, tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "nobody"))
+    monkeypatch.delenv("ZIG_GLOBAL_CACHE_DIR", raising=False)
+    assert shifted(build(tmp_path / "libraries" / f"a{shared_suffix()}"), 3.0) == 8.0
+    assert not (tmp_path / "nobody").exists()

@@ -1,0 +1,335 @@
+"""Archives: the same bytes again, everything in its place, sources that give the same numbers."""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+
+from cosim.errors import CosimError, FmuError
+from fmus import build as building
+from fmus import kernel as kernels
+from fmus import toolchain
+from fmus.build import VERSIONS, build, build_all, compile_model, find, pack
+from fmus.model import Model, Variable
+from fmus.models import operator, planar2r, teleoperation, xi
+from fmus.source import c_files, sources, token
+
+HAND = operator.model()
+STEPS = 200
+
+
+@pytest.fixture(scope="module")
+def hand() -> Mapping[str, bytes]:
+    """The operator's library for the host: the quickest to compile."""
+    return compile_model(HAND)
+
+
+def trajectory(path: Path, model: Model) -> bytes:
+    """All variables over a run from the kernel of a library, as they lie in memory."""
+    kernel = kernels.load(path)
+    size = kernel.kernel_size()
+    x = np.zeros(size)
+    kernel.kernel_reset(x.ctypes.data)
+    assert kernel.kernel_initial(x.ctypes.data) is None
+    rng, rows, offset = np.random.default_rng(7), [], 0
+    places = {}
+    for v in model.variables:
+        places[v.name] = slice(offset, offset + v.size)
+        offset += v.size
+    for k in range(STEPS):
+        for port in model.inputs():
+            x[places[port.name]] = rng.uniform(-2, 2, port.size)
+        assert kernel.kernel_step(x.ctypes.data, k * model.step, model.step) is None
+        rows.append(x.tobytes())
+    return b"".join(rows)
+
+
+# --- the archive -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_same_model_gives_the_same_bytes(version: str, tmp_path: Path) -> None:
+    first = build(HAND, version, tmp_path / "a")
+    second = build(HAND, version, tmp_path / "b")
+    assert first.name == f"operator.fmi{version[0]}.fmu"
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_date_is_the_epochs_or_none(
+    hand: Mapping[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
+    without = read(pack(HAND, "2.0", tmp_path, hand), "modelDescription.xml")
+    assert "generationDateAndTime" not in without
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    dated = read(pack(HAND, "2.0", tmp_path, hand), "modelDescription.xml")
+    assert 'generationDateAndTime="2023-11-14T22:13:20Z"' in dated
+
+
+def read(path: Path, name: str) -> str:
+    with ZipFile(path) as archive:
+        return archive.read(name).decode()
+
+
+def test_entries_are_sorted_and_without_a_time(hand: Mapping[str, bytes], tmp_path: Path) -> None:
+    with ZipFile(pack(HAND, "3.0", tmp_path, hand)) as archive:
+        entries = archive.infolist()
+    assert [e.filename for e in entries] == sorted(e.filename for e in entries)
+    assert {e.date_time for e in entries} == {(1980, 1, 1, 0, 0, 0)}
+
+
+def test_folders_of_platforms_are_those_of_each_version(
+    hand: Mapping[str, bytes], tmp_path: Path
+) -> None:
+    (binary,) = hand.values()
+    binaries = dict.fromkeys(toolchain.PLATFORMS, binary)
+    with ZipFile(pack(HAND, "3.0", tmp_path, binaries)) as archive:
+        assert {n for n in archive.namelist() if n.startswith("binaries")} == {
+            "binaries/x86_64-linux/operator.so",
+            "binaries/aarch64-linux/operator.so",
+            "binaries/x86_64-windows/operator.dll",
+            "binaries/x86_64-darwin/operator.dylib",
+            "binaries/aarch64-darwin/operator.dylib",
+        }
+    with ZipFile(pack(HAND, "2.0", tmp_path, binaries)) as archive:
+        assert {n for n in archive.namelist() if n.startswith("binaries")} == {
+            "binaries/linux64/operator.so",
+            "binaries/aarch64-linux/operator.so",
+            "binaries/win64/operator.dll",
+            "binaries/darwin64/operator.dylib",
+            "binaries/aarch64-darwin/operator.dylib",
+        }
+    alone = {"aarch64-darwin": binary}
+    with ZipFile(pack(HAND, "2.0", tmp_path, alone)) as archive:
+        assert "binaries/darwin64/operator.dylib" in archive.namelist()
+
+
+def test_an_installation_ships_every_model_in_both_versions(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    compiled = []
+
+    def instead(model: Model, platforms: object = None) -> dict[str, bytes]:
+        compiled.append(model.identifier)
+        return {toolchain.host_platform(): b"library"}
+
+    monkeypatch.setattr(building, "compile_model", instead)
+    names = [path.name for path in build_all(tmp_path)]
+    identifiers = ["planar2r", "operator", "xi", "teleoperation", "teleoperation_n2"]
+    assert compiled == identifiers  # once each, for both versions
+    assert names == [f"{i}.fmi{v}.fmu" for i in identifiers for v in (2, 3)]
+    assert all((tmp_path / name).is_file() for name in names)
+
+
+# --- sources ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_sources_inside_build_to_the_same_numbers(version: str, tmp_path: Path) -> None:
+    """With nothing but what the FMU says: files, and in FMI 3.0 the options."""
+    model = planar2r.model()
+    with ZipFile(find(model, version)) as archive:
+        archive.extractall(tmp_path)
+    if version == "3.0":
+        root = ElementTree.parse(tmp_path / "sources" / "buildDescription.xml").getroot()
+        files = [str(e.get("name")) for e in root.iter("SourceFile")]
+        options = next(root.iter("SourceFileSet")).get("compilerOptions", "").split()
+    else:
+        root = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+        files = [str(e.get("name")) for e in root.iter("File")]
+        options = []
+    output = tmp_path / f"rebuilt{toolchain.shared_suffix()}"
+    command = [*toolchain.compiler(), *options, "-shared", "-fPIC", "-o", str(output), *files]
+    subprocess.run(command, cwd=tmp_path / "sources", check=True)
+    assert trajectory(output, model) == trajectory(kernels.library(model), model)
+
+
+@pytest.mark.parametrize("model", [planar2r.model(), teleoperation.model(2)], ids=["arm", "law"])
+def test_gcc_and_zig_give_the_same_bits(model: Model, tmp_path: Path) -> None:
+    zig = tmp_path / f"zig{toolchain.shared_suffix()}"
+    for name, text in sources(model).items():
+        (tmp_path / name).write_text(text)
+    files = [str(tmp_path / name) for name in c_files(model)]
+    command = [sys.executable, "-m", "ziglang", "cc", *toolchain.FLAGS, "-fPIC", "-O3"]
+    subprocess.run([*command, "-o", str(zig), *files], check=True)
+    assert trajectory(zig, model) == trajectory(kernels.library(model), model)
+
+
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
+
+
+@pytest.mark.parametrize("compiler", ["host", "zig"])
+def test_the_sources_compile_without_a_warning(
+    compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if compiler == "zig":
+        zig = (sys.executable, "-m", "ziglang", "cc")
+        monkeypatch.setattr(toolchain, "host_compiler", lambda: zig)
+    for model in (planar2r.model(), teleoperation.model(3), xi.model()):
+        for name, text in sources(model).items():
+            (tmp_path / name).write_text(text)
+        # the generic layer is the same in all: once is enough
+        names = c_files(model) if model.sources[0] == "planar2r.c" else [*model.sources]
+        output = tmp_path / f"{model.identifier}{toolchain.shared_suffix()}"
+        files = [tmp_path / name for name in names]
+        toolchain.compile_shared(files, output, include=[tmp_path], flags=STRICT)
+
+
+def test_the_token_follows_declaration_and_sources(tmp_path: Path) -> None:
+    assert token(HAND) == token(operator.model())
+    others = [
+        replace(HAND, version="1.1"),
+        replace(HAND, step=1e-3),
+        replace(HAND, variables=(replace(HAND.variables[0], unit="deg"), *HAND.variables[1:])),
+    ]
+    source = tmp_path / "operator.c"
+    source.write_text(sources(HAND)["operator.c"] + "/* changed */\n")
+    others.append(replace(HAND, sources=(str(source),)))
+    assert len({token(model) for model in [HAND, *others]}) == 5
+    source = tmp_path / "elsewhere" / "operator.c"
+    source.parent.mkdir()
+    source.write_text(sources(HAND)["operator.c"])
+    assert token(replace(HAND, sources=(str(source),))) == token(HAND)
+
+
+# --- other platforms -------------------------------------------------------------------------
+
+MAGIC = {
+    "x86_64-linux": (b"\x7fELF", 18, 62),
+    "aarch64-linux": (b"\x7fELF", 18, 183),
+    "x86_64-windows": (b"MZ", None, 0x8664),
+    "x86_64-darwin": (b"\xcf\xfa\xed\xfe", 4, 7),
+    "aarch64-darwin": (b"\xcf\xfa\xed\xfe", 4, 12),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", toolchain.PLATFORMS)
+def test_every_platform_gets_a_library_of_its_machine(platform: str) -> None:
+    binary = compile_model(HAND, [platform])[platform]
+    magic, place, machine = MAGIC[platform]
+    assert binary.startswith(magic)
+    if place is None:  # the machine of a DLL stands behind the pointer at 0x3c
+        place = struct.unpack_from("<I", binary, 0x3C)[0] + 4
+    assert struct.unpack_from("<H", binary, place)[0] == machine
+    for name in (b"fmi2DoStep", b"fmi3DoStep", b"kernel_step"):
+        assert name in binary
+
+
+# --- find ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """No FMU is there yet: an empty cache and an installation without any."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(building, "_BUILT", tmp_path / "installed")
+    return tmp_path
+
+
+def test_what_an_installation_brought_is_used(empty: Path, hand: Mapping[str, bytes]) -> None:
+    brought = pack(HAND, "2.0", empty / "installed", hand)
+    assert find(HAND, "2.0") == brought
+    assert not (empty / "cache").exists()
+
+
+def test_what_is_not_there_is_built_once(
+    empty: Path, hand: Mapping[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def instead(model: Model, platforms: object = None) -> Mapping[str, bytes]:
+        calls.append(model.identifier)
+        return hand
+
+    monkeypatch.setattr(building, "compile_model", instead)
+    path = find(HAND, "3.0")
+    assert path.is_relative_to(empty / "cache" / "cosim" / "fmus")
+    assert find(HAND, "3.0") == path
+    assert find(HAND, "2.0").parent == path.parent
+    assert calls == ["operator"]
+
+
+def test_an_fmu_of_an_older_declaration_is_not_used(empty: Path, hand: Mapping[str, bytes]) -> None:
+    pack(replace(HAND, version="0.9"), "2.0", empty / "installed", hand)
+    (empty / "installed" / "operator.fmi3.fmu").write_bytes(b"no archive")
+    for version in VERSIONS:
+        assert find(HAND, version).is_relative_to(empty / "cache")
+
+
+def test_a_kernel_is_the_library_of_the_fmu(empty: Path) -> None:
+    path = kernels.library(HAND)
+    for version in VERSIONS:
+        with ZipFile(find(HAND, version)) as archive:
+            inside = [n for n in archive.namelist() if n.startswith("binaries/")]
+            assert [archive.read(name) for name in inside] == [path.read_bytes()]
+
+
+def test_a_cache_that_cannot_be_written_is_named(empty: Path) -> None:
+    (empty / "cache").write_text("a file, not a folder")
+    with pytest.raises(FmuError, match=r"cannot be made.*XDG_CACHE_HOME"):
+        find(HAND, "2.0")
+
+
+# --- what cannot be --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [build, lambda m, v, _: find(m, v)])
+def test_an_unknown_version_is_refused(make, tmp_path: Path) -> None:
+    with pytest.raises(FmuError, match=r"'1\.0'; expected one of 2\.0, 3\.0"):
+        make(HAND, "1.0", tmp_path)
+
+
+def port(name: str, **options) -> Variable:
+    return Variable(name, "output", **options)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (replace(HAND, identifier="two words"), "'two words' is no C name"),
+        (replace(HAND, variables=(port("x y"),)), "'x y' is no C name"),
+        (replace(HAND, variables=(port("y"), port("y"))), r"operator\.y: declared twice"),
+        (replace(HAND, variables=(port("time"),)), "'time' is there already"),
+        (
+            replace(HAND, variables=(port("y", shape=(3,), start=(1.0,)),)),
+            "1 start values, expected 3",
+        ),
+        (replace(HAND, variables=(port("y", depends=("u",)),)), "'u', which is not declared"),
+        (replace(HAND, sources=("nowhere.c",)), r"nowhere\.c: No such file"),
+    ],
+)
+def test_a_declaration_that_cannot_be_is_refused(
+    model: Model, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(FmuError, match=message):
+        build(model, "2.0", tmp_path)
+
+
+def test_what_the_compiler_says_is_passed_on(tmp_path: Path) -> None:
+    source = tmp_path / "broken.c"
+    source.write_text(
+        '#include "model.h"\nconst char *model_step(Model *x) { return x->nothing; }\n'
+    )
+    with pytest.raises(CosimError, match="nothing"):
+        build(replace(HAND, sources=(str(source),)), "2.0", tmp_path)
+
+
+def test_a_library_that_is_no_kernel_is_refused(tmp_path: Path) -> None:
+    source = tmp_path / "empty.c"
+    source.write_text("int nothing;\n")
+    output = tmp_path / f"empty{toolchain.shared_suffix()}"
+    toolchain.compile_shared([source], output)
+    with pytest.raises(FmuError, match="cannot be loaded as a kernel"):
+        kernels.load(output)
+    assert ctypes.CDLL(str(output))

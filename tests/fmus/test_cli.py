@@ -1,0 +1,146 @@
+"""The command `fmus`: what it prints, what it makes, how it fails."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fmus import cli, toolchain
+from fmus.build import SHIPPED, find
+from fmus.models import xi
+
+
+def call(*arguments: str) -> tuple[int, str]:
+    """Exit code and what is printed, as the console script would have it."""
+    result = CliRunner().invoke(cli.app, list(arguments))
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.output
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object]]:
+    """Nothing is compiled; what would have been is told."""
+    calls: list[tuple[str, object]] = []
+
+    def instead(model, platforms=None):
+        calls.append((model.identifier, platforms))
+        return dict.fromkeys(platforms or [toolchain.host_platform()], b"library")
+
+    monkeypatch.setattr(cli, "compile_model", instead)
+    return calls
+
+
+def test_build_makes_an_fmu_that_validates(tmp_path: Path) -> None:
+    code, text = call("build", "xi", "--fmi", "3.0", "--out", str(tmp_path))
+    assert code == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["xi.fmi3.fmu"]
+    assert "xi.fmi3.fmu  FMI 3.0" in text
+    code, text = call("validate", str(tmp_path / "xi.fmi3.fmu"))
+    assert (code, "no problems found" in text) == (0, True)
+
+
+def test_build_makes_everything_by_default(quick: list, tmp_path: Path) -> None:
+    code, _ = call("build", "--out", str(tmp_path))
+    assert code == 0
+    assert len(list(tmp_path.glob("*.fmu"))) == 10
+    assert [name for name, _ in quick] == [
+        "planar2r",
+        "operator",
+        "xi",
+        "teleoperation",
+        "teleoperation_n2",
+    ]
+
+
+def test_build_takes_sizes_and_platforms(quick: list, tmp_path: Path) -> None:
+    options = ["--set", "neighbours=3", "--platforms", "all", "--out", str(tmp_path)]
+    code, text = call("build", "teleoperation", *options)
+    assert code == 0
+    assert quick == [("teleoperation_n3", toolchain.PLATFORMS)]
+    assert "x86_64-windows" in text
+    assert (tmp_path / "teleoperation_n3.fmi2.fmu").is_file()
+
+
+def test_build_takes_a_module_of_the_users_own(
+    quick: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_models").mkdir()
+    (tmp_path / "my_models" / "link.py").write_text(
+        "from dataclasses import replace\nfrom fmus.models import xi\n\n\n"
+        "def model():\n    return replace(xi.model(), identifier='mine')\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    code, _ = call("build", "my_models.link", "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert quick == [("mine", None)]
+
+
+def test_list_names_every_model() -> None:
+    code, text = call("list")
+    assert code == 0
+    for name in SHIPPED:
+        assert name in text
+    assert "sizes: neighbours" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["build", "nothing"], "no model 'nothing'; expected one of planar2r"),
+        (["build", "json.decoder"], "json.decoder has no function model()"),
+        (["build", "xi", "--fmi", "4"], "--fmi: '4' is not 2.0, 3.0 or both"),
+        (["build", "xi", "--platforms", "amiga"], "--platforms: unknown platform 'amiga'"),
+        (["build", "xi", "--set", "neighbours=2"], "has no size 'neighbours'; it has no sizes"),
+        (["build", "teleoperation", "--set", "n=2"], "has no size 'n'; expected one of neighbours"),
+        (["build", "teleoperation", "--set", "neighbours"], "not NAME=INTEGER"),
+        (
+            ["build", "teleoperation", "--set", "neighbours=0"],
+            "neighbours is 0, expected at least 1",
+        ),
+        (["build", "--set", "neighbours=2"], "name it"),
+        (["validate", "nowhere.fmu"], "nowhere.fmu: no such file"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(
+    arguments: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.argv", ["fmus", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    assert stopped.value.code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_an_fmu_with_problems_is_exit_code_1(tmp_path: Path) -> None:
+    from zipfile import ZipFile
+
+    broken = tmp_path / "broken.fmu"
+    with ZipFile(find(xi.model(), "2.0")) as good, ZipFile(broken, "w") as bad:
+        for name in good.namelist():
+            content = good.read(name)
+            if name == "modelDescription.xml":
+                content = content.replace(b'unit="rad/s"', b'unit="furlong"')
+            bad.writestr(name, content)
+    code, text = call("validate", str(broken))
+    assert code == 1
+    assert "furlong" in text
+    assert "problem(s)" in text
+
+
+def test_a_model_that_fails_to_import_shows_its_own_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "half_made.py").write_text("import not_there_at_all\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "pack").mkdir()
+    (tmp_path / "pack" / "half_made.py").write_text("import not_there_at_all\n")
+    with pytest.raises(ModuleNotFoundError, match="not_there_at_all"):
+        call("build", "pack.half_made")

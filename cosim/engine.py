@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cosim import native
 from cosim.errors import CosimError, RunError, ScenarioError
 from cosim.fmi import FmuComponent
+from cosim.interrupts import deferred
 from cosim.native import Result
 from cosim.plan import Link, Plan, Slot, Step, Wire
 
@@ -194,13 +195,15 @@ class Engine:
         """Run `ticks` ticks, recording one row a tick into `record` (rows, n_signals).
 
         Returns the number of rows written. Raises RunError where a component fails or gives a
-        value that is not finite; rows recorded until then are in `record`.
+        value that is not finite, KeyboardInterrupt after the tick in which Ctrl-C was pressed; rows
+        recorded until then are in `record`.
         """
-        self._next_tables(ticks)
         state = self._state
-        state.row = 0
+        state.row = 0  # before anything can interrupt: `rows` is then about this run
+        self._next_tables(ticks)
         state.record = None if record is None else record.ctypes.data
-        result = Result(self._library.engine_run(c.byref(state), ticks))
+        with deferred(self.stop):
+            result = Result(self._library.engine_run(c.byref(state), ticks))
         if result not in (Result.OK, Result.STOPPED):
             raise self._error(result)
         return int(state.row)

@@ -56,3 +56,12 @@ class RunError(CosimError, RuntimeError):
         self.tick = tick
         self.time = time
         self.saved: str | None = None
+
+
+class Interrupted(KeyboardInterrupt):
+    """Somebody stopped a run (Ctrl-C) at `time` (s); what was recorded is in the folder `saved`."""
+
+    def __init__(self, time: float, saved: str) -> None:
+        super().__init__(f"interrupted at t = {time:.6g} s")
+        self.time = time
+        self.saved = saved

@@ -17,7 +17,7 @@ import cosim
 from cosim.assemble import assemble
 from cosim.clock import stopwatch
 from cosim.engine import Engine
-from cosim.errors import RunError, ScenarioError
+from cosim.errors import Interrupted, RunError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.storage import TableWriter
@@ -84,7 +84,8 @@ def simulate(
 
     The folder is made once all components have started: what cannot start leaves nothing behind.
     `progress` is called with (ticks done, ticks in all) between chunks. Raises CosimError; a
-    RunError leaves what was recorded, and the last ticks of every signal, in the folder.
+    RunError leaves what was recorded, and the last ticks of every signal, in the folder. Ctrl-C
+    becomes Interrupted, and leaves what was recorded.
     """
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
@@ -110,6 +111,10 @@ def simulate(
         watch = stopwatch()
         try:
             _loop(engine, plan, recorder, rows, progress)
+        except KeyboardInterrupt as error:
+            stopped = Interrupted(engine.tick * plan.h, str(folder))
+            write_metadata(folder, metadata(scenario, plan, error=stopped))
+            raise stopped from error
         except BaseException as error:
             _save_failure(error, recorder, plan, folder)
             write_metadata(folder, metadata(scenario, plan, error=error))

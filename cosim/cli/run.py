@@ -31,6 +31,7 @@ def run(
     from cosim.assemble import assemble
     from cosim.cli.summary import check, figures, header, progress_bar, summary
     from cosim.clock import stamp
+    from cosim.errors import Interrupted
     from cosim.record import Run
     from cosim.scenario import load
     from cosim.simulate import columns, simulate
@@ -47,8 +48,12 @@ def run(
             typer.echo(text)
 
     say(header(loaded, plan))
-    with progress_bar(quiet) as progress:
-        outcome = simulate(loaded, folder, progress, plan, force=force)
+    try:
+        with progress_bar(quiet) as progress:
+            outcome = simulate(loaded, folder, progress, plan, force=force)
+    except Interrupted as stop:
+        typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
+        raise typer.Exit(130) from None
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)

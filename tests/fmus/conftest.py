@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from fmus import toolchain
-from fmus.kernel import library
+from fmus.kernel import library, load
 from fmus.model import Model
 from fmus.source import token
 
@@ -26,9 +26,9 @@ LISTENER = """
 #include "export.h"
 
 typedef struct { int status; char name[32], category[32], text[600]; } Entry;
-typedef struct { int count; Entry entries[200]; } Log;
+typedef struct { int count; Entry entries[32]; } Log;
 
-static Entry *next(Log *log) { return &log->entries[log->count < 199 ? log->count++ : 199]; }
+static Entry *next(Log *log) { return &log->entries[log->count < 31 ? log->count++ : 31]; }
 
 EXPORT void listen2(void *log, const char *name, int status, const char *category,
                     const char *format, ...) {
@@ -61,7 +61,7 @@ class Entry(Structure):
 
 
 class Log(Structure):
-    _fields_ = [("count", c_int), ("entries", Entry * 200)]
+    _fields_ = [("count", c_int), ("entries", Entry * 32)]
 
     def take(self) -> list[tuple[int, str, str]]:
         """(status, category, text) of what was logged since the last time."""
@@ -98,7 +98,7 @@ class Driver:
         listening: bool = True,
     ) -> None:
         self.model, self.version, self.listening = model, version, listening
-        self.library = ctypes.CDLL(str(path))
+        self.library = load(path)
         self.log = Log()
         self._listener = listener
         self.handle = self._instantiate(name, (guid or token(model)).encode(), logging)

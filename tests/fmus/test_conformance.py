@@ -219,11 +219,12 @@ class Probe:
         return found
 
     def draw(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        values = {
-            v.name: np.array(v.starts) + rng.uniform(0.1, 1.0, v.size)
-            for v in self.model.variables
-            if (v.causality in ("input", "parameter") or v.settable) and v.type == "real"
-        }
+        values = {}
+        for v in self.model.variables:
+            if v.causality in ("input", "parameter") or v.settable:
+                start, more = np.array(v.starts), rng.uniform(0.1, 1.0, v.size)
+                near = np.where(start == 0.0, more, start * (1 + 0.1 * more))
+                values[v.name] = near if v.type == "real" else start
         if "q_w" in values:
             values["q_w"] -= 2.0  # so that the arm is in the wall
         if "tau_max" in values:
@@ -243,7 +244,7 @@ class Probe:
                     continue
                 for entry, known in enumerate(scalars(declared[name])):
                     changed = {**values, name: values[name].copy()}
-                    changed[name][entry] += 0.01
+                    changed[name][entry] += 0.01 if declared[name].type == "real" else 1
                     other = self.evaluate(changed)
                     found |= {
                         (unknown, known) for unknown in base if other[unknown] != base[unknown]
@@ -285,8 +286,9 @@ def test_outputs_of_sampled_models_depend_on_the_inputs_declared(drive: Any, mod
     assert by_variable(seen) == by_variable(declared)
 
 
-def test_outputs_of_the_arm_do_not_depend_on_inputs_directly() -> None:
-    assert declared2(planar2r.model(), "Outputs") == set()
+def test_the_motion_of_the_arm_does_not_depend_on_inputs_directly() -> None:
+    moved = {unknown for unknown, _ in by_variable(declared2(planar2r.model(), "Outputs"))}
+    assert not moved & {"q", "dq"}
 
 
 @pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)

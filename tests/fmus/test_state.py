@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 from ctypes import byref, c_double, c_void_p
 from pathlib import Path
 from typing import Any
@@ -231,7 +232,9 @@ def test_a_thousand_instances_come_and_go_without_a_trace(drive: Any, version: s
 
     for _ in range(200):
         cycle()
+    gc.collect()
     before = resident()
     for _ in range(1000):
         cycle()
-    assert resident() - before < 64  # pages; a leaked instance each would be more
+    gc.collect()
+    assert resident() - before < 100  # pages; an instance or two states each would be 200

@@ -1,30 +1,25 @@
 """Scenario -> components, wires and links that fit together -> plan.
 
-Here names become objects: a model is a path to an ``.fmu``, a module that has ``fmu(version,
-**sizes)``, or ``module:attribute`` that makes a Python component. Shapes and units of every wire
-are checked; every error names its place in the scenario.
+Here names become objects. Shapes and units of every wire are checked; every error names its place
+in the scenario.
 """
 
 from __future__ import annotations
 
 import difflib
-import importlib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from cosim.component import Component, Kind, Parameter, Port
-from cosim.errors import CosimError, FmuError, PlanError, ScenarioError, UnitError
+from cosim.component import Component, Parameter, Port
+from cosim.errors import PlanError, ScenarioError, UnitError
 from cosim.fmi import FmuComponent
 from cosim.links.spec import link_table
+from cosim.models import load_component
 from cosim.plan import Link, Plan, Slot, Step, Wire, compile_plan
 from cosim.scenario import ComponentSpec, LinkSpec, Scenario, WireSpec, numbers
 from cosim.units import Unit, conversion
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 _ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.([^\[\]]+?)(?:\[(\d+(?:,\d+)*)\])?$")
 
@@ -88,54 +83,6 @@ def _slots(name: str, ports: Iterable[Port], start: int) -> tuple[tuple[Slot, ..
         slots.append(Slot(f"{name}.{port.name}", name, port.name, start, port.shape, port.unit))
         start += port.size
     return tuple(slots), start
-
-
-def load_component(
-    name: str, spec: ComponentSpec, folder: Path, place: str
-) -> tuple[Component, Mapping[str, Any]]:
-    """The component a spec names, and the model's presets.
-
-    Raises ScenarioError at `place` for a model that cannot be found or made.
-    """
-    if spec.model.endswith(".fmu"):
-        path = Path(spec.model)
-        return _fmu(name, path if path.is_absolute() else folder / path, spec.kind, place), {}
-    module_name, colon, attribute = spec.model.partition(":")
-    module = _module(module_name, place)
-    presets: Mapping[str, Any] = vars(module).get("PRESETS", {})
-    maker = vars(module).get(attribute if colon else "fmu")
-    if not callable(maker):
-        missing = f"no {attribute!r}" if colon else "no function fmu(version, **sizes)"
-        raise ScenarioError(f"module {module_name!r} has {missing}", f"{place}.model")
-    try:
-        if not colon:
-            return _fmu(name, maker(spec.fmi, **spec.sizes), spec.kind, place), presets
-        component: Component = maker(**spec.sizes)
-    except TypeError as error:
-        raise ScenarioError(f"{spec.model}: {error}", f"{place}.sizes") from None
-    except CosimError as error:
-        raise ScenarioError(str(error), place) from None
-    if spec.kind is not None:
-        component.kind = spec.kind
-    return component, presets
-
-
-def _fmu(name: str, path: Path, kind: Kind | None, place: str) -> FmuComponent:
-    try:
-        return FmuComponent(path, name, kind)
-    except FmuError as error:
-        raise FmuError(f"{place}.model: {error}") from None
-
-
-def _module(name: str, place: str) -> ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise ScenarioError(
-            f"cannot import {name!r}: {error}; expected a path ending in .fmu, a module such as "
-            "'fmus.models.planar2r', or 'module:attribute'",
-            f"{place}.model",
-        ) from None
 
 
 def _values(
@@ -215,6 +162,7 @@ def _links(
             raise ScenarioError(f"a second link is called {name!r}", place)
         table = link_table(
             delay=spec.delay,
+            loss=spec.loss,
             semantics=spec.semantics,
             playout=spec.playout,
             name=spec.channel or name,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import native
-from cosim.errors import CosimError, RunError, ScenarioError
+from cosim.errors import RunError
+from cosim.failures import not_finite, refused, sentence, starting
 from cosim.fmi import FmuComponent
 from cosim.interrupts import deferred
 from cosim.native import Result
@@ -66,7 +67,8 @@ class Engine:
             before = self.signals.tobytes()
             for i, step in enumerate(self.plan.components):
                 self._gather_initial(step.name)
-                _store(self._outputs[i], step.component.initial(self._inputs[i]), step.name)
+                with starting(step.name):
+                    _store(self._outputs[i], step.component.initial(self._inputs[i]))
             if self.signals.tobytes() == before:
                 break
         for step in self.plan.components:
@@ -78,10 +80,8 @@ class Engine:
     def _start(self, step: Step) -> None:
         parameters = {p.name: p for p in step.component.parameters}
         values = {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
-        try:
+        with starting(step.name):
             step.component.initialize(values)
-        except CosimError as error:
-            raise ScenarioError(f"{step.name} does not start: {error}") from error
         for slot, port in zip(step.inputs, step.component.inputs, strict=True):
             value = step.start.get(port.name) or port.default or (0.0,) * port.size
             self.signals[slot.start : slot.start + slot.size] = value
@@ -170,7 +170,7 @@ class Engine:
 
         def call(_: int, t: float, h: float) -> int:
             try:
-                _store(outputs, component.step(t, h, inputs), step.name)
+                _store(outputs, component.step(t, h, inputs))
             except BaseException as error:
                 self._failure = error
                 return 1
@@ -256,24 +256,12 @@ class Engine:
 
     def _reason(self, result: Result, step: Step, failure: BaseException | None) -> str:
         if failure is not None:
-            return f"{type(failure).__name__}: {failure}"
+            return sentence(failure, step.name)
         if result is Result.NOT_FINITE:
-            bad = [
-                f"{name} = {value}"
-                for slot in step.outputs
-                for name, value in zip(slot.scalars(), _part(self.signals, slot), strict=True)
-                if not np.isfinite(value)
-            ]
-            return f"not a finite number: {', '.join(bad)}"
-        if result is Result.TERMINATED:
-            return "the FMU asked to terminate the simulation"
-        if result is Result.EARLY_RETURN:
-            return "the FMU returned early from its step, which is not supported"
-        verb = {Result.SET: "setting inputs", Result.GET: "getting outputs"}.get(result, "doStep")
-        status = {2: "discard", 3: "error", 4: "fatal"}.get(self._state.failed_status, "a failure")
+            return not_finite(step.outputs, self.signals)
         assert isinstance(step.component, FmuComponent)
-        lines = "; ".join(step.component.instance.log.tail()) or "the FMU logged nothing"
-        return f"{verb} returned {status} ({lines})"
+        lines = step.component.instance.log.tail()
+        return refused(result, self._state.failed_status, lines)
 
     def close(self) -> None:
         """Free the FMUs; may be called twice."""
@@ -297,12 +285,12 @@ def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:
     return views
 
 
-def _store(views: Views, outputs: Mapping[str, Any], name: str) -> None:
+def _store(views: Views, outputs: Mapping[str, Any]) -> None:
     """Write what a component returned; every output must be there and of its shape."""
     for port, view in views.items():
         try:
             view[...] = outputs[port]
         except KeyError:
-            raise RunError(f"{name} returned no {port!r}", component=name) from None
+            raise RunError(f"returned no {port!r}") from None
         except (TypeError, ValueError) as error:
-            raise RunError(f"{name}.{port}: {error}", component=name) from None
+            raise RunError(f"returned {port!r}: {error}") from None

@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
@@ -26,7 +26,7 @@ Value = Any  # number, boolean, text with a unit, or nested lists of these
 class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is recorded: every `every`-th tick of `signals` (default: all outputs and received)."""
 
-    every: int = 1
+    every: Annotated[int, msgspec.Meta(ge=1)] = 1
     signals: tuple[str, ...] = ()
 
 
@@ -35,7 +35,7 @@ class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     step: Number
     stop: Number
-    seed: int = 0
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     algorithm: Literal["sampled", "jacobi"] = "sampled"
     record: RecordSpec = RecordSpec()
 
@@ -218,7 +218,14 @@ def _convert(value: Any, kind: type[T], path: Path, place: str) -> T:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         message, _, inside = str(error).partition(" - at `$")
+        if not inside and "unknown field" in message:
+            message += f"; expected one of {', '.join(_keys(kind))}"
         raise ScenarioError(message, f"{path} at {place}{inside.rstrip('`')}") from None
+
+
+def _keys(kind: type[Any]) -> list[str]:
+    """The keys a table may have."""
+    return [field.encode_name for field in msgspec.structs.fields(kind)]
 
 
 def _apply(document: dict[str, Any], setting: str) -> None:

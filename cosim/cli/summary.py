@@ -93,7 +93,8 @@ def figure_specs(scenario: Scenario) -> dict[str, Figure]:
 
 def check(scenario: Scenario, recorded: list[str]) -> None:
     """Refuse metrics and figures of signals that will not be recorded, before the run."""
-    known = {name for name in recorded} | {name.split("[")[0] for name in recorded}
+    whole = {name.split("[")[0] for name in recorded}
+    known = whole | set(recorded)
     wanted = [
         (signal, scenario.place("metrics", m.name))
         for m in metrics(scenario)
@@ -107,7 +108,7 @@ def check(scenario: Scenario, recorded: list[str]) -> None:
     for signal, place in wanted:
         if signal not in known:
             raise ScenarioError(
-                f"no recorded signal {signal!r}; there are: {', '.join(sorted(known))}", place
+                f"no recorded signal {signal!r}; there are: {', '.join(sorted(whole))}", place
             )
 
 

@@ -5,13 +5,18 @@ receiver: *which sent sample it holds* (-1: none yet). What is in this room, in 
 which it is built up::
 
     laws        how late a sample is: constant, uniform redrawn every hold
+    skewed      delays with a long tail: shifted gamma and lognormal, cut at a maximum
+    markov      delays that stay on a level for a while
     traces      delays that were measured, from CSV or Parquet
+    losses      which packets never arrive: independent, Gilbert–Elliott, on top of any law
+    outages     losses in seconds: now and then nothing arrives for a while
     grid        when it is sent and looked at, in ticks
     semantics   what the receiver makes of it: signal, three packet rules, playout
     table       LinkSpec -> stream of rows, with the facts an engine must know beforehand
     storage     tables as Parquet files, and their replay
     statistics  age of what was held, how often it was held, how often it went back in time
     spec        the structs a scenario decodes, and the sentences that refuse them
+    netem       a law and a loss as arguments of tc netem, and what netem does otherwise
 
 Nothing here knows an engine, a component or a clock; everything is a pure function of a seed or
 of a file, streamed in chunks whose sizes do not matter.

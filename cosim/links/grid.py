@@ -1,4 +1,4 @@
-"""When a link's sender sends and its receiver looks, and seconds as whole ticks."""
+"""When a link's sender sends and its receiver looks; seconds as ticks, and as shares of a cycle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from math import ceil, gcd, isfinite
 import numpy as np
 
 from cosim.errors import ScenarioError
-from cosim.links.laws import FloatArray, exact
+from cosim.links.laws import FloatArray, IntArray, exact
 
 TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61
 
@@ -55,3 +55,30 @@ class Grid:
         """The next tick difference K - n_s·j that exists: a multiple of gcd(n_s, n_r)."""
         g = gcd(self.n_s, self.n_r)
         return -(-ticks // g) * g
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """What comes again every `length` (s), looked at every `period` (s) from t = 0; exact.
+
+    Looks are counted in parts: a look is `p` parts after the one before, and `q` parts are the
+    cycle, p/q = period/length in lowest terms.
+    """
+
+    period: Fraction
+    length: float
+
+    @property
+    def ratio(self) -> Fraction:
+        """period/length, as close as a denominator of 10^9 allows."""
+        return (self.period / exact(self.length)).limit_denominator(10**9)
+
+    def parts(self, t: Fraction) -> int:
+        """The first part at or after t (s)."""
+        return ceil(t / exact(self.length) * self.ratio.denominator)
+
+    def phases(self, first: int, n: int) -> IntArray:
+        """(n,): the parts since the cycle began, of looks `first`, first + 1, …"""
+        p, q = self.ratio.numerator, self.ratio.denominator
+        phases: IntArray = (first * p % q + p % q * np.arange(n, dtype=np.int64)) % q
+        return phases

@@ -1,17 +1,18 @@
 """Delay laws: how late is a sample that is sent, or read, at t = 0, period, 2·period and so on.
 
 A law is a frozen value with declared facts (`minimum`, `maximum`, `loses`) that hold for every
-delay it ever gives. :meth:`Law.stream` starts the delays of one link; they are taken in chunks,
-and the sizes of the chunks do not change the values: the same generator state gives the same
-delays. A lost packet has a delay that is not finite.
+delay it ever gives, and the `mean` it tends to. :meth:`Law.stream` starts the delays of one link;
+they are taken in chunks, and the sizes of the chunks do not change the values: the same generator
+state gives the same delays. A lost packet has a delay that is not finite.
 
-A further law (gamma, Markov levels, Gilbert–Elliott, bursts) is one more class with these
-members and one more struct in `spec`; nothing else knows how many there are. Delays that were
-measured are in `traces`.
+Here are the protocol and the two laws that need no theory. Laws with a long tail are in `skewed`,
+levels in `markov`, delays that were measured in `traces`; `losses` puts a loss model on top of any
+of them. A further law is one more class with these members and one more struct in `spec`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite
@@ -48,6 +49,10 @@ class Law(Protocol):
         """No delay of a packet that arrives is longer, s."""
 
     @property
+    def mean(self) -> float:
+        """What the mean of the delays that arrive tends to, s."""
+
+    @property
     def loses(self) -> bool:
         """Whether a packet can be lost."""
 
@@ -74,7 +79,7 @@ class Constant:
 
     def __post_init__(self) -> None:
         """Refuse what is no delay. Raises ScenarioError."""
-        _check_delay("delay", self.delay)
+        check_delay("delay", self.delay)
 
     @property
     def minimum(self) -> float:
@@ -83,6 +88,11 @@ class Constant:
 
     @property
     def maximum(self) -> float:
+        """The delay, s."""
+        return self.delay
+
+    @property
+    def mean(self) -> float:
         """The delay, s."""
         return self.delay
 
@@ -119,14 +129,11 @@ class Uniform:
 
     def __post_init__(self) -> None:
         """Refuse what is no distribution of delays. Raises ScenarioError."""
-        _check_delay("low", self.low)
-        _check_delay("high", self.high)
+        check_delay("low", self.low)
+        check_delay("high", self.high)
         if self.high < self.low:
             raise ScenarioError(f"high = {self.high:g} s is less than low = {self.low:g} s")
-        if self.hold is not None and not (isfinite(self.hold) and self.hold > 0):
-            raise ScenarioError(
-                f"hold = {self.hold:g} s; expected a time greater than 0 between two draws"
-            )
+        check_hold(self.hold)
 
     @property
     def minimum(self) -> float:
@@ -139,6 +146,11 @@ class Uniform:
         return self.high
 
     @property
+    def mean(self) -> float:
+        """(low + high)/2, s."""
+        return 0.5 * (self.low + self.high)
+
+    @property
     def loses(self) -> bool:
         """Never."""
         return False
@@ -149,19 +161,34 @@ class Uniform:
 
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """One draw a hold interval, whether a sample falls into it or not."""
-        if self.hold is None:
-            return _HeldUniform(self.low, self.high, Fraction(1), rng)
-        draws_per_sample = (period / exact(self.hold)).limit_denominator(10**9)
-        if draws_per_sample > 10**4:
-            raise ScenarioError(
-                f"hold = {self.hold:g} s; expected at least 1/10000 of the sampling period"
-                f" {float(period):g} s"
-            )
-        return _HeldUniform(self.low, self.high, draws_per_sample, rng)
+
+        def draw(n: int) -> FloatArray:
+            return np.minimum(self.low + (self.high - self.low) * rng.random(n), self.high)
+
+        return held(draw, self.hold, period)
 
     def facts(self) -> dict[str, Any]:
         """Name, bounds and hold (s)."""
         return {"law": "uniform", "low": self.low, "high": self.high, "hold": self.hold}
+
+
+def held(
+    draw: Callable[[int], FloatArray], hold: float | None, period: Fraction, name: str = "hold"
+) -> Delays:
+    """Delays at t = 0, period, … (s), each the draw number floor(t / hold); None: one a sample.
+
+    `draw(n)`: the next n draws, (n,), s, in an order that n does not change; `name`: what `hold`
+    is called in messages. Raises ScenarioError for more than 10000 draws a sample.
+    """
+    if hold is None:
+        return _Held(draw, Fraction(1))
+    draws_per_sample = (period / exact(hold)).limit_denominator(10**9)
+    if draws_per_sample > 10**4:
+        raise ScenarioError(
+            f"{name} = {hold:g} s; expected at least 1/10000 of the sampling period"
+            f" {float(period):g} s"
+        )
+    return _Held(draw, draws_per_sample)
 
 
 class _Same:
@@ -172,11 +199,11 @@ class _Same:
         return np.full(n, self._delay)
 
 
-class _HeldUniform:
+class _Held:
     """Carry: which sample is next, and the draw that is still held."""
 
-    def __init__(self, low: float, high: float, ratio: Fraction, rng: Generator) -> None:
-        self._low, self._high, self._ratio, self._rng = low, high, ratio, rng
+    def __init__(self, draw: Callable[[int], FloatArray], ratio: Fraction) -> None:
+        self._fresh, self._ratio = draw, ratio
         self._sample = 0  # the next sample
         self._draw = -1  # index of the last draw made
         self._value = np.empty(1)  # (1,), the last draw made, s
@@ -188,13 +215,18 @@ class _HeldUniform:
         whole, rest = divmod(self._sample * p, q)  # Python integers: no overflow in long runs
         draw = (rest + p * np.arange(n, dtype=np.int64)) // q  # (n,), relative to `whole`
         first = self._draw - whole  # what `_value` holds, relative as well
-        u = self._rng.random(int(draw[-1]) - first)
-        fresh = np.minimum(self._low + (self._high - self._low) * u, self._high)
-        drawn = np.concatenate((self._value, fresh))
+        drawn = np.concatenate((self._value, self._fresh(int(draw[-1]) - first)))
         self._sample, self._draw, self._value = self._sample + n, whole + int(draw[-1]), drawn[-1:]
         return drawn[draw - first]
 
 
-def _check_delay(name: str, value: float) -> None:
+def check_delay(name: str, value: float) -> None:
+    """Refuse what is no delay (s). Raises ScenarioError."""
     if not (isfinite(value) and value >= 0):
         raise ScenarioError(f"{name} = {value:g} s; expected a delay of 0 or more")
+
+
+def check_hold(hold: float | None) -> None:
+    """Refuse what is no time between two draws (s). Raises ScenarioError."""
+    if hold is not None and not (isfinite(hold) and hold > 0):
+        raise ScenarioError(f"hold = {hold:g} s; expected a time greater than 0 between two draws")

@@ -4,8 +4,14 @@
 
     delay = { law = "constant", delay = "100 ms" }
     delay = { law = "uniform", low = 0.3, high = 1.2, hold = "30 ms" }   # no hold: every sample
+    delay = { law = "gamma", shift = "20 ms", shape = 2, scale = "5 ms", maximum = "200 ms" }
+    delay = { law = "lognormal", shift = "20 ms", median = "8 ms", sigma = 0.8, maximum = 0.2 }
+    delay = { law = "markov", levels = [0.05, 0.2], dwell = [2.0, 0.5], step = "10 ms" }
     delay = { law = "trace", file = "wifi.csv", lookup = "time", repeat = false }
     delay = { law = "table", file = "links/master-slave.parquet" }       # replay
+    loss = { law = "independent", p = "1 %" }                            # beside any but "table"
+    loss = { law = "gilbert-elliott", p = 0.01, r = 0.1, 1-h = 0.7, 1-k = 0.001 }
+    loss = { law = "outage", length = 0.3, every = 5.0, start = 2.0 }    # or rate = "0.2 Hz"
     semantics = "signal" | "last-arrival" | "newest-stamp" | "fifo" | "playout"
     playout = 1.2                                                       # buffer, for playout only
 
@@ -23,27 +29,32 @@ import msgspec
 from cosim.errors import CosimError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Law, Uniform
+from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
+from cosim.links.markov import Markov
+from cosim.links.outages import Outage, RandomOutage
 from cosim.links.semantics import Packets, Playout, Rule, Signal
+from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.links.traces import read_trace
 from cosim.units import quantity
 
 Seconds = int | float | str
+Number = int | float | str  # without a dimension, or with the one that is said
 Semantics = Literal["signal", "last-arrival", "newest-stamp", "fifo", "playout"]
 
 
-class ConstantDelay(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law", tag="constant"
-):
+class _Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law"):
+    """One of several, told apart by `law`; strict about keys."""
+
+
+class ConstantDelay(_Law, frozen=True, tag="constant"):
     """T = delay."""
 
     delay: Seconds
 
 
-class UniformDelay(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law", tag="uniform"
-):
+class UniformDelay(_Law, frozen=True, tag="uniform"):
     """T ~ U[low, high], drawn every `hold`, or for every sample."""
 
     low: Seconds
@@ -51,9 +62,36 @@ class UniformDelay(
     hold: Seconds | None = None
 
 
-class TraceDelay(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law", tag="trace"
-):
+class GammaDelay(_Law, frozen=True, tag="gamma"):
+    """T = min(shift + scale·g, maximum), g ~ Gamma(shape), drawn every `hold`."""
+
+    shift: Seconds
+    shape: Number
+    scale: Seconds
+    maximum: Seconds
+    hold: Seconds | None = None
+
+
+class LognormalDelay(_Law, frozen=True, tag="lognormal"):
+    """T = min(shift + median·exp(sigma·g), maximum), g ~ N(0, 1), drawn every `hold`."""
+
+    shift: Seconds
+    median: Seconds
+    sigma: Number
+    maximum: Seconds
+    hold: Seconds | None = None
+
+
+class MarkovDelay(_Law, frozen=True, tag="markov"):
+    """T jumps between levels every `step`, by probabilities or by mean times on each level."""
+
+    levels: tuple[Seconds, ...]
+    step: Seconds
+    transitions: tuple[tuple[float, ...], ...] | None = None
+    dwell: Seconds | tuple[Seconds, ...] | None = None
+
+
+class TraceDelay(_Law, frozen=True, tag="trace"):
     """T from a file of measured delays (CSV or Parquet: t_send, delay)."""
 
     file: str
@@ -61,20 +99,54 @@ class TraceDelay(
     repeat: bool = False
 
 
-class TableDelay(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law", tag="table"
-):
+class TableDelay(_Law, frozen=True, tag="table"):
     """The stored table of a link; what semantics says is in it already."""
 
     file: str
 
 
-DelaySpec = ConstantDelay | UniformDelay | TraceDelay | TableDelay
+class IndependentLoss(_Law, frozen=True, tag="independent"):
+    """Each packet is lost with probability p."""
+
+    p: Number
+
+
+class GilbertElliottLoss(
+    _Law, frozen=True, tag="gilbert-elliott", rename={"bad": "1-h", "good": "1-k"}
+):
+    """netem's ``loss gemodel p [r [1-h [1-k]]]``, with its defaults: r = 1 - p, 1, 0."""
+
+    p: Number
+    r: Number | None = None
+    bad: Number = 1
+    good: Number = 0
+
+
+class OutageLoss(_Law, frozen=True, tag="outage"):
+    """Outages of `length`: one `every` so often (first at `start`), or at random with `rate`."""
+
+    length: Seconds
+    every: Seconds | None = None
+    start: Seconds | None = None
+    rate: Number | None = None
+
+
+DelaySpec = (
+    ConstantDelay
+    | UniformDelay
+    | GammaDelay
+    | LognormalDelay
+    | MarkovDelay
+    | TraceDelay
+    | TableDelay
+)
+LossSpec = IndependentLoss | GilbertElliottLoss | OutageLoss
 
 
 def link_table(
     *,
     delay: DelaySpec | Mapping[str, Any],
+    loss: LossSpec | Mapping[str, Any] | None = None,
     semantics: Semantics,
     playout: Seconds | None = None,
     name: str,
@@ -90,18 +162,25 @@ def link_table(
 
     `name`: unique in the scenario, decides on the random numbers together with `seed`; `h`: base
     step (s); periods in ticks; `folder`: what files are relative to; `ticks`: length of the run,
-    checked against the law if given. With the law "table", `semantics` and `playout` are not
-    looked at. Raises ScenarioError that starts with `place`, the file and the path of the link.
+    checked against the law if given. `loss` is drawn besides the delays and does not change them.
+    With the law "table", `semantics` and `playout` are not looked at, and a `loss` is an error.
+    Raises ScenarioError that starts with `place`, the file and the path of the link.
     """
     try:
         grid = Grid(sender_period, receiver_period, h)
-        delay = _decode(delay)
+        spec: DelaySpec = _decode(delay, DelaySpec, "delay")
         table: TableSpec
-        if isinstance(delay, TableDelay):
-            table = open_table(folder / delay.file, name=name, grid=grid)
+        if isinstance(spec, TableDelay):
+            if loss is not None:
+                raise ScenarioError(
+                    'delay.law = "table" replays what was lost as well; expected no loss beside it'
+                )
+            table = open_table(folder / spec.file, name=name, grid=grid)
         else:
-            rule = _rule(semantics, playout)
-            table = DrawnTable(name, grid, _law(delay, folder), rule, seed)
+            law = delay_law(spec, folder)
+            if loss is not None:
+                law = Lossy(law, loss_model(loss))
+            table = DrawnTable(name, grid, law, _rule(semantics, playout), seed)
         if ticks is not None:
             table.check(-(-ticks // receiver_period))
     except CosimError as error:
@@ -109,31 +188,80 @@ def link_table(
     return table
 
 
-def _decode(delay: DelaySpec | Mapping[str, Any]) -> DelaySpec:
-    if not isinstance(delay, Mapping):
-        return delay
+def _decode(value: Any, kind: Any, key: str) -> Any:
+    if not isinstance(value, Mapping):
+        return value
     try:
-        decoded: DelaySpec = msgspec.convert(delay, DelaySpec)
+        return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         message, _, path = str(error).partition(" - at `$")
-        raise ScenarioError(message, f"delay{path.rstrip('`')}") from None
-    return decoded
+        raise ScenarioError(message, f"{key}{path.rstrip('`')}") from None
 
 
-def _law(delay: ConstantDelay | UniformDelay | TraceDelay, folder: Path) -> Law:
-    if isinstance(delay, ConstantDelay):
-        return Constant(_seconds(delay.delay, "delay"))
-    if isinstance(delay, UniformDelay):
-        hold = None if delay.hold is None else _seconds(delay.hold, "hold")
-        return Uniform(_seconds(delay.low, "low"), _seconds(delay.high, "high"), hold)
-    return read_trace(folder / delay.file, lookup=delay.lookup, repeat=delay.repeat)
+def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:
+    """The law that `delay` names; files relative to `folder`. Raises ScenarioError."""
+    spec: DelaySpec = _decode(delay, DelaySpec, "delay")
+    match spec:
+        case ConstantDelay() as d:
+            return Constant(_si(d.delay, "delay"))
+        case UniformDelay() as d:
+            return Uniform(_si(d.low, "low"), _si(d.high, "high"), _optional(d.hold, "hold"))
+        case GammaDelay() as d:
+            shift, scale = _si(d.shift, "shift"), _si(d.scale, "scale")
+            shape, maximum = _si(d.shape, "shape", "1"), _si(d.maximum, "maximum")
+            return Gamma(shift, shape, scale, maximum, _optional(d.hold, "hold"))
+        case LognormalDelay() as d:
+            shift, median = _si(d.shift, "shift"), _si(d.median, "median")
+            sigma, maximum = _si(d.sigma, "sigma", "1"), _si(d.maximum, "maximum")
+            return Lognormal(shift, median, sigma, maximum, _optional(d.hold, "hold"))
+        case MarkovDelay() as d:
+            return _markov(d)
+        case TraceDelay() as d:
+            return read_trace(folder / d.file, lookup=d.lookup, repeat=d.repeat)
+        case TableDelay():
+            raise ScenarioError('delay.law = "table" is a table already, not a law')
+
+
+def _markov(d: MarkovDelay) -> Law:
+    levels = tuple(_si(x, f"levels[{i}]") for i, x in enumerate(d.levels))
+    step = _si(d.step, "step")
+    if d.transitions is not None and d.dwell is None:
+        return Markov(levels, d.transitions, step)
+    if d.dwell is None or d.transitions is not None:
+        raise ScenarioError('delay.law = "markov" needs either transitions or dwell')
+    dwell = d.dwell if isinstance(d.dwell, tuple) else (d.dwell,)
+    return Markov.dwelling(levels, tuple(_si(x, "dwell") for x in dwell), step)
+
+
+def loss_model(loss: LossSpec | Mapping[str, Any]) -> Loss:
+    """The model that `loss` names. Raises ScenarioError."""
+    spec: LossSpec = _decode(loss, LossSpec, "loss")
+    match spec:
+        case IndependentLoss() as d:
+            return Independent(_si(d.p, "p", "1"))
+        case GilbertElliottLoss() as d:
+            p = _si(d.p, "p", "1")
+            r = 1 - p if d.r is None else _si(d.r, "r", "1")
+            return GilbertElliott(p, r, _si(d.bad, "1-h", "1"), _si(d.good, "1-k", "1"))
+        case OutageLoss() as d:
+            return _outage(d)
+
+
+def _outage(d: OutageLoss) -> Loss:
+    length = _si(d.length, "length")
+    if d.rate is not None and d.every is None and d.start is None:
+        return RandomOutage(length, _si(d.rate, "rate", "1/s"))
+    if d.every is None or d.rate is not None:
+        raise ScenarioError('loss.law = "outage" needs either every (and start) or rate')
+    every = _si(d.every, "every")
+    return Outage(length, every, every if d.start is None else _si(d.start, "start"))
 
 
 def _rule(semantics: Semantics, playout: Seconds | None) -> Rule:
     if semantics == "playout":
         if playout is None:
             raise ScenarioError('semantics = "playout" needs the length of its buffer, playout (s)')
-        return Playout(_seconds(playout, "playout"))
+        return Playout(_si(playout, "playout"))
     if playout is not None:
         raise ScenarioError(
             f'playout = {playout!r} is a buffer, but semantics = "{semantics}" has none;'
@@ -142,10 +270,14 @@ def _rule(semantics: Semantics, playout: Seconds | None) -> Rule:
     return Signal() if semantics == "signal" else Packets(semantics)
 
 
-def _seconds(value: Seconds, name: str) -> float:
+def _si(value: Number, name: str, unit: str = "s") -> float:
     if not isinstance(value, str):
         return float(value)
     try:
-        return quantity(value, "s")
+        return quantity(value, unit)
     except CosimError as error:
         raise ScenarioError(f"{name} = {value!r}: {error}") from None
+
+
+def _optional(value: Number | None, name: str) -> float | None:
+    return None if value is None else _si(value, name)

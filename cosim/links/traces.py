@@ -68,6 +68,15 @@ class Trace:
         return float(np.max(self.delay[np.isfinite(self.delay)]))
 
     @property
+    def mean(self) -> float:
+        """Of the delays of packets that arrived, each for as long as it is looked up, s."""
+        arrives = np.isfinite(self.delay)
+        if self.lookup == "index":
+            return float(np.mean(self.delay[arrives]))
+        lasts = np.diff(self.t_send, append=self.t_send[0] + self.duration)  # (n,), s
+        return float(np.average(self.delay[arrives], weights=lasts[arrives]))
+
+    @property
     def loses(self) -> bool:
         """Whether a packet of the trace was lost."""
         return not bool(np.isfinite(self.delay).all())

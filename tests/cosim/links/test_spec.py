@@ -10,8 +10,12 @@ import pytest
 from cosim.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
+from cosim.links.losses import GilbertElliott, Independent, Lossy
+from cosim.links.markov import Markov
+from cosim.links.outages import Outage, RandomOutage
 from cosim.links.semantics import Packets, Playout, Signal
-from cosim.links.spec import ConstantDelay, DelaySpec, link_table
+from cosim.links.skewed import Gamma, Lognormal
+from cosim.links.spec import ConstantDelay, DelaySpec, IndependentLoss, LossSpec, link_table
 from cosim.links.storage import StoredTable, save_table
 from cosim.links.table import DrawnTable
 
@@ -20,7 +24,7 @@ CONSTANT = 'delay = { law = "constant", delay = 0.1 }\n'
 
 
 def table(text, folder=None, **changes):
-    """The table of a link written in TOML: `delay`, `semantics`, `playout`."""
+    """The table of a link written in TOML: `delay`, `loss`, `semantics`, `playout`."""
     link = {"semantics": "signal", "playout": None, **tomllib.loads(text)}
     given = {
         "name": "x", "seed": 1, "h": 0.005, "sender_period": 1, "receiver_period": 1,
@@ -44,6 +48,28 @@ def table(text, folder=None, **changes):
             Uniform(0.3, 1.2, 0.03),
         ),
         ('delay = { law = "uniform", low = 0, high = 1 }', Uniform(0.0, 1.0, None)),
+        (
+            'delay = { law = "gamma", shift = "20 ms", shape = 2, scale = "5 ms", maximum = 0.2 }',
+            Gamma(0.02, 2.0, 0.005, 0.2),
+        ),
+        (
+            'delay = { law = "lognormal", shift = 0, median = "8 ms", sigma = 0.5, maximum = 1,'
+            ' hold = "30 ms" }',
+            Lognormal(0.0, 0.008, 0.5, 1.0, 0.03),
+        ),
+        (
+            'delay = { law = "markov", levels = ["50 ms", 0.2], step = "10 ms",'
+            " transitions = [[0.5, 0.5], [1, 0]] }",
+            Markov((0.05, 0.2), ((0.5, 0.5), (1.0, 0.0)), 0.01),
+        ),
+        (
+            'delay = { law = "markov", levels = [0.1, 0.2], dwell = ["2 s", 0.5], step = 0.01 }',
+            Markov.dwelling((0.1, 0.2), (2.0, 0.5), 0.01),
+        ),
+        (
+            'delay = { law = "markov", levels = [0.1, 0.2], dwell = "2 s", step = 0.01 }',
+            Markov.dwelling((0.1, 0.2), (2.0,), 0.01),
+        ),
     ],
 )
 def test_laws_are_written_in_seconds_or_with_a_unit(text, law):
@@ -51,6 +77,74 @@ def test_laws_are_written_in_seconds_or_with_a_unit(text, law):
     assert isinstance(made, DrawnTable)
     assert made.law == law
     assert made == DrawnTable("x", Grid(1, 1, 0.005), law, Signal(), 1)
+
+
+@pytest.mark.parametrize(
+    "text, model",
+    [
+        ('{ law = "independent", p = 0.01 }', Independent(0.01)),
+        ('{ law = "independent", p = "1 %" }', Independent(0.01)),
+        ('{ law = "gilbert-elliott", p = 0.25 }', GilbertElliott(0.25, 0.75, 1.0, 0.0)),
+        ('{ law = "gilbert-elliott", p = 0.01, r = "10 %" }', GilbertElliott(0.01, 0.1)),
+        (
+            '{ law = "gilbert-elliott", p = 0.01, r = 0.1, 1-h = 0.7, 1-k = 0.001 }',
+            GilbertElliott(0.01, 0.1, 0.7, 0.001),
+        ),
+        ('{ law = "outage", length = "300 ms", every = 5 }', Outage(0.3, 5.0, 5.0)),
+        ('{ law = "outage", length = 0.3, every = 5, start = 0 }', Outage(0.3, 5.0, 0.0)),
+        ('{ law = "outage", length = 0.3, rate = "0.2 Hz" }', RandomOutage(0.3, 0.2)),
+    ],
+)
+def test_a_loss_stands_beside_its_delay(text, model):
+    made = table(f'{CONSTANT}loss = {text}\nsemantics = "newest-stamp"')
+    assert made.law == Lossy(Constant(0.1), model)
+    assert made.facts()["delay"]["loss"] == model.facts()
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ('{ law = "independent", p = 2 }', "p = 2; expected a probability from 0 to less than 1"),
+        ('{ law = "independent", p = "1 s" }', r"p = '1 s': \[s\] cannot feed \[1\]"),
+        ('{ law = "independent" }', "loss: Object missing required field `p`"),
+        ('{ law = "gilbert-elliott", p = 0.1, h = 0.3 }', "loss: .*unknown field `h`"),
+        ('{ law = "gilbert-elliott", p = 0.1, 1-h = 3 }', "1-h = 3; expected a probability"),
+        ('{ law = "rain" }', "loss.law: Invalid value 'rain'"),
+        ('{ law = "outage", length = 1 }', "needs either every .and start. or rate"),
+        ('{ law = "outage", length = 1, start = 1 }', "needs either every .and start. or rate"),
+        ('{ law = "outage", length = 1, every = 5, rate = 1 }', "needs either every"),
+        ('{ law = "outage", length = 1, start = 5, rate = 1 }', "needs either every"),
+        ('{ law = "outage", length = 1, every = 1 }', "every = 1 s; expected more than"),
+    ],
+)
+def test_a_loss_that_cannot_be_gets_a_sentence_and_its_place(text, message):
+    with pytest.raises(ScenarioError, match=message) as caught:
+        table(f'{CONSTANT}loss = {text}\nsemantics = "newest-stamp"')
+    assert str(caught.value).startswith(PLACE)
+
+
+@pytest.mark.parametrize("name", ["signal", "fifo"])
+def test_a_loss_contradicts_what_cannot_lose(name):
+    text = f'{CONSTANT}loss = {{ law = "independent", p = 0.1 }}\nsemantics = "{name}"'
+    with pytest.raises(ScenarioError, match=f'{PLACE}: packets are lost, but semantics = "{name}"'):
+        table(text)
+
+
+def test_a_stored_table_takes_no_loss(tmp_path):
+    save_table(tmp_path / "t.parquet", table(CONSTANT), 100)
+    text = 'delay = { law = "table", file = "t.parquet" }\nloss = { law = "independent", p = 0.1 }'
+    with pytest.raises(ScenarioError, match="replays what was lost as well; expected no loss"):
+        table(text, folder=tmp_path)
+
+
+def test_a_lossy_table_says_in_its_file_what_it_was_drawn_from(tmp_path):
+    made = table(f'{CONSTANT}loss = {{ law = "independent", p = 0.1 }}\nsemantics = "newest-stamp"')
+    save_table(tmp_path / "t.parquet", made, 100)
+    stored = table('delay = { law = "table", file = "t.parquet" }', folder=tmp_path)
+    assert stored.facts()["delay"] == {
+        "law": "constant", "delay": 0.1, "loss": {"law": "independent", "p": 0.1},
+    }  # fmt: skip
+    assert stored.stream(100).rows(100).tolist() == made.stream(100).rows(100).tolist()
 
 
 @pytest.mark.parametrize("name", ["last-arrival", "newest-stamp", "fifo", "signal"])
@@ -80,6 +174,22 @@ def test_playout_has_its_buffer():
         ("delay = { delay = 1 }", "missing required field `law`"),
         ('delay = { law = "uniform", low = 2, high = 1 }', "high = 1 s is less than low = 2 s"),
         ('delay = { law = "uniform", low = 0, high = 1, hold = 0 }', "hold = 0 s; expected a time"),
+        (
+            'delay = { law = "gamma", shift = 0, shape = "2 s", scale = 1, maximum = 1 }',
+            "shape = '2",
+        ),
+        (
+            'delay = { law = "gamma", shift = 1, shape = 2, scale = 1, maximum = 1 }',
+            "maximum = 1 s",
+        ),
+        ('delay = { law = "lognormal", median = 1, sigma = 1 }', "missing required field `shift`"),
+        ('delay = { law = "markov", levels = [0, 1], step = 1 }', "either transitions or dwell"),
+        ('delay = { law = "markov", levels = ["1 m"], step = 1 }', r"levels\[0\] = '1 m'"),
+        (
+            'delay = { law = "markov", levels = [0, 1], step = 1, dwell = 1,'
+            " transitions = [[0, 1], [1, 0]] }",
+            "either transitions or dwell",
+        ),
         ('delay = { law = "trace", file = "none.csv" }', "none.csv: no such file"),
         ('delay = { law = "table", file = "none.parquet" }', "none.parquet: no such file"),
         (CONSTANT + 'semantics = "playout"', "needs the length of its buffer, playout"),
@@ -99,6 +209,10 @@ def test_delays_decode_inside_a_larger_struct():
     text = b'{"law": "constant", "delay": "5 ms"}'
     assert msgspec.json.decode(text, type=DelaySpec) == ConstantDelay("5 ms")
     assert table("", delay=ConstantDelay("5 ms")).law == Constant(0.005)
+    text = b'{"law": "independent", "p": "5 %"}'
+    assert msgspec.json.decode(text, type=LossSpec) == IndependentLoss("5 %")
+    made = table(CONSTANT, loss=IndependentLoss("5 %"), semantics="newest-stamp")
+    assert made.law == Lossy(Constant(0.1), Independent(0.05))
 
 
 def test_files_are_relative_to_the_scenario(tmp_path):

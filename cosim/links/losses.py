@@ -1,0 +1,220 @@
+"""Loss: which packets never arrive. Models on top of any delay law, with declared facts.
+
+A loss model is a frozen value like a law; :meth:`Loss.stream` starts the losses of one link, taken
+in chunks that do not change them. :class:`Lossy` puts a model on a delay law. Its random numbers
+are its own: with or without loss, the packets that arrive have the same delays.
+
+What a lost packet means is the semantics' business: `last-arrival`, `newest-stamp` and `playout`
+hold what they have; `signal` and `fifo` refuse a law that loses, with a sentence. Outages, which
+are given in seconds and not in packets, are in `outages`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import inf
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from cosim.errors import ScenarioError
+from cosim.links.laws import Delays, FloatArray, Law
+from cosim.links.markov import Chain
+from cosim.links.reach import BoolArray
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+
+class Losses(Protocol):
+    """The losses of one link, in order."""
+
+    def take(self, n: int) -> BoolArray:
+        """Whether each of the next `n` packets is lost, (n,)."""
+
+
+class Loss(Protocol):
+    """A loss model: declared facts and a way to draw."""
+
+    @property
+    def share(self) -> float:
+        """The share of packets lost in the long run, below 1."""
+
+    @property
+    def longest(self) -> float:
+        """No outage lasts longer, s; inf: there is no bound."""
+
+    def stream(self, period: Fraction, rng: Generator) -> Losses:
+        """The losses of packets sent at t = 0, period, 2·period, … (s), drawn from `rng`."""
+
+    def facts(self) -> dict[str, Any]:
+        """What is written down with a run: the model's name and its values, SI."""
+
+
+@dataclass(frozen=True, slots=True)
+class Independent:
+    """Each packet is lost with probability p, whatever happened to the others."""
+
+    p: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no probability. Raises ScenarioError."""
+        if not 0 <= self.p < 1:
+            raise ScenarioError(f"p = {self.p:g}; expected a probability from 0 to less than 1")
+
+    @property
+    def share(self) -> float:
+        """The probability p."""
+        return self.p
+
+    @property
+    def longest(self) -> float:
+        """There is no bound, unless nothing is lost."""
+        return inf if self.p else 0.0
+
+    @property
+    def burst(self) -> float:
+        """Mean number of packets lost in a row, 1/(1 - p)."""
+        return 1 / (1 - self.p)
+
+    def stream(self, period: Fraction, rng: Generator) -> Losses:
+        """One draw a packet."""
+        return _Independent(self.p, rng)
+
+    def facts(self) -> dict[str, Any]:
+        """Name and probability."""
+        return {"law": "independent", "p": self.p}
+
+
+class _Independent:
+    def __init__(self, p: float, rng: Generator) -> None:
+        self._p, self._rng = p, rng
+
+    def take(self, n: int) -> BoolArray:
+        return self._rng.random(n) < self._p
+
+
+@dataclass(frozen=True, slots=True)
+class GilbertElliott:
+    """Two states: G -> B with probability p after a packet, B -> G with r; each loses in its way.
+
+    In B a packet is lost with probability `bad` = 1-h, in G with `good` = 1-k: the names and the
+    order of ``tc netem loss gemodel p r 1-h 1-k``. The model starts in its stationary
+    distribution (netem starts in G). bad = 1, good = 0 is the simple Gilbert model.
+    """
+
+    p: float
+    r: float
+    bad: float = 1.0
+    good: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no probability, or a state that is never left. Raises ScenarioError."""
+        for name, value in (("p", self.p), ("r", self.r)):
+            if not 0 < value <= 1:
+                raise ScenarioError(
+                    f"{name} = {value:g}; expected a probability of more than 0, up to 1"
+                )
+        if not 0 <= self.bad <= 1:
+            raise ScenarioError(f"1-h = {self.bad:g}; expected a probability from 0 to 1")
+        if not 0 <= self.good < 1:
+            raise ScenarioError(
+                f"1-k = {self.good:g}; expected a probability from 0 to less than 1"
+            )
+
+    @property
+    def share(self) -> float:
+        """(p·(1-h) + r·(1-k)) / (p + r)."""
+        return (self.p * self.bad + self.r * self.good) / (self.p + self.r)
+
+    @property
+    def longest(self) -> float:
+        """There is no bound, unless nothing is lost."""
+        return inf if self.share else 0.0
+
+    @property
+    def burst(self) -> float:
+        """Mean number of packets lost in a row: P(lost) / P(lost, the next is not).
+
+        P(lost, the next is not) = Σ_ab π_a ℓ_a P_ab (1 - ℓ_b), ℓ = (1-k, 1-h). 1/r for the simple
+        Gilbert model; nan where nothing is lost.
+        """
+        pi_bad = self.p / (self.p + self.r)
+        after_good = (1 - self.p) * (1 - self.good) + self.p * (1 - self.bad)
+        after_bad = self.r * (1 - self.good) + (1 - self.r) * (1 - self.bad)
+        ends = (1 - pi_bad) * self.good * after_good + pi_bad * self.bad * after_bad
+        return self.share / ends if self.share else float("nan")
+
+    def stream(self, period: Fraction, rng: Generator) -> Losses:
+        """Two draws a packet, from two generators."""
+        return _GilbertElliott(self, *rng.spawn(2))
+
+    def facts(self) -> dict[str, Any]:
+        """Name and probabilities, as netem calls them."""
+        return {
+            "law": "gilbert-elliott",
+            "p": self.p,
+            "r": self.r,
+            "1-h": self.bad,
+            "1-k": self.good,
+        }
+
+
+class _GilbertElliott:
+    def __init__(self, model: GilbertElliott, states: Generator, losses: Generator) -> None:
+        P = np.array([[1 - model.p, model.p], [model.r, 1 - model.r]])
+        self._chain, self._rng = Chain(P, states), losses
+        self._lost = np.array([model.good, model.bad])  # (2,), probability in G, B
+
+    def take(self, n: int) -> BoolArray:
+        return self._rng.random(n) < self._lost[self._chain.take(n)]
+
+
+@dataclass(frozen=True, slots=True)
+class Lossy:
+    """The delays of `delay`, not a number where `loss` loses the packet."""
+
+    delay: Law
+    loss: Loss
+
+    @property
+    def minimum(self) -> float:
+        """Of the delay law, s."""
+        return self.delay.minimum
+
+    @property
+    def maximum(self) -> float:
+        """Of the delay law, s."""
+        return self.delay.maximum
+
+    @property
+    def mean(self) -> float:
+        """Of the delay law, s: which packets are lost does not depend on their delays."""
+        return self.delay.mean
+
+    @property
+    def loses(self) -> bool:
+        """Whether the delay law or the loss model loses packets."""
+        return self.delay.loses or self.loss.share > 0
+
+    def limit(self, period: Fraction) -> int | None:
+        """Of the delay law."""
+        return self.delay.limit(period)
+
+    def stream(self, period: Fraction, rng: Generator) -> Delays:
+        """The delays, drawn from `rng` as without loss; the losses from one of their own."""
+        (own,) = rng.spawn(1)
+        return _Lossy(self.delay.stream(period, rng), self.loss.stream(period, own))
+
+    def facts(self) -> dict[str, Any]:
+        """What the delay law says, and under `loss` what the model says."""
+        return {**self.delay.facts(), "loss": self.loss.facts()}
+
+
+class _Lossy:
+    def __init__(self, delays: Delays, losses: Losses) -> None:
+        self._delays, self._losses = delays, losses
+
+    def take(self, n: int) -> FloatArray:
+        return np.where(self._losses.take(n), np.nan, self._delays.take(n))

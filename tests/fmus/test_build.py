@@ -19,7 +19,7 @@ from cosim.errors import CosimError, FmuError
 from fmus import build as building
 from fmus import kernel as kernels
 from fmus import toolchain
-from fmus.build import VERSIONS, build, build_all, compile_model, find, pack
+from fmus.build import VERSIONS, build, build_all, compile_model, find, pack, shipped
 from fmus.model import Model, Variable
 from fmus.models import operator, planar2r, teleoperation, xi
 from fmus.source import c_files, sources, token
@@ -130,7 +130,7 @@ def test_an_installation_ships_every_model_in_both_versions(
 
     monkeypatch.setattr(building, "compile_model", instead)
     names = [path.name for path in build_all(tmp_path)]
-    identifiers = ["planar2r", "operator", "xi", "teleoperation", "teleoperation_n2"]
+    identifiers = [model.identifier for model in shipped()]
     assert compiled == identifiers  # once each, for both versions
     assert names == [f"{i}.fmi{v}.fmu" for i in identifiers for v in (2, 3)]
     assert all((tmp_path / name).is_file() for name in names)
@@ -184,7 +184,8 @@ def test_the_sources_compile_without_a_warning(
         for name, text in sources(model).items():
             (tmp_path / name).write_text(text)
         # the generic layer is the same in all: once is enough
-        names = c_files(model) if model.sources[0] == "planar2r.c" else [*model.sources]
+        whole = model.sources[0] == "planar2r.c"
+        names = [n for n in c_files(model) if whole or n in model.sources]
         output = tmp_path / f"{model.identifier}{toolchain.shared_suffix()}"
         files = [tmp_path / name for name in names]
         toolchain.compile_shared(files, output, include=[tmp_path], flags=STRICT)
@@ -229,61 +230,6 @@ def test_every_platform_gets_a_library_of_its_machine(platform: str) -> None:
     assert struct.unpack_from("<H", binary, place)[0] == machine
     for name in (b"fmi2DoStep", b"fmi3DoStep", b"kernel_step"):
         assert name in binary
-
-
-# --- find ------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """No FMU is there yet: an empty cache and an installation without any."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(building, "_BUILT", tmp_path / "installed")
-    return tmp_path
-
-
-def test_what_an_installation_brought_is_used(empty: Path, hand: Mapping[str, bytes]) -> None:
-    brought = pack(HAND, "2.0", empty / "installed", hand)
-    assert find(HAND, "2.0") == brought
-    assert not (empty / "cache").exists()
-
-
-def test_what_is_not_there_is_built_once(
-    empty: Path, hand: Mapping[str, bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls = []
-
-    def instead(model: Model, platforms: object = None) -> Mapping[str, bytes]:
-        calls.append(model.identifier)
-        return hand
-
-    monkeypatch.setattr(building, "compile_model", instead)
-    path = find(HAND, "3.0")
-    assert path.is_relative_to(empty / "cache" / "cosim" / "fmus")
-    assert find(HAND, "3.0") == path
-    assert find(HAND, "2.0").parent == path.parent
-    assert calls == ["operator"]
-
-
-def test_an_fmu_of_an_older_declaration_is_not_used(empty: Path, hand: Mapping[str, bytes]) -> None:
-    pack(replace(HAND, version="0.9"), "2.0", empty / "installed", hand)
-    (empty / "installed" / "operator.fmi3.fmu").write_bytes(b"no archive")
-    for version in VERSIONS:
-        assert find(HAND, version).is_relative_to(empty / "cache")
-
-
-def test_a_kernel_is_the_library_of_the_fmu(empty: Path) -> None:
-    path = kernels.library(HAND)
-    for version in VERSIONS:
-        with ZipFile(find(HAND, version)) as archive:
-            inside = [n for n in archive.namelist() if n.startswith("binaries/")]
-            assert [archive.read(name) for name in inside] == [path.read_bytes()]
-
-
-def test_a_cache_that_cannot_be_written_is_named(empty: Path) -> None:
-    (empty / "cache").write_text("a file, not a folder")
-    with pytest.raises(FmuError, match=r"cannot be made.*XDG_CACHE_HOME"):
-        find(HAND, "2.0")
 
 
 # --- what cannot be --------------------------------------------------------------------------

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import re
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 from zipfile import ZipFile
 
 import fmpy
-import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 from lxml import etree
@@ -23,7 +21,7 @@ from fmus.build import Version, find, shipped
 from fmus.kernel import library
 from fmus.model import Model, Variable
 from fmus.models import planar2r
-from fmus.source import scalars, token
+from fmus.source import token
 
 FMPY = Path(fmpy.__file__).parent
 SCHEMAS, HEADERS = FMPY / "schema" / "fmi3", FMPY / "c-code"
@@ -192,116 +190,6 @@ def test_nothing_else_is_visible() -> None:
     loaded = ctypes.CDLL(str(library(planar2r.model())))
     hidden = "instance_new do_step model_step model_initial sine_cosine variables state_save"
     assert [name for name in hidden.split() if hasattr(loaded, name)] == []
-
-
-# --- dependencies ----------------------------------------------------------------------------
-
-
-class Probe:
-    """Which scalars change an output, found by changing them one by one at random points."""
-
-    def __init__(self, drive: Any, model: Model, version: Version, in_steps: bool) -> None:
-        self.drive, self.model, self.version, self.in_steps = drive, model, version, in_steps
-
-    def evaluate(self, values: Mapping[str, np.ndarray]) -> dict[str, float]:
-        d = self.drive(self.model, self.version)
-        assert d.enter() == 0
-        for name, value in values.items():
-            assert d.set(name, value.ravel().tolist()) == 0
-        if self.in_steps:
-            assert d.leave() == 0
-            assert d.step(0.0, self.model.step) == 0
-        found = {}
-        for v in self.model.variables:
-            if v.causality == "output" and not (v.settable and not self.in_steps):
-                found |= dict(zip(scalars(v), d.get(v.name), strict=True))
-        d.free()
-        return found
-
-    def draw(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        values = {}
-        for v in self.model.variables:
-            if v.causality in ("input", "parameter") or v.settable:
-                start, more = np.array(v.starts), rng.uniform(0.1, 1.0, v.size)
-                near = np.where(start == 0.0, more, start * (1 + 0.1 * more))
-                values[v.name] = near if v.type == "real" else start
-        if "q_w" in values:
-            values["q_w"] -= 2.0  # so that the arm is in the wall
-        if "tau_max" in values:
-            values["tau_max"] = rng.uniform(0.01, 100.0, 2)
-        return values
-
-    def dependencies(self, points: int) -> set[tuple[str, str]]:
-        """(output scalar, known scalar) of every change seen."""
-        found = set()
-        rng = np.random.default_rng(11)
-        declared = {v.name: v for v in self.model.variables}
-        for _ in range(points):
-            values = self.draw(rng)
-            base = self.evaluate(values)
-            for name in values:
-                if self.in_steps and declared[name].causality != "input":
-                    continue
-                for entry, known in enumerate(scalars(declared[name])):
-                    changed = {**values, name: values[name].copy()}
-                    changed[name][entry] += 0.01 if declared[name].type == "real" else 1
-                    other = self.evaluate(changed)
-                    found |= {
-                        (unknown, known) for unknown in base if other[unknown] != base[unknown]
-                    }
-        return found
-
-
-def declared2(model: Model, group: str) -> set[tuple[str, str]]:
-    root = described(model, "2.0")
-    names = [v.get("name", "") for v in root.iterfind("ModelVariables/*")]
-    return {
-        (names[int(unknown.get("index", "0")) - 1], names[int(known) - 1])
-        for unknown in root.iterfind(f"ModelStructure/{group}/Unknown")
-        for known in unknown.get("dependencies", "").split()
-    }
-
-
-def by_variable(pairs: Iterable[tuple[str, str]]) -> set[tuple[str, str]]:
-    return {(a.partition("[")[0], b.partition("[")[0]) for a, b in pairs}
-
-
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
-def test_initial_unknowns_depend_on_what_is_declared_and_on_nothing_else(
-    drive: Any, model: Model
-) -> None:
-    seen = Probe(drive, model, "2.0", in_steps=False).dependencies(points=6)
-    declared = declared2(model, "InitialUnknowns")
-    assert seen <= declared
-    assert by_variable(seen) == by_variable(declared)
-
-
-@pytest.mark.parametrize(
-    "model", [m for m in shipped() if m.kind == "sampled"], ids=lambda model: model.identifier
-)
-def test_outputs_of_sampled_models_depend_on_the_inputs_declared(drive: Any, model: Model) -> None:
-    seen = Probe(drive, model, "3.0", in_steps=True).dependencies(points=6)
-    declared = declared2(model, "Outputs")
-    assert seen <= declared
-    assert by_variable(seen) == by_variable(declared)
-
-
-def test_the_motion_of_the_arm_does_not_depend_on_inputs_directly() -> None:
-    moved = {unknown for unknown, _ in by_variable(declared2(planar2r.model(), "Outputs"))}
-    assert not moved & {"q", "dq"}
-
-
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
-def test_fmi3_declares_the_same_dependencies_by_variable(model: Model) -> None:
-    root = described(model, "3.0")
-    names = [v.get("name", "") for v in root.iterfind("ModelVariables/*")]
-    for tag, group in (("Output", "Outputs"), ("InitialUnknown", "InitialUnknowns")):
-        found = {
-            (names[int(unknown.get("valueReference", "-1"))], names[int(known)])
-            for unknown in root.iterfind(f"ModelStructure/{tag}")
-            for known in unknown.get("dependencies", "").split()
-        }
-        assert found == by_variable(declared2(model, group))
 
 
 # --- the page inside -------------------------------------------------------------------------

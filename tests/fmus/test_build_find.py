@@ -1,0 +1,81 @@
+"""Where FMUs and kernels come from: the installation, the cache, or built now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from cosim.errors import FmuError
+from fmus import build as building
+from fmus import kernel as kernels
+from fmus.build import VERSIONS, compile_model, find, pack
+from fmus.model import Model
+from fmus.models import operator
+
+HAND = operator.model()
+STEPS = 200
+
+
+@pytest.fixture(scope="module")
+def hand() -> Mapping[str, bytes]:
+    """The operator's library for the host: the quickest to compile."""
+    return compile_model(HAND)
+
+
+# --- find ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """No FMU is there yet: an empty cache and an installation without any."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(building, "_BUILT", tmp_path / "installed")
+    return tmp_path
+
+
+def test_what_an_installation_brought_is_used(empty: Path, hand: Mapping[str, bytes]) -> None:
+    brought = pack(HAND, "2.0", empty / "installed", hand)
+    assert find(HAND, "2.0") == brought
+    assert not (empty / "cache").exists()
+
+
+def test_what_is_not_there_is_built_once(
+    empty: Path, hand: Mapping[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def instead(model: Model, platforms: object = None) -> Mapping[str, bytes]:
+        calls.append(model.identifier)
+        return hand
+
+    monkeypatch.setattr(building, "compile_model", instead)
+    path = find(HAND, "3.0")
+    assert path.is_relative_to(empty / "cache" / "cosim" / "fmus")
+    assert find(HAND, "3.0") == path
+    assert find(HAND, "2.0").parent == path.parent
+    assert calls == ["operator"]
+
+
+def test_an_fmu_of_an_older_declaration_is_not_used(empty: Path, hand: Mapping[str, bytes]) -> None:
+    pack(replace(HAND, version="0.9"), "2.0", empty / "installed", hand)
+    (empty / "installed" / "operator.fmi3.fmu").write_bytes(b"no archive")
+    for version in VERSIONS:
+        assert find(HAND, version).is_relative_to(empty / "cache")
+
+
+def test_a_kernel_is_the_library_of_the_fmu(empty: Path) -> None:
+    path = kernels.library(HAND)
+    for version in VERSIONS:
+        with ZipFile(find(HAND, version)) as archive:
+            inside = [n for n in archive.namelist() if n.startswith("binaries/")]
+            assert [archive.read(name) for name in inside] == [path.read_bytes()]
+
+
+def test_a_cache_that_cannot_be_written_is_named(empty: Path) -> None:
+    (empty / "cache").write_text("a file, not a folder")
+    with pytest.raises(FmuError, match=r"cannot be made.*XDG_CACHE_HOME"):
+        find(HAND, "2.0")

@@ -117,7 +117,9 @@ def _inputs(plan: Plan) -> list[list[str]]:
             fed = [name for name in sorted(edges) if name.split("[")[0] == slot.name]
             for name in fed:
                 rows.append([name, "<-", edges[name].source.name, _samples(plan, edges[name], c)])
-            if not fed:
+            aged = [x.name for x in plan.links if x.age and x.age.name.split("[")[0] == slot.name]
+            rows += [[slot.name, "<-", link, "age of what this link holds [s]"] for link in aged]
+            if not fed and not aged:
                 value = c.start.get(slot.port) or c.component.inputs[c.inputs.index(slot)].default
                 held = " ".join(f"{v:g}" for v in value) or "0"
                 rows.append([slot.name, "<-", "nothing", f"keeps {held} [{slot.unit}]"])
@@ -130,12 +132,19 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
     hold = f", holds it {step.period * plan.h:g} s"
     if isinstance(edge, Link):
         return f"the sample its link holds at t_k{hold}"
-    factor = (
-        "" if (edge.gain, edge.offset) == (1.0, 0.0) else f", x {edge.gain:g} + {edge.offset:g}"
-    )
-    if edge.source.component in plan.order:
-        return f"computed in this tick{factor}{hold}"
-    return f"value at t_k{factor}{hold}"
+    plain = (edge.gain, edge.offset) == (1.0, 0.0)
+    factor = "" if plain else f", x {edge.gain:g} + {edge.offset:g}"
+    return f"{_known(plan, plan.component(edge.source.component), step)}{factor}{hold}"
+
+
+def _known(plan: Plan, source: Step, step: Step) -> str:
+    """What of `source` there is when `step` is due at tick k."""
+    aligned_ = step.period % source.period == 0
+    if source.name in plan.order:
+        return "computed in this tick" if aligned_ else f"computed when last due, {_due(source)}"
+    if source.component.kind == "sampled":  # jacobi
+        return f"computed {source.period * plan.h:g} s before, from what was known then"
+    return "value at t_k" if aligned_ else f"value at the last t_k with {_due(source)}"
 
 
 def _links(plan: Plan) -> list[list[str]]:

@@ -25,9 +25,15 @@ def header(scenario: Scenario, plan: Plan) -> str:
     from cosim.fmi import FmuComponent
 
     fmus = sum(isinstance(c.component, FmuComponent) for c in plan.components)
-    rest = len(plan.components) - fmus
-    parts = [f"{fmus} FMUs"] + ([f"{rest} Python components"] if rest else [])
-    parts += [f"{len(plan.links)} links"] if plan.links else []
+    parts = [
+        f"{n} {what}{'s' if n > 1 else ''}"
+        for n, what in (
+            (fmus, "FMU"),
+            (len(plan.components) - fmus, "Python component"),
+            (len(plan.links), "link"),
+        )
+        if n
+    ]
     return (
         f"{scenario.title}\n"
         f"{scenario.path}: {', '.join(parts)}, {plan.ticks} ticks of {plan.h:g} s, "

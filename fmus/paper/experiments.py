@@ -1,0 +1,152 @@
+"""The experiments of the paper as scenario documents: what a TOML file would say.
+
+Numbers are those of the paper's Sec. VII. What it leaves open is chosen here, once: the arm is
+the preset SL91, horizontal; every robot starts at rest with z = 0 and theta_hat = 0; controllers
+are sampled every 5 ms, arms integrated at 1 ms or finer, with the operator's grip and the wall
+inside the arm; a delay is T = 0.3 s + U[0, 0.9] s, redrawn every 30 ms, of each link by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import ceil, pi
+from typing import Any, TypeAlias
+
+Document: TypeAlias = dict[str, Any]
+Table: TypeAlias = Mapping[str, Any]
+
+#: Sampling period of the controllers, s (Sec. VII-A).
+PERIOD = 5e-3
+#: Lumped parameters of the arm SL91, kg.m2: what theta_hat estimates.
+THETA = (3.34, 1.20, 0.97)
+#: Where the operator wants the robots, rad.
+Q_H = (3.5, 3.0)
+#: The operator: tau_h = -5 dq - 10 (q - q_h).
+GRIP: Table = {"k_p": 10.0, "k_d": 5.0, "q_h": list(Q_H)}
+#: Initial joint positions of the six robots, rad (Sec. VII-B).
+STARTS = (
+    (-pi / 3, -pi / 2),
+    (-2 * pi / 3, pi / 3),
+    (5 * pi / 6, -pi / 3),
+    (pi / 6, pi / 2),
+    (pi / 2, pi / 6),
+    (-pi / 6, -pi / 3),
+)
+#: T = 0.3 s + U[0, 0.9] s, redrawn every 30 ms (Sec. VII-B).
+DELAY: Table = {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}
+
+
+def arm(
+    tau: str, q: Sequence[float] = (0.0, 0.0), period: float = PERIOD, **values: Any
+) -> Document:
+    """A planar arm that starts at `q` (rad) and takes its torque from `tau`.
+
+    `values`: further parameters, start values, and constant inputs (``tau_ext``).
+    """
+    return {
+        "model": "fmus.models.planar2r",
+        "period": period,
+        "start": {"q": list(q), "substeps": max(1, ceil(period / 1e-3 - 1e-9)), **values},
+        "inputs": {"tau": tau},
+    }
+
+
+def document(
+    title: str, stop: float, components: Table, record: Sequence[str], **rest: Any
+) -> Document:
+    """A whole document; `rest`: ``step`` (default 5 ms), ``seed``, ``links``, ``topology``."""
+    run = {"step": rest.pop("step", PERIOD), "stop": stop, "seed": rest.pop("seed", 0)}
+    record_table = {"signals": sorted(record)}
+    return {
+        "title": title,
+        "run": {**run, "record": record_table},
+        "components": dict(components),
+        **{key: value for key, value in rest.items() if value},
+    }
+
+
+# ---- Sec. IV, Sec. VII-A: one arm ---------------------------------------------------------------
+
+
+def single(
+    stop: float = 20.0,
+    *,
+    period: float = PERIOD,
+    grip: Table = GRIP,
+    arm_values: Table | None = None,
+    **gains: Any,
+) -> Document:
+    """One arm under eqs (29)-(32), held by the operator; Sec. VII-A with `lambda_M` = 6.
+
+    `gains` change the controller's K, Gamma, alpha, lambda_M, theta_hat, ... from Sec. VII-A's;
+    `grip` = {} lets go of the arm; `arm_values` are further values of the arm.
+    """
+    values = {"K": 16.0, "Gamma": 8.0, "alpha": 2.0, "lambda_M": 6.0, **gains}
+    components = {
+        "robot": arm("control.tau", period=period, **{**grip, **(arm_values or {})}),
+        "control": {
+            "model": "fmus.models.teleoperation",
+            "period": period,
+            "start": {"w": [0.0], **values},
+            "inputs": {"q": "robot.q", "dq": "robot.dq"},
+        },
+    }
+    record = ("robot.q", "robot.dq", "robot.tau_h", "control.tau", "control.s", "control.z",
+              "control.theta_hat")  # fmt: skip
+    return document("Teaching operation of a single robot", stop, components, record, step=period)
+
+
+# ---- Sec. VI, Sec. VII-C: the teleoperator ------------------------------------------------------
+
+
+def teleoperator(
+    stop: float = 60.0,
+    *,
+    seed: int = 0,
+    period: float = PERIOD,
+    link: Table | None = None,
+    back: Table | None = None,
+    grip: Table = GRIP,
+    master: Table | None = None,
+    slave: Table | None = None,
+    **gains: Any,
+) -> Document:
+    """Master and slave under eqs (76)-(81), the first two robots of Sec. VII-B; Sec. VII-C.
+
+    `link`: delay and semantics from master to slave, `back` the other way (default the same);
+    {} is no delay: xi is then taken next to the robot, so that there is no loop. `master` and
+    `slave` are further values of the arms (a wall, a push), `gains` of both controllers.
+    """
+    forth = {"delay": dict(DELAY)} if link is None else link
+    back = forth if back is None else back
+    values = {"K": 16.0, "Gamma": 1.0, "alpha": 0.5, "lambda": 2.0, "lambda_M": 10.0, **gains}
+    components: Document = {}
+    links: list[Document] = []
+    sides = (("master", STARTS[0], {**grip, **(master or {})}), ("slave", STARTS[1], slave or {}))
+    for (name, q, held), other, way in zip(sides, ("slave", "master"), (back, forth), strict=True):
+        components[name] = arm(f"{name}_control.tau", **{"q": q, "period": period, **held})
+        components[f"{name}_control"] = {
+            "model": "fmus.models.teleoperation",
+            "period": period,
+            "start": values,
+            "inputs": {"q": f"{name}.q", "dq": f"{name}.dq"},
+        }
+        if way:
+            links.append({"from": f"{other}_control.xi", "to": f"{name}_control.xi_in[0]", **way})
+        else:
+            components[f"{other}_xi"] = signal(other, values["alpha"], period)
+            components[f"{name}_control"]["inputs"]["xi_in[0]"] = f"{other}_xi.xi"
+    record = [f"{side}.{port}" for side in ("master", "slave") for port in ("q", "dq")]
+    record += ["master.tau_h", "slave.tau_e", "master_control.tau", "slave_control.tau"]
+    title = "Bilateral teleoperation"
+    return document(title, stop, components, record, step=period, seed=seed, links=links)
+
+
+def signal(robot: str, alpha: float, period: float) -> Document:
+    """Xi = dq + alpha q of a robot, computed next to it, eq. (47)."""
+    return {
+        "model": "fmus.models.xi",
+        "period": period,
+        "parameters": {"alpha": alpha},
+        "inputs": {"q": f"{robot}.q", "dq": f"{robot}.dq"},
+    }

@@ -79,15 +79,16 @@ typedef struct {
     int32_t reserved;
 } engine_t;
 
+/* An exponent of all ones is not a finite number: one more carries into the sign bit. */
 static int not_finite(const double *x, int64_t n)
 {
-    uint64_t bad = 0;
+    uint64_t carry = 0;
     for (int64_t i = 0; i < n; i++) {
         uint64_t bits;
         memcpy(&bits, x + i, sizeof bits);
-        bad |= (bits & 0x7ff0000000000000u) == 0x7ff0000000000000u;
+        carry |= (bits & 0x7ff0000000000000u) + 0x0010000000000000u;
     }
-    return bad != 0;
+    return carry >> 63 != 0;
 }
 
 static int step_fmi2(const unit_t *u, double *s, double t, int *status)

@@ -1,27 +1,20 @@
-"""Scenario -> components, wires and links that fit together -> plan.
+"""Scenario -> components and connections that fit together -> plan.
 
-Here names become objects. Shapes and units of every wire are checked; every error names its place
-in the scenario.
+Here names become objects: components with their values, and the ticks of their periods. What runs
+between them is :mod:`cosim.connect`'s. Every error names its place in the scenario.
 """
 
 from __future__ import annotations
 
-import difflib
-import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
+from cosim import connect
 from cosim.component import Component, Parameter, Port
-from cosim.errors import PlanError, ScenarioError, UnitError
-from cosim.fmi import FmuComponent
-from cosim.links.spec import link_table
+from cosim.errors import PlanError, ScenarioError
 from cosim.models import load_component
-from cosim.plan import Link, Plan, Slot, Step, Wire, compile_plan
-from cosim.scenario import ComponentSpec, LinkSpec, Scenario, WireSpec, numbers
-from cosim.units import Unit, conversion
-
-_ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.([^\[\]]+?)(?:\[(\d+(?:,\d+)*)\])?$")
+from cosim.plan import Plan, Slot, Step, compile_plan
+from cosim.scenario import ComponentSpec, Scenario, numbers
 
 
 def assemble(scenario: Scenario) -> Plan:
@@ -32,22 +25,13 @@ def assemble(scenario: Scenario) -> Plan:
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
     ticks = _ticks(stop, h, scenario.place("run.stop"))
     steps = _steps(scenario, h)
-    slots = {s.name: s for c in steps for s in (*c.inputs, *c.outputs)}
-    by_name = {c.name: c for c in steps}
-    wires = [w for c in steps for w in _wires(scenario, c, by_name, slots)]
-    links = _links(scenario, h, ticks, by_name, slots)
-    fed = [(w.target, w.source.name) for w in wires]
-    fed += [(x.target, x.source.name) for x in links]
-    fed += [(x.age, f"the age of {x.name}") for x in links if x.age is not None]
-    _check_single_source(scenario, fed)
-    _check_start_inputs(scenario, steps, {target.name for target, _ in fed})
+    parts = connect.Parts(scenario, {c.name: c for c in steps}, h, ticks)
+    wires, links, players = connect.wires(parts), connect.links(parts), connect.players(parts)
+    connect.check_single_sources(parts, wires, links, players)
     try:
-        return compile_plan(h, ticks, steps, wires, links, scenario.run.algorithm)
+        return compile_plan(h, ticks, steps, wires, links, scenario.run.algorithm, players)
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None
-
-
-# ---- components -----------------------------------------------------------------------------
 
 
 def _steps(scenario: Scenario, h: float) -> list[Step]:
@@ -109,7 +93,9 @@ def _values(
         elif key in inputs:
             starts[key] = numbers(value, inputs[key].shape, inputs[key].unit, where)
         else:
-            raise ScenarioError(_unknown(key, [*settable, *inputs], "parameter or start"), where)
+            raise ScenarioError(
+                connect.unknown(key, [*settable, *inputs], "parameter or start"), where
+            )
     return values, starts
 
 
@@ -118,178 +104,6 @@ def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> 
         raise ScenarioError(f"{parameter.name} is an integer, found {list(values)}", place)
     if parameter.type == "boolean" and any(v not in (0.0, 1.0) for v in values):
         raise ScenarioError(f"{parameter.name} is a Boolean, found {list(values)}", place)
-
-
-def _unknown(name: str, known: Iterable[str], what: str) -> str:
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, 1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"no {what} {name!r}{hint} (there are: {', '.join(names) or 'none'})"
-
-
-# ---- connections ----------------------------------------------------------------------------
-
-
-def _wires(
-    scenario: Scenario, step: Step, steps: Mapping[str, Step], slots: Mapping[str, Slot]
-) -> list[Wire]:
-    wires = []
-    for port, source in scenario.components[step.name].inputs.items():
-        place = scenario.place("components", step.name, "inputs", port)
-        spec = source if isinstance(source, WireSpec) else WireSpec(source=source)
-        target = _endpoint(f"{step.name}.{port}", "input", steps, slots, place)
-        origin = _endpoint(spec.source, "output", steps, slots, place)
-        gain, offset = _fit(origin, target, steps, place)
-        wires.append(Wire(origin, target, spec.gain * gain, spec.gain * offset + spec.offset))
-    return wires
-
-
-def _links(
-    scenario: Scenario,
-    h: float,
-    ticks: int,
-    steps: Mapping[str, Step],
-    slots: Mapping[str, Slot],
-) -> list[Link]:
-    links: list[Link] = []
-    for i, spec in enumerate(scenario.links):
-        place = scenario.place("links", i)
-        source = _endpoint(spec.source, "output", steps, slots, f"{place}.from")
-        target = _endpoint(spec.target, "input", steps, slots, f"{place}.to")
-        gain, offset = _fit(source, target, steps, place)
-        name = spec.name or f"{source.name}->{target.name}"
-        if name in {x.name for x in links}:
-            raise ScenarioError(f"a second link is called {name!r}", place)
-        table = link_table(
-            delay=spec.delay,
-            loss=spec.loss,
-            semantics=spec.semantics,
-            playout=spec.playout,
-            name=spec.channel or name,
-            seed=scenario.run.seed,
-            h=h,
-            sender_period=steps[source.component].period,
-            receiver_period=steps[target.component].period,
-            folder=scenario.path.parent,
-            place=place,
-            ticks=ticks,
-        )
-        initial = _initial(spec, target, place)
-        age = _age(spec, target, steps, slots, place)
-        links.append(Link(name, source, target, table, gain, offset, initial, age))
-    return links
-
-
-def _age(
-    spec: LinkSpec,
-    target: Slot,
-    steps: Mapping[str, Step],
-    slots: Mapping[str, Slot],
-    place: str,
-) -> Slot | None:
-    if not spec.age:
-        return None
-    age = _endpoint(spec.age, "input", steps, slots, f"{place}.age")
-    if age.component != target.component or age.size != 1:
-        raise ScenarioError(
-            f"{age.name} is to get the age of {target.name}; expected a scalar input of "
-            f"{target.component}",
-            f"{place}.age",
-        )
-    return age
-
-
-def _initial(spec: LinkSpec, target: Slot, place: str) -> tuple[float, ...] | None:
-    if spec.initial is None:
-        return None
-    return numbers(spec.initial, target.shape, target.unit, f"{place}.initial")
-
-
-def _endpoint(
-    text: str,
-    causality: str,
-    steps: Mapping[str, Step],
-    slots: Mapping[str, Slot],
-    place: str,
-) -> Slot:
-    """The slot ``component.port`` or ``component.port[i]`` names."""
-    match = _ENDPOINT.match(text)
-    if match is None:
-        raise ScenarioError(f"{text!r} is no endpoint; expected 'component.port'", place)
-    name, port, index = match[1], match[2], match[3]
-    if name not in steps:
-        raise ScenarioError(_unknown(name, steps, "component"), place)
-    step = steps[name]
-    found = {s.port: s for s in (step.inputs if causality == "input" else step.outputs)}
-    if port not in found:
-        other = step.outputs if causality == "input" else step.inputs
-        if any(s.port == port for s in other):
-            raise ScenarioError(f"{name}.{port} is not an {causality}", place)
-        raise ScenarioError(_unknown(port, found, f"{causality} of {name}"), place)
-    return _part(found[port], index, place) if index else found[port]
-
-
-def _part(slot: Slot, index: str, place: str) -> Slot:
-    at = tuple(int(i) for i in index.split(","))
-    if len(at) > len(slot.shape) or any(i >= n for i, n in zip(at, slot.shape, strict=False)):
-        raise ScenarioError(
-            f"[{index}] is outside of {slot.name}, which has shape {list(slot.shape)}", place
-        )
-    start, shape = slot.start, slot.shape
-    for i in at:
-        shape = shape[1:]
-        part = replace(slot, shape=shape)
-        start += i * part.size
-    return replace(slot, name=f"{slot.name}[{index}]", start=start, shape=shape)
-
-
-def _fit(source: Slot, target: Slot, steps: Mapping[str, Step], place: str) -> tuple[float, float]:
-    """(gain, offset) between two slots of one shape. Raises ScenarioError."""
-    if source.shape != target.shape:
-        raise ScenarioError(
-            f"{source.name} has shape {list(source.shape)}, {target.name} expects "
-            f"{list(target.shape)}",
-            place,
-        )
-    if source.unit == target.unit:
-        return 1.0, 0.0
-    try:
-        return conversion(_unit(source, steps), _unit(target, steps))
-    except UnitError:
-        raise ScenarioError(
-            f"units do not fit: {source.name} is in [{source.unit}], {target.name} expects "
-            f"[{target.unit}]",
-            place,
-        ) from None
-
-
-def _unit(slot: Slot, steps: Mapping[str, Step]) -> str | Unit:
-    component = steps[slot.component].component
-    if isinstance(component, FmuComponent):
-        return component.description.units.get(slot.unit, slot.unit)
-    return slot.unit
-
-
-def _check_single_source(scenario: Scenario, fed: Iterable[tuple[Slot, str]]) -> None:
-    sources: dict[int, str] = {}
-    for target, source in fed:
-        for i, scalar in enumerate(target.scalars()):
-            at = target.start + i
-            if at in sources:
-                raise ScenarioError(
-                    f"{scalar} is fed twice: by {sources[at]} and by {source}", str(scenario.path)
-                )
-            sources[at] = source
-
-
-def _check_start_inputs(scenario: Scenario, steps: list[Step], fed: set[str]) -> None:
-    for step in steps:
-        for port in step.start:
-            if f"{step.name}.{port}" in fed:
-                raise ScenarioError(
-                    f"{step.name}.{port} is fed by a connection; a start value would not be used",
-                    scenario.place("components", step.name, "start", port),
-                )
 
 
 # ---- ticks ----------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ import msgspec
 
 from cosim.errors import ScenarioError, UnitError
 from cosim.links.spec import Semantics
+from cosim.settings import change
 from cosim.units import quantity
 
 Number = int | float | str
@@ -89,6 +90,21 @@ class LinkSpec(
     age: str = ""
 
 
+class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Who receives from whom, over time; see :mod:`cosim.links.topology`.
+
+    `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``) or files; `dwell`: a graph is drawn
+    every so often; `schedule`: [[time, graph], ...] instead, again every `repeat`; neither: one
+    graph. `weights`: an input, and the edge [receiver, sender] whose weight it gets.
+    """
+
+    graphs: str | tuple[str, ...]
+    dwell: Number | None = None
+    schedule: tuple[tuple[Number, str], ...] | None = None
+    repeat: Number | None = None
+    weights: dict[str, tuple[int, int]] = {}
+
+
 class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One number of the summary; see :mod:`cosim.analysis.metrics` for the kinds."""
 
@@ -127,6 +143,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     run: RunSpec
     components: dict[str, ComponentSpec]
     links: tuple[LinkSpec, ...]
+    topology: TopologySpec | None
     metrics: dict[str, MetricSpec]
     figures: dict[str, FigureSpec]
 
@@ -146,7 +163,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
-_TABLES = ("title", "run", "components", "links", "metrics", "figures")
+_TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures")
 
 
 def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
@@ -162,7 +179,7 @@ def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
     for setting in settings:
-        _apply(document, setting)
+        change(document, setting)
     return build(document, path)
 
 
@@ -191,6 +208,7 @@ def build(document: Mapping[str, Any], path: Path) -> Scenario:
         run=_convert(document["run"], RunSpec, path, "run"),
         components=_each(tables["components"], ComponentSpec, path, "components"),
         links=tuple(_convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
+        topology=_topology(document, path),
         metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=_each(tables["figures"], FigureSpec, path, "figures"),
     )
@@ -207,6 +225,11 @@ def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ScenarioError(f"expected a table [{key}.NAME]", f"{path} at {key}")
     return table
+
+
+def _topology(document: Mapping[str, Any], path: Path) -> TopologySpec | None:
+    given = document.get("topology")
+    return None if given is None else _convert(given, TopologySpec, path, "topology")
 
 
 def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
@@ -226,46 +249,6 @@ def _convert(value: Any, kind: type[T], path: Path, place: str) -> T:
 def _keys(kind: type[Any]) -> list[str]:
     """The keys a table may have."""
     return [field.encode_name for field in msgspec.structs.fields(kind)]
-
-
-def _apply(document: dict[str, Any], setting: str) -> None:
-    """Set ``components.master.period=0.002``; the value is TOML, or text where it is none."""
-    key, equals, text = setting.partition("=")
-    if not equals or not key.strip():
-        raise ScenarioError(f"--set {setting!r}: expected path=value")
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text.strip()
-    *parents, last = key.strip().split(".")
-    node: Any = document
-    for depth, part in enumerate(parents):
-        node = _child(node, part, ".".join(parents[:depth]), setting)
-    if isinstance(node, list):
-        node[_index(node, last, setting)] = value
-    elif isinstance(node, dict):
-        node[last] = value
-    else:
-        raise ScenarioError(f"--set {setting!r}: {'.'.join(parents)} is not a table")
-
-
-def _child(node: Any, part: str, above: str, setting: str) -> Any:
-    if isinstance(node, list):
-        return node[_index(node, part, setting)]
-    if not isinstance(node, dict):
-        raise ScenarioError(f"--set {setting!r}: {above} is not a table")
-    if part not in node and above in ("", "components", "metrics", "figures"):
-        known = ", ".join(sorted(node)) or "nothing"
-        raise ScenarioError(
-            f"--set {setting!r}: no {part!r} in {above or 'the file'}; it has {known}"
-        )
-    return node.setdefault(part, {})
-
-
-def _index(node: Sequence[Any], part: str, setting: str) -> int:
-    if not part.isdigit() or int(part) >= len(node):
-        raise ScenarioError(f"--set {setting!r}: {part!r} is no index below {len(node)}")
-    return int(part)
 
 
 def number(value: Number, unit: str, place: str) -> float:

@@ -181,6 +181,7 @@ def metadata(
             for c in plan.components
             if isinstance(c.component, FmuComponent)
         },
+        "weights": {p.target.name: p.source.facts() for p in plan.players},
         "links": {x.name: x.table.facts() for x in plan.links},
         "wall": wall,
         "error": None if error is None else f"{type(error).__name__}: {error}",

@@ -11,7 +11,7 @@ from cosim.scenario import Scenario, build
 BLOCKS = "tests.cosim.blocks"
 
 
-def document(components, links=(), step=0.25, stop=2.0, **run):
+def document(components, links=(), step=0.25, stop=2.0, extra=None, **run):
     """A document; component models without a colon or dot are blocks of the tests."""
     components = {
         name: {
@@ -24,6 +24,7 @@ def document(components, links=(), step=0.25, stop=2.0, **run):
         "run": {"step": step, "stop": stop, **run},
         "components": components,
         "links": [{"delay": {"law": "constant", "delay": 0.5}, **link} for link in links],
+        **(extra or {}),
     }
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.engine import Engine
-from cosim.errors import RunError
+from cosim.errors import RunError, ScenarioError
 from tests.cosim.oracle import execute
 from tests.cosim.scenarios import plan
 
@@ -192,3 +192,48 @@ def test_inputs_cannot_be_written_by_a_component():
     with Engine(p) as engine, pytest.raises(RunError, match="read-only"):
         engine.initialize()
         engine.run(1)
+
+
+NETWORK = {
+    "one": {"model": "Gain", "period": 0.5},
+    "two": {"model": "Gain"},
+    "none": {"model": "Gain"},
+}
+RING = {"graphs": "ring", "dwell": 0.75}
+
+
+def network(weights, **topology):
+    return {"topology": {**RING, **topology, "weights": weights}}
+
+
+def test_weights_of_a_switching_graph_feed_inputs():
+    weights = {"one.u": [2, 1], "two.u": [5, 4], "none.u": [1, 5]}
+    args = {"stop": 60.0, "seed": 2}
+    one, two = (plan(NETWORK, extra=network(weights), **args) for _ in range(2))
+    record = chunks(one, [3, 50])
+    assert record.tobytes() == execute(two).tobytes()
+    w = {name: record[:-1, one.slots()[f"{name}.u"].start] for name in NETWORK}
+    # (2, 1) and (5, 4) are edges of the same graph of three; (1, 5) is of none.
+    assert w["none"].max() == 0.0
+    assert set(w["two"]) == {0.0, 1.0}
+    assert 0.15 < w["two"].mean() < 0.55
+    switches = np.flatnonzero(np.diff(w["two"])) + 1
+    assert (switches % 3 == 0).all()  # every 0.75 s at most
+    assert (w["one"][::2] == w["two"][::2]).all()  # looked at every 0.5 s
+
+
+@pytest.mark.parametrize(
+    ("weights", "extra", "message"),
+    [
+        ({"two.u": [2, 7]}, {}, "at topology.weights.two.u: there is no robot 7; expected 1 to 6"),
+        ({"two.v": [2, 1]}, {}, "no input of two 'v'"),
+        ({"two.u": [2]}, {}, "at topology.weights"),
+        ({"two.u": [2, 1]}, {"graphs": "star"}, "at topology: graphs = 'star'"),
+        ({"two.u": [2, 1]}, {"dwell": -1}, "at topology: dwell"),
+        ({"two.u": [2, 1]}, {"gap": 1}, "unknown field `gap`"),
+    ],
+)
+def test_a_wrong_topology_is_refused_with_its_place(weights, extra, message):
+    with pytest.raises(ScenarioError) as error:
+        plan(NETWORK, extra=network(weights, **extra))
+    assert message in str(error.value)

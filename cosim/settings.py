@@ -1,0 +1,49 @@
+"""``--set path=value``: one value of a parsed document changed, before it is checked."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from typing import Any
+
+from cosim.errors import ScenarioError
+
+
+def change(document: dict[str, Any], setting: str) -> None:
+    """Set ``components.master.period=0.002``; the value is TOML, or text where it is none."""
+    key, equals, text = setting.partition("=")
+    if not equals or not key.strip():
+        raise ScenarioError(f"--set {setting!r}: expected path=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()
+    *parents, last = key.strip().split(".")
+    node: Any = document
+    for depth, part in enumerate(parents):
+        node = _child(node, part, ".".join(parents[:depth]), setting)
+    if isinstance(node, list):
+        node[_index(node, last, setting)] = value
+    elif isinstance(node, dict):
+        node[last] = value
+    else:
+        raise ScenarioError(f"--set {setting!r}: {'.'.join(parents)} is not a table")
+
+
+def _child(node: Any, part: str, above: str, setting: str) -> Any:
+    if isinstance(node, list):
+        return node[_index(node, part, setting)]
+    if not isinstance(node, dict):
+        raise ScenarioError(f"--set {setting!r}: {above} is not a table")
+    if part not in node and above in ("", "components", "metrics", "figures"):
+        known = ", ".join(sorted(node)) or "nothing"
+        raise ScenarioError(
+            f"--set {setting!r}: no {part!r} in {above or 'the file'}; it has {known}"
+        )
+    return node.setdefault(part, {})
+
+
+def _index(node: Sequence[Any], part: str, setting: str) -> int:
+    if not part.isdigit() or int(part) >= len(node):
+        raise ScenarioError(f"--set {setting!r}: {part!r} is no index below {len(node)}")
+    return int(part)

@@ -22,7 +22,7 @@ from cosim.errors import FmuError, RunError, ScenarioError
 from fmus import toolchain
 from fmus.build import cache, find
 from fmus.model import Model
-from fmus.models.start import start_values
+from fmus.models.start import held, start_values
 
 if TYPE_CHECKING:
     from cosim.component import Outputs, Values
@@ -50,7 +50,7 @@ class Kernel:
         self._x: Array = np.zeros(size)
         self._address = self._x.ctypes.data
         self._place = self._places()
-        self._in = [(port.name, self._place[port.name]) for port in self.inputs]
+        self._in = [(port.name, self._place[port.name], held(port)) for port in self.inputs]
         self._out = [(port.name, self._place[port.name]) for port in self.outputs]
         self._library.kernel_reset(self._address)
 
@@ -90,14 +90,14 @@ class Kernel:
         return self._give()
 
     def _take(self, u: Values) -> None:
-        for name, place in self._in:
-            place[...] = u[name]
+        for name, place, default in self._in:
+            place[...] = u.get(name, default)
 
     def _give(self) -> Outputs:
         return {name: place.copy() for name, place in self._out}
 
     def _why(self, message: str) -> str:
-        for name, place in self._in:
+        for name, place, _ in self._in:
             if not np.isfinite(place).all():
                 return f"input {name} is {place.tolist()}, expected finite numbers"
         return message

@@ -1,27 +1,35 @@
 /* planar2r.c - planar arm with two revolute joints; equations in fmus/models/planar2r.py.
  *
- *     M(q) ddq + C(q, dq) dq = tau + tau_ext + tau_h - tau_e
+ *     M(q) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e
  *
- * Runge-Kutta of order 4, `substeps` times a communication step; grip and wall at every stage.
+ * Runge-Kutta of order 4, `substeps` times a communication step; hand and wall at every stage.
  */
 #include <stddef.h>
 
+#include "contact.h"
 #include "model.h"
 #include "trig.h"
 
-/* tau_h = -k_d dq - k_p (q - q_h), operator's torque on the robot. */
-static inline double grip(const Model *x, int i, double q, double dq) {
-    return -x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]);
+/* tau_h = grip (-k_d dq - k_p (q - q_h)), operator's torque on the robot. */
+static inline double hand(const Model *x, int i, double q, double dq) {
+    return x->grip * (-x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]));
 }
 
-/* tau_e = max(0, k_w (q - q_w) + b_w dq) beyond the wall, robot's torque on its environment. */
+/* tau_e, robot's torque on its environment. */
 static inline double wall(const Model *x, int i, double q, double dq) {
-    const double depth = q - x->q_w[i];
-    const double torque = x->k_w[i] * depth + x->b_w[i] * dq;
-    return depth > 0.0 && torque > 0.0 ? torque : 0.0;
+    return contact((int)x->contact, q - x->q_w[i], dq, x->k_w[i], x->b_w[i]);
 }
 
-/* ddq = M^-1 (tau + tau_ext + tau_h - tau_e - C dq), rad/s^2; `torque` = tau + tau_ext. */
+/* g(q) = (theta_g1 cos q1 + theta_g2 cos (q1 + q2), theta_g2 cos (q1 + q2)), N.m. */
+static inline void gravity(const double theta_g[2], const double q[2], double g[2]) {
+    double s1, c1, s12, c12;
+    sine_cosine(q[0], &s1, &c1);
+    sine_cosine(q[0] + q[1], &s12, &c12);
+    g[1] = theta_g[1] * c12;
+    g[0] = theta_g[0] * c1 + g[1];
+}
+
+/* ddq = M^-1 (tau + tau_ext + tau_h - tau_e - C dq - g), rad/s^2; `torque` = tau + tau_ext. */
 static inline void acceleration(const Model *x, const double torque[2], const double q[2],
                                 const double dq[2], double ddq[2]) {
     const double *theta = x->theta;
@@ -33,8 +41,14 @@ static inline void acceleration(const Model *x, const double torque[2], const do
     const double h = theta[1] * s2;
     const double Cdq1 = -h * dq[1] * (2.0 * dq[0] + dq[1]);
     const double Cdq2 = h * dq[0] * dq[0];
-    const double b1 = torque[0] + grip(x, 0, q[0], dq[0]) - wall(x, 0, q[0], dq[0]) - Cdq1;
-    const double b2 = torque[1] + grip(x, 1, q[1], dq[1]) - wall(x, 1, q[1], dq[1]) - Cdq2;
+    double b1 = torque[0] + hand(x, 0, q[0], dq[0]) - wall(x, 0, q[0], dq[0]) - Cdq1;
+    double b2 = torque[1] + hand(x, 1, q[1], dq[1]) - wall(x, 1, q[1], dq[1]) - Cdq2;
+    if (x->theta_g[0] != 0.0 || x->theta_g[1] != 0.0) {
+        double g[2];
+        gravity(x->theta_g, q, g);
+        b1 -= g[0];
+        b2 -= g[1];
+    }
     const double inverse = 1.0 / (M11 * M22 - M12 * M12);
     ddq[0] = (M22 * b1 - M12 * b2) * inverse;
     ddq[1] = (M11 * b2 - M12 * b1) * inverse;
@@ -71,7 +85,7 @@ static inline void runge_kutta(const Model *x, const double torque[2], double h,
 static inline const char *arrive(Model *x, const double q[2], const double dq[2]) {
     double tau_h[2], tau_e[2];
     for (int i = 0; i < 2; i++) {
-        tau_h[i] = grip(x, i, q[i], dq[i]);
+        tau_h[i] = hand(x, i, q[i], dq[i]);
         tau_e[i] = wall(x, i, q[i], dq[i]);
     }
     if (!all_finite(q, 2) || !all_finite(dq, 2) || !all_finite(tau_h, 2) || !all_finite(tau_e, 2))
@@ -92,6 +106,7 @@ const char *model_initial(Model *x) {
         return "theta gives no positive definite inertia: theta[2] > 0 and theta[0] theta[2]"
                " - theta[2]^2 - theta[1]^2 > 0 are needed";
     if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
+    if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
     return arrive(x, x->q, x->dq);
 }
 

@@ -52,15 +52,23 @@ def _checked(variable: Variable, given: ArrayLike, place: str) -> Array:
 
 
 def received(inputs: tuple[Port, ...], u: Mapping[str, ArrayLike], t: float = nan) -> list[Array]:
-    """The inputs in the order of `inputs`, each of its shape; `t` (s) is for the message.
+    """The inputs in the order of `inputs`, each of its shape; those left out hold their default.
 
-    Raises RunError where a value is not finite.
+    `t` (s) is for the message. Raises RunError where a value is not finite.
     """
-    values = [np.array(u[port.name], dtype=np.float64).reshape(port.shape) for port in inputs]
+    values = [
+        np.array(u.get(port.name, held(port)), dtype=np.float64).reshape(port.shape)
+        for port in inputs
+    ]
     for port, value in zip(inputs, values, strict=True):
         if not np.isfinite(value).all():
             raise RunError(f"input {port.name} is {value.tolist()}, not finite", time=t)
     return values
+
+
+def held(port: Port) -> Array:
+    """What an input holds when nothing is wired to it, of its shape."""
+    return np.reshape(port.default or (0.0,) * port.size, port.shape).astype(np.float64)
 
 
 def given(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:

@@ -21,7 +21,7 @@ from fmus.models.planar2r import inertia
 H, SUBSTEPS = 5e-3, 5
 Q1, Q2 = np.array([-pi / 3, -pi / 2]), np.array([-2 * pi / 3, pi / 3])
 Q_H = np.array([3.5, 3.0])
-GRIP = {"k_p": np.full(2, 10.0), "k_d": np.full(2, 5.0), "q_h": Q_H}
+GRIP = {"k_p": np.full(2, 10.0), "k_d": np.full(2, 5.0)}
 
 
 def arm(**values: np.ndarray) -> Component:
@@ -51,7 +51,7 @@ def closed(
     """
     n = len(arms)
     external = [np.array(push), np.zeros(2)][:n]
-    moved = [a.initial({"tau": np.zeros(2), "tau_ext": np.zeros(2)}) for a in arms]
+    moved = [a.initial({"q_h": Q_H}) for a in arms]
     sent = np.zeros((round(seconds / H), n, 2))
     rows = []
     for k in range(len(sent)):
@@ -63,7 +63,7 @@ def closed(
             held.append(controllers[i].step(k * H, H, u))
         rows.append([flat(m, c) for m, c in zip(moved, held, strict=True)])
         moved = [
-            arms[i].step(k * H, H, {"tau": held[i]["tau"], "tau_ext": external[i]})
+            arms[i].step(k * H, H, {"tau": held[i]["tau"], "tau_ext": external[i], "q_h": Q_H})
             for i in range(n)
         ]
     names = ["q", "dq", "tau_h", "tau_e", "tau", "xi", "s", "z", "theta_hat"]

@@ -18,6 +18,13 @@ which it is built up::
     spec        the structs a scenario decodes, and the sentences that refuse them
     netem       a law and a loss as arguments of tc netem, and what netem does otherwise
 
+and, for networks of robots, which edges are there when::
+
+    graphs      weighted directed graphs, their roots and union; presets of six robots
+    adjacency   graphs in files, CSV or TOML
+    switching   which graph when: always one, at random, by a schedule
+    topology    the weights of each receiver's edges as a stream of rows
+
 Nothing here knows an engine, a component or a clock; everything is a pure function of a seed or
 of a file, streamed in chunks whose sizes do not matter.
 """

@@ -203,16 +203,16 @@ def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:
     spec: DelaySpec = _decode(delay, DelaySpec, "delay")
     match spec:
         case ConstantDelay() as d:
-            return Constant(_si(d.delay, "delay"))
+            return Constant(si(d.delay, "delay"))
         case UniformDelay() as d:
-            return Uniform(_si(d.low, "low"), _si(d.high, "high"), _optional(d.hold, "hold"))
+            return Uniform(si(d.low, "low"), si(d.high, "high"), _optional(d.hold, "hold"))
         case GammaDelay() as d:
-            shift, scale = _si(d.shift, "shift"), _si(d.scale, "scale")
-            shape, maximum = _si(d.shape, "shape", "1"), _si(d.maximum, "maximum")
+            shift, scale = si(d.shift, "shift"), si(d.scale, "scale")
+            shape, maximum = si(d.shape, "shape", "1"), si(d.maximum, "maximum")
             return Gamma(shift, shape, scale, maximum, _optional(d.hold, "hold"))
         case LognormalDelay() as d:
-            shift, median = _si(d.shift, "shift"), _si(d.median, "median")
-            sigma, maximum = _si(d.sigma, "sigma", "1"), _si(d.maximum, "maximum")
+            shift, median = si(d.shift, "shift"), si(d.median, "median")
+            sigma, maximum = si(d.sigma, "sigma", "1"), si(d.maximum, "maximum")
             return Lognormal(shift, median, sigma, maximum, _optional(d.hold, "hold"))
         case MarkovDelay() as d:
             return _markov(d)
@@ -223,14 +223,14 @@ def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:
 
 
 def _markov(d: MarkovDelay) -> Law:
-    levels = tuple(_si(x, f"levels[{i}]") for i, x in enumerate(d.levels))
-    step = _si(d.step, "step")
+    levels = tuple(si(x, f"levels[{i}]") for i, x in enumerate(d.levels))
+    step = si(d.step, "step")
     if d.transitions is not None and d.dwell is None:
         return Markov(levels, d.transitions, step)
     if d.dwell is None or d.transitions is not None:
         raise ScenarioError('delay.law = "markov" needs either transitions or dwell')
     dwell = d.dwell if isinstance(d.dwell, tuple) else (d.dwell,)
-    return Markov.dwelling(levels, tuple(_si(x, "dwell") for x in dwell), step)
+    return Markov.dwelling(levels, tuple(si(x, "dwell") for x in dwell), step)
 
 
 def loss_model(loss: LossSpec | Mapping[str, Any]) -> Loss:
@@ -238,30 +238,30 @@ def loss_model(loss: LossSpec | Mapping[str, Any]) -> Loss:
     spec: LossSpec = _decode(loss, LossSpec, "loss")
     match spec:
         case IndependentLoss() as d:
-            return Independent(_si(d.p, "p", "1"))
+            return Independent(si(d.p, "p", "1"))
         case GilbertElliottLoss() as d:
-            p = _si(d.p, "p", "1")
-            r = 1 - p if d.r is None else _si(d.r, "r", "1")
-            return GilbertElliott(p, r, _si(d.bad, "1-h", "1"), _si(d.good, "1-k", "1"))
+            p = si(d.p, "p", "1")
+            r = 1 - p if d.r is None else si(d.r, "r", "1")
+            return GilbertElliott(p, r, si(d.bad, "1-h", "1"), si(d.good, "1-k", "1"))
         case OutageLoss() as d:
             return _outage(d)
 
 
 def _outage(d: OutageLoss) -> Loss:
-    length = _si(d.length, "length")
+    length = si(d.length, "length")
     if d.rate is not None and d.every is None and d.start is None:
-        return RandomOutage(length, _si(d.rate, "rate", "1/s"))
+        return RandomOutage(length, si(d.rate, "rate", "1/s"))
     if d.every is None or d.rate is not None:
         raise ScenarioError('loss.law = "outage" needs either every (and start) or rate')
-    every = _si(d.every, "every")
-    return Outage(length, every, every if d.start is None else _si(d.start, "start"))
+    every = si(d.every, "every")
+    return Outage(length, every, every if d.start is None else si(d.start, "start"))
 
 
 def _rule(semantics: Semantics, playout: Seconds | None) -> Rule:
     if semantics == "playout":
         if playout is None:
             raise ScenarioError('semantics = "playout" needs the length of its buffer, playout (s)')
-        return Playout(_si(playout, "playout"))
+        return Playout(si(playout, "playout"))
     if playout is not None:
         raise ScenarioError(
             f'playout = {playout!r} is a buffer, but semantics = "{semantics}" has none;'
@@ -270,7 +270,8 @@ def _rule(semantics: Semantics, playout: Seconds | None) -> Rule:
     return Signal() if semantics == "signal" else Packets(semantics)
 
 
-def _si(value: Number, name: str, unit: str = "s") -> float:
+def si(value: Number, name: str, unit: str = "s") -> float:
+    """A number as it is, a text in `unit`. Raises ScenarioError that calls it `name`."""
     if not isinstance(value, str):
         return float(value)
     try:
@@ -280,4 +281,4 @@ def _si(value: Number, name: str, unit: str = "s") -> float:
 
 
 def _optional(value: Number | None, name: str) -> float | None:
-    return None if value is None else _si(value, name)
+    return None if value is None else si(value, name)

@@ -14,7 +14,7 @@ from cosim.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.markov import Chain, Markov, stationary
-from cosim.links.semantics import Packets
+from cosim.links.semantics import Packets, Playout, Signal
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.statistics import statistics
 from cosim.links.table import DrawnTable, generator
@@ -211,6 +211,18 @@ def test_what_is_no_law_is_refused(make, message):
 def test_a_step_that_is_absurdly_short_is_refused():
     with pytest.raises(ScenarioError, match="step = 1e-09 s; expected at least 1/10000"):
         Markov.dwelling((0.1, 0.2), (1.0,), 1e-9).stream(PERIOD, generator(0, "x"))
+
+
+@pytest.mark.parametrize("rule", [Signal(), Packets("last-arrival"), Playout(0.15)], ids=str)
+@pytest.mark.parametrize("law", [CUT[0], CUT[2], CUT[5], MARKOV, RING], ids=str)
+def test_tables_keep_what_they_declare(law, rule):
+    """No row is younger than declared, no new one older than the history reaches."""
+    table = DrawnTable("x", Grid(2, 3, 0.005), law, rule, 0)
+    rows = table.stream().rows(10_000)
+    age = 3 * np.arange(10_000) - 2 * rows
+    new = np.diff(rows, prepend=-1) != 0
+    assert age[rows >= 0].min() >= table.minimum_delay_ticks
+    assert age[new & (rows >= 0)].max() < 2 * table.history
 
 
 def test_jitter_reorders_packets_and_levels_rarely_do():

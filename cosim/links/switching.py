@@ -1,0 +1,192 @@
+"""Which of several graphs is there when: always one, a random one every so often, or a schedule.
+
+Values like delay laws: frozen, with declared facts, streamed so that chunks change nothing. A
+graph holds from its time on: at a look at t it is the last whose time is not after t. What a graph
+does entirely between two looks is not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, isfinite
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from cosim.errors import ScenarioError
+from cosim.links.grid import Cycle
+from cosim.links.laws import Delays, FloatArray, IntArray, exact, held
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+
+class Choices(Protocol):
+    """The graphs at the looks of one receiver, in order."""
+
+    def take(self, n: int) -> IntArray:
+        """The index of the graph at each of the next `n` looks, (n,)."""
+
+
+class Switching(Protocol):
+    """When which graph is there: declared facts and a way to draw."""
+
+    def check(self, graphs: int) -> None:
+        """Refuse a number of graphs it does not switch between. Raises ScenarioError."""
+
+    def lasting(self, graphs: int) -> tuple[int, ...]:
+        """The graphs that are there again and again for ever, by index."""
+
+    def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
+        """The graphs at t = 0, period, 2·period, … (s), drawn from `rng`."""
+
+    def facts(self) -> dict[str, Any]:
+        """What is written down with a run, SI."""
+
+
+@dataclass(frozen=True, slots=True)
+class Static:
+    """One graph, always."""
+
+    def check(self, graphs: int) -> None:
+        """Refuse more graphs than one. Raises ScenarioError."""
+        if graphs != 1:
+            raise ScenarioError(
+                f"{graphs} graphs and nothing that switches between them; expected one graph, a"
+                " dwell time or a schedule"
+            )
+
+    def lasting(self, graphs: int) -> tuple[int, ...]:
+        """The graph."""
+        return (0,)
+
+    def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
+        """Nothing is drawn."""
+        return _Always()
+
+    def facts(self) -> dict[str, Any]:
+        """Its name."""
+        return {"switching": "static"}
+
+
+class _Always:
+    def take(self, n: int) -> IntArray:
+        return np.zeros(n, np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Random:
+    """A graph drawn every `dwell` (s), all equally likely, the last one included (Sec. VII-B).
+
+    Every graph comes again and again, but within no bounded time: that the uniformly bounded
+    intervals of Theorems 3 and 4 exist is very likely in a run, not certain.
+    """
+
+    dwell: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no time. Raises ScenarioError."""
+        if not (isfinite(self.dwell) and self.dwell > 0):
+            raise ScenarioError(f"dwell = {self.dwell:g} s; expected a time greater than 0")
+
+    def check(self, graphs: int) -> None:
+        """Any number will do."""
+
+    def lasting(self, graphs: int) -> tuple[int, ...]:
+        """All."""
+        return tuple(range(graphs))
+
+    def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
+        """One draw a dwell time, whether a look falls into it or not."""
+
+        def draw(n: int) -> FloatArray:
+            return np.floor(graphs * rng.random(n))
+
+        return _Drawn(held(draw, self.dwell, period, "dwell"))
+
+    def facts(self) -> dict[str, Any]:
+        """Its name and dwell (s)."""
+        return {"switching": "random", "dwell": self.dwell}
+
+
+class _Drawn:
+    def __init__(self, drawn: Delays) -> None:
+        self._drawn = drawn
+
+    def take(self, n: int) -> IntArray:
+        return self._drawn.take(n).astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Graph indices[i] from times[i] (s) on; from the start again every `repeat` (s), or not.
+
+    `times` begin with 0 and increase; without `repeat` the last graph stays.
+    """
+
+    times: tuple[float, ...]
+    indices: tuple[int, ...]
+    repeat: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no schedule. Raises ScenarioError."""
+        if not self.times or len(self.times) != len(self.indices):
+            raise ScenarioError(
+                f"schedule of {len(self.times)} times and {len(self.indices)} graphs; expected as"
+                " many, not none"
+            )
+        if self.times[0] != 0:
+            raise ScenarioError(f"schedule begins at {self.times[0]:g} s; expected 0")
+        for before, time in zip(self.times, self.times[1:], strict=False):
+            if not (isfinite(time) and time > before):
+                raise ScenarioError(
+                    f"schedule: {time:g} s after {before:g} s; expected increasing times"
+                )
+        if self.repeat is not None and not (isfinite(self.repeat) and self.repeat > self.times[-1]):
+            raise ScenarioError(
+                f"repeat = {self.repeat:g} s; expected more than the last time of the schedule,"
+                f" {self.times[-1]:g} s"
+            )
+
+    def check(self, graphs: int) -> None:
+        """Refuse an index that no graph has. Raises ScenarioError."""
+        for index in self.indices:
+            if not 0 <= index < graphs:
+                raise ScenarioError(f"schedule: graph index {index}; expected 0 to {graphs - 1}")
+
+    def lasting(self, graphs: int) -> tuple[int, ...]:
+        """Those of the schedule if it repeats, else the last."""
+        return self.indices[-1:] if self.repeat is None else tuple(sorted(set(self.indices)))
+
+    def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
+        """Nothing is drawn."""
+        return _Scheduled(self, period)
+
+    def facts(self) -> dict[str, Any]:
+        """Its name, times, repeat (s) and indices."""
+        return {
+            "switching": "schedule",
+            "times": list(self.times),
+            "indices": list(self.indices),
+            "repeat": self.repeat,
+        }
+
+
+class _Scheduled:
+    def __init__(self, schedule: Schedule, period: Fraction) -> None:
+        self._indices, self._look = np.array(schedule.indices, dtype=np.int64), 0
+        self._cycle = None if schedule.repeat is None else Cycle(period, schedule.repeat)
+        times = [exact(t) for t in schedule.times]
+        self._from = np.array(  # (times,), the first look, or part of the cycle, of each
+            [ceil(t / period) if self._cycle is None else self._cycle.parts(t) for t in times]
+        )
+
+    def take(self, n: int) -> IntArray:
+        if self._cycle is None:
+            looks = np.arange(self._look, self._look + n, dtype=np.int64)
+        else:
+            looks = self._cycle.phases(self._look, n)
+        self._look += n
+        chosen: IntArray = self._indices[np.searchsorted(self._from, looks, side="right") - 1]
+        return chosen

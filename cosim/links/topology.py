@@ -1,0 +1,203 @@
+"""Topology: the weights of the edges between robots over time, as the receivers look at them.
+
+Graphs and how they switch give, for every receiver, a stream of rows: the weight of each of its
+senders' edges at its hits, 0 where the edge is not there. As with a link's table, the sizes of the
+chunks do not matter, and everything depends on (seed, name) and nothing else: all receivers see
+the same graph at the same time, whatever their periods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.errors import CosimError, RunError, ScenarioError
+from cosim.links.adjacency import read_graphs
+from cosim.links.graphs import PRESETS, Graph, check_robot, union
+from cosim.links.grid import Grid
+from cosim.links.laws import FloatArray
+from cosim.links.spec import Seconds, si
+from cosim.links.switching import Choices, Random, Schedule, Static, Switching
+from cosim.links.table import INDEX_MAXIMUM, generator
+
+
+@dataclass(frozen=True, slots=True)
+class Topology:
+    """Graphs of n robots and how they switch; `seed` and `name` decide on what is random.
+
+    Facts are about the graphs that last (see :meth:`Switching.lasting`), which is what the theorems
+    ask about. Raises ScenarioError for graphs of different size, or that do not suit the switching.
+    """
+
+    graphs: tuple[Graph, ...]
+    switching: Switching
+    seed: int
+    name: str = "topology"
+
+    def __post_init__(self) -> None:
+        """Check that everything fits. Raises ScenarioError."""
+        if self.seed < 0:
+            raise ScenarioError(f"seed {self.seed}; expected 0 or more")
+        union(self.graphs)
+        self.switching.check(len(self.graphs))
+
+    @property
+    def n(self) -> int:
+        """How many robots."""
+        return self.graphs[0].n
+
+    @property
+    def edges(self) -> tuple[tuple[int, int], ...]:
+        """All (i, j) of all graphs, i receives from j: the links a scenario needs."""
+        return union(self.graphs).edges
+
+    @property
+    def union(self) -> Graph:
+        """The union of the graphs that last."""
+        return union([self.graphs[k] for k in self.switching.lasting(len(self.graphs))])
+
+    @property
+    def roots(self) -> frozenset[int]:
+        """The robots whose information reaches all others again and again: roots of the union."""
+        return self.union.roots
+
+    @property
+    def has_joint_spanning_tree(self) -> bool:
+        """Whether the graphs that last have a spanning tree together (Theorems 3 and 4)."""
+        return bool(self.roots)
+
+    def check_root(self, robot: int) -> None:
+        """Refuse a robot that does not reach all: an operator there does not move the network.
+
+        Raises ScenarioError that names those it does not reach, and the roots (Sec. V).
+        """
+        check_robot(robot, self.n)
+        missed = sorted(set(range(1, self.n + 1)) - self.union.reached(robot))
+        if missed:
+            roots = ", ".join(map(str, sorted(self.roots))) or "none: there is no spanning tree"
+            raise ScenarioError(
+                f"what robot {robot} knows does not reach {', '.join(map(str, missed))}; expected"
+                f" a root of the union of the graphs ({roots})"
+            )
+
+    def weights(
+        self,
+        receiver: int,
+        senders: Sequence[int],
+        *,
+        period: int,
+        h: float,
+        length: int | None = None,
+    ) -> WeightStream:
+        """The weights w_ij of `receiver` i for each j of `senders`, at its hits.
+
+        `period`: ticks of `h` (s) between two hits; `length`: how many there are. A sender may be
+        given that has no edge: its weight is 0. Raises ScenarioError for numbers no robot has.
+        """
+        for robot in (receiver, *senders):
+            check_robot(robot, self.n)
+        looking = Grid(1, period, h).looking
+        choices = self.switching.stream(len(self.graphs), looking, generator(self.seed, self.name))
+        columns = [j - 1 for j in senders]
+        table = np.array([graph.weights[receiver - 1, columns] for graph in self.graphs])
+        return WeightStream(choices, table, length)
+
+    def facts(self) -> dict[str, Any]:
+        """Name, graphs, switching, seed."""
+        return {
+            "name": self.name,
+            "graphs": [graph.facts() for graph in self.graphs],
+            **self.switching.facts(),
+            "seed": self.seed,
+        }
+
+
+class WeightStream:
+    """Rows in order, in chunks whose sizes do not change them; what a table source writes."""
+
+    def __init__(self, choices: Choices, table: FloatArray, length: int | None = None) -> None:
+        self._choices, self._table = choices, table  # table (graphs, senders)
+        self._length = INDEX_MAXIMUM if length is None else length
+        self._row = 0
+
+    @property
+    def row(self) -> int:
+        """The next row."""
+        return self._row
+
+    def rows(self, n: int) -> FloatArray:
+        """The next `n` rows, (n, senders): the weight of each sender's edge, 0: not there.
+
+        Raises RunError beyond the length the stream was opened for.
+        """
+        if self._row + n > self._length:
+            raise RunError(
+                f"rows {self._row} to {self._row + n} of edge weights opened for {self._length}"
+            )
+        self._row += n
+        rows: FloatArray = self._table[self._choices.take(n)]
+        return rows
+
+
+def make_topology(
+    *,
+    graphs: str | Sequence[str],
+    dwell: Seconds | None = None,
+    schedule: Sequence[tuple[Seconds, str]] | None = None,
+    repeat: Seconds | None = None,
+    seed: int,
+    folder: Path,
+    name: str = "topology",
+    place: str = "",
+) -> Topology:
+    """A topology as a scenario writes it.
+
+    `graphs`: a preset, or files of graphs relative to `folder`; `dwell`: random switching;
+    `schedule`: (time, name of a graph) in order, again every `repeat`; neither: one graph, static.
+    Raises ScenarioError that starts with `place`.
+    """
+    try:
+        found = _graphs(graphs, folder)
+        if dwell is not None and (schedule is not None or repeat is not None):
+            raise ScenarioError("dwell switches at random; expected it without schedule and repeat")
+        if schedule is None and repeat is not None:
+            raise ScenarioError("repeat without a schedule; expected schedule = [[time, graph], …]")
+        switching: Switching = Static()
+        if dwell is not None:
+            switching = Random(si(dwell, "dwell"))
+        elif schedule is not None:
+            switching = _schedule(schedule, repeat, [graph.name for graph in found])
+        return Topology(found, switching, seed, name)
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from None
+
+
+def _graphs(graphs: str | Sequence[str], folder: Path) -> tuple[Graph, ...]:
+    names = [graphs] if isinstance(graphs, str) else list(graphs)
+    if len(names) == 1 and names[0] in PRESETS:
+        return PRESETS[names[0]]
+    found: list[Graph] = []
+    for name in names:
+        if Path(name).suffix not in (".csv", ".toml"):
+            raise ScenarioError(
+                f"graphs = {name!r}; expected one of {', '.join(PRESETS)}, or .csv or .toml files"
+            )
+        found.extend(read_graphs(folder / name))
+    return tuple(found)
+
+
+def _schedule(
+    schedule: Sequence[tuple[Seconds, str]], repeat: Seconds | None, names: list[str]
+) -> Schedule:
+    times, indices = [], []
+    for k, (time, graph) in enumerate(schedule):
+        if names.count(graph) != 1:
+            problem = "there is none" if graph not in names else "there is more than one"
+            raise ScenarioError(f"schedule[{k}]: graph {graph!r}, {problem} among {names}")
+        times.append(si(time, f"schedule[{k}]"))
+        indices.append(names.index(graph))
+    return Schedule(tuple(times), tuple(indices), None if repeat is None else si(repeat, "repeat"))

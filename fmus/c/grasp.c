@@ -1,0 +1,23 @@
+/* grasp.c - when a hand holds the arm: a signal of 0 and 1 that changes at given times. */
+#include <stddef.h>
+
+#include "model.h"
+#include "schedule.h"
+
+enum { TIMES = sizeof((Model *)0)->times / sizeof(double) };
+
+static void give(Model *x, double t, double h) {
+    int off = x->released != 0.0;
+    for (int i = 0; i < TIMES; i++) off ^= reached(t, h, x->times[i]);
+    x->grip = off ? 0.0 : 1.0;
+}
+
+const char *model_initial(Model *x) {
+    give(x, 0.0, 0.0);
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    give(x, t, h);
+    return NULL;
+}

@@ -1,0 +1,26 @@
+/* lee_spong.c - a spring and a damper to the other arm as it was, dissipation for the delay.
+ *
+ *     tau = -K_v (dq - dq_j) - (K_d + P_eps) dq - K_p (q - q_j)
+ */
+#include <stddef.h>
+
+#include "limit.h"
+#include "model.h"
+
+const char *model_initial(Model *x) {
+    double tau[2];
+    for (int i = 0; i < 2; i++) {
+        const double coupling =
+            -x->K_v[i] * (x->dq[i] - x->dq_j[i]) - x->K_p[i] * (x->q[i] - x->q_j[i]);
+        const double dissipation = -(x->K_d[i] + x->P_eps[i]) * x->dq[i];
+        tau[i] = limited(coupling + dissipation, x->tau_max[i]);
+    }
+    if (!all_finite(tau, 2)) return "the torque left the range of numbers";
+    for (int i = 0; i < 2; i++) x->tau[i] = tau[i];
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    (void)t, (void)h; /* no state */
+    return model_initial(x);
+}

@@ -1,0 +1,23 @@
+/* pd.c - a spring and a damper to the other arm as it was.
+ *
+ *     tau = -K_p (q - q_j) - K_d (dq - dq_j)
+ */
+#include <stddef.h>
+
+#include "limit.h"
+#include "model.h"
+
+const char *model_initial(Model *x) {
+    double tau[2];
+    for (int i = 0; i < 2; i++)
+        tau[i] = limited(-x->K_p[i] * (x->q[i] - x->q_j[i]) - x->K_d[i] * (x->dq[i] - x->dq_j[i]),
+                         x->tau_max[i]);
+    if (!all_finite(tau, 2)) return "the torque left the range of numbers";
+    for (int i = 0; i < 2; i++) x->tau[i] = tau[i];
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    (void)t, (void)h; /* no state */
+    return model_initial(x);
+}

@@ -1,0 +1,21 @@
+/* push.c - a constant torque, and a constant force, from t_0 until t_1. */
+#include <stddef.h>
+
+#include "model.h"
+#include "schedule.h"
+
+static void give(Model *x, double t, double h) {
+    const double on = reached(t, h, x->t_0) && !reached(t, h, x->t_1) ? 1.0 : 0.0;
+    for (int i = 0; i < 2; i++) x->tau_h[i] = on * x->tau_p[i];
+    x->f = on * x->f_p;
+}
+
+const char *model_initial(Model *x) {
+    give(x, 0.0, 0.0);
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    give(x, t, h);
+    return NULL;
+}

@@ -1,0 +1,9 @@
+/* schedule.h - moments of a plan met at sampling instants. */
+#ifndef SCHEDULE_H
+#define SCHEDULE_H
+
+/* Whether at t (s) a moment has come; t may be a millionth of the step h (s) short of it, since
+ * t = k h is rounded. */
+static inline int reached(double t, double h, double moment) { return t + 1e-6 * h >= moment; }
+
+#endif

@@ -1,0 +1,54 @@
+/* static_feedback.h - what adaptive laws with static feedback share: those whose reference velocity
+ * z follows from the inputs alone.
+ *
+ *     tau = Y(q, dq, z, dz) theta_hat + feedback,   dtheta_hat = -Gamma Y^T s,   s = dq - z
+ *
+ * The estimate of t_k + h waits in theta_hat_next; while a torque is at its limit it stands still.
+ */
+#ifndef STATIC_FEEDBACK_H
+#define STATIC_FEEDBACK_H
+
+#include <stddef.h>
+
+#include "limit.h"
+#include "regressor.h"
+
+typedef struct {
+    double z[2], dz[2], feedback[2]; /* by the law */
+    double s[2], tau[2], Ys[3];      /* by complete() */
+    int saturated;
+} Law;
+
+/* Everything that follows from z, dz and feedback; NULL, or a sentence why it is no number. */
+static inline const char *complete(const Model *x, const double theta_hat[3], Law *y) {
+    const Regressor Y = regressor(x->q, x->dq, y->z, y->dz);
+    double feedforward[2];
+    torque_of(&Y, theta_hat, feedforward);
+    y->saturated = 0;
+    for (int i = 0; i < 2; i++) {
+        const double tau = feedforward[i] + y->feedback[i];
+        y->s[i] = x->dq[i] - y->z[i];
+        y->tau[i] = limited(tau, x->tau_max[i]);
+        y->saturated |= y->tau[i] != tau;
+    }
+    transposed_times(&Y, y->s, y->Ys);
+    if (!all_finite(y->tau, 2) || !all_finite(y->s, 2) || !all_finite(y->Ys, 3))
+        return "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate"
+               " diverged";
+    return NULL;
+}
+
+static inline void start_estimate(Model *x) {
+    for (int i = 0; i < 3; i++) x->theta_hat_next[i] = x->theta_hat[i];
+}
+
+/* The estimate of t_k becomes the output, that of t_k + h waits. */
+static inline void advance_estimate(Model *x, const Law *y, double h) {
+    const double advance = y->saturated ? 0.0 : h; /* anti-windup */
+    for (int i = 0; i < 3; i++) {
+        x->theta_hat[i] = x->theta_hat_next[i];
+        x->theta_hat_next[i] -= advance * x->Gamma[i] * y->Ys[i];
+    }
+}
+
+#endif

@@ -1,0 +1,72 @@
+/* tdpa_impedance.c - the end of a line that takes motion and gives torque, kept passive in the time
+ * domain; equations in fmus/models/tdpa_impedance.py.
+ *
+ *     W = E_j - E_out + E_pc,   f = f_j + a dq with a = -W / (h dq^2) while W < 0,   tau = -f
+ *
+ * Energies are those up to t_k, of torques held and angles passed: no rate enters them.
+ */
+#include <stddef.h>
+
+#include "limit.h"
+#include "model.h"
+
+typedef struct {
+    double E[2], E_out[2], E_pc[2], W[2], tau[2];
+} Port;
+
+/* Count what the last step did, with tau and f_last still those of its start. */
+static void observe(const Model *x, Port *y) {
+    for (int i = 0; i < 2; i++) {
+        const double passed = x->q[i] - x->q_last[i];
+        const double work = x->f_last[i] * passed; /* into the line */
+        y->E[i] = x->E[i] + (work > 0.0 ? work : 0.0);
+        y->E_out[i] = x->E_out[i] - (work < 0.0 ? work : 0.0);
+        y->E_pc[i] = x->E_pc[i] - (x->tau[i] + x->f_last[i]) * passed;
+        y->W[i] = x->E_j[i] - y->E_out[i] + y->E_pc[i];
+    }
+}
+
+/* What has been given too much is taken back by damping, within one step if a_max allows it. */
+static void control(const Model *x, double h, Port *y) {
+    for (int i = 0; i < 2; i++) {
+        const double dq = x->dq[i], owed = -y->W[i], room = h * dq * dq;
+        double a = 0.0;
+        if (owed > 0.0) a = owed < x->a_max[i] * room ? owed / room : x->a_max[i];
+        y->tau[i] = limited(-(x->f_j[i] + a * dq), x->tau_max[i]);
+    }
+}
+
+/* Take the port as it is, or give a sentence and change nothing. */
+static const char *take(Model *x, const Port *y) {
+    if (!all_finite(y->E, 2) || !all_finite(y->W, 2) || !all_finite(y->tau, 2))
+        return "the energy left the range of numbers";
+    for (int i = 0; i < 2; i++) {
+        x->tau[i] = y->tau[i];
+        x->v[i] = x->dq[i];
+        x->E[i] = y->E[i];
+        x->W[i] = y->W[i];
+        x->E_out[i] = y->E_out[i];
+        x->E_pc[i] = y->E_pc[i];
+        x->q_last[i] = x->q[i];
+        x->f_last[i] = x->f_j[i];
+    }
+    return NULL;
+}
+
+const char *model_initial(Model *x) {
+    Port y;
+    for (int i = 0; i < 2; i++) {
+        y.E[i] = y.E_out[i] = y.E_pc[i] = 0.0;
+        y.W[i] = x->E_j[i];
+        y.tau[i] = limited(-x->f_j[i], x->tau_max[i]);
+    }
+    return take(x, &y);
+}
+
+const char *model_step(Model *x, double t, double h) {
+    Port y;
+    (void)t; /* the law does not depend on time */
+    observe(x, &y);
+    control(x, h, &y);
+    return take(x, &y);
+}

@@ -1,0 +1,27 @@
+/* wave_impedance.c - the end of a wave line that takes motion and gives torque.
+ *
+ *     tau = -F,   F = b dq - v,   u = b dq + F
+ */
+#include <stddef.h>
+
+#include "limit.h"
+#include "model.h"
+
+const char *model_initial(Model *x) {
+    double F[2], u[2];
+    for (int i = 0; i < 2; i++) {
+        F[i] = limited(x->b[i] * x->dq[i] - x->v[i], x->tau_max[i]);
+        u[i] = x->v[i] + 2.0 * F[i]; /* = b dq + F with the F of no limit */
+    }
+    if (!all_finite(F, 2) || !all_finite(u, 2)) return "the wave left the range of numbers";
+    for (int i = 0; i < 2; i++) {
+        x->tau[i] = -F[i];
+        x->u[i] = u[i];
+    }
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    (void)t, (void)h; /* no state */
+    return model_initial(x);
+}

@@ -1,0 +1,56 @@
+"""What the controllers of a planar arm declare in the same words: ports, gains, torque limit."""
+
+from __future__ import annotations
+
+from fmus.model import Variable
+
+TORQUE, RATE = "N.m", "rad/s"
+STIFFNESS, DAMPING = "N.m/rad", "N.m.s/rad"
+
+Q = Variable("q", "input", (2,), "rad", description="Joint position")
+DQ = Variable("dq", "input", (2,), RATE, description="Joint velocity")
+Q_J = Variable("q_j", "input", (2,), "rad", description="Received joint position")
+DQ_J = Variable("dq_j", "input", (2,), RATE, description="Received joint velocity")
+TAU_MAX = Variable("tau_max", "parameter", (2,), TORQUE, 1e9, "Limit of the torque", minimum=0.0)
+
+THETA_HAT = Variable(
+    "theta_hat",
+    "output",
+    (3,),
+    "kg.m2",
+    description="Estimate of the lumped inertia parameters",
+    settable=True,
+)
+THETA_HAT_NEXT = Variable(
+    "theta_hat_next", "local", (3,), "kg.m2", description="theta_hat of the next step"
+)
+GAMMA = Variable("Gamma", "parameter", (3,), "kg.m2.s2/rad2", 1.0, "Adaptation gain", minimum=0.0)
+
+
+def gain(name: str, unit: str, start: float, description: str, minimum: float = 0.0) -> Variable:
+    """A gain of each joint, (2,)."""
+    return Variable(name, "parameter", (2,), unit, start, description, minimum=minimum)
+
+
+def rate(name: str, start: float, description: str) -> Variable:
+    """A gain in 1/s, one for all joints."""
+    return Variable(name, "parameter", (), "1/s", start, description, minimum=0.0)
+
+
+def torque(
+    depends: tuple[str, ...],
+    start_depends: tuple[str, ...],
+    *,
+    elementwise: bool = True,
+) -> Variable:
+    """The control torque `tau`, (2,); `depends` and `start_depends` as in :class:`Variable`."""
+    return Variable(
+        "tau",
+        "output",
+        (2,),
+        TORQUE,
+        description="Control torque",
+        depends=depends,
+        elementwise=elementwise,
+        start_depends=start_depends,
+    )

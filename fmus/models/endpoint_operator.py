@@ -1,0 +1,167 @@
+"""Operator at the endpoint: a hand that holds the tip of the arm with a spring and a damper.
+
+With the links' lengths l = (l1, l2) and the target x_h of the hand, in the plane of the arm::
+
+    x     = [ l1 c1 + l2 c12 ]      J = dx/dq = [ -l1 s1 - l2 s12   -l2 s12 ]
+            [ l1 s1 + l2 s12 ]                  [  l1 c1 + l2 c12    l2 c12 ]
+
+    f     = K_h (x_h - x) + B_h (dx_h - J dq)       force of the hand on the tip
+    tau_h = J' f
+
+K_h of 50 N/m (relaxed) to 500 N/m (tight), B_h of 5 to 20 N.s/m are a human hand's. Its mass, 0.5
+to 1.5 kg, is not in here: it moves with the tip, and belongs into the arm's inertia theta.
+
+Sampled: read at t_k, held to the next step. x_h is where the hand wants the tip, (0, 1) m where
+nothing is wired to it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from cosim.component import Kind, Parameter, Port
+from fmus.model import Model, Terminal, Variable
+from fmus.models.arm import DQ, TORQUE, Q, gain
+from fmus.models.start import Array, copied, given, received, start_values
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.component import Outputs, Values
+    from fmus.build import Version
+    from fmus.kernel import Kernel
+
+_KIND: Kind = "sampled"
+
+#: From a hand that rests on the arm to one that grips it tightly.
+PRESETS: dict[str, dict[str, float]] = {
+    "relaxed": {"K_h": 50.0, "B_h": 5.0},
+    "firm": {"K_h": 200.0, "B_h": 10.0},
+    "tight": {"K_h": 500.0, "B_h": 20.0},
+}
+
+_ALL = ("q", "dq", "x_h", "dx_h")
+
+
+def model() -> Model:
+    """Declare the operator; the defaults are ``firm`` and links of 1 m."""
+    return Model(
+        identifier="endpoint_operator",
+        description="Operator holding the tip of the arm with a spring and a damper",
+        kind=_KIND,
+        variables=(
+            Q,
+            DQ,
+            Variable("x_h", "input", (2,), "m", (0.0, 1.0), "Endpoint the hand wants"),
+            Variable("dx_h", "input", (2,), "m/s", 0.0, "Velocity of the endpoint it wants"),
+            Variable(
+                "tau_h",
+                "output",
+                (2,),
+                TORQUE,
+                description="Torque of the operator on the robot",
+                depends=_ALL,
+                start_depends=("l", "K_h", "B_h"),
+            ),
+            Variable(
+                "x",
+                "output",
+                (2,),
+                "m",
+                description="Endpoint",
+                depends=("q",),
+                start_depends=("l",),
+            ),
+            Variable(
+                "f",
+                "output",
+                (2,),
+                "N",
+                description="Force of the hand on the endpoint",
+                depends=_ALL,
+                start_depends=("l", "K_h", "B_h"),
+            ),
+            Variable("l", "parameter", (2,), "m", 1.0, "Lengths of the links", minimum=0.0),
+            gain("K_h", "N/m", 200.0, "Stiffness of the hand, each direction"),
+            gain("B_h", "N.s/m", 10.0, "Damping of the hand, each direction"),
+        ),
+        sources=("endpoint_operator.c", "trig.c"),
+        step=5e-3,
+        terminals=(
+            Terminal("joints", ("q", "dq", "tau_h"), "Motion in, torque out"),
+            Terminal("endpoint", ("x_h", "dx_h", "x", "f"), "Target, place and force"),
+        ),
+        documentation=__doc__ or "",
+    )
+
+
+def endpoint(l: Array, q: Array) -> Array:  # noqa: E741
+    """x(q), m, (2,); `l` (2,) m, `q` (2,) rad."""
+    angles = np.array([q[0], q[0] + q[1]])
+    return np.array([l @ np.cos(angles), l @ np.sin(angles)])
+
+
+def jacobian(l: Array, q: Array) -> Array:  # noqa: E741
+    """J = dx/dq, m/rad, (2, 2); `l` (2,) m, `q` (2,) rad."""
+    near = l * np.array([np.cos(q[0]), np.cos(q[0] + q[1])])
+    up = l * np.array([np.sin(q[0]), np.sin(q[0] + q[1])])
+    return np.array([[-up.sum(), -up[1]], [near.sum(), near[1]]])
+
+
+def fmu(version: Version = "2.0") -> Path:
+    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+
+    Raises FmuError where it cannot be built.
+    """
+    from fmus.build import find
+
+    return find(model(), version)
+
+
+def kernel() -> Kernel:
+    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
+    from fmus.kernel import Kernel
+
+    return Kernel(model())
+
+
+@final
+class EndpointOperator:
+    """The operator in NumPy: the readable reference of the C kernel."""
+
+    kind: Kind = "sampled"
+
+    def __init__(self) -> None:
+        self._model = model()
+        self.inputs: tuple[Port, ...] = self._model.inputs()
+        self.outputs: tuple[Port, ...] = self._model.outputs()
+        self.parameters: tuple[Parameter, ...] = self._model.parameters()
+        self._x = start_values(self._model, {})
+
+    def initialize(self, values: Values) -> None:
+        """Take the parameters. Raises ScenarioError."""
+        self._x = start_values(self._model, values)
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs at the start."""
+        return self._law(received(self.inputs, u))
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """Outputs as of `t` (s), which hold to t + h."""
+        return self._law(received(self.inputs, u, t))
+
+    def _law(self, inputs: list[Array]) -> Outputs:
+        q, dq, x_h, dx_h = inputs  # each (2,)
+        place, J = endpoint(self._x["l"], q), jacobian(self._x["l"], q)
+        f = self._x["K_h"] * (x_h - place) + self._x["B_h"] * (dx_h - J @ dq)
+        return given({"tau_h": J.T @ f, "x": place, "f": f})
+
+    def get_state(self) -> object:
+        """Parameters, copied; there is no other state."""
+        return copied(self._x)
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = copied(state)

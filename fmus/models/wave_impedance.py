@@ -1,0 +1,143 @@
+"""The end of a wave line that takes the arm's velocity and gives back torque.
+
+With v the wave that comes back over the line (delayed), of each joint::
+
+    F   = b dq - v          torque of the arm on the line
+    tau = -F
+    u   = b dq + F          sent: the wave that goes out
+
+u and v are Niemeyer and Slotine's waves times sqrt(2 b), so that they are torques; b must be the
+same at both ends. The power into the line is dq' F = sum of (u^2 - v^2) / (4 b): a line that
+delays both waves by constant times only stores energy, so it is passive whatever the delay is.
+Anderson and Spong's scattering with the scale n is the same law with b = n^2.
+
+Condition: b > 0 and constant delays (a link with ``semantics = "playout"`` makes them so); a wave
+held or repeated by a varying delay creates energy. Waves carry velocities: what the arms differ by
+at the start, or by lost waves, they differ by for ever. The other end is ``wave_admittance``.
+
+Source: G. Niemeyer, J.-J. E. Slotine, "Stable adaptive teleoperation", IEEE J. Oceanic Engineering
+16(1), 1991; R. J. Anderson, M. W. Spong, "Bilateral control of teleoperators with time delay", IEEE
+Trans. Automatic Control 34(5), 1989.
+
+Sampled: read at t_k, held to the next step. Each joint's torque is limited to ±tau_max; the wave
+u = v + 2 F then tells the line what was given, and the port stays passive.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from cosim.component import Kind, Parameter, Port
+from fmus.model import Model, Terminal, Variable
+from fmus.models.arm import DAMPING, DQ, TAU_MAX, TORQUE, gain, torque
+from fmus.models.start import Array, copied, given, received, start_values
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.component import Outputs, Values
+    from fmus.build import Version
+    from fmus.kernel import Kernel
+
+_KIND: Kind = "sampled"
+
+#: ``scattering(n=3)`` is Anderson and Spong's with b = n^2.
+PRESETS: dict[str, dict[str, float]] = {
+    "wave(b=10)": {"b": 10.0},
+    "scattering(n=3)": {"b": 9.0},
+}
+
+#: What this end sends and where the other takes it: (source, target), see ``bilateral``.
+EXCHANGE = (("control.u", "control.u"),)
+
+
+def model() -> Model:
+    """Declare the end of the line; the defaults are ``wave(b=10)``."""
+    return Model(
+        identifier="wave_impedance",
+        description="End of a wave line: velocity in, torque out",
+        kind=_KIND,
+        variables=(
+            DQ,
+            Variable("v", "input", (2,), TORQUE, description="Received wave"),
+            torque(("dq", "v"), ("b", "tau_max")),
+            Variable(
+                "u",
+                "output",
+                (2,),
+                TORQUE,
+                description="Wave sent: b dq + F",
+                depends=("dq", "v"),
+                elementwise=True,
+                start_depends=("b", "tau_max"),
+            ),
+            gain("b", DAMPING, 10.0, "Wave impedance of the line", minimum=1e-6),
+            TAU_MAX,
+        ),
+        sources=("wave_impedance.c", "limit.h"),
+        step=5e-3,
+        terminals=(
+            Terminal("joints", ("dq", "tau"), "Velocity in, torque out"),
+            Terminal("network", ("u", "v"), "Waves"),
+        ),
+        documentation=__doc__ or "",
+    )
+
+
+def fmu(version: Version = "2.0") -> Path:
+    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+
+    Raises FmuError where it cannot be built.
+    """
+    from fmus.build import find
+
+    return find(model(), version)
+
+
+def kernel() -> Kernel:
+    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
+    from fmus.kernel import Kernel
+
+    return Kernel(model())
+
+
+@final
+class WaveImpedance:
+    """The end of the line in NumPy: the readable reference of the C kernel."""
+
+    kind: Kind = "sampled"
+
+    def __init__(self) -> None:
+        self._model = model()
+        self.inputs: tuple[Port, ...] = self._model.inputs()
+        self.outputs: tuple[Port, ...] = self._model.outputs()
+        self.parameters: tuple[Parameter, ...] = self._model.parameters()
+        self._x = start_values(self._model, {})
+
+    def initialize(self, values: Values) -> None:
+        """Take the parameters. Raises ScenarioError."""
+        self._x = start_values(self._model, values)
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs at the start."""
+        return self._law(received(self.inputs, u))
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """Outputs as of `t` (s), which hold to t + h."""
+        return self._law(received(self.inputs, u, t))
+
+    def _law(self, inputs: list[Array]) -> Outputs:
+        dq, v = inputs  # each (2,)
+        x = self._x
+        F = np.clip(x["b"] * dq - v, -x["tau_max"], x["tau_max"])
+        return given({"tau": -F, "u": v + 2 * F})
+
+    def get_state(self) -> object:
+        """Parameters, copied; there is no other state."""
+        return copied(self._x)
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = copied(state)

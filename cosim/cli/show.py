@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,6 +35,7 @@ def show(
         ("order within tick k", _order(plan)),
         ("what each input samples", _inputs(plan)),
         ("links", _links(plan)),
+        ("links as tc netem would have them", _emulated(plan)),
     ):
         if rows:
             typer.echo(f"\n{title}")
@@ -152,9 +153,40 @@ def _links(plan: Plan) -> list[list[str]]:
     for x in plan.links:
         facts = x.table.facts()
         law = facts.get("delay", {})
-        text = " ".join(f"{v}" if k == "law" else f"{k}={v} s" for k, v in law.items())
         least = x.table.minimum_delay_ticks
         wire = "; orders like a wire" if least == 0 else ""
         rule = str(facts.get("semantics", "stored table"))
-        rows.append([x.name, rule, text, f"at least {least} ticks old{wire}"])
+        rows.append([x.name, rule, _words(law), f"at least {least} ticks old{wire}"])
     return rows
+
+
+def _words(facts: Mapping[str, object]) -> str:
+    """A law and its values; what is in it has its own law."""
+    parts = []
+    for key, value in facts.items():
+        if isinstance(value, Mapping):
+            parts.append(f"({key}: {_words(value)})")
+        else:
+            parts.append(str(value) if key == "law" else f"{key}={value}")
+    return " ".join(parts)
+
+
+def _emulated(plan: Plan) -> list[list[str]]:
+    """Each link as arguments of ``tc netem``, and what these do not tell."""
+    lines = [(x.name, _netem(plan, x)) for x in plan.links]
+    return [[name if i == 0 else "", line] for name, text in lines for i, line in enumerate(text)]
+
+
+def _netem(plan: Plan, link: Link) -> list[str]:
+    """What comes nearest to a link in the kernel's network emulator; nothing for a stored table."""
+    from cosim.errors import ScenarioError
+    from cosim.links.netem import netem
+    from cosim.links.table import DrawnTable
+
+    if not isinstance(link.table, DrawnTable):
+        return []
+    period = plan.component(link.source.component).period * plan.h
+    try:
+        return netem(link.table.law, period=period).splitlines()
+    except ScenarioError as error:
+        return [f"nothing ({error})"]

@@ -30,6 +30,8 @@ from cosim.scenario import Scenario, as_data
 CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
 #: Ticks of everything that are kept when a run fails.
 FLIGHT_RECORDER = 1000
+#: Rows of a link's table that are counted at once: a chunk has few, and each time costs the same.
+COUNTED = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +93,11 @@ def simulate(
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))
     tables: dict[str, TableWriter] = {}
-    ages = {x.name: Ages(x.table.grid) for x in plan.links}
+    counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
 
     def keep(name: str, held: NDArray[np.int32]) -> None:
         tables[name].write(held)
-        ages[name].add(held)
+        counts[name].add(held)
 
     with ExitStack() as stack:
         engine = stack.enter_context(Engine(plan, keep))
@@ -123,8 +125,33 @@ def simulate(
             recorder.close()
         wall = watch()
         write_metadata(folder, metadata(scenario, plan, wall=wall))
-    statistics = {name: age.result() for name, age in ages.items()}
+    statistics = {name: counted.result() for name, counted in counts.items()}
     return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall, statistics)
+
+
+class _Counted:
+    """Rows of a link's table, gathered for the statistics of their ages."""
+
+    def __init__(self, ages: Ages) -> None:
+        self._ages, self._rows, self._size = ages, list[NDArray[np.int32]](), 0
+
+    def add(self, rows: NDArray[np.int32]) -> None:
+        """Take the next rows; they must not change afterwards."""
+        self._rows.append(rows)
+        self._size += rows.size
+        if self._size >= COUNTED:
+            self._count()
+
+    def _count(self) -> None:
+        self._ages.add(np.concatenate(self._rows))
+        self._rows.clear()
+        self._size = 0
+
+    def result(self) -> LinkStatistics:
+        """The statistics of all rows."""
+        if self._rows:
+            self._count()
+        return self._ages.result()
 
 
 def _loop(

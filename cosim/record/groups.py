@@ -104,10 +104,15 @@ class GroupWriter:
                 self._flush()
 
     def _flush(self) -> None:
-        arrays = [self._arrow.array(values[: self._fill]) for values in self._group]
+        arrays = [self._array(values[: self._fill]) for values in self._group]
         batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
         self._writer.write_batch(batch, row_group_size=self._rows)
         self._fill = 0
+
+    def _array(self, values: NDArray[np.float64]) -> Any:
+        """`values` as they lie there. (Arrow's own way from NumPy imports numpy.ma: 10 ms.)"""
+        place = self._arrow.py_buffer(values)
+        return self._arrow.Array.from_buffers(self._arrow.float64(), len(values), [None, place])
 
     def close(self) -> None:
         """Write what is left, the last tick included, and the footer."""

@@ -12,6 +12,7 @@ from math import prod
 from pathlib import Path
 
 import numpy as np
+import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
@@ -207,8 +208,10 @@ def libcosim(plan: Plan, folder: Path) -> Outputs:
 
 @contextmanager
 def _ecos(plan: Plan) -> Iterator[object]:
-    from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
-
+    try:
+        from ecospy import EcosLib, EcosSimulation, EcosSimulationStructure
+    except ImportError as error:
+        pytest.fail(f"libtbb12 is installed, so Ecos is to be tested; pip install ecospy: {error}")
     EcosLib.set_log_level("warn")
     with EcosSimulationStructure() as structure:
         for c in plan.components:

@@ -104,9 +104,9 @@ def test_every_other_semantics_settles_too(
 
 @pytest.mark.parametrize(("lambda_M", "torque"), [(10.0, 3.42), (1.0, 14.93)])
 def test_a_wall_is_felt_by_the_operator(tmp_path: Path, lambda_M: float, torque: float) -> None:
-    """At rest k_p (q_h - q_m) = kappa (q_m - q_s) = k_w (q_s - q_w).
+    """At rest k_p (q_h - q_m) = kappa (q_m - q_s) = k_w (q_s - q_w), for joint 1.
 
-    kappa = lambda alpha K / lambda_M. So tau_h = tau_e = (q_h - q_w) / (1/k_p + 1/kappa + 1/k_w) on joint 1, nothing on joint 2.
+    With kappa = lambda alpha K / lambda_M: tau_h = tau_e = (q_h - q_w) / (1/k_p + 1/kappa + 1/k_w).
     """
     document = teleoperation(stop=60.0, lambda_M=lambda_M)
     document["components"]["slave"]["parameters"] = {"k_w": [200.0, 0.0], "q_w": [1.0, 0.0]}

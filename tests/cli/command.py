@@ -1,0 +1,73 @@
+"""The command as a user meets it: exit code, standard output, standard error."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from cosim.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFIG = ROOT / "configs" / "teleoperation.toml"
+CALL = [sys.executable, "-c", "from cosim.cli import main; main()"]
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+
+@dataclass(frozen=True)
+class Command:
+    """``cosim`` in this process: everything but a new interpreter."""
+
+    patch: pytest.MonkeyPatch
+    capture: pytest.CaptureFixture[str]
+
+    def __call__(self, *arguments: str | Path) -> Done:
+        self.patch.setattr(sys, "argv", ["cosim", *map(str, arguments)])
+        self.patch.setattr(sys, "path", list(sys.path))
+        self.capture.readouterr()
+        try:
+            main()
+            code: int | str | None = 0
+        except SystemExit as end:
+            code = end.code
+        assert code is None or isinstance(code, int)
+        return Done(code or 0, *self.capture.readouterr())
+
+    def refused(self, *arguments: str | Path, code: int = 2) -> str:
+        """The one sentence of a command that fails."""
+        done = self(*arguments)
+        assert done.code == code, done
+        assert done.err.startswith("error: ")
+        assert "Traceback" not in done.err
+        return done.err.removeprefix("error: ").strip()
+
+
+def started(*arguments: str | Path, cwd: Path) -> subprocess.Popen[str]:
+    """``cosim`` in a process of its own, as the console script starts it."""
+    return subprocess.Popen(
+        [*CALL, *map(str, arguments)],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finished(*arguments: str | Path, cwd: Path) -> Done:
+    """The same, waited for."""
+    process = started(*arguments, cwd=cwd)
+    out, err = process.communicate(timeout=120)
+    return Done(process.returncode, out, err)

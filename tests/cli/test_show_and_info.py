@@ -1,0 +1,121 @@
+"""``cosim show``, ``cosim info``, ``--version`` and ``--help``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import cosim as package
+from fmus.models import operator, planar2r, teleoperation
+from tests.cli.command import CONFIG, Command, finished
+
+
+def section(text: str, title: str) -> list[list[str]]:
+    """Lines of a section, cut where two spaces or more are."""
+    lines = text.split(f"\n{title}\n")[1].split("\n\n")[0].splitlines()
+    return [[part.strip() for part in line.split("  ") if part.strip()] for line in lines]
+
+
+def test_show_prints_the_graph_the_rates_the_order_and_why(cosim: Command) -> None:
+    done = cosim("show", CONFIG)
+    assert (done.code, done.err) == (0, "")
+    assert "base step 0.001 s, 60000 ticks (60 s), algorithm sampled, seed 0" in done.out
+    components = {row[0]: row[1:] for row in section(done.out, "components")}
+    assert components["master"][:2] == ["continuous", "every 0.001 s (1 tick)"]
+    assert components["slave_control"][:2] == ["sampled", "every 0.005 s (5 ticks)"]
+    assert components["master"][-1] == "planar2r.fmi2.fmu, FMI 2.0"
+    order = section(done.out, "order within tick k")
+    assert [row[1] for row in order] == [
+        "master_control", "slave_control", "record", "master", "slave",
+    ]  # fmt: skip
+    assert order[0][2:] == [
+        "sample, compute, hold", "k mod 5 = 0", "waits for no other in this tick",
+    ]  # fmt: skip
+
+
+def test_show_says_what_every_input_samples_and_holds(cosim: Command) -> None:
+    inputs = {
+        row[0]: row[2:] for row in section(cosim("show", CONFIG).out, "what each input samples")
+    }
+    assert inputs["master_control.q"] == ["master.q", "value at t_k, holds it 0.005 s"]
+    assert inputs["master.tau"][0] == "master_control.tau"
+    assert inputs["master.tau"][1] == "computed when last due, k mod 5 = 0, holds it 0.001 s"
+    link = ["slave_control.xi", "the sample its link holds at t_k, holds it 0.005 s"]
+    assert inputs["master_control.xi_in[0]"] == link
+    assert inputs["master.tau_ext"] == ["nothing", "keeps 0 0 [N.m]"]
+
+
+def test_show_says_why_one_waits_for_the_other(cosim: Command) -> None:
+    """The operator as its own component, sampled: its torque is of the same tick."""
+    Path("operator.toml").write_text(
+        '[run]\nstep = 0.001\nstop = 1\n[components.arm]\nmodel = "fmus.models.planar2r"\n'
+        'inputs = { tau_ext = "hand.tau_h", tau = "gain.y" }\n'
+        '[components.hand]\nmodel = "fmus.models.operator"\n'
+        'inputs = { q = "arm.q", dq = "arm.dq" }\n'
+        '[components.gain]\nmodel = "tests.cli.components:Half"\ninputs.u = "hand.tau_h"\n',
+        encoding="utf-8",
+    )
+    done = cosim("show", "operator.toml")
+    order = section(done.out, "order within tick k")
+    assert [row[1] for row in order] == ["hand", "gain", "record", "arm"]
+    assert order[1][-1] == "after hand: samples what they compute in this tick"
+    assert "tests.cli.components:Half, Python call-back" in done.out
+
+
+def test_show_of_jacobi_says_that_everybody_is_late(cosim: Command) -> None:
+    text = cosim("show", CONFIG, "--set", "run.algorithm=jacobi").out
+    assert section(text, "order within tick k")[0][1] == "record"
+    assert "jacobi: everybody sees what the tick before left behind" in text
+    assert "computed 0.005 s before, from what was known then" in text
+
+
+def test_show_has_the_links_with_law_and_semantics(cosim: Command) -> None:
+    text = cosim("show", CONFIG, "--set", "links.1.semantics=newest-stamp").out
+    signal, newest = section(text, "links")
+    assert signal[1] == "signal" and signal[2].startswith("uniform low=0.3")
+    assert newest[1] == "newest-stamp"
+    assert all(row[-1] == "at least 300 ticks old" for row in (signal, newest))
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize("model", [planar2r, teleoperation, operator])
+def test_info_prints_what_an_fmu_has_and_validates_it(
+    cosim: Command, model: object, version: str
+) -> None:
+    path = model.fmu(version)  # type: ignore[attr-defined]
+    done = cosim("info", path)
+    assert (done.code, done.err) == (0, "")
+    facts = {line[:14].strip(): line[14:] for line in done.out.splitlines()[:9]}
+    assert facts["FMI"] == f"{version} co-simulation"
+    assert facts["platforms"]
+    assert facts["kind"] == model.model().kind  # type: ignore[attr-defined]
+    for port in (*model.model().inputs(), *model.model().outputs()):  # type: ignore[attr-defined]
+        assert any(
+            (f"{port.name}[" in line and port.unit in line) or line.split()[:1] == [port.name]
+            for line in done.out.splitlines()
+        ), port.name
+    assert done.out.rstrip().endswith("validation: FMPy found no problems")
+    assert "validation" not in cosim("info", path, "--no-validate").out
+
+
+def test_info_lists_what_validation_finds(cosim: Command, tmp_path: Path) -> None:
+    from tests.cli import broken
+
+    files = broken.edited(
+        broken.contents(), 'variableNamingConvention="structured"', 'colour="red"'
+    )
+    broken.written(files, tmp_path / "wrong.fmu")
+    said = cosim.refused("info", "wrong.fmu")
+    assert "wrong.fmu: FMPy found " in said and "colour" in said
+
+
+def test_version_and_help(cosim: Command, tmp_path: Path) -> None:
+    assert finished("--version", cwd=tmp_path).out == f"cosim {package.__version__}\n"
+    for flag in ("--help", "-h"):
+        done = cosim(flag)
+        assert done.code == 0
+        assert all(command in done.out for command in ("run", "show", "info"))
+    done = cosim("run", "--help")
+    options = ("--set", "--seed", "--out", "--force", "--csv", "--no-plot", "--quiet")
+    assert all(option in done.out for option in options)

@@ -41,7 +41,15 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "planar2r": ({},),
     "operator": ({},),
     "xi": ({},),
-    "teleoperation": ({"neighbours": 1}, {"neighbours": 2}),
+    "teleoperation": (
+        {"neighbours": 1},
+        {"neighbours": 2},
+        {"neighbours": 5},
+        {"neighbours": 1, "gravity": 1},
+    ),
+    "adaptive": ({}, {"gravity": 1}),
+    "damping": ({},),
+    "pointmass": ({},),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

@@ -1,25 +1,57 @@
-"""Adaptive controller with dynamic feedback, for a teleoperator or a network of arms.
+"""Adaptive controller with dynamic feedback: for one arm, a teleoperator or a network of arms.
 
-Equations (76)-(81) of the paper; with `lambda` = 1 and w_ij in `w` the same are (42)-(45) and,
-for delayed xi_in, (61). For one arm, and its n neighbours j::
+One law serves the whole paper, for one arm and its n neighbours j::
 
-    xi         = dq + alpha q                                                  sent
-    dz         = -alpha dq + lambda_M (dq - z) - lambda Σ_j w_j (xi - xi_in_j)  (80), (81)
-    s          = dq - z                                                        (43)
-    tau        = -K s + Y(q, dq, z, dz) theta_hat                              (76), (78)
-    dtheta_hat = -Gamma Yᵀ(q, dq, z, dz) s                                     (77), (79)
+    xi         = dq + alpha q                                                  sent, (47)
+    dz         = -alpha dq + lambda_M (dq - z) - lambda Σ_j w_j (xi - xi_in_j)
+    s          = dq - z
+    tau        = -K s + Y(q, dq, z, dz) theta_hat
+    dtheta_hat = -Gamma Yᵀ(q, dq, z, dz) s
 
-    Y(q, dq, z, dz) theta = M(q) dz + C(q, dq) z,  c2 = cos q2, s2 = sin q2:
+    Y = [ dz1   c2 (2 dz1 + dz2) - s2 (dq2 z1 + (dq1 + dq2) z2)   dz2       ]   c2 = cos q2
+        [ 0     c2 dz1 + s2 dq1 z1                                dz1 + dz2 ]   s2 = sin q2
 
-    Y = [ dz1   c2 (2 dz1 + dz2) - s2 (dq2 z1 + (dq1 + dq2) z2)   dz2       ]
-        [ 0     c2 dz1 + s2 dq1 z1                                dz1 + dz2 ]
+    n = 0, model ``adaptive``       (29)-(32), Theorem 2
+    lambda = 1, w_ij in w           (42)-(45), Theorem 3; with delayed xi_in (61), Theorem 4
+    n = 1, w = 1                    (76)-(81), Theorem 5
 
-Sampled: the step at t_k reads q, dq, xi_in and w, gives xi, s, z, theta_hat and tau as of t_k, and
-advances z and theta_hat by one step of the explicit Euler method to t_k + h. Each joint's torque is
-limited to ±tau_max; while any joint is at its limit z and theta_hat stand still (anti-windup).
+Sampled: the step at t_k reads its inputs, gives xi, s, z, theta_hat and tau as of t_k, and advances
+z and theta_hat by one step of the explicit Euler method to t_k + h. `lambda` carries the unit 1/s,
+`w` is a pure number: the paper's w_ij is their product. K and Gamma are diagonal, one entry a joint
+and a parameter. alpha = 0 is for one arm alone: its velocity is the output then (Sec. IV-C); with
+neighbours alpha > 0 is needed, or velocities would agree and positions not.
 
-`lambda` carries the unit 1/s, `w` is a pure number: the paper's w_ij is their product.
-K and Gamma are diagonal, one entry a joint and a parameter.
+Options, all of them off by default:
+
+tau_max: each joint's torque is limited to ±tau_max; while any joint is at its limit z and theta_hat
+stand still (anti-windup).
+
+theta_min, theta_max: theta_hat is clipped to these bounds after each Euler step. Where the true
+theta lies between them this takes nothing from dV/dt <= -sᵀ K s: Gamma is diagonal, so clipping an
+entry only shrinks its term (theta_hat_i - theta_i)² / (2 Gamma_i) of V.
+
+age, age_max: an edge with w_j > 0 whose signal is older than age_max is stale. While there is one,
+its weight counts as 0 and theta_hat stands still; z goes on, so the arm stays manipulable.
+
+lambda_c > 0 (Remark 3): K = lambda_c M_hat(q), the inertia as estimated; K itself is not used.
+That is one regressor, in torque and adaptation::
+
+    tau = Y* theta_hat,   dtheta_hat = -Gamma Y*ᵀ s,   Y* = Y(q, dq, z, dz - lambda_c s)
+
+so that dV/dt = -lambda_c sᵀ M s + sᵀ tau_h. theta_hat = 0 gives no feedback at all: start from an
+estimate, and keep it an inertia by theta_min.
+
+Gravity (models built with `gravity`): theta_hat has two more entries, G theirs in Y, and
+`gravity` says what becomes of g(q) = G(q) theta_g::
+
+    G = [ cos q1   cos (q1 + q2) ]     0  none         nothing is said about gravity
+        [ 0        cos (q1 + q2) ]     1  compensated  tau += G theta_g; theta_hat[3:] stands still
+                                       2  adapted      Y = [Y G], theta_hat[3:] adapts
+
+The default is 1, with what the platform knows in theta_g, because adapting gravity takes away what
+the law is for: theta_hat integrates Gᵀ s, and any constant push ends up in the estimate,
+G (theta_hat[3:] - theta_g) = -tau_h with s = 0. The arm stops although it is pushed, and the torque
+that a teleoperator reflects decays. (The paper's bounds "<= ∞" stay true; its Sec. VII has g = 0.)
 """
 
 from __future__ import annotations
@@ -30,7 +62,9 @@ import numpy as np
 
 from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
-from fmus.model import Model, Terminal, Variable
+from fmus.model import Model, Terminal
+from fmus.models.adaptive_variables import variables
+from fmus.models.dynamics import gravity_regressor, regressor
 from fmus.models.start import Array, copied, given, received, start_values
 
 if TYPE_CHECKING:
@@ -40,127 +74,58 @@ if TYPE_CHECKING:
     from fmus.build import Version
     from fmus.kernel import Kernel
 
+__all__ = ["ADAPTED", "COMPENSATED", "NONE", "Teleoperation", "fmu", "kernel", "model", "regressor"]
+
+#: Values of the parameter `gravity`.
+NONE, COMPENSATED, ADAPTED = 0, 1, 2
+
 _KIND: Kind = "sampled"
-_TORQUE, _RATE = "N.m", "rad/s"
-_ALL = ("q", "dq", "xi_in", "w")
 
 
-def _inputs(n: int) -> tuple[Variable, ...]:
-    return (
-        Variable("q", "input", (2,), "rad", description="Joint position"),
-        Variable("dq", "input", (2,), _RATE, description="Joint velocity"),
-        Variable("xi_in", "input", (n, 2), _RATE, description="Received xi, a row a neighbour"),
-        Variable("w", "input", (n,), "1", 1.0, "Weight of each neighbour's edge, 0 = inactive"),
-    )
+def model(neighbours: int = 1, gravity: bool = False) -> Model:
+    """Declare the controller for `neighbours` >= 0 received signals; defaults: Sec. VII-C.
 
-
-def _outputs() -> tuple[Variable, ...]:
-    return (
-        Variable(
-            "tau",
-            "output",
-            (2,),
-            _TORQUE,
-            description="Control torque",
-            depends=_ALL,
-            start_depends=("z", "theta_hat", "K", "alpha", "lambda", "lambda_M", "tau_max"),
-        ),
-        Variable(
-            "xi",
-            "output",
-            (2,),
-            _RATE,
-            description="Signal sent: dq + alpha q",
-            depends=("q", "dq"),
-            elementwise=True,
-            start_depends=("alpha",),
-        ),
-        Variable(
-            "s",
-            "output",
-            (2,),
-            _RATE,
-            description="Sliding vector: dq - z",
-            depends=("dq",),
-            elementwise=True,
-            start_depends=("z",),
-        ),
-        Variable(
-            "z", "output", (2,), _RATE, description="State of the dynamic feedback", settable=True
-        ),
-        Variable(
-            "theta_hat",
-            "output",
-            (3,),
-            "kg.m2",
-            description="Estimate of the lumped inertia parameters",
-            settable=True,
-        ),
-        Variable("z_next", "local", (2,), _RATE, description="z of the next step"),
-        Variable("theta_hat_next", "local", (3,), "kg.m2", description="theta_hat of the next"),
-    )
-
-
-def _parameters() -> tuple[Variable, ...]:
-    adaptation = "kg.m2.s2/rad2"
-    return (
-        Variable("K", "parameter", (2,), "N.m.s/rad", 16.0, "Feedback gain of s", minimum=0.0),
-        Variable("Gamma", "parameter", (3,), adaptation, 1.0, "Adaptation gain", minimum=0.0),
-        Variable("alpha", "parameter", (), "1/s", 0.5, "Gain of q in xi", minimum=0.0),
-        Variable("lambda", "parameter", (), "1/s", 2.0, "Coupling gain", minimum=0.0),
-        Variable("lambda_M", "parameter", (), "1/s", 10.0, "Manipulability gain", minimum=0.0),
-        Variable("tau_max", "parameter", (2,), _TORQUE, 1e9, "Limit of the torque", minimum=0.0),
-    )
-
-
-def model(neighbours: int = 1) -> Model:
-    """Declare the controller for `neighbours` (>= 1) received signals; defaults: Sec. VII-C.
-
-    Raises ScenarioError where `neighbours` is not a positive integer.
+    `gravity`: with two parameters of gravity in theta_hat. Without neighbours this is the model
+    ``adaptive``. Raises ScenarioError for sizes that cannot be.
     """
-    if neighbours < 1:
+    if neighbours < 0 or gravity not in (0, 1):
         raise ScenarioError(
-            f"neighbours is {neighbours}, expected at least 1 (w = 0 switches one off)",
+            f"neighbours is {neighbours}, expected at least 0; gravity is {gravity}, expected 0, 1",
             "fmus.models.teleoperation",
         )
-    suffix = "" if neighbours == 1 else f"_n{neighbours}"
+    stem = ("teleoperation" if neighbours else "adaptive") + ("_gravity" if gravity else "")
+    joints = Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out")
+    members = ("xi", "xi_in", "w", "age")
+    network = Terminal("network", members, "Signals exchanged with the neighbours")
+    whom = f"{neighbours} neighbour(s)" if neighbours else "one arm alone"
     return Model(
-        identifier=f"teleoperation{suffix}",
-        description=f"Adaptive controller with dynamic feedback, {neighbours} neighbour(s)",
+        identifier=f"{stem}_n{neighbours}" if neighbours > 1 else stem,
+        description=f"Adaptive controller with dynamic feedback, {whom}"
+        + (", gravity" if gravity else ""),
         kind=_KIND,
-        variables=_inputs(neighbours) + _outputs() + _parameters(),
-        sources=("teleoperation.c", "trig.c"),
+        variables=variables(neighbours, bool(gravity)),
+        sources=(f"{stem}.c", "adaptive_law.h", "regressor.h", "limit.h", "trig.c"),
         step=5e-3,
-        terminals=(
-            Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),
-            Terminal("network", ("xi", "xi_in", "w"), "Signals exchanged with the neighbours"),
-        ),
+        terminals=(joints, network) if neighbours else (joints,),
         documentation=__doc__ or "",
     )
 
 
-def fmu(version: Version = "2.0", neighbours: int = 1) -> Path:
+def fmu(version: Version = "2.0", neighbours: int = 1, gravity: bool = False) -> Path:
     """Path of the FMU, built at installation or now into the cache; `version` of FMI.
 
     Raises FmuError where it cannot be built.
     """
     from fmus.build import find
 
-    return find(model(neighbours), version)
+    return find(model(neighbours, gravity), version)
 
 
-def kernel(neighbours: int = 1) -> Kernel:
+def kernel(neighbours: int = 1, gravity: bool = False) -> Kernel:
     """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
     from fmus.kernel import Kernel
 
-    return Kernel(model(neighbours))
-
-
-def regressor(q: Array, dq: Array, z: Array, dz: Array) -> Array:
-    """Y(q, dq, z, dz), (2, 3), with Y theta = M(q) dz + C(q, dq) z for every theta (3,)."""
-    c2, s2 = np.cos(q[1]), np.sin(q[1])
-    y12 = c2 * (2 * dz[0] + dz[1]) - s2 * (dq[1] * z[0] + (dq[0] + dq[1]) * z[1])
-    return np.array([[dz[0], y12, dz[1]], [0.0, c2 * dz[0] + s2 * dq[0] * z[0], dz[0] + dz[1]]])
+    return Kernel(model(neighbours, gravity))
 
 
 @final
@@ -169,17 +134,28 @@ class Teleoperation:
 
     kind: Kind = "sampled"
 
-    def __init__(self, neighbours: int = 1) -> None:
-        self._model = model(neighbours)
+    def __init__(self, neighbours: int = 1, gravity: bool = False) -> None:
+        self._model = model(neighbours, gravity)
+        self._neighbours, self._gravity = neighbours, bool(gravity)
         self.inputs: tuple[Port, ...] = self._model.inputs()
         self.outputs: tuple[Port, ...] = self._model.outputs()
         self.parameters: tuple[Parameter, ...] = self._model.parameters()
         self.initialize({})
 
     def initialize(self, values: Values) -> None:
-        """Go to the start. Raises ScenarioError."""
-        self._x = start_values(self._model, values)  # parameters, and the state z, theta_hat
-        self._x["z_next"], self._x["theta_hat_next"] = self._x["z"], self._x["theta_hat"]
+        """Go to the start. Raises ScenarioError, also where theta_hat is outside of its bounds."""
+        x = start_values(self._model, values)  # parameters, and the state z, theta_hat
+        place = self._model.identifier
+        if (x["theta_hat"] < x["theta_min"]).any() or (x["theta_hat"] > x["theta_max"]).any():
+            raise ScenarioError(
+                f"theta_hat starts at {x['theta_hat'].tolist()}, expected within theta_min "
+                f"{x['theta_min'].tolist()} ... theta_max {x['theta_max'].tolist()}",
+                place,
+            )
+        if self._neighbours and x["alpha"] <= 0:
+            raise ScenarioError("alpha is 0, expected more than 0 with neighbours", place)
+        self._x = x
+        self._x["z_next"], self._x["theta_hat_next"] = x["z"], x["theta_hat"]
 
     def initial(self, u: Values) -> Outputs:
         """Outputs for the start values of z and theta_hat; these do not advance."""
@@ -201,19 +177,46 @@ class Teleoperation:
     def _law(
         self, h: float, inputs: list[Array], z: Array, theta_hat: Array
     ) -> tuple[dict[str, Array], Array, Array]:
-        """Outputs for the state z (2,), theta_hat (3,), and the state a time h (s) later."""
-        q, dq, xi_in, w = inputs  # (2,), (2,), (n, 2), (n,)
-        x, alpha, tau_max = self._x, self._x["alpha"], self._x["tau_max"]
+        """Outputs for the state z (2,), theta_hat (p,), and the state a time h (s) later."""
+        q, dq, *network = inputs  # (2,), (2,)
+        x, alpha, lambda_c = self._x, self._x["alpha"], self._x["lambda_c"]
         xi = dq + alpha * q
-        dz = -alpha * dq + x["lambda_M"] * (dq - z) - x["lambda"] * (w @ (xi - xi_in))
+        coupling, stale = self._coupling(xi, network)
+        dz = -alpha * dq + x["lambda_M"] * (dq - z) - coupling
         s = dq - z
-        Y = regressor(q, dq, z, dz)
-        wanted = -x["K"] * s + Y @ theta_hat
-        tau = np.clip(wanted, -tau_max, tau_max)
+        K = x["K"] if lambda_c == 0 else 0.0
+        Y = self._regressor(q, dq, z, dz - lambda_c * s)  # (2, p)
+        wanted = -K * s + Y @ theta_hat + self._compensation(q)
+        tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
         outputs = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
         if (tau != wanted).any():
             return outputs, z, theta_hat
-        return outputs, z + h * dz, theta_hat - h * x["Gamma"] * (Y.T @ s)
+        if not stale:
+            adapted = theta_hat - h * x["Gamma"] * (Y.T @ s)
+            theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
+        return outputs, z + h * dz, theta_hat
+
+    def _coupling(self, xi: Array, network: list[Array]) -> tuple[Array, bool]:
+        """(lambda Σ_j w_j (xi - xi_in_j) without the stale edges, whether any is stale)."""
+        if not network:
+            return np.zeros(2), False
+        xi_in, w, age = network  # (n, 2), (n,), (n,)
+        stale = (w > 0) & (age > self._x["age_max"])
+        return self._x["lambda"] * (np.where(stale, 0.0, w) @ (xi - xi_in)), bool(stale.any())
+
+    def _regressor(self, q: Array, dq: Array, z: Array, dz: Array) -> Array:
+        """Y of what adapts, (2, p)."""
+        Y = regressor(q, dq, z, dz)
+        if not self._gravity:
+            return Y
+        adapted = self._x["gravity"] == ADAPTED
+        return np.hstack([Y, gravity_regressor(q) if adapted else np.zeros((2, 2))])
+
+    def _compensation(self, q: Array) -> Array:
+        """Known gravity, N.m, (2,)."""
+        if self._gravity and self._x["gravity"] == COMPENSATED:
+            return np.asarray(gravity_regressor(q) @ self._x["theta_g"], dtype=np.float64)
+        return np.zeros(2)
 
     def get_state(self) -> object:
         """Parameters and state, copied."""

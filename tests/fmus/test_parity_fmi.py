@@ -16,7 +16,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
 from cosim.component import Component, Parameter, Port
-from fmus.models import operator, planar2r, teleoperation, xi
+from fmus.models import adaptive, damping, operator, planar2r, pointmass, teleoperation, xi
 
 Version = Literal["2.0", "3.0"]
 Values = dict[str, np.ndarray]
@@ -27,13 +27,18 @@ START = {
         "q": np.array([-1.0, 0.5]),
         "k_p": np.array([10.0, 5.0]),
         "k_d": np.array([5.0, 4.0]),
-        "q_h": np.array([3.5, 3.0]),
+        "theta_g": np.array([24.525, 11.772]),
+        "contact": np.array(2.0),
         "k_w": np.full(2, 200.0),
         "q_w": np.full(2, 1.0),
         "substeps": np.array(3.0),
     },
     "teleoperation": {"Gamma": np.array([1.0, 0.5, 0.1]), "tau_max": np.full(2, 60.0)},
     "teleoperation_n2": {"z": np.array([0.5, -0.5]), "theta_hat": np.array([3.0, 1.0, 1.0])},
+    "teleoperation_gravity": {"gravity": np.array(2.0), "theta_hat": np.full(5, 1.0)},
+    "adaptive": {"lambda_c": np.array(4.0), "theta_hat": np.array([3.0, 1.0, 1.0])},
+    "damping": {"d": np.array([3.0, 7.0]), "theta_g": np.array([24.525, 11.772])},
+    "pointmass": {"x": np.array(0.25), "m": np.array(2.5), "b": np.array(0.7)},
     "operator": {"k_p": np.array([12.0, 7.0])},
     "xi": {"alpha": np.array(1.7)},
 }
@@ -41,6 +46,10 @@ MODELS = [
     (planar2r, {}),
     (teleoperation, {}),
     (teleoperation, {"neighbours": 2}),
+    (teleoperation, {"gravity": 1}),
+    (adaptive, {}),
+    (damping, {}),
+    (pointmass, {}),
     (operator, {}),
     (xi, {}),
 ]

@@ -14,15 +14,12 @@ from numpy.typing import ArrayLike
 from cosim.component import Component
 from cosim.errors import CosimError
 from fmus.models import teleoperation
-from fmus.models.planar2r import coriolis, inertia
-from fmus.models.teleoperation import Teleoperation, regressor
+from fmus.models.dynamics import regressor
+from fmus.models.teleoperation import Teleoperation
 
 Make = Callable[..., Component]
 H = 5e-3  # s
 
-number = st.floats(-10.0, 10.0)
-pair = st.tuples(number, number).map(np.array)
-triple = st.tuples(number, number, number).map(np.array)
 seed = st.integers(0, 2**32 - 1)
 
 
@@ -47,14 +44,6 @@ def drawn(rng: np.random.Generator, neighbours: int = 1) -> dict[str, np.ndarray
 def kept(outputs: Mapping[str, ArrayLike]) -> dict[str, np.ndarray]:
     """Outputs that the next step does not overwrite."""
     return {name: np.array(value) for name, value in outputs.items()}
-
-
-@given(pair, pair, pair, pair, triple)
-def test_regressor_times_parameters_is_the_arm(
-    q: np.ndarray, dq: np.ndarray, z: np.ndarray, dz: np.ndarray, theta: np.ndarray
-) -> None:
-    torque = inertia(theta, q) @ dz + coriolis(theta, q, dq) @ z
-    assert np.allclose(regressor(q, dq, z, dz) @ theta, torque, rtol=1e-12, atol=1e-10)
 
 
 @given(seed=seed)
@@ -196,9 +185,3 @@ def test_values_it_cannot_take_are_refused_with_their_name(make: Make) -> None:
     for values in ({"alpha": -1.0}, {"K": [1.0, np.inf]}, {"xi": [0.0, 0.0]}, {"Gamma": [1.0]}):
         with pytest.raises(CosimError, match=next(iter(values))):
             make().initialize({name: np.array(value) for name, value in values.items()})
-
-
-@pytest.mark.parametrize("neighbours", [0, -1])
-def test_without_a_neighbour_there_is_nothing_to_build(neighbours: int) -> None:
-    with pytest.raises(CosimError, match="expected at least 1"):
-        teleoperation.model(neighbours)

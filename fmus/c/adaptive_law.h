@@ -1,0 +1,178 @@
+/* adaptive_law.h - the adaptive law of the paper, eqs (29)-(32), (42)-(45), (61) and (76)-(81), for
+ * the planar arm; equations in fmus/models/teleoperation.py.
+ *
+ *     tau = -K s + Y(q, dq, z, dz) theta_hat,   dtheta_hat = -Gamma Y^T s,   s = dq - z
+ *     dz  = -alpha dq + lambda_M (dq - z) - lambda sum_j w_j (xi - xi_in_j)
+ *
+ * Sampled: outputs as of t_k; the state of t_k + h waits in z_next, theta_hat_next.
+ *
+ * Included once a model, after it said what its variables are:
+ *     NETWORKED  1: neighbours (xi_in, w, age, lambda, age_max), 0: one arm alone
+ *     GRAVITY    1: two parameters of gravity in theta_hat (theta_g, gravity), 0: none
+ */
+#ifndef ADAPTIVE_LAW_H
+#define ADAPTIVE_LAW_H
+
+#include <stddef.h>
+
+#include "limit.h"
+#include "model.h"
+#include "regressor.h"
+
+enum { P = sizeof((Model *)0)->theta_hat / sizeof(double) };
+
+typedef struct {
+    double xi[2], dz[2], s[2], tau[2];
+    double Ys[P]; /* Y^T s */
+    int saturated, stale;
+} Law;
+
+/* --- neighbours --------------------------------------------------------------------------- */
+
+#if NETWORKED
+enum { NEIGHBOURS = sizeof((Model *)0)->w / sizeof(double) };
+
+/* Whether an active edge brings nothing younger than age_max. */
+static inline int is_stale(const Model *x, int j) {
+    return x->w[j] > 0.0 && x->age[j] > x->age_max;
+}
+
+static inline int any_stale(const Model *x) {
+    int stale = 0;
+    for (int j = 0; j < NEIGHBOURS; j++) stale |= is_stale(x, j);
+    return stale;
+}
+
+/* lambda sum_j w_j (xi - xi_in_j) of joint i, without the edges that are stale. */
+static inline double coupling(const Model *x, int i, double xi) {
+    double consensus = 0.0;
+    for (int j = 0; j < NEIGHBOURS; j++)
+        consensus += (is_stale(x, j) ? 0.0 : x->w[j]) * (xi - x->xi_in[j][i]);
+    return x->lambda * consensus;
+}
+#else
+static inline int any_stale(const Model *x) { return (void)x, 0; }
+static inline double coupling(const Model *x, int i, double xi) {
+    return (void)x, (void)i, (void)xi, 0.0;
+}
+#endif
+
+/* --- gravity ------------------------------------------------------------------------------ */
+
+#if GRAVITY
+enum { NO_GRAVITY, COMPENSATED, ADAPTED };
+
+/* The two columns of Y with gravity, (cos q1, 0) and (cos q12, cos q12), q12 = q1 + q2. */
+static inline void add_gravity(const Model *x, const double theta_hat[P], const double s[2],
+                               double tau[2], double Ys[P]) {
+    const int mode = (int)x->gravity;
+    const double *gamma = mode == ADAPTED ? theta_hat + 3 : x->theta_g;
+    double s1, c1, s12, c12;
+    Ys[3] = Ys[4] = 0.0;
+    if (mode == NO_GRAVITY) return;
+    sine_cosine(x->q[0], &s1, &c1);
+    sine_cosine(x->q[0] + x->q[1], &s12, &c12);
+    tau[0] += c1 * gamma[0] + c12 * gamma[1];
+    tau[1] += c12 * gamma[1];
+    if (mode == COMPENSATED) return;
+    Ys[3] = c1 * s[0];
+    Ys[4] = c12 * (s[0] + s[1]);
+}
+#else
+static inline void add_gravity(const Model *x, const double theta_hat[P], const double s[2],
+                               double tau[2], double Ys[P]) {
+    (void)x, (void)theta_hat, (void)s, (void)tau, (void)Ys;
+}
+#endif
+
+/* --- the law ------------------------------------------------------------------------------ */
+
+/* The law as of t_k, with the state z, theta_hat. */
+static inline void law(const Model *x, const double z[2], const double theta_hat[P], Law *y) {
+    const double *q = x->q, *dq = x->dq, *s = y->s;
+    const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
+    double a[2], K[2];
+    for (int i = 0; i < 2; i++) {
+        y->xi[i] = dq[i] + x->alpha * q[i];
+        y->dz[i] = -x->alpha * dq[i] + x->lambda_M * (dq[i] - z[i]) - coupling(x, i, y->xi[i]);
+        y->s[i] = dq[i] - z[i];
+        a[i] = inertial ? y->dz[i] - x->lambda_c * y->s[i] : y->dz[i];
+        K[i] = inertial ? 0.0 : x->K[i];
+    }
+    const Regressor Y = regressor(q, dq, z, a);
+    double tau[2] = {
+        -K[0] * s[0] + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] + Y.Y13 * theta_hat[2],
+        -K[1] * s[1] + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
+    transposed_times(&Y, s, y->Ys);
+    add_gravity(x, theta_hat, s, tau, y->Ys);
+    for (int i = 0; i < 2; i++) y->tau[i] = limited(tau[i], x->tau_max[i]);
+    y->saturated = y->tau[0] != tau[0] || y->tau[1] != tau[1];
+    y->stale = any_stale(x);
+}
+
+static inline int finite_law(const Law *y) {
+    return all_finite(y->tau, 2) && all_finite(y->xi, 2) && all_finite(y->s, 2) &&
+           all_finite(y->dz, 2) && all_finite(y->Ys, P);
+}
+
+static inline void give(Model *x, const Law *y) {
+    for (int i = 0; i < 2; i++) {
+        x->tau[i] = y->tau[i];
+        x->xi[i] = y->xi[i];
+        x->s[i] = y->s[i];
+    }
+}
+
+static const char DIVERGED[] =
+    "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged";
+
+/* Values that no single minimum or maximum says. */
+static inline const char *check(const Model *x) {
+    for (int i = 0; i < P; i++)
+        if (!(x->theta_min[i] <= x->theta_hat[i] && x->theta_hat[i] <= x->theta_max[i]))
+            return "theta_hat starts outside of theta_min ... theta_max";
+#if NETWORKED
+    if (!(x->alpha > 0.0))
+        return "alpha must be more than 0 with neighbours: positions would not agree";
+#endif
+#if GRAVITY
+    if (!(x->gravity >= NO_GRAVITY && x->gravity <= ADAPTED)) return "gravity must be 0, 1 or 2";
+#endif
+    return NULL;
+}
+
+const char *model_initial(Model *x) {
+    Law y;
+    const char *why = check(x);
+    if (why != NULL) return why;
+    law(x, x->z, x->theta_hat, &y);
+    if (!finite_law(&y)) return DIVERGED;
+    give(x, &y);
+    for (int i = 0; i < 2; i++) x->z_next[i] = x->z[i];
+    for (int i = 0; i < P; i++) x->theta_hat_next[i] = x->theta_hat[i];
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    Law y;
+    (void)t; /* the law does not depend on time */
+    law(x, x->z_next, x->theta_hat_next, &y);
+    if (!finite_law(&y)) return DIVERGED;
+    give(x, &y);
+    const double advance = y.saturated ? 0.0 : h; /* anti-windup */
+    const double adapt = y.stale ? 0.0 : advance;
+    for (int i = 0; i < 2; i++) {
+        x->z[i] = x->z_next[i];
+        x->z_next[i] += advance * y.dz[i];
+    }
+    for (int i = 0; i < P; i++) {
+        const double theta_hat = x->theta_hat_next[i] - adapt * x->Gamma[i] * y.Ys[i];
+        x->theta_hat[i] = x->theta_hat_next[i];
+        x->theta_hat_next[i] = theta_hat > x->theta_max[i]   ? x->theta_max[i]
+                               : theta_hat < x->theta_min[i] ? x->theta_min[i]
+                                                             : theta_hat;
+    }
+    return NULL;
+}
+
+#endif

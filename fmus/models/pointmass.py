@@ -1,0 +1,146 @@
+"""Point mass on a line with viscous friction: what manipulability is, in one coordinate.
+
+Section III of the paper, (17): the damping action is the control, f the force of a subject::
+
+    m ddx + b dx = f          1 / (m p² + b p) from f to x
+
+b > 0: one pure integral, infinitely manipulable with degree one. A constant force ends in the
+velocity f / b, and f = 1 / (t + 1), of finite L2 norm, moves the mass beyond every bound. b = 0:
+two integrals, degree two.
+
+Continuous, and exact: the force is held over the step h, and with z = -b h / m::
+
+    x(t + h)  = x + h φ1 dx + h² φ2 f / m       φ1 = (exp z - 1) / z,   φ1 = 1    for b = 0
+    dx(t + h) = exp(z) dx + h φ1 f / m          φ2 = (φ1 - 1) / z,      φ2 = 1/2
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from cosim.component import Kind, Parameter, Port
+from cosim.errors import RunError, ScenarioError
+from fmus.model import Model, Terminal, Variable
+from fmus.models.start import copied, given, received, start_values
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.component import Outputs, Values
+    from fmus.build import Version
+    from fmus.kernel import Kernel
+
+_KIND: Kind = "continuous"
+
+
+def model() -> Model:
+    """Declare the point mass; by default 1 kg and 1 N.s/m."""
+    return Model(
+        identifier="pointmass",
+        description="Point mass on a line with viscous friction",
+        kind=_KIND,
+        variables=(
+            Variable("f", "input", (), "N", description="Force on the mass"),
+            Variable("x", "output", (), "m", settable=True, description="Position"),
+            Variable("dx", "output", (), "m/s", settable=True, description="Velocity"),
+            Variable("m", "parameter", (), "kg", 1.0, "Mass, more than 0", minimum=0.0),
+            Variable("b", "parameter", (), "N.s/m", 1.0, "Viscous friction", minimum=0.0),
+        ),
+        sources=("pointmass.c",),
+        step=1e-2,
+        terminals=(Terminal("port", ("f", "x", "dx"), "Force in, motion out"),),
+        documentation=__doc__ or "",
+    )
+
+
+def fmu(version: Version = "2.0") -> Path:
+    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+
+    Raises FmuError where it cannot be built.
+    """
+    from fmus.build import find
+
+    return find(model(), version)
+
+
+def kernel() -> Kernel:
+    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
+    from fmus.kernel import Kernel
+
+    return Kernel(model())
+
+
+def exponential(z: float) -> tuple[float, float, float]:
+    """(exp z, φ1, φ2) for z <= 0, without cancellation.
+
+    A series where |z| <= 1/2; from there by doubling, φ2(2z) = φ1²/4 + φ2/2,
+    φ1(2z) = φ1 (1 + exp z)/2.
+    """
+    doublings = 0
+    while z < -0.5:
+        z, doublings = z / 2, doublings + 1
+    p = 1.0
+    for k in range(16, 2, -1):
+        p = 1 + z * p / k
+    phi2 = p / 2
+    phi1 = 1 + z * phi2
+    E = 1 + z * phi1
+    for _ in range(doublings):
+        phi2 = phi1 * phi1 / 4 + phi2 / 2
+        phi1 *= (1 + E) / 2
+        E *= E
+    return E, phi1, phi2
+
+
+@final
+class PointMass:
+    """The point mass in Python: the readable reference of the C kernel."""
+
+    kind: Kind = "continuous"
+
+    def __init__(self) -> None:
+        self._model = model()
+        self.inputs: tuple[Port, ...] = self._model.inputs()
+        self.outputs: tuple[Port, ...] = self._model.outputs()
+        self.parameters: tuple[Parameter, ...] = self._model.parameters()
+        self._x = start_values(self._model, {})
+
+    def initialize(self, values: Values) -> None:
+        """Go to the start. Raises ScenarioError, also where m is 0."""
+        x = start_values(self._model, values)
+        if x["m"] <= 0:
+            raise ScenarioError("m is 0, expected more than 0", "pointmass.m")
+        self._x = x
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs at the start; they do not depend on the force."""
+        received(self.inputs, u)
+        return {"x": self._x["x"], "dx": self._x["dx"]}
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """Move over [t, t + h) (s) with the force held; outputs at the end.
+
+        Raises RunError where the force is not finite or the motion leaves the range of numbers.
+        """
+        (f,) = received(self.inputs, u, t)
+        x, dx, m, b = (self._x[name] for name in ("x", "dx", "m", "b"))
+        with np.errstate(over="ignore"):
+            z = float(-b / m * h)
+        if not isfinite(z):
+            raise RunError("b h / m left the range of numbers", time=t)
+        E, phi1, phi2 = exponential(z)
+        ddx = f / m
+        y = given({"x": x + h * (phi1 * dx + h * phi2 * ddx), "dx": E * dx + h * phi1 * ddx}, t)
+        self._x |= y
+        return y
+
+    def get_state(self) -> object:
+        """Parameters and state, copied."""
+        return copied(self._x)
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = copied(state)

@@ -110,21 +110,32 @@ def _due(step: Step) -> str:
 
 
 def _inputs(plan: Plan) -> list[list[str]]:
-    edges: dict[str, Wire | Link] = {w.target.name: w for w in plan.wires}
-    edges |= {x.target.name: x for x in plan.links}
     rows = []
     for c in plan.components:
-        for slot in c.inputs:
-            fed = [name for name in sorted(edges) if name.split("[")[0] == slot.name]
-            for name in fed:
-                rows.append([name, "<-", edges[name].source.name, _samples(plan, edges[name], c)])
-            aged = [x.name for x in plan.links if x.age and x.age.name.split("[")[0] == slot.name]
-            rows += [[slot.name, "<-", link, "age of what this link holds [s]"] for link in aged]
-            if not fed and not aged:
-                value = c.start.get(slot.port) or c.component.inputs[c.inputs.index(slot)].default
-                held = " ".join(f"{v:g}" for v in value) or "0"
-                rows.append([slot.name, "<-", "nothing", f"keeps {held} [{slot.unit}]"])
+        fed = sorted(_fed(plan, c), key=lambda entry: entry[0].start)
+        rows += [[target.name, "<-", source, what] for target, source, what in fed]
+        taken = {target.start + i for target, *_ in fed for i in range(target.size)}
+        for slot, port in zip(c.inputs, c.component.inputs, strict=True):
+            free = [i for i in range(slot.size) if slot.start + i not in taken]
+            if free:
+                value = c.start.get(slot.port) or port.default or (0.0,)
+                held = " ".join(f"{value[i % len(value)]:g}" for i in free)
+                whole = len(free) == slot.size
+                name = slot.name if whole else ", ".join(slot.scalars()[i] for i in free)
+                rows.append([name, "<-", "nothing", f"keeps {held} [{slot.unit}]"])
     return rows
+
+
+def _fed(plan: Plan, step: Step) -> list[tuple[Slot, str, str]]:
+    """(input, what feeds it, what of it is there) of everything that reaches a component."""
+    edges: list[Wire | Link] = [*plan.wires, *plan.links]
+    fed = [(e.target, e.source.name, _samples(plan, e, step)) for e in edges]
+    ages = [(x.age, x.name) for x in plan.links if x.age is not None]
+    fed += [(age, name, "age of what this link holds [s]") for age, name in ages]
+    for player in plan.players:
+        edge = player.source.facts().get("edge")
+        fed.append((player.target, f"edge {edge}", "weight of the edge at t_k"))
+    return [entry for entry in fed if entry[0].component == step.name]
 
 
 def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:

@@ -78,6 +78,23 @@ def test_show_has_the_links_with_law_and_semantics(cosim: Command) -> None:
     assert all(row[-1] == "at least 300 ticks old" for row in (signal, newest))
 
 
+def test_show_has_weights_and_what_is_left_of_an_input(cosim: Command) -> None:
+    Path("parts.toml").write_text(
+        '[run]\nstep = 0.005\nstop = 1\n[components.a]\nmodel = "tests.cli.components:Half"\n'
+        "start.u = [1, 2]\n"
+        '[components.b]\nmodel = "tests.cosim.blocks:Gain"\n'
+        '[components.d]\nmodel = "tests.cosim.blocks:Wide"\ninputs = { "u[1]" = "e.y[0]" }\n'
+        '[components.e]\nmodel = "tests.cosim.blocks:Wide"\n'
+        '[topology]\ngraphs = "ring"\ndwell = 0.15\nweights = { "b.u" = [2, 1] }\n',
+        encoding="utf-8",
+    )
+    inputs = section(cosim("show", "parts.toml").out, "what each input samples")
+    assert ["a.u", "<-", "nothing", "keeps 1 2 [N.m]"] in inputs
+    assert ["b.u", "<-", "edge [2, 1]", "weight of the edge at t_k"] in inputs
+    assert ["d.u[1]", "<-", "e.y[0]", "computed in this tick, holds it 0.005 s"] in inputs
+    assert ["d.u[0,0], d.u[0,1], d.u[0,2]", "<-", "nothing", "keeps 0 0 0 [mm]"] in inputs
+
+
 @pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("model", [planar2r, teleoperation, operator])
 def test_info_prints_what_an_fmu_has_and_validates_it(

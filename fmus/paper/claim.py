@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf, isnan, nan
 from typing import Any
 
-from cosim.errors import CosimError, ScenarioError
+from cosim.errors import CosimError
 from cosim.record import Run
 
 
@@ -85,6 +85,15 @@ class Claim:
     breaks: str = ""
     stops: bool = False
 
+    def as_data(self) -> dict[str, Any]:
+        """What is expected, as ``claims.json`` holds it; what is not finite is text or null."""
+        return {
+            "name": self.name, "about": list(self.about), "text": self.text, "unit": self.unit,
+            "expected": self.expected.text, "low": _finite(self.expected.low),
+            "high": _finite(self.expected.high), "source": self.source, "breaks": self.breaks,
+            "cases": list(self.cases),
+        }  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -100,13 +109,10 @@ class Verdict:
         return self.claim.expected.holds(self.measured)
 
     def as_data(self) -> dict[str, Any]:
-        """As ``claims.json`` holds it; infinite and missing numbers are null or text."""
-        c, e = self.claim, self.claim.expected
+        """As ``claims.json`` holds it."""
+        measured = _finite(self.measured)
         return {
-            "name": c.name, "about": list(c.about), "text": c.text, "unit": c.unit,
-            "expected": e.text, "low": _finite(e.low), "high": _finite(e.high),
-            "measured": _finite(self.measured), "passed": self.passed, "source": c.source,
-            "breaks": c.breaks, "cases": list(c.cases), "note": self.note,
+            **self.claim.as_data(), "measured": measured, "passed": self.passed, "note": self.note,
         }  # fmt: skip
 
 
@@ -128,30 +134,6 @@ def judge(claim: Claim, found: Mapping[str, Run | Stop]) -> Verdict:
 def stopped(found: Run | Stop) -> float:
     """When a case stopped, s; inf if it ran to its end."""
     return found.time if isinstance(found, Stop) else inf
-
-
-def select(claims: Sequence[Claim], wanted: Sequence[str]) -> list[Claim]:
-    """The claims about what is wanted: ``6`` and ``fig6``, ``thm2``, ``O5``, or a claim's name.
-
-    All of them if nothing is wanted. Raises ScenarioError for what no claim is about.
-    """
-    topics = {topic for c in claims for topic in (*c.about, c.name)}
-    keys = [_key(w) for w in wanted]
-    for given, key in zip(wanted, keys, strict=True):
-        if key not in topics:
-            known = ", ".join(sorted({t for c in claims for t in c.about}, key=_order))
-            raise ScenarioError(f"--only {given!r}: nothing is called so; there are {known}")
-    return [c for c in claims if not keys or set(keys) & {*c.about, c.name}]
-
-
-def _key(wanted: str) -> str:
-    text = wanted.strip().lower()
-    return f"fig{text}" if text.isdigit() else text
-
-
-def _order(topic: str) -> tuple[str, int]:
-    head = topic.rstrip("0123456789")
-    return head, int(topic[len(head) :] or 0)
 
 
 def _finite(value: float) -> float | str | None:

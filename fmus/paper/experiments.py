@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from math import ceil, pi
 from typing import Any, TypeAlias
 
+from cosim.links.graphs import PRESETS, union
+
 Document: TypeAlias = dict[str, Any]
 Table: TypeAlias = Mapping[str, Any]
 
@@ -34,6 +36,8 @@ STARTS = (
 )
 #: T = 0.3 s + U[0, 0.9] s, redrawn every 30 ms (Sec. VII-B).
 DELAY: Table = {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}
+#: How long each graph lasts, s (Sec. VII-B).
+DWELL = 0.15
 
 
 def arm(
@@ -84,12 +88,7 @@ def single(
     values = {"K": 16.0, "Gamma": 8.0, "alpha": 2.0, "lambda_M": 6.0, **gains}
     components = {
         "robot": arm("control.tau", period=period, **{**grip, **(arm_values or {})}),
-        "control": {
-            "model": "fmus.models.teleoperation",
-            "period": period,
-            "start": {"w": [0.0], **values},
-            "inputs": {"q": "robot.q", "dq": "robot.dq"},
-        },
+        "control": controller("robot", 0, period, values),
     }
     record = ("robot.q", "robot.dq", "robot.tau_h", "control.tau", "control.s", "control.z",
               "control.theta_hat")  # fmt: skip
@@ -125,12 +124,7 @@ def teleoperator(
     sides = (("master", STARTS[0], {**grip, **(master or {})}), ("slave", STARTS[1], slave or {}))
     for (name, q, held), other, way in zip(sides, ("slave", "master"), (back, forth), strict=True):
         components[name] = arm(f"{name}_control.tau", **{"q": q, "period": period, **held})
-        components[f"{name}_control"] = {
-            "model": "fmus.models.teleoperation",
-            "period": period,
-            "start": values,
-            "inputs": {"q": f"{name}.q", "dq": f"{name}.dq"},
-        }
+        components[f"{name}_control"] = controller(name, 1, period, values)
         if way:
             links.append({"from": f"{other}_control.xi", "to": f"{name}_control.xi_in[0]", **way})
         else:
@@ -140,6 +134,77 @@ def teleoperator(
     record += ["master.tau_h", "slave.tau_e", "master_control.tau", "slave_control.tau"]
     title = "Bilateral teleoperation"
     return document(title, stop, components, record, step=period, seed=seed, links=links)
+
+
+# ---- Sec. V, Sec. VII-B: six arms ---------------------------------------------------------------
+
+
+def network(
+    stop: float = 120.0,
+    *,
+    graphs: str = "ring",
+    schedule: Table | None = None,
+    operator: int = 3,
+    seed: int = 0,
+    period: float = PERIOD,
+    link: Table | None = None,
+    grip: Table = GRIP,
+    push: Sequence[float] = (0.0, 0.0),
+    **gains: Any,
+) -> Document:
+    """Six arms under eqs (42)-(45), or (61) over a `link` with delay; Sec. VII-B.
+
+    `graphs`: a preset of :mod:`cosim.links.graphs`, switched at random every 150 ms, or as
+    `schedule` says (``{"schedule": ...}``, {} is the first graph for ever); the robot `operator`
+    is held by the operator and pushed with `push` (N.m). `gains` of all controllers.
+    """
+    values = {"K": 16.0, "Gamma": 8.0, "alpha": 1.6, "lambda": 1.0, "lambda_M": 10.0, **gains}
+    heard = neighbours(graphs)
+    components: Document = {}
+    links: list[Document] = []
+    for i, q in enumerate(STARTS, 1):
+        held = {**grip, "tau_ext": list(push)} if i == operator else {}
+        components[f"robot{i}"] = arm(f"control{i}.tau", q, period, **held)
+        components[f"control{i}"] = controller(f"robot{i}", len(heard[i]), period, values)
+        if not link and any(i in senders for senders in heard.values()):
+            components[f"xi{i}"] = signal(f"robot{i}", values["alpha"], period)
+        for k, j in enumerate(heard[i]):
+            to = f"xi_in[{k}]"
+            if link:
+                links.append({"from": f"control{j}.xi", "to": f"control{i}.{to}", **link})
+            else:
+                components[f"control{i}"]["inputs"][to] = f"xi{j}.xi"
+    weights = {f"control{i}.w[{k}]": [i, j] for i in heard for k, j in enumerate(heard[i])}
+    switching = {"dwell": DWELL} if schedule is None else schedule
+    topology = {"graphs": graphs, "weights": weights, **switching}
+    record = [f"robot{i}.q" for i in heard] + [f"robot{operator}.tau_h"]
+    record += [f"control{i}.tau" for i in heard] + [f"control{i}.s" for i in heard]
+    title = "Six networked robots"
+    return document(
+        title, stop, components, record, step=period, seed=seed, links=links, topology=topology
+    )
+
+
+def neighbours(graphs: str) -> dict[int, tuple[int, ...]]:
+    """From whom each robot of a preset receives, in any of its graphs."""
+    edges = union(PRESETS[graphs]).edges
+    return {i: tuple(j for k, j in edges if k == i) for i in range(1, len(STARTS) + 1)}
+
+
+# ---- parts --------------------------------------------------------------------------------------
+
+
+def controller(robot: str, heard: int, period: float, values: Table) -> Document:
+    """The adaptive controller of `robot`, with `heard` neighbours; `values` are its gains."""
+    alone = {key: value for key, value in values.items() if key != "lambda"}
+    sizes = {"sizes": {"neighbours": heard}} if heard else {}
+    return {
+        "model": "fmus.models.teleoperation" if heard else "fmus.models.adaptive",
+        **sizes,
+        "period": period,
+        "start": dict(values) if heard else alone,
+        "inputs": {"q": f"{robot}.q", "dq": f"{robot}.dq"},
+    }
 
 
 def signal(robot: str, alpha: float, period: float) -> Document:

@@ -1,0 +1,137 @@
+"""``cosim reproduce``: a paper's experiments, run again, against what the paper says."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Annotated, Any, Protocol, cast
+
+import typer
+
+#: The reproduction; imported by name, for `cosim` knows no model.
+PAPER = "fmus.paper.reproduction"
+
+Row = Mapping[str, Any]
+
+
+class Reproduction(Protocol):
+    """What the module has; a row is a claim, with the keys of ``claims.json`` and ``section``."""
+
+    def listing(self, wanted: Sequence[str] = ()) -> list[dict[str, Any]]:
+        """The claims about `wanted`, nothing measured."""
+
+    def reproduce(
+        self,
+        folder: Path,
+        wanted: Sequence[str] = (),
+        *,
+        seed: int,
+        jobs: int,
+        force: bool,
+        progress: Callable[[int, int], None],
+    ) -> list[dict[str, Any]]:
+        """Run, judge, draw into `folder`; the rows of the table."""
+
+
+def reproduce(
+    only: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST", help="Figures, theorems, oracles or claims, e.g. 6,12,thm2,o5."
+        ),
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option(help="Folder [default: runs/reproduce-DATE-TIME].")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = os.cpu_count() or 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of delays and switching graphs.")] = 0,
+    list_: Annotated[bool, typer.Option("--list", help="List the claims; run nothing.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a reproduction.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print what fails only.")] = False,
+) -> None:
+    """Run the paper's Sec. VII and Theorems 1-5, draw its figures, and judge every claim."""
+    from cosim.cli.summary import progress_bar
+    from cosim.clock import stamp, stopwatch
+
+    wanted = [part.strip() for part in only.split(",") if part.strip()]
+    paper = cast(Reproduction, importlib.import_module(PAPER))
+    if list_:
+        typer.echo("\n".join(_listing(paper.listing(wanted))))
+        return
+    folder = out or Path("runs") / f"reproduce-{stamp()}"
+    watch = stopwatch()
+    with progress_bar(quiet) as progress:
+        rows = paper.reproduce(folder, wanted, seed=seed, jobs=jobs, force=force, progress=progress)
+    failed = [row for row in rows if not row["passed"]]
+    for line in _table(failed if quiet else rows, colour=sys.stdout.isatty()):
+        typer.echo(line)
+    if not quiet:
+        passed = len(rows) - len(failed)
+        typer.echo(f"\n{len(rows)} claims: {passed} pass, {len(failed)} FAIL; {watch():.1f} s")
+        typer.echo(f"figures, their numbers, runs and claims.json: {folder}")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _table(rows: Iterable[Row], *, colour: bool) -> list[str]:
+    """Sections with a line a claim; below what fails, why and where the expectation is from."""
+    lines: list[str] = []
+    for section, group in groupby(rows, key=lambda row: row["section"]):
+        claims = list(group)
+        cells = [
+            (row["name"], _text(row), row["expected"], _measured(row), row["unit"])
+            for row in claims
+        ]
+        widths = [max(len(cell[i]) for cell in cells) for i in range(4)]
+        lines += ["", section]
+        for row, cell in zip(claims, cells, strict=True):
+            name, text, expected, measured = (
+                f"{part:<{width}}" for part, width in zip(cell, widths, strict=False)
+            )
+            word = _word(row["passed"], colour)
+            lines.append(f"  {word}  {name}  {text}  {expected}  {measured}  {cell[4]}".rstrip())
+            if not row["passed"]:
+                lines.append(f"        {row['note'] or 'expected from: ' + row['source']}")
+    return [*lines, *_legend(lines)]
+
+
+def _legend(lines: Sequence[str]) -> list[str]:
+    marked = any("(!)" in line for line in lines)
+    return ["", "(!) a hypothesis is broken on purpose: the theorem's conclusion fails"][
+        : 2 * marked
+    ]
+
+
+def _text(row: Row) -> str:
+    return f"{row['text']} (!)" if row["breaks"] else str(row["text"])
+
+
+def _measured(row: Row) -> str:
+    value = row["measured"]
+    if value is None:
+        return "nothing"
+    if isinstance(value, str):
+        return "never" if value == "inf" else value
+    return f"{value:.4g}"
+
+
+def _word(passed: bool, colour: bool) -> str:
+    word = "pass" if passed else "FAIL"
+    return f"\x1b[{32 if passed else 31}m{word}\x1b[0m" if colour else word
+
+
+def _listing(rows: Iterable[Row]) -> list[str]:
+    """Sections with two lines a claim: what is said, and where the expectation is from."""
+    lines: list[str] = []
+    for section, claims in groupby(rows, key=lambda row: row["section"]):
+        lines += ["", section]
+        for row in claims:
+            about = " ".join(row["about"])
+            unit = "" if row["unit"] == "1" else f" {row['unit']}"
+            lines.append(f"  {row['name']:<22} {_text(row)} {row['expected']}{unit}")
+            lines.append(f"  {'':<22} [{about}] {row['source']}")
+    return [*lines, *_legend(lines)]

@@ -1,0 +1,83 @@
+"""All cases and claims of the reproduction, section by section, and how a part of it is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from cosim.errors import ScenarioError
+from fmus.paper import network, robustness, teaching, teleoperation
+from fmus.paper.claim import Claim
+from fmus.paper.experiments import Document
+from fmus.paper.figures import FIGURES, PaperFigure
+
+#: The claims by section of the paper, in its order.
+SECTIONS: Mapping[str, tuple[Claim, ...]] = {
+    "Teaching a single robot: Sec. IV-B, VII-A, Figs 1-3, Theorem 2": teaching.CLAIMS,
+    "Six networked robots: Sec. V, VII-B, Figs 6-11, Theorems 3 and 4": network.CLAIMS,
+    "Bilateral teleoperation: Sec. VI, VII-C, Figs 12-15, Theorem 5": teleoperation.CLAIMS,
+    "Beyond the paper: passivity, stiff grips, sampling": robustness.CLAIMS,
+}
+#: Figures without a run: the interaction graphs.
+GRAPHS = {"fig4", "fig5"}
+
+
+def cases(seed: int) -> dict[str, Document]:
+    """Every case by name, as a scenario document; `seed` of delays and switching graphs."""
+    parts = (teaching, network, teleoperation, robustness)
+    return {name: document for part in parts for name, document in part.cases(seed).items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What is to be reproduced: claims by section, figures, whether the graphs are drawn."""
+
+    sections: Mapping[str, tuple[Claim, ...]]
+    figures: tuple[PaperFigure, ...]
+    graphs: bool
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """The claims of all sections."""
+        return tuple(claim for claims in self.sections.values() for claim in claims)
+
+    @property
+    def cases(self) -> frozenset[str]:
+        """Names of the cases that claims and figures need."""
+        needed = {case for claim in self.claims for case in claim.cases}
+        return frozenset(needed | {figure.case for figure in self.figures})
+
+
+def select(wanted: Sequence[str] = ()) -> Selection:
+    """What is about `wanted`: ``6`` is ``fig6``; ``thm2``, ``o5``, ``robust``, or a claim's name.
+
+    Everything if nothing is wanted. Raises ScenarioError for what nothing is about.
+    """
+    keys = {_key(text) for text in wanted}
+    unknown = sorted(keys - topics() - {c.name for part in SECTIONS.values() for c in part})
+    if unknown:
+        known = ", ".join(sorted(topics(), key=_order))
+        raise ScenarioError(f"nothing is about {unknown[0]!r}; there are {known}", "--only")
+    chosen = {
+        title: tuple(c for c in claims if not keys or keys & {*c.about, c.name})
+        for title, claims in SECTIONS.items()
+    }
+    figures = tuple(f for f in FIGURES if not keys or f"fig{f.number}" in keys)
+    sections = {title: claims for title, claims in chosen.items() if claims}
+    return Selection(sections, figures, not keys or bool(keys & GRAPHS))
+
+
+def topics() -> set[str]:
+    """What there are claims or figures about."""
+    about = {topic for claims in SECTIONS.values() for c in claims for topic in c.about}
+    return about | {f"fig{figure.number}" for figure in FIGURES} | GRAPHS
+
+
+def _key(text: str) -> str:
+    key = text.strip().lower()
+    return f"fig{key}" if key.isdigit() else key
+
+
+def _order(topic: str) -> tuple[str, int]:
+    head = topic.rstrip("0123456789")
+    return head, int(topic[len(head) :] or 0)

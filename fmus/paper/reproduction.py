@@ -1,0 +1,199 @@
+"""Runs the cases in parallel processes, judges the claims, draws the figures.
+
+What is written, under one folder::
+
+    runs/CASE/           run folder of each case: trajectories, link tables, run.json
+    figNN.png, .csv      each figure and its numbers
+    claims.json          every claim: expected, measured, passed; seed and versions
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from math import isfinite
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from cosim.errors import RunError, ScenarioError
+from cosim.record import Run
+from cosim.scenario import build
+from cosim.simulate import simulate, versions
+from fmus.paper.claim import Stop, judge
+from fmus.paper.claims import Selection, cases, select
+from fmus.paper.experiments import Document
+from fmus.paper.figures import PaperFigure, draw_figure
+from fmus.paper.graphs import draw_graphs
+
+RESULT = "claims.json"
+#: The graphs of Sec. VII-B that the figures show.
+PRESET = "ring"
+
+Row: TypeAlias = dict[str, Any]
+Submit: TypeAlias = Callable[..., "Future[Any]"]
+
+
+def listing(wanted: Sequence[str] = ()) -> list[Row]:
+    """The claims about `wanted` as rows, nothing measured. Raises ScenarioError."""
+    return [
+        {"section": title, **claim.as_data()}
+        for title, claims in select(wanted).sections.items()
+        for claim in claims
+    ]
+
+
+def reproduce(
+    folder: Path,
+    wanted: Sequence[str] = (),
+    *,
+    seed: int = 0,
+    jobs: int = 2,
+    force: bool = False,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+) -> list[Row]:
+    """Reproduce what is about `wanted` (default all) into `folder`; the rows of the table.
+
+    `progress` is called with (done, all) runs and figures. Raises ScenarioError for what is not
+    known and for a folder that holds something (with `force`: something else), RunError where a
+    run cannot start.
+    """
+    chosen = select(wanted)
+    documents = {name: d for name, d in cases(seed).items() if name in chosen.cases}
+    _claim(folder, force)
+    with _workers(jobs) as submit:
+        done = _Counter(progress, len(documents) + len(chosen.figures) + chosen.graphs)
+        found = _run_all(documents, folder / "runs", submit, done, force)
+        _draw_all(chosen, found, folder, submit, done)
+    rows = [
+        {"section": title, **judge(claim, found).as_data()}
+        for title, claims in chosen.sections.items()
+        for claim in claims
+    ]
+    _write(folder / RESULT, {"seed": seed, "versions": versions(), "claims": rows})
+    return rows
+
+
+# ---- runs ---------------------------------------------------------------------------------------
+
+
+def run_case(name: str, document: Document, folder: Path, force: bool = False) -> Stop | None:
+    """Run one case into ``folder/name``; a :class:`Stop` if it ended before its time."""
+    place = folder / name
+    try:
+        simulate(build(document, place / "scenario.toml"), place, force=force)
+    except RunError as error:
+        if not isfinite(error.time):
+            raise
+        return Stop(error.time, str(error))
+    return None
+
+
+def open_case(name: str, folder: Path, stop: Stop | None) -> Run | Stop:
+    """What :func:`run_case` left behind."""
+    return stop or Run.open(folder / name)
+
+
+def _run_all(
+    documents: Mapping[str, Document],
+    folder: Path,
+    submit: Submit,
+    done: _Counter,
+    force: bool,
+) -> dict[str, Run | Stop]:
+    """Run the cases, the long ones first."""
+    order = sorted(documents, key=lambda name: -_cost(documents[name]))
+    waiting = {submit(run_case, name, documents[name], folder, force): name for name in order}
+    found: dict[str, Run | Stop] = {}
+    for future in as_completed(waiting):
+        name = waiting[future]
+        found[name] = open_case(name, folder, future.result())
+        done()
+    return found
+
+
+def _cost(document: Document) -> float:
+    """Component steps of a run."""
+    return float(len(document["components"]) * document["run"]["stop"] / document["run"]["step"])
+
+
+# ---- figures ------------------------------------------------------------------------------------
+
+
+def _draw(figure: PaperFigure, runs: Path, folder: Path) -> Path:
+    return draw_figure(figure, Run.open(runs / figure.case), folder)
+
+
+def _draw_all(
+    chosen: Selection,
+    found: Mapping[str, Run | Stop],
+    folder: Path,
+    submit: Submit,
+    done: _Counter,
+) -> None:
+    """Draw what has a run; a case that stopped has no figure, and its claims say why."""
+    figures = [f for f in chosen.figures if isinstance(found[f.case], Run)]
+    futures = [submit(_draw, figure, folder / "runs", folder) for figure in figures]
+    if chosen.graphs:
+        futures.append(submit(draw_graphs, PRESET, folder))
+    for future in as_completed(futures):
+        future.result()
+        done()
+
+
+# ---- processes, files ---------------------------------------------------------------------------
+
+
+class _Counter:
+    """Counts what is done and tells `progress`."""
+
+    def __init__(self, progress: Callable[[int, int], None], all_: int) -> None:
+        self._progress, self._done, self._all = progress, 0, all_
+
+    def __call__(self) -> None:
+        self._done += 1
+        self._progress(self._done, self._all)
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[Submit]:
+    """A function that submits a call: to `jobs` processes, or done at once for one job."""
+    if jobs < 2:
+        yield _at_once
+        return
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context)
+    try:
+        yield pool.submit
+    except BrokenProcessPool as error:
+        raise RunError(f"a worker process died: {error}") from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _at_once(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+    future: Future[Any] = Future()
+    future.set_result(function(*arguments))
+    return future
+
+
+def _claim(folder: Path, force: bool) -> None:
+    """Make the folder, or take one that is empty or, with `force`, holds a reproduction."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        present = {path.name for path in folder.iterdir()}
+    except OSError as error:
+        raise ScenarioError(f"cannot be used: {error.strerror}", str(folder)) from error
+    if present and not (force and present & {RESULT, "runs"}):
+        expected = "an empty one, or --force to replace a reproduction"
+        raise ScenarioError(f"the folder is not empty; expected {expected}", str(folder))
+
+
+def _write(path: Path, data: Mapping[str, Any]) -> None:
+    try:
+        path.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror}") from error

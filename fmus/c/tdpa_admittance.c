@@ -13,7 +13,7 @@
 #include "model.h"
 
 typedef struct {
-    double f[2], W[2], dq_d[2];
+    double f[2], E_seen[2], W[2], dq_d[2];
     double out[2];   /* out of the line in this step, h f w, J */
     double taken[2]; /* of it by the passivity controller, h f (w - dq_d), J */
 } Port;
@@ -35,7 +35,8 @@ static void port(const Model *x, double h, Port *y) {
         const double a = x->K_p[i] * (q_d - x->q[i]) - K_d * x->dq[i]; /* f = a + K_d dq_d */
         const double wanted = a + K_d * w, sign = wanted < 0.0 ? -1.0 : 1.0;
         const double most = limited(sign * wanted, x->tau_max[i]);
-        y->W[i] = x->E_0[i] + x->E_j[i] - x->E_out[i] + x->E_pc[i];
+        y->E_seen[i] = x->E_j[i] > x->E_seen[i] ? x->E_j[i] : x->E_seen[i];
+        y->W[i] = x->E_0[i] + y->E_seen[i] - x->E_out[i] + x->E_pc[i];
         y->f[i] = sign * affordable(most, sign * a, K_d * y->W[i] / h);
         y->dq_d[i] = (y->f[i] - a) / K_d;
         y->out[i] = h * y->f[i] * w;
@@ -51,6 +52,7 @@ static inline int finite_port(const Port *y) {
 const char *model_initial(Model *x) {
     for (int i = 0; i < 2; i++) {
         x->tau[i] = x->f[i] = 0.0;
+        x->E_seen[i] = x->E_j[i];
         x->W[i] = x->E_0[i] + x->E_j[i];
         x->q_d[i] = x->q_d_next[i] = x->q[i];
         x->E[i] = x->E_next[i] = x->E_out[i] = x->E_pc[i] = 0.0;
@@ -65,6 +67,7 @@ const char *model_step(Model *x, double t, double h) {
     if (!finite_port(&y)) return "the energy left the range of numbers: the motion diverged";
     for (int i = 0; i < 2; i++) {
         x->tau[i] = x->f[i] = y.f[i];
+        x->E_seen[i] = y.E_seen[i];
         x->W[i] = y.W[i];
         x->q_d[i] = x->q_d_next[i];
         x->q_d_next[i] += h * y.dq_d[i];

@@ -1,7 +1,7 @@
 /* tdpa_impedance.c - the end of a line that takes motion and gives torque, kept passive in the time
  * domain; equations in fmus/models/tdpa_impedance.py.
  *
- *     W = E_j - E_out + E_pc,   f = f_j + a dq with a = -W / (h dq^2) while W < 0,   tau = -f
+ *     W = max E_j - E_out + E_pc,   f = f_j + a dq with a = -W / (h dq^2) while W < 0,   tau = -f
  *
  * Energies are those up to t_k, of torques held and angles passed: no rate enters them.
  */
@@ -11,7 +11,7 @@
 #include "model.h"
 
 typedef struct {
-    double E[2], E_out[2], E_pc[2], W[2], tau[2];
+    double E[2], E_seen[2], E_out[2], E_pc[2], W[2], tau[2];
 } Port;
 
 /* Count what the last step did, with tau and f_last still those of its start. */
@@ -22,7 +22,8 @@ static void observe(const Model *x, Port *y) {
         y->E[i] = x->E[i] + (work > 0.0 ? work : 0.0);
         y->E_out[i] = x->E_out[i] - (work < 0.0 ? work : 0.0);
         y->E_pc[i] = x->E_pc[i] - (x->tau[i] + x->f_last[i]) * passed;
-        y->W[i] = x->E_j[i] - y->E_out[i] + y->E_pc[i];
+        y->E_seen[i] = x->E_j[i] > x->E_seen[i] ? x->E_j[i] : x->E_seen[i];
+        y->W[i] = y->E_seen[i] - y->E_out[i] + y->E_pc[i];
     }
 }
 
@@ -45,6 +46,7 @@ static const char *take(Model *x, const Port *y) {
         x->v[i] = x->dq[i];
         x->E[i] = y->E[i];
         x->W[i] = y->W[i];
+        x->E_seen[i] = y->E_seen[i];
         x->E_out[i] = y->E_out[i];
         x->E_pc[i] = y->E_pc[i];
         x->q_last[i] = x->q[i];
@@ -57,7 +59,7 @@ const char *model_initial(Model *x) {
     Port y;
     for (int i = 0; i < 2; i++) {
         y.E[i] = y.E_out[i] = y.E_pc[i] = 0.0;
-        y.W[i] = x->E_j[i];
+        y.W[i] = y.E_seen[i] = x->E_j[i];
         y.tau[i] = limited(-x->f_j[i], x->tau_max[i]);
     }
     return take(x, &y);

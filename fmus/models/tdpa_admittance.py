@@ -10,7 +10,7 @@ received (delayed), of each joint::
     E     = sum of the work f w h where that is negative  into the line; sent with f
     E_out = sum of it where it is positive                out of the line
     E_pc  = sum of B f^2 h                                taken by the passivity controller
-    W     = E_0 + E_j - E_out + E_pc                      what the line may still give
+    W     = E_0 + max E_j - E_out + E_pc                  what the line may still give
 
 B is the least B >= 0 with h f dq_d <= W in the step ahead, or that with the least f dq_d where none
 is enough. f depends on dq_d: with a = K_p (q_d - q) - K_d dq the work is f dq_d = f (f - a) / K_d,
@@ -117,6 +117,7 @@ def _outputs() -> tuple[Variable, ...]:
         ),
         Variable("q_d_next", "local", (2,), "rad", description="q_d of the next step"),
         Variable("E_next", "local", (2,), "J", description="E of the next step"),
+        Variable("E_seen", "local", (2,), "J", description="Most of E_j received so far"),
         Variable("E_out", "local", (2,), "J", description="Energy out of the line"),
         Variable("E_pc", "local", (2,), "J", description="Energy taken by the controller"),
     )
@@ -185,7 +186,7 @@ class TdpaAdmittance:
         """Outputs at the start, where q_d is q; the count of energies begins here."""
         q, _, _, E_j, _ = received(self.inputs, u)
         none = np.zeros(2)
-        self._x |= {"q_d": q, "E": none, "E_out": none, "E_pc": none}
+        self._x |= {"q_d": q, "E": none, "E_seen": E_j, "E_out": none, "E_pc": none}
         return {"tau": none, "f": none, "E": none, "W": self._x["E_0"] + E_j, "q_d": q}
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
@@ -197,7 +198,8 @@ class TdpaAdmittance:
         q, dq, v_j, E_j, q_j = received(self.inputs, u, t)  # each (2,)
         w = v_j + x["k_c"] * (q_j - x["q_d"])
         a = x["K_p"] * (x["q_d"] - q) - x["K_d"] * dq
-        W = x["E_0"] + E_j - x["E_out"] + x["E_pc"]
+        E_seen = np.maximum(x["E_seen"], E_j)
+        W = x["E_0"] + E_seen - x["E_out"] + x["E_pc"]
         f = self._affordable(a + x["K_d"] * w, a, x["K_d"] * W / h)
         dq_d = (f - a) / x["K_d"]
         out = h * f * w
@@ -205,6 +207,7 @@ class TdpaAdmittance:
         x |= {
             "q_d": x["q_d"] + h * dq_d,
             "E": x["E"] + np.maximum(-out, 0.0),
+            "E_seen": E_seen,
             "E_out": x["E_out"] + np.maximum(out, 0.0),
             "E_pc": x["E_pc"] + h * f * (w - dq_d),
         }

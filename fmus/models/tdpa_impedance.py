@@ -6,11 +6,12 @@ put into the line, both as received (delayed), of each joint::
 
     E     = sum of the work f_j dq h where that is positive     into the line; sent with dq
     E_out = sum of it where it is negative                      out of the line
-    W     = E_j - E_out + E_pc                                  what it may still give
+    W     = max E_j - E_out + E_pc                              what it may still give
     f     = f_j + a dq,   a = min(-W / (h dq^2), a_max) if W < 0, else 0
     tau   = -f,           E_pc = sum of the work (f - f_j) dq h
 
-Since W never falls below zero by more than a_max leaves to a later step, the line gives no more
+max E_j is the most that has been received: energies only grow, and a packet that comes late takes
+nothing back. W falls below zero only by what a_max leaves to later steps, so the line gives no more
 than it was given, whatever delays and losses are: no condition on the gains of the line. E_j must
 travel in the packets that f_j travels in (links of one ``channel``). The work is counted exactly:
 torques are held, and dq h is the angle that was passed. v = dq is what the other end is to follow.
@@ -94,6 +95,7 @@ def _outputs() -> tuple[Variable, ...]:
             depends=("q", "E_j"),
             elementwise=True,
         ),
+        Variable("E_seen", "local", (2,), "J", description="Most of E_j received so far"),
         Variable("E_out", "local", (2,), "J", description="Energy out of the line"),
         Variable("E_pc", "local", (2,), "J", description="Energy taken by the controller"),
         Variable("q_last", "local", (2,), "rad", description="q of the step before"),
@@ -162,7 +164,7 @@ class TdpaImpedance:
         q, dq, f_j, E_j = received(self.inputs, u)
         limit, none = self._x["tau_max"], np.zeros(2)
         tau = np.clip(-f_j, -limit, limit)
-        self._x |= {"E": none, "E_out": none, "E_pc": none}
+        self._x |= {"E": none, "E_seen": E_j, "E_out": none, "E_pc": none}
         self._x |= {"tau": tau, "q_last": q, "f_last": f_j}
         return given({"tau": tau, "v": dq, "E": none, "W": E_j})
 
@@ -177,10 +179,12 @@ class TdpaImpedance:
         work = x["f_last"] * passed
         E, E_out = x["E"] + np.maximum(work, 0.0), x["E_out"] - np.minimum(work, 0.0)
         E_pc = x["E_pc"] - (x["tau"] + x["f_last"]) * passed
-        W = E_j - E_out + E_pc
+        E_seen = np.maximum(x["E_seen"], E_j)
+        W = E_seen - E_out + E_pc
         tau = np.clip(-(f_j + self._damping(W, dq, h) * dq), -x["tau_max"], x["tau_max"])
         y = given({"tau": tau, "v": dq, "E": E, "W": W}, t)
-        x |= {"E": E, "E_out": E_out, "E_pc": E_pc, "tau": tau, "q_last": q, "f_last": f_j}
+        x |= {"E": E, "E_seen": E_seen, "E_out": E_out, "E_pc": E_pc}
+        x |= {"tau": tau, "q_last": q, "f_last": f_j}
         return y
 
     def _damping(self, W: Array, dq: Array, h: float) -> Array:

@@ -52,6 +52,7 @@ def main() -> None:
     stages = Stages(float(sys.argv[1]))
     from pathlib import Path
 
+    sys.path.append(str(Path(__file__).resolve().parents[1]))
     import cosim.cli
 
     stages.mark("import the command line")

@@ -17,31 +17,30 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
 
 from time import perf_counter
 
 from benchmarks import tables
 
+Environment = dict[str, str]
+
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"
-COMMAND = "import sys; from cosim.cli import main; sys.argv[0] = 'cosim'; main()"
+COMMAND = f"import sys; sys.path.append({str(ROOT)!r}); from cosim.cli import main; main()"
 #: Lengths of run for the memory, s; and how seldom they record.
 LENGTHS, EVERY = (60, 600, 6000), 1000
 
 
-def environment(folder: Path) -> dict[str, str]:
-    """As a user has it: this checkout, and compiled modules that are kept."""
+def environment(folder: Path) -> Environment:
+    """As a user has it: compiled modules are kept."""
     kept = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     if sys.dont_write_bytecode and not sys.pycache_prefix:
         kept["PYTHONPYCACHEPREFIX"] = str(folder / "pycache")
-    return {
-        **kept,
-        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [kept.get("PYTHONPATH")])]),
-    }
+    return kept
 
 
-def staged(folder: Path, *settings: str) -> dict[str, Any]:
+def staged(folder: Path, env: Environment, *settings: str) -> dict[str, Any]:
     """One run, stage by stage; adds the end of the process."""
     with tempfile.TemporaryDirectory(dir=folder) as out:
         script = str(Path(__file__).with_name("stages.py"))
@@ -49,7 +48,7 @@ def staged(folder: Path, *settings: str) -> dict[str, Any]:
         arguments = [repr(started), str(SCENARIO), str(Path(out, "run")), *settings]
         done = subprocess.run(
             [sys.executable, script, *arguments],
-            env=environment(folder), capture_output=True, text=True, check=True,
+            env=env, capture_output=True, text=True, check=True,
         )  # fmt: skip
         end = perf_counter()
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
@@ -58,14 +57,14 @@ def staged(folder: Path, *settings: str) -> dict[str, Any]:
     return found
 
 
-def command(folder: Path, *options: str) -> tuple[float, float]:
+def command(folder: Path, env: Environment, *options: str) -> tuple[float, float]:
     """Wall and processor s of the very command, from start to exit."""
     with tempfile.TemporaryDirectory(dir=folder) as out:
         arguments = ["run", str(SCENARIO), "--out", str(Path(out, "run")), *options]
         before, started = os.times(), perf_counter()
         subprocess.run(
             [sys.executable, "-c", COMMAND, *arguments],
-            env=environment(folder), stdout=subprocess.DEVNULL, check=True,
+            env=env, stdout=subprocess.DEVNULL, check=True,
         )  # fmt: skip
         wall, after = perf_counter() - started, os.times()
     used = after.children_user + after.children_system
@@ -76,20 +75,22 @@ def measure(rounds: int, lengths: tuple[int, ...], stop: str) -> dict[str, Any]:
     """Everything, in turns."""
     with tempfile.TemporaryDirectory(prefix="teleoperation-") as name:
         folder = Path(name)
+        env = environment(folder) if rounds > 1 else dict(os.environ)
         if rounds > 1:  # compiles modules, builds and unpacks FMUs
-            staged(folder, stop)
-            command(folder, "--set", stop)
+            staged(folder, env, stop)
+            command(folder, env, "--set", stop)
         runs: list[dict[str, Any]] = []
         whole: list[tuple[float, float]] = []
         plain: list[tuple[float, float]] = []
         for _ in range(rounds):
-            runs.append(staged(folder, stop))
-            whole.append(command(folder, "--set", stop))
-            plain.append(command(folder, "--set", stop, "--no-plot"))
+            runs.append(staged(folder, env, stop))
+            whole.append(command(folder, env, "--set", stop))
+            plain.append(command(folder, env, "--set", stop, "--no-plot"))
         memory = {}
         for seconds in lengths:
             settings = [f"run.stop='{seconds} s'", f"run.record.every={EVERY}", "figures={}"]
-            memory[str(seconds)] = {k: staged(folder, *settings)[k] for k in ("peak_mb", "wall")}
+            found = staged(folder, env, *settings)
+            memory[str(seconds)] = {key: found[key] for key in ("peak_mb", "wall")}
     return {
         "seconds": runs[0]["seconds"],
         "wall": [r["wall"] for r in runs],

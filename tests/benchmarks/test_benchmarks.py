@@ -1,0 +1,145 @@
+"""The benchmark scripts run, and everybody in them computes the same. No times are judged."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.peers import Absent, imported
+from benchmarks.race import Contestant, race
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+CASES = ["ring1", "ring2", "ring12", "wide4", "teleoperation"]
+OURS = ["engine", "bare C loop, recording", "engine, recording", "simulate, to Parquet"]
+
+
+class Counter:
+    """A session that counts, in steps of `by`; a tick takes a millisecond, it says."""
+
+    def __init__(self, by: int) -> None:
+        self.by, self.value = by, 0
+
+    def run(self, ticks: int) -> float:
+        self.value += self.by * ticks
+        return ticks * 1e-3 * self.by
+
+    def outputs(self) -> bytes:
+        return bytes(str(self.value), "ascii")
+
+    def recorded(self, n: int) -> bytes:
+        return b""
+
+    def close(self) -> None:
+        self.value = -1
+
+
+def nobody() -> Counter:
+    imported("benchmarks.no_such_peer")
+    return Counter(0)
+
+
+def test_a_race_compares_relates_and_names_who_is_absent() -> None:
+    makers = {"floor": lambda: Counter(1), "same": lambda: Counter(1), "two": lambda: Counter(2)}
+    contestants = [Contestant(name, make, "floor", blocks=2) for name, make in makers.items()]
+    contestants.append(Contestant("nobody", nobody, "floor"))
+    floor, same, two, absent = (
+        t.facts() for t in race(contestants, ticks=20, fmu_steps=4, rounds=3, check=5)
+    )
+    assert (floor["same"], same["same"], two["same"]) == (True, True, False)
+    assert (floor["min_us"], floor["blocks"]) == (pytest.approx(250.0), 6)
+    assert (two["ratio_min"], two["ratio_median"]) == (pytest.approx(2.0), pytest.approx(2.0))
+    assert "no_such_peer" in absent["absent"]
+    with pytest.raises(Absent, match="does not import"):
+        nobody()
+
+
+def run(script: str, folder: Path) -> tuple[dict[str, Any], str]:
+    """The JSON file and what is printed."""
+    path = folder / f"{script}.json"
+    command = [sys.executable, str(FOLDER / script), "--quick", "--json", str(path)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(path.read_text(encoding="utf-8")), done.stdout
+
+
+@pytest.fixture(scope="module")
+def engine(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], str]:
+    return run("engine.py", tmp_path_factory.mktemp("engine"))
+
+
+def rows(found: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for case in found["cases"]:
+        for row in case["rows"]:
+            yield f"{case['case']}, {case['fmi']}, {row['runner']}", row
+
+
+def test_every_case_is_run_in_both_versions(engine: tuple[dict[str, Any], str]) -> None:
+    found, _ = engine
+    assert [(c["case"], c["fmi"]) for c in found["cases"]] == [
+        (case, fmi) for case in CASES for fmi in ("fmi2", "fmi3")
+    ]
+
+
+def test_the_engine_computes_what_the_bare_loop_does_to_the_bit(
+    engine: tuple[dict[str, Any], str],
+) -> None:
+    found, _ = engine
+    ours = {name: row["same"] for name, row in rows(found) if row["runner"] in OURS}
+    assert len(ours) == len(OURS) * len(CASES) * 2
+    assert all(same is True for same in ours.values()), ours
+
+
+def test_other_masters_compute_the_same_or_say_why_they_do_not_run(
+    engine: tuple[dict[str, Any], str],
+) -> None:
+    found, _ = engine
+    peers = {name: row for name, row in rows(found) if row["runner"] not in (*OURS, "bare C loop")}
+    assert len(peers) == 6 * len(CASES) * 2
+    for name, row in peers.items():
+        assert row["absent"] if "absent" in row else row["same"] is True, name
+    assert all("absent" not in row for name, row in peers.items() if "FMPy" in name)
+
+
+def test_fmu_and_kernel_give_the_same_bytes_and_numpy_nearly(
+    engine: tuple[dict[str, Any], str],
+) -> None:
+    found, _ = engine
+    assert [c["case"] for c in found["choices"]] == ["ring10", "ring40", "wide4", "teleoperation"]
+    for case in found["choices"]:
+        for choice in ("fmi2", "fmi3", "kernel"):
+            assert case["choices"][choice]["same"] is True, (case["case"], choice)
+            assert case["choices"][choice]["difference"] == 0.0
+        assert case["choices"]["numpy"]["difference"] < 1e-12
+
+
+def test_tables_drawn_before_the_run_are_those_drawn_in_it(
+    engine: tuple[dict[str, Any], str],
+) -> None:
+    found, _ = engine
+    assert [d["scalars"] for d in found["delays"]] == [12, 56, 56]
+    for delay in found["delays"]:
+        assert delay["rows"]["links, drawn in the run"]["same"] is True
+        assert delay["rows"]["wires"]["same"] is False  # late is not the same as in time
+
+
+def test_the_tables_name_everybody(engine: tuple[dict[str, Any], str]) -> None:
+    found, text = engine
+    for _, row in rows(found):
+        assert f"| {row['runner']} " in text
+    assert {"processor", "compiler", "packages", "python"} <= set(found["machine"])
+
+
+def test_stages_and_memory_of_the_teleoperator(tmp_path: Path) -> None:
+    found, text = run("teleoperation.py", tmp_path)
+    stages = ["start Python", "run and record", "metrics", "import matplotlib", "end Python"]
+    assert set(stages) <= set(found["stages"])
+    parts = sum(stage["wall"]["median"] for stage in found["stages"].values())
+    assert parts == pytest.approx(found["total"]["median"], rel=0.01)
+    assert all(m["peak_mb"] > 10 for m in found["memory"].values())
+    assert "x real time" in text

@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from cosim.cli import info, run, show
+from cosim.cli import info, reproduce, run, show
 from cosim.errors import CosimError
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app = typer.Typer(
 app.command("run")(run.run)
 app.command("show")(show.show)
 app.command("info")(info.info)
+app.command("reproduce")(reproduce.reproduce)
 
 
 def _version(wanted: bool) -> None:

@@ -135,6 +135,23 @@ class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     title: str = ""
 
 
+class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The port that ``cosim analyze`` looks into, and the far end: names of signals, all optional.
+
+    `force`: on the robot at the port, `response` and `rate`: its position and velocity, `inject`:
+    the input a test force goes into; `far_force`: of the far robot on its environment, with the
+    position `far_response` and velocity `far_rate`. See :mod:`cosim.analysis.port`.
+    """
+
+    force: str = ""
+    response: str = ""
+    rate: str = ""
+    inject: str = ""
+    far_force: str = ""
+    far_response: str = ""
+    far_rate: str = ""
+
+
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A whole scenario, as read."""
 
@@ -146,6 +163,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     topology: TopologySpec | None
     metrics: dict[str, MetricSpec]
     figures: dict[str, FigureSpec]
+    analysis: AnalysisSpec = AnalysisSpec()
 
     @property
     def name(self) -> str:
@@ -163,7 +181,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
-_TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures")
+_TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures", "analysis")
 
 
 def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
@@ -211,6 +229,7 @@ def build(document: Mapping[str, Any], path: Path) -> Scenario:
         topology=_topology(document, path),
         metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=_each(tables["figures"], FigureSpec, path, "figures"),
+        analysis=_convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
     )
 
 

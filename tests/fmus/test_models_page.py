@@ -1,0 +1,38 @@
+"""``docs/models.md`` says what the declarations say."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from fmus.build import SHIPPED, shipped
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def writer() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("models_page", DOCS / "models.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_up_to_date(writer: ModuleType) -> None:
+    written = (DOCS / "models.md").read_text(encoding="utf-8")
+    assert written == writer.page(), "run: python docs/models.py"
+
+
+def test_every_model_and_every_variable_is_on_it(writer: ModuleType) -> None:
+    page = writer.page()
+    for name in SHIPPED:
+        assert f"\n## {name}\n" in page
+    for model in shipped():
+        assert model.identifier in page
+        for v in model.variables:
+            assert v.causality == "local" or f"| `{v.name}` |" in page

@@ -120,7 +120,7 @@ class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One diagram of a figure."""
 
-    y: tuple[str, ...]
+    y: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     title: str = ""
     labels: tuple[str, ...] = ()
     reference: tuple[float | str, ...] = ()
@@ -131,7 +131,7 @@ class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A figure of one or more panels, written as ``NAME.png``."""
 
-    panels: tuple[PanelSpec, ...]
+    panels: Annotated[tuple[PanelSpec, ...], msgspec.Meta(min_length=1)]
     title: str = ""
 
 

@@ -18,9 +18,9 @@ def run(
             help="Change a value, e.g. components.master.parameters.k_p=20; repeatable.",
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of the links (run.seed).")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of links and topology (run.seed).")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Run folder [default: runs/SCENARIO-DATE-TIME].")
+        Path | None, typer.Option(help="Run folder; runs/SCENARIO-DATE-TIME if not given.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Also write trajectories.csv.")] = False,
@@ -40,7 +40,7 @@ def run(
     loaded = load(scenario, settings)
     plan = assemble(loaded)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
-    check(loaded, [c.name for c in recorded])
+    check(loaded, recorded)
     folder = out or _fresh(Path("runs") / f"{loaded.name}-{stamp()}")
 
     def say(text: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ from cosim.errors import ScenarioError
 if TYPE_CHECKING:
     from cosim.analysis.metrics import Metric, Result
     from cosim.plan import Plan
-    from cosim.record import Run
+    from cosim.record import Column, Run
     from cosim.report.figures import Figure
     from cosim.scenario import Scenario
     from cosim.simulate import Outcome
@@ -97,25 +97,30 @@ def figure_specs(scenario: Scenario) -> dict[str, Figure]:
     }  # fmt: skip
 
 
-def check(scenario: Scenario, recorded: list[str]) -> None:
-    """Refuse metrics and figures of signals that will not be recorded, before the run."""
-    whole = {name.split("[")[0] for name in recorded}
-    known = whole | set(recorded)
-    wanted = [
-        (signal, scenario.place("metrics", m.name))
-        for m in metrics(scenario)
-        for signal in m.signals
-    ]
+def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
+    """Refuse metrics and figures that what will be recorded does not fit, before the run.
+
+    Raises ScenarioError with the place: an unknown signal, sizes or units that do not match.
+    """
+    from cosim.analysis.metrics import evaluate
+    from cosim.analysis.preview import Preview
+
+    preview = Preview({c.name: c.unit for c in recorded})
+    for metric in metrics(scenario):
+        try:
+            evaluate([metric], preview)
+        except ScenarioError as error:
+            message = str(error).removeprefix(f"metrics.{metric.name}: ")
+            raise ScenarioError(message, scenario.place("metrics", metric.name)) from None
     for name, spec in scenario.figures.items():
         for i, panel in enumerate(spec.panels):
-            place = scenario.place("figures", name, "panels", i)
             references = [r for r in panel.reference if isinstance(r, str)]
-            wanted += [(signal, place) for signal in (*panel.y, *references)]
-    for signal, place in wanted:
-        if signal not in known:
-            raise ScenarioError(
-                f"no recorded signal {signal!r}; there are: {', '.join(sorted(whole))}", place
-            )
+            try:
+                for signal in (*panel.y, *references):
+                    preview.entries(signal)
+            except ScenarioError as error:
+                place = scenario.place("figures", name, "panels", i)
+                raise ScenarioError(str(error), place) from None
 
 
 def summary(scenario: Scenario, run: Run, outcome: Outcome) -> list[str]:

@@ -22,6 +22,7 @@ WRONG = [
     ('run.record.signals=["master.qq"]', "at run.record.signals: no signal 'master.qq'"),
     ('metrics.effort.of=["master.tauh"]', "at metrics.effort: no recorded signal 'master.tauh'"),
     ('figures.positions.panels.0.y=["x"]', "at figures.positions.panels.0: no recorded signal 'x'"),
+    ('metrics.effort.of=["master.tau_g"]', "did you mean 'master.tau_h'"),
     ("components.master.model=fmus.models.nothing", "cannot import 'fmus.models.nothing'"),
     ("components.nobody.period=1", "no 'nobody' in components; it has master, "),
     # keys
@@ -48,6 +49,16 @@ WRONG = [
     ("run.record.every=0", "at run.record.every: Expected `int` >= 1"),
     ("run.seed=-1", "at run.seed: Expected `int` >= 0"),
     ("run.algorithm=newton", "at run.algorithm: Invalid enum value 'newton'"),
+    # metrics and figures
+    (
+        "metrics.tracking_error.target=[1, 2, 3]",
+        "at metrics.tracking_error: master.q has size 2, but its target is a list of length 3",
+    ),
+    ("metrics.sync_error.target=slave.tau_h", "master.q is in [rad] but slave.tau_h is in [N.m]"),
+    ('metrics.peak_torque.of=["master.q", "master.tau_h"]', "at metrics.peak_torque: master.q is"),
+    ("metrics.effort.kind=taste", "at metrics.effort: unknown kind 'taste'"),
+    ("metrics.effort.within=1", "at metrics.effort: kind 'norm' takes no 'within'"),
+    ("figures.positions.panels=[]", "at figures.positions.panels: Expected `array` of length >= 1"),
     # rates
     ('components.master_control.period="1.5 ms"', "not a multiple of the base step 0.001 s"),
     ("run.stop=0.10005", "at run.stop: 0.10005 s is not a multiple"),

@@ -1,0 +1,50 @@
+"""What will be recorded, before it is: so that a metric that makes no sense is refused in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import final
+
+import numpy as np
+
+from cosim.analysis.signals import Array
+from cosim.errors import ScenarioError
+
+
+@final
+class Preview:
+    """Signals of one row, all 0, with the names and units of what will be recorded.
+
+    `units`: of each scalar by its name, ``master.q[0]``.
+    """
+
+    def __init__(self, units: Mapping[str, str]) -> None:
+        self._units = units
+
+    @property
+    def t(self) -> Array:
+        """The only row, (1,), s."""
+        return np.zeros(1)
+
+    def entries(self, prefix: str) -> tuple[str, ...]:
+        """Names of a signal's entries. Raises ScenarioError for one that is not recorded."""
+        if prefix in self._units:
+            return (prefix,)
+        found = tuple(name for name in self._units if name.split("[")[0] == prefix)
+        if not found:
+            whole = sorted({name.split("[")[0] for name in self._units})
+            near = get_close_matches(prefix, whole, 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise ScenarioError(
+                f"no recorded signal {prefix!r}{hint} (there are: {', '.join(whole) or 'none'})"
+            )
+        return found
+
+    def array(self, prefix: str) -> Array:
+        """Zeros for each entry, (1, m)."""
+        return np.zeros((1, len(self.entries(prefix))))
+
+    def unit(self, prefix: str) -> str:
+        """Unit of a signal."""
+        return self._units[self.entries(prefix)[0]]

@@ -1,0 +1,80 @@
+"""docs/running.md knows every key there is; what the pages show runs."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+import pytest
+
+from cosim import scenario as spec
+from cosim.links import spec as link_spec
+from cosim.record import Run
+from tests.system.runs import ROOT, plan, run
+
+RUNNING = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
+OWN = (ROOT / "docs" / "own-component.md").read_text(encoding="utf-8")
+
+STRUCTS = [
+    spec.RunSpec,
+    spec.RecordSpec,
+    spec.WireSpec,
+    spec.ComponentSpec,
+    spec.LinkSpec,
+    spec.TopologySpec,
+    spec.MetricSpec,
+    spec.PanelSpec,
+    spec.FigureSpec,
+    *get_args(link_spec.DelaySpec),
+    *get_args(link_spec.LossSpec),
+]
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """What stands between fences."""
+    return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
+
+
+@pytest.mark.parametrize("struct", STRUCTS, ids=lambda struct: struct.__name__)
+def test_every_key_of_a_scenario_is_explained(struct: type[msgspec.Struct]) -> None:
+    code = " ".join(re.findall(r"`[^`]*`", re.sub(r"```.*?```", "", RUNNING, flags=re.DOTALL)))
+    words = set(re.findall(r"[\w-]+", code))
+    config = msgspec.structs.fields(struct)
+    missing = {field.encode_name for field in config} - words
+    assert not missing
+    tag = struct.__struct_config__.tag
+    assert tag is None or f"`{tag}`" in RUNNING
+
+
+def test_every_semantics_is_explained() -> None:
+    assert all(f"| `{name}` |" in RUNNING for name in get_args(link_spec.Semantics))
+
+
+def test_every_option_is_explained() -> None:
+    source = (ROOT / "cosim" / "cli" / "run.py").read_text(encoding="utf-8")
+    options = {name.split("/")[-1] for name in re.findall(r'"(--[\w/-]+)"', source)}
+    assert {"--set", "--force", "--csv", "--no-plot", "--quiet"} <= options
+    assert all(f"`{option}" in RUNNING for option in options | {"--seed", "--out"})
+
+
+def test_the_scenario_of_the_page_runs(tmp_path: Path) -> None:
+    (text,) = blocks(RUNNING, "toml")
+    document = tomllib.loads(text)
+    result = run(document, tmp_path / "run", path=tmp_path / "page.toml")
+    assert result.array("arm.q")[0, 0] == pytest.approx(0.5235987755982988)
+
+
+def test_the_component_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (code,), (text,) = blocks(OWN, "python"), blocks(OWN, "toml")
+    (tmp_path / "springs.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    document = tomllib.loads(text)
+    result = run(document, tmp_path / "run", path=tmp_path / "springs.toml")
+    assert isinstance(result, Run)
+    assert abs(result.array("arm.q")[-1]).max() < 2.0
+    component = plan(document, tmp_path / "springs.toml").component("spring").component
+    component.initialize({})
+    component.set_state(component.get_state())

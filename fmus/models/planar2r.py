@@ -144,7 +144,7 @@ def model() -> Model:
         description="Planar arm with two revolute joints, operator's grip and wall inside",
         kind=_KIND,
         variables=_ports() + _parameters(),
-        sources=("planar2r.c", "contact.h", "trig.c"),
+        sources=("planar2r.c", "contact.c", "contact.h", "trig.c"),
         step=1e-3,
         terminals=(
             Terminal("joints", ("tau", "q", "dq"), "Torque in, position and velocity out"),

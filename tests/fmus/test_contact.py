@@ -142,12 +142,9 @@ def test_the_square_root_is_rounded_correctly(
     if compiler == "zig":
         monkeypatch.setattr(toolchain, "host_compiler", lambda: None)
     (tmp_path / "wrapper.c").write_text(WRAPPER)
-    (tmp_path / "variables.h").write_text(
-        "typedef struct { double x; } Model;\n"
-        "enum { N_VARIABLES = 1, N_SCALARS = 1, N_INPUT_RANGES = 0 };\n"
-    )
+    sources = [tmp_path / "wrapper.c", C / "contact.c"]
     output = tmp_path / f"roots{toolchain.shared_suffix()}"
-    toolchain.compile_shared([tmp_path / "wrapper.c"], output, include=[C, tmp_path])
+    toolchain.compile_shared(sources, output, include=[C])
     x = arguments()
     y = np.empty_like(x)
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in (x, y)]

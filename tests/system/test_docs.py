@@ -19,15 +19,14 @@ RUNNING = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
 OWN = (ROOT / "docs" / "own-component.md").read_text(encoding="utf-8")
 
 STRUCTS = [
-    spec.RunSpec,
-    spec.RecordSpec,
-    spec.WireSpec,
-    spec.ComponentSpec,
-    spec.LinkSpec,
-    spec.TopologySpec,
-    spec.MetricSpec,
-    spec.PanelSpec,
-    spec.FigureSpec,
+    *(
+        found
+        for found in vars(spec).values()
+        if isinstance(found, type)
+        and issubclass(found, msgspec.Struct)
+        and found.__module__ == spec.__name__
+        and found is not spec.Scenario
+    ),
     *get_args(link_spec.DelaySpec),
     *get_args(link_spec.LossSpec),
 ]
@@ -47,6 +46,12 @@ def test_every_key_of_a_scenario_is_explained(struct: type[msgspec.Struct]) -> N
     assert not missing
     tag = struct.__struct_config__.tag
     assert tag is None or f"`{tag}`" in RUNNING
+
+
+def test_every_table_of_a_scenario_is_explained() -> None:
+    tables = {field.name for field in msgspec.structs.fields(spec.Scenario)} - {"path", "title"}
+    assert {"run", "components", "links", "topology", "metrics", "figures"} <= tables
+    assert all(f"[{name}" in RUNNING for name in tables)
 
 
 def test_every_semantics_is_explained() -> None:

@@ -50,6 +50,21 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "adaptive": ({}, {"gravity": 1}),
     "damping": ({},),
     "pointmass": ({},),
+    "pd": ({},),
+    "p_d": ({},),
+    "lee_spong": ({},),
+    "nuno_adaptive": ({},),
+    "chopra": ({},),
+    "wang2014": ({},),
+    "wave_impedance": ({},),
+    "wave_admittance": ({},),
+    "tdpa_impedance": ({},),
+    "tdpa_admittance": ({},),
+    "endpoint_operator": ({},),
+    "minimum_jerk": ({},),
+    "push": ({},),
+    "decaying_push": ({},),
+    "grasp": ({},),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

@@ -56,7 +56,7 @@ def model() -> Model:
             Variable("u", "input", (2,), TORQUE, description="Received wave"),
             Q,
             DQ,
-            torque(_ALL, ("b", "K_p", "K_d", "tau_max")),
+            torque(_ALL, ("b", "K_d", "tau_max")),
             Variable(
                 "v",
                 "output",
@@ -65,7 +65,7 @@ def model() -> Model:
                 description="Wave sent: b dq_d - F",
                 depends=_ALL,
                 elementwise=True,
-                start_depends=("b", "K_p", "K_d", "tau_max"),
+                start_depends=("b", "K_d", "tau_max"),
             ),
             Variable(
                 "q_d",

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
@@ -39,6 +40,7 @@ def model() -> Model:
     )
 
 
+@lru_cache(maxsize=2)
 def fmu(version: Version = "2.0") -> Path:
     """Path of the FMU, built into the cache if it is not there."""
     return find(model(), version)

@@ -77,6 +77,7 @@ def c_files(model: Model) -> list[str]:
     return [name for name in sources(model) if name.endswith(".c")]
 
 
+@lru_cache(maxsize=64)
 def token(model: Model) -> str:
     """The GUID (FMI 2.0) and instantiation token (3.0): a hash of declaration and sources."""
     return _token(model, {k: v for k, v in sources(model).items() if "variables" not in k})

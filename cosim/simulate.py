@@ -19,6 +19,7 @@ from cosim.clock import stopwatch
 from cosim.engine import Engine
 from cosim.errors import Interrupted, RunError, ScenarioError
 from cosim.fmi import FmuComponent
+from cosim.interrupts import deferred
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.storage import TableWriter
 from cosim.plan import Plan, Slot
@@ -87,7 +88,7 @@ def simulate(
     The folder is made once all components have started: what cannot start leaves nothing behind.
     `progress` is called with (ticks done, ticks in all) between chunks. Raises CosimError; a
     RunError leaves what was recorded, and the last ticks of every signal, in the folder. Ctrl-C
-    becomes Interrupted, and leaves what was recorded.
+    (and the engine's `stop`) becomes Interrupted, and leaves what was recorded.
     """
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
@@ -102,6 +103,7 @@ def simulate(
     with ExitStack() as stack:
         engine = stack.enter_context(Engine(plan, keep))
         engine.initialize()
+        stack.enter_context(deferred(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
         for x in plan.links:
             writer = TableWriter(link_file(folder, x.name), x.table.facts())
@@ -110,19 +112,15 @@ def simulate(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
             n_signals=plan.n_signals,
         )  # fmt: skip
+        stack.enter_context(recorder)
         watch = stopwatch()
         try:
             _loop(engine, plan, recorder, rows, progress)
-        except KeyboardInterrupt as error:
-            stopped = Interrupted(engine.tick * plan.h, str(folder))
-            write_metadata(folder, metadata(scenario, plan, error=stopped))
-            raise stopped from error
         except BaseException as error:
             _save_failure(error, recorder, plan, folder)
             write_metadata(folder, metadata(scenario, plan, error=error))
             raise
-        finally:
-            recorder.close()
+        recorder.close()
         wall = watch()
         write_metadata(folder, metadata(scenario, plan, wall=wall))
     statistics = {name: counted.result() for name, counted in counts.items()}
@@ -163,10 +161,11 @@ def _loop(
 ) -> None:
     while engine.tick < plan.ticks:
         first = engine.tick
+        ticks = min(rows - 1, plan.ticks - first)
         buffer = recorder.buffer()
         failed = True
         try:
-            engine.run(min(rows - 1, plan.ticks - first), buffer)
+            engine.run(ticks, buffer)
             failed = False
         finally:
             n = engine.rows
@@ -174,6 +173,8 @@ def _loop(
                 buffer[n] = engine.signals
                 n += 1
             recorder.submit(buffer, first, n)
+        if engine.tick < first + ticks:
+            raise Interrupted(engine.tick * plan.h, str(recorder.path.parent))
         progress(engine.tick, plan.ticks)
 
 

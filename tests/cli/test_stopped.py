@@ -160,7 +160,9 @@ def interrupted(process: subprocess.Popen[str], folder: Path) -> tuple[str, Run]
     """Press Ctrl-C once the run has recorded something; its message and what it left."""
     trajectories = folder / "trajectories.parquet"
     try:
-        while not (trajectories.is_file() and trajectories.stat().st_size > 1000):
+        for _ in range(6000):
+            if trajectories.is_file() and trajectories.stat().st_size > 1000:
+                break
             assert process.poll() is None, process.communicate()
             sleep(0.01)
         process.send_signal(signal.SIGINT)

@@ -12,6 +12,7 @@ import re
 import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -96,11 +97,14 @@ def build(
 
 def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> list[Path]:
     """Build `models` (default: those an installation ships) for the host, in 2.0 and 3.0."""
-    built = []
-    for model in shipped() if models is None else models:
-        binaries = compile_model(model)
-        built += [pack(model, version, out_dir, binaries) for version in VERSIONS]
-    return built
+    chosen = shipped() if models is None else list(models)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # compilers are processes of their own
+        compiled = list(pool.map(compile_model, chosen))
+    return [
+        pack(model, version, out_dir, binaries)
+        for model, binaries in zip(chosen, compiled, strict=True)
+        for version in VERSIONS
+    ]
 
 
 def shipped() -> list[Model]:

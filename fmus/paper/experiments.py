@@ -21,6 +21,8 @@ Table: TypeAlias = Mapping[str, Any]
 PERIOD = 5e-3
 #: Lumped parameters of the arm SL91, kg.m2: what theta_hat estimates.
 THETA = (3.34, 1.20, 0.97)
+#: Gravity of the same arm if it stood upright, N.m: (m1 lc1 + m2 l1) g, m2 lc2 g.
+THETA_G = (2.5 * 9.81, 1.2 * 9.81)
 #: Where the operator wants the robots, rad.
 Q_H = (3.5, 3.0)
 #: The operator: tau_h = -5 dq - 10 (q - q_h).
@@ -58,12 +60,12 @@ def arm(
 def document(
     title: str, stop: float, components: Table, record: Sequence[str], **rest: Any
 ) -> Document:
-    """A whole document; `rest`: ``step`` (default 5 ms), ``seed``, ``links``, ``topology``."""
+    """A whole document; `rest`: ``step`` (default 5 ms), ``every``, ``seed``, ``links``, ..."""
     run = {"step": rest.pop("step", PERIOD), "stop": stop, "seed": rest.pop("seed", 0)}
-    record_table = {"signals": sorted(record)}
+    recorded = {"signals": sorted(record), "every": rest.pop("every", 1)}
     return {
         "title": title,
-        "run": {**run, "record": record_table},
+        "run": {**run, "record": recorded},
         "components": dict(components),
         **{key: value for key, value in rest.items() if value},
     }
@@ -78,12 +80,14 @@ def single(
     period: float = PERIOD,
     grip: Table = GRIP,
     arm_values: Table | None = None,
+    every: int = 1,
     **gains: Any,
 ) -> Document:
     """One arm under eqs (29)-(32), held by the operator; Sec. VII-A with `lambda_M` = 6.
 
     `gains` change the controller's K, Gamma, alpha, lambda_M, theta_hat, ... from Sec. VII-A's;
-    `grip` = {} lets go of the arm; `arm_values` are further values of the arm.
+    `grip` = {} lets go of the arm; `arm_values` are further values of the arm; every
+    `every`-th row is recorded.
     """
     values = {"K": 16.0, "Gamma": 8.0, "alpha": 2.0, "lambda_M": 6.0, **gains}
     components = {
@@ -92,7 +96,49 @@ def single(
     }
     record = ("robot.q", "robot.dq", "robot.tau_h", "control.tau", "control.s", "control.z",
               "control.theta_hat")  # fmt: skip
-    return document("Teaching operation of a single robot", stop, components, record, step=period)
+    return document(
+        "Teaching operation of a single robot", stop, components, record, step=period, every=every
+    )
+
+
+def damped(
+    stop: float,
+    *,
+    period: float = 1e-3,
+    grip: Table = GRIP,
+    known: float = 1.0,
+    **arm_values: Any,
+) -> Document:
+    """One upright arm under eq. (24), 5 N.m.s/rad and gravity compensated; Theorem 1.
+
+    `known`: share of the arm's gravity that the controller knows.
+    """
+    components = {
+        "robot": arm("control.tau", period=period, theta_g=list(THETA_G), **{**grip, **arm_values}),
+        "control": {
+            "model": "fmus.models.damping",
+            "period": period,
+            "start": {"d": 5.0, "theta_g": [known * x for x in THETA_G]},
+            "inputs": {"q": "robot.q", "dq": "robot.dq"},
+        },
+    }
+    record = ("robot.q", "robot.dq", "robot.tau_h")
+    return document("Damping and gravity", stop, components, record, step=period, every=5)
+
+
+def mass(stop: float, *, b: float, force: float | None = None) -> Document:
+    """A point mass of 1 kg, friction `b` (N.s/m), f = 1/(t + 1) or `force` (N); Sec. III."""
+    step = 0.01
+    point: Document = {"model": "fmus.models.pointmass", "period": step, "start": {"b": b}}
+    components = {"mass": point}
+    if force is None:
+        components["push"] = {"model": "fmus.models.decaying_push", "period": step}
+        point["inputs"] = {"f": "push.f"}
+    else:
+        point["start"]["f"] = force
+    return document(
+        "Point mass", stop, components, ("mass.x", "mass.dx", "mass.f"), step=step, every=10
+    )
 
 
 # ---- Sec. VI, Sec. VII-C: the teleoperator ------------------------------------------------------
@@ -132,8 +178,10 @@ def teleoperator(
             components[f"{name}_control"]["inputs"]["xi_in[0]"] = f"{other}_xi.xi"
     record = [f"{side}.{port}" for side in ("master", "slave") for port in ("q", "dq")]
     record += ["master.tau_h", "slave.tau_e", "master_control.tau", "slave_control.tau"]
-    title = "Bilateral teleoperation"
-    return document(title, stop, components, record, step=period, seed=seed, links=links)
+    return document(
+        "Bilateral teleoperation", stop, components, record, step=period, seed=seed, links=links,
+        every=2,
+    )  # fmt: skip
 
 
 # ---- Sec. V, Sec. VII-B: six arms ---------------------------------------------------------------
@@ -150,13 +198,15 @@ def network(
     link: Table | None = None,
     grip: Table = GRIP,
     push: Sequence[float] = (0.0, 0.0),
+    torques: bool = False,
     **gains: Any,
 ) -> Document:
     """Six arms under eqs (42)-(45), or (61) over a `link` with delay; Sec. VII-B.
 
     `graphs`: a preset of :mod:`cosim.links.graphs`, switched at random every 150 ms, or as
     `schedule` says (``{"schedule": ...}``, {} is the first graph for ever); the robot `operator`
-    is held by the operator and pushed with `push` (N.m). `gains` of all controllers.
+    is held by the operator and pushed with `push` (N.m); `torques`: record these, and every row
+    instead of every fourth. `gains` of all controllers.
     """
     values = {"K": 16.0, "Gamma": 8.0, "alpha": 1.6, "lambda": 1.0, "lambda_M": 10.0, **gains}
     heard = neighbours(graphs)
@@ -178,11 +228,11 @@ def network(
     switching = {"dwell": DWELL} if schedule is None else schedule
     topology = {"graphs": graphs, "weights": weights, **switching}
     record = [f"robot{i}.q" for i in heard] + [f"robot{operator}.tau_h"]
-    record += [f"control{i}.tau" for i in heard] + [f"control{i}.s" for i in heard]
-    title = "Six networked robots"
+    record += [f"control{i}.tau" for i in heard if torques]
     return document(
-        title, stop, components, record, step=period, seed=seed, links=links, topology=topology
-    )
+        "Six networked robots", stop, components, record, step=period, seed=seed, links=links,
+        topology=topology, every=1 if torques else 4,
+    )  # fmt: skip
 
 
 def neighbours(graphs: str) -> dict[int, tuple[int, ...]]:
@@ -195,12 +245,16 @@ def neighbours(graphs: str) -> dict[int, tuple[int, ...]]:
 
 
 def controller(robot: str, heard: int, period: float, values: Table) -> Document:
-    """The adaptive controller of `robot`, with `heard` neighbours; `values` are its gains."""
+    """The adaptive controller of `robot`, with `heard` neighbours; `values` are its gains.
+
+    With ``gravity`` among them it is the model that knows gravity: 1 compensated, 2 adapted.
+    """
     alone = {key: value for key, value in values.items() if key != "lambda"}
-    sizes = {"sizes": {"neighbours": heard}} if heard else {}
+    sizes = {"neighbours": heard} if heard else {}
+    sizes |= {"gravity": 1} if "gravity" in values else {}
     return {
         "model": "fmus.models.teleoperation" if heard else "fmus.models.adaptive",
-        **sizes,
+        "sizes": sizes,
         "period": period,
         "start": dict(values) if heard else alone,
         "inputs": {"q": f"{robot}.q", "dq": f"{robot}.dq"},

@@ -19,6 +19,9 @@ from fmus.paper.experiments import Q_H
 from fmus.paper.measure import Array, row
 
 SIZE = (4.6, 3.1)  # inches: a column of the paper is 3.2 wide; the legend stands beside
+LAMBDA_M = r"$\lambda_{\mathcal{M}}$"
+#: Rows of a CSV are this far apart, s.
+APART = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +68,7 @@ class Window:
 
 
 def _one(number: int, name: str, gain: str, case: str, until: float) -> PaperFigure:
-    title = f"Fig. {number}: positions of the robot, λ_M = {gain}"
+    title = f"Fig. {number}: positions of the robot, {LAMBDA_M} = {gain}"
     return PaperFigure(
         number, name, title, case, until, ("robot.q[0]", "robot.q[1]"),
         ("first coordinate", "second coordinate"), "position", Q_H,
@@ -93,15 +96,15 @@ FIGURES: tuple[PaperFigure, ...] = (
     _one(1, "fig01", "6 (caption)", "teaching-6", 20.0),
     _one(1, "fig01-text", "2 (text)", "teaching-2", 20.0),
     PaperFigure(
-        2, "fig02", "Fig. 2: torques of the operator, λ_M = 6", "teaching-6", 20.0,
+        2, "fig02", f"Fig. 2: torques of the operator, {LAMBDA_M} = 6", "teaching-6", 20.0,
         ("robot.tau_h[0]", "robot.tau_h[1]"), ("first joint", "second joint"), "torque", (0.0,),
     ),
     _one(3, "fig03", "0", "teaching-0", 20.0),
-    *_coordinates(6, "six robots, λ_M = 10", "net-10-ring", 80.0, _SIX),
-    *_coordinates(8, "six robots, λ_M = 0", "net-0-ring", 80.0, _SIX),
-    *_coordinates(10, "six robots, delays", "net-delay-ring", 80.0, _SIX),
-    *_coordinates(12, "master and slave, λ_M = 10", "pair-10", 40.0, _PAIR),
-    *_coordinates(14, "master and slave, λ_M = 1", "pair-1", 40.0, _PAIR),
+    *_coordinates(6, f"six robots, {LAMBDA_M} = 10", "net-10-ring", 80.0, _SIX),
+    *_coordinates(8, f"six robots, {LAMBDA_M} = 0", "net-0-ring", 80.0, _SIX),
+    *_coordinates(10, f"six robots, {LAMBDA_M} = 10, delays", "net-delay-ring", 80.0, _SIX),
+    *_coordinates(12, f"master and slave, {LAMBDA_M} = 10", "pair-10", 40.0, _PAIR),
+    *_coordinates(14, f"master and slave, {LAMBDA_M} = 1", "pair-1", 40.0, _PAIR),
 )  # fmt: skip
 
 
@@ -111,7 +114,7 @@ def draw_figure(figure: PaperFigure, run: Run, folder: Path) -> Path:
     Raises RunError where a file cannot be written.
     """
     window = Window(run, row(run, figure.until) + 1)
-    label = "q_h" if "position" in figure.ylabel else ""
+    label = "$q_h$" if "position" in figure.ylabel else ""
     panel = Panel(
         y=figure.y, labels=figure.labels, reference=figure.reference, reference_label=label,
         ylabel=figure.ylabel,
@@ -121,11 +124,12 @@ def draw_figure(figure: PaperFigure, run: Run, folder: Path) -> Path:
 
 
 def write_csv(figure: PaperFigure, window: Window, path: Path) -> None:
-    """The numbers of a figure: ``t`` (s) and each line, named with its unit."""
+    """The numbers of a figure every 20 ms: ``t`` (s) and each line, named with its unit."""
     columns = [window.array(name)[:, 0] for name in figure.y]
     header = ",".join(["t [s]", *(f"{name} [{window.unit(name)}]" for name in figure.y)])
-    table = np.column_stack([window.t, *columns])
+    every = max(1, round(APART / (window.t[1] - window.t[0])))
+    table = np.column_stack([window.t, *columns])[::every]
     try:
-        np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments="")
+        np.savetxt(path, table, fmt="%.7g", delimiter=",", header=header, comments="")
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}") from error

@@ -47,16 +47,16 @@ def cases(seed: int) -> dict[str, Document]:
 
     runs = {}
     for graphs in PRESETS:
-        runs[f"net-10-{graphs}"] = six(graphs=graphs)
+        runs[f"net-10-{graphs}"] = six(graphs=graphs, torques=True)
         runs[f"net-0-{graphs}"] = six(graphs=graphs, lambda_M=0.0)
         runs[f"net-delay-{graphs}"] = six(graphs=graphs, link=DELAYED, Gamma=1.0)
     return runs | {
         "net-0-tree3-other": network(graphs="tree3", lambda_M=0.0, seed=seed + 1),
         "net-0-in-turn": six(lambda_M=0.0, schedule=IN_TURN, **KNOWN),
-        "net-free": six(grip={}),
-        "net-free-delay": six(grip={}, link=DELAYED),
-        "net-free-delay-slow": six(400.0, grip={}, link=DELAYED, Gamma=1.0),
-        "net-free-delay-known": six(grip={}, link=DELAYED, **KNOWN),
+        "net-free": six(150.0, grip={}),
+        "net-free-delay": six(200.0, grip={}, link=DELAYED),
+        "net-free-delay-dense": six(150.0, graphs="dense", grip={}, link=DELAYED, Gamma=1.0),
+        "net-free-delay-known": six(100.0, grip={}, link=DELAYED, **KNOWN),
         "net-leaf": six(graphs="tree3", operator=5),
         "net-split": six(schedule=SPLIT),
         "net-split-free": six(schedule=SPLIT, grip={}),
@@ -187,17 +187,17 @@ def _off(r: Run) -> float:
 _NO_ROOT, _NO_TREE = "the held robot is no root", "no joint spanning tree"
 _SILENCE = "silent from 3 s on: the delays have no bound"
 _THEOREMS = (
-    Claim("thm3-free", ("thm3",), "free, ring: arms apart at 100 s by", "rad", at_most(0.05),
-          "Theorem 3: q_i - q_j -> 0", ("net-free",), _spread(100.0)),
-    Claim("thm4-free", ("thm4",), "free, ring, delays, Gamma = 8: arms apart at 120 s by", "rad",
-          at_most(0.05), "Theorem 4; independent simulation: 0.012 at 100 s",
-          ("net-free-delay",), _spread(120.0)),
-    Claim("thm4-free-slow", ("thm4",), "the same, Gamma = 1, slow: arms apart at 400 s by", "rad",
-          at_most(0.05), "Theorem 4; independent simulation: 0.24 at 200 s, 0.016 at 400 s",
-          ("net-free-delay-slow",), _spread(400.0)),
-    Claim("thm4-free-known", ("thm4",), "the same, theta known: arms apart at 100 s by", "rad",
-          at_most(0.005), "Theorem 4; independent simulation: 3e-4", ("net-free-delay-known",),
-          _spread(100.0)),
+    Claim("thm3-free", ("thm3",), "free, ring: arms apart at 150 s by", "rad", at_most(0.05),
+          "Theorem 3; 40 seeds here: up to 0.008", ("net-free",), _spread(150.0)),
+    Claim("thm4-free", ("thm4",), "free, ring, delays, Gamma = 8: arms apart at 200 s by", "rad",
+          at_most(0.05), "Theorem 4; 40 seeds here: up to 0.007", ("net-free-delay",),
+          _spread(200.0)),
+    Claim("thm4-free-dense", ("thm4",), "free, dense, delays, Gamma = 1: apart at 150 s by",
+          "rad", at_most(0.05), "Theorem 4; 40 seeds here: up to 0.003",
+          ("net-free-delay-dense",), _spread(150.0)),
+    Claim("thm4-free-known", ("thm4",), "free, ring, delays, theta known: apart at 100 s by",
+          "rad", at_most(0.005), _S.format("3e-4", "up to 0.001 (40 seeds)"),
+          ("net-free-delay-known",), _spread(100.0)),
     Claim("necessity", ("necessity", "thm3"), "tree3, robot 5 held: a robot is off q_h by", "rad",
           at_least(3.5), "robot 3 does not hear; independent simulation: 4", ("net-leaf",), _off,
           _NO_ROOT),

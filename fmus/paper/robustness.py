@@ -19,7 +19,7 @@ HELD, STIFF = (0.3, 0.2), 5000.0
 #: Gains on both sides of the limit O9, 1/s.
 GAINS = (2.0, 2.5, 2.8, 3.1, 3.5)
 #: Sampling periods, s, at which each system still works, and at which it does not.
-LADDER = {"single": (0.015, 0.025), "pair": (0.02, 0.025)}
+LADDER = {"single": (0.015, 0.025), "pair": (0.015, 0.03)}
 
 
 def cases(seed: int) -> dict[str, Document]:
@@ -81,10 +81,10 @@ CLAIMS = (
     Claim("ladder-single-end", ("robust",), "one arm sampled at 25 ms: diverges at", "s",
           at_most(2.0), "independent simulation: 15 ms is the limit", ("single-too-slow",),
           stopped, "T_s too long", True),
-    Claim("ladder-pair", ("robust",), "teleoperator sampled at 20 ms: at q_h from", "s",
-          within(11.2, 12.0), "independent simulation: 20 ms is the limit", ("pair-slow",),
+    Claim("ladder-pair", ("robust",), "teleoperator sampled at 15 ms: at q_h from", "s",
+          within(11.2, 12.0), "as at 5 ms; at 20 ms 3 of 40 seeds diverge", ("pair-slow",),
           lambda r: m.settled(r, ["master.q", "slave.q"], Q_H)),
-    Claim("ladder-pair-end", ("robust",), "teleoperator sampled at 25 ms: diverges at", "s",
+    Claim("ladder-pair-end", ("robust",), "teleoperator sampled at 30 ms: diverges at", "s",
           at_most(3.0), "independent simulation: 20 ms is the limit", ("pair-too-slow",), stopped,
           "T_s too long", True),
 )  # fmt: skip

@@ -27,7 +27,7 @@ def cases(seed: int) -> dict[str, Document]:
         "teaching-6-10ms": single(period=1e-2),
         "teaching-6-known": single(**known),
         "teaching-2": single(60.0, lambda_M=2.0),
-        "teaching-0": single(600.0, lambda_M=0.0),
+        "teaching-0": single(600.0, lambda_M=0.0, every=4),
         "free": single(grip={}, arm_values={"dq": [2.0, -1.0]}),
         "push": single(60.0, grip={}, arm_values=push, **known),
         "push-0": single(60.0, grip={}, arm_values=push, lambda_M=0.0, **known),

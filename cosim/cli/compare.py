@@ -1,0 +1,114 @@
+"""``cosim compare``: controllers × operators × links, side by side over the same recorded links."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cosim.compare.comparison import Comparison
+    from cosim.compare.variants import Selection, Variants
+
+
+def compare(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    controllers: Annotated[
+        str, typer.Option(metavar="LIST", help="Names of controllers, e.g. paper,pd; or all.")
+    ] = "",
+    operators: Annotated[
+        str, typer.Option(metavar="LIST", help="Names of operators; or all.")
+    ] = "",
+    links: Annotated[str, typer.Option(metavar="LIST", help="Names of link laws; or all.")] = "",
+    variants: Annotated[
+        Path | None,
+        typer.Option(help="What there is to compare [default: the file in compare/ beside it]."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from run.seed on.")] = 1,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; repeatable."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder [default: runs/compare-SCENARIO-DATE-TIME].")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier comparison.")] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = os.cpu_count() or 1,
+    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figure.")] = True,
+    list_: Annotated[
+        bool, typer.Option("--list", help="List what there is to compare; run nothing.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    """Run every controller under every operator over every link law, and print one table."""
+    from cosim.cli.summary import progress_bar
+    from cosim.clock import stamp, stopwatch
+    from cosim.compare import report
+    from cosim.compare.comparison import compare as compare_all
+    from cosim.compare.documents import read_base
+    from cosim.compare.variants_file import beside, read
+
+    known = read(variants or beside(scenario))
+    if list_:
+        typer.echo("\n".join(_listing(known)))
+        return
+    chosen = known.select(*(_names(text) for text in (controllers, operators, links)))
+    base = read_base(scenario, known, set_ or ())
+    folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
+    report.claim(folder, force=force)
+    watch = stopwatch()
+    with progress_bar(quiet) as progress:
+        found = compare_all(
+            base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs,
+            keep=folder / report.RUNS if keep else None, progress=progress,
+        )  # fmt: skip
+    paths = list(report.write(found, folder, _command()))
+    if plot:
+        paths.insert(0, _draw(found, folder / report.FIGURE))
+    if quiet:
+        return
+    typer.echo(_title(known, chosen, scenario, seeds, len(found.outcomes)))
+    typer.echo("\n".join(report.text(found)))
+    typer.echo(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _draw(found: Comparison, path: Path) -> Path:
+    from cosim.compare.figure import draw
+
+    return draw(found, path)
+
+
+def _command() -> str:
+    return shlex.join(["cosim", *sys.argv[1:]])
+
+
+def _title(known: Variants, chosen: Selection, scenario: Path, seeds: int, runs: int) -> str:
+    return (
+        f"{known.title}\n{scenario}, {known.path}: {len(chosen.controllers)} controllers x "
+        f"{len(chosen.operators)} operators x {len(chosen.links)} link laws x {seeds} "
+        f"seed{'s' if seeds > 1 else ''}, {runs} runs"
+    )
+
+
+def _listing(known: Variants) -> list[str]:
+    """What there is to compare: names and titles, what controllers send, on what condition."""
+    from cosim.cli.show import aligned
+
+    lines = [known.title]
+    shown = [
+        [name, c.title, f"sends {', '.join(c.sends)}", c.condition]
+        for name, c in known.controllers.items()
+    ]
+    lines += ["", "controllers", *aligned(shown)]
+    for title, names in (("operators", known.operators), ("links", known.links)):
+        lines += ["", title, *aligned([[name, x.title] for name, x in names.items()])]
+    return lines

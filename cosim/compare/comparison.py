@@ -1,0 +1,81 @@
+"""All cases of a comparison: made, checked, run in parallel, and gathered into one result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from cosim.compare.documents import Base, Case, check, scenario
+from cosim.compare.measure import Outcome, Task, lost, run_case
+from cosim.compare.pool import spread
+from cosim.compare.sameness import Tables
+from cosim.compare.variants import Selection, Variants
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What was compared and what came out, in the order of the table."""
+
+    base: Base
+    variants: Variants
+    chosen: Selection
+    seeds: tuple[int, ...]
+    outcomes: tuple[Outcome, ...]
+    tables: Tables
+
+    def of(self, link: str, operator: str, controller: str) -> tuple[Outcome, ...]:
+        """The outcomes of one row of the table, a seed each."""
+        wanted = (link, operator, controller)
+        return tuple(
+            o for o in self.outcomes
+            if (o.case.link, o.case.operator, o.case.controller) == wanted
+        )  # fmt: skip
+
+
+def cases(chosen: Selection, seeds: Sequence[int]) -> list[Case]:
+    """Every combination: by link law, operator, controller, seed."""
+    return [
+        Case(controller, operator, link, seed)
+        for link, operator, controller, seed in product(
+            chosen.links, chosen.operators, chosen.controllers, seeds
+        )
+    ]
+
+
+def compare(
+    base: Base,
+    variants: Variants,
+    chosen: Selection,
+    seeds: Sequence[int],
+    *,
+    jobs: int = 1,
+    keep: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+) -> Comparison:
+    """Run every case of `chosen` with every seed. `keep`: where run folders stay, if anywhere.
+
+    What cannot be assembled raises ScenarioError before anything runs; what fails while it runs is
+    an outcome with its reason. `progress` is called with (done, all) runs.
+    """
+    check(base, variants, chosen)
+    tasks = [
+        Task(
+            case,
+            scenario(base, variants, case),
+            tuple(c for c in variants.columns if c.applies(variants.operators[case.operator])),
+            variants.stability,
+            variants.picture,
+            None if keep is None else keep / case.name,
+        )
+        for case in cases(chosen, seeds)
+    ]
+    tables, found = Tables(), dict[Case, Outcome]()
+    for task, result in spread(run_case, tasks, jobs):
+        outcome = result or lost(task.case, "its process died: a component crashed")
+        tables.add(task.case, outcome.tables)
+        found[task.case] = outcome
+        progress(len(found), len(tasks))
+    outcomes = tuple(found[task.case].without_tables() for task in tasks)
+    return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)

@@ -1,0 +1,63 @@
+"""Calls spread over processes. A process that dies takes one call with it, not the others.
+
+A component that crashes ends its process, and with it the whole pool. Calls begin in the order
+they were given, so that the culprit is one of the first unfinished; these are made again one by
+one, each in a pool of its own, and everybody else goes on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def spread(
+    function: Callable[[T], R], tasks: Sequence[T], jobs: int
+) -> Iterator[tuple[T, R | None]]:
+    """(task, result) as they are done; the result is None where the process died.
+
+    One job is done in this process, where nothing holds off a crash. What `function` raises is
+    raised here; so is Ctrl-C, after the calls that run have ended.
+    """
+    if jobs < 2:
+        for task in tasks:
+            yield task, function(task)
+        return
+    waiting = list(range(len(tasks)))
+    while waiting:
+        left = set(waiting)
+        for index, result in _batch(function, tasks, waiting, jobs):
+            left.discard(index)
+            yield tasks[index], result
+        suspects, waiting = sorted(left)[:jobs], sorted(left)[jobs:]
+        for index in suspects:
+            alone = [result for _, result in _batch(function, tasks, [index], 1)]
+            yield tasks[index], alone[0] if alone else None
+
+
+def _batch(
+    function: Callable[[T], R], tasks: Sequence[T], indices: Sequence[int], jobs: int
+) -> Iterator[tuple[int, R]]:
+    """Results until all are there, or the pool breaks."""
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(jobs, len(indices)), context, initializer=_ignore_interrupts)
+    try:
+        futures = {pool.submit(function, tasks[index]): index for index in indices}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except BrokenProcessPool:
+        return
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C is for the process that waits; it stops the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -140,6 +140,8 @@ _FIGURES_8_9 = (
           within(27.5, 35.5), _S.format("29 to 33", "28.3 to 34.7"), _RING_0, _held, _ZERO),
     Claim("fig8-slope", _F8, "M^t has stopped growing: slope, 60 to 120 s", "1", at_most(0.15),
           "M^t has a limit", _RING_0, _slope, _ZERO),
+    Claim("thm3-0-dense", ("thm3",), "lambda_M = 0, dense: within 0.05 rad of q_h from", "s",
+          never(), "Theorem 3 needs lambda_M > 0", ("net-0-dense",), _settled, _ZERO),
     Claim("fig8-mean", ("fig8", "fig9"), "theta known, graphs in turn: rest is off O2 by", "rad",
           at_most(0.005), "O2 of the mean graph: (αq̄(0) + γ(k_p/K)q_h)/(α + γk_p/K), γ = 1/6",
           ("net-0-in-turn",), lambda r: m.miss(m.final(r, "robot3.q"), _MEAN)),

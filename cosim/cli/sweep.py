@@ -1,0 +1,174 @@
+"""``cosim sweep``: many runs of one scenario, on all cores or on a cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cosim.sweep.drive import Begun
+    from cosim.sweep.perform import Row
+    from cosim.sweep.workers import Opened
+
+#: Seconds between two lines of progress where there is no terminal.
+_EVERY = 10.0
+
+
+def sweep(
+    study: Annotated[Path, typer.Argument(help="Study file (.toml).")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the results [default: runs/STUDY].")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="How many runs at once.")] = os.cpu_count() or 1,
+    workers: Annotated[
+        str, typer.Option(help="On this machine: processes or threads.")
+    ] = "processes",
+    scheduler: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler.")
+    ] = "",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with what is in the folder.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Go on even if the scenario has changed.")
+    ] = False,
+    limit: Annotated[
+        int | None, typer.Option(min=0, help="At most so many runs this time.")
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
+    from cosim.sweep import drive, figures, summary
+    from cosim.sweep.study import load_study
+
+    loaded = load_study(study)
+    folder = out or Path("runs") / loaded.path.stem
+    opened = _workers(workers, jobs, scheduler)
+
+    def say(text: str) -> None:
+        if not quiet:
+            typer.echo(text)
+
+    with _progress(quiet) as progress:
+        try:
+            table = drive.sweep(
+                loaded, folder, opened, resume=resume, force=force, limit=limit,
+                begun=lambda b: progress.begin(b, loaded.title), done=progress.done,
+                stopping=lambda: typer.echo(
+                    "stopping: waiting for the runs that are under way (Ctrl-C again: not)",
+                    err=True,
+                ),
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            typer.echo(
+                f"interrupted; {progress.count} runs more are in {folder}, --resume goes on",
+                err=True,
+            )
+            raise typer.Exit(130) from None
+    for line in summary.lines(table):
+        say(line)
+    for path in summary.write(table, folder):
+        say(f"{'table':<16} {path}")
+    for path in figures.draw_all(loaded, table, folder) if plot else ():
+        say(f"{'figure':<16} {path}")
+
+
+def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
+    from functools import partial
+
+    from cosim.errors import ScenarioError
+    from cosim.sweep import workers
+
+    if scheduler:
+        return partial(workers.cluster, scheduler)
+    if kind not in ("processes", "threads"):
+        raise ScenarioError(f"--workers {kind!r}: expected processes or threads")
+    return partial(workers.processes if kind == "processes" else workers.threads, jobs)
+
+
+class Progress:
+    """Counts rows; tells `show` of them: (done, all, seconds since the start, failed)."""
+
+    def __init__(self, show: Callable[[int, int, float, int], None], quiet: bool) -> None:
+        from cosim.clock import stopwatch
+
+        self.count, self._failed, self._all, self._quiet = 0, 0, 0, quiet
+        self._show, self._watch = show, stopwatch()
+
+    def begin(self, begun: Begun, title: str) -> None:
+        """Say what is to be done."""
+        from cosim.clock import stopwatch
+
+        self._all, self._watch = begun.todo, stopwatch()
+        if self._quiet:
+            return
+        typer.echo(title)
+        same = begun.points - begun.runs
+        text = f"{begun.points} points" + (f", {same} of them twice" if same else "")
+        text += f"; {begun.found} there already" if begun.found else ""
+        typer.echo(f"{text}; {begun.todo} to run")
+        if begun.changed:
+            typer.echo(f"the study has changed: {begun.others} rows here are not part of it now")
+
+    def done(self, row: Row) -> None:
+        """Count a row."""
+        self.count += 1
+        self._failed += bool(row.reason)
+        self._show(self.count, self._all, self._watch(), self._failed)
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Progress]:
+    """A bar on a terminal's standard error; a line now and then elsewhere; nothing when quiet."""
+    import sys
+
+    if quiet:
+        yield Progress(lambda *_: None, quiet)
+        return
+    if not sys.stderr.isatty():
+        yield Progress(_Lines(), quiet)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.progress import Progress as Bar
+
+    text = TextColumn("{task.fields[rate]}")
+    columns = (BarColumn(), MofNCompleteColumn(), text, TimeElapsedColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("runs", rate="", total=None)
+
+        def show(n: int, all_: int, seconds: float, failed: int) -> None:
+            bar.update(task, completed=n, total=all_, rate=_rate(n, seconds, failed))
+
+        yield Progress(show, quiet)
+
+
+class _Lines:
+    """A line every ten seconds, and at the end."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+
+    def __call__(self, n: int, all_: int, seconds: float, failed: int) -> None:
+        if n < all_ and seconds - self._last < _EVERY:
+            return
+        self._last = seconds
+        left = f", {seconds / n * (all_ - n):.0f} s to go" if n < all_ else f" in {seconds:.0f} s"
+        typer.echo(f"{n}/{all_} runs{left}, {_rate(n, seconds, failed)}", err=True)
+
+
+def _rate(n: int, seconds: float, failed: int) -> str:
+    rate = f"{n / seconds:.3g} runs/s" if seconds > 0 else ""
+    return rate + (f", {failed} failed" if failed else "")

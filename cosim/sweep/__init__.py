@@ -1,0 +1,16 @@
+"""Many runs of one scenario: what varies is data, what comes out is one table::
+
+    axes       what one axis of a study does to a scenario: listed values, cases, random laws
+    study      a study file (TOML), every error with its place
+    design     axes -> points: grid, Latin hypercube, Monte Carlo; the identity of each run
+    memory     a run's signals in memory, no more of them than its metrics need
+    perform    one point -> one row, whatever happens
+    workers    points spread over processes, threads, or a cluster
+    store      the folder: a journal, Parquet parts, nothing lost and nothing done twice
+    drive      all of it
+    table      the rows of a study
+    summary    the table as lines and as files
+    figures    maps, lines and points over the axes
+
+Nothing here knows a robot; a scenario is changed by ``--set`` paths and nothing else.
+"""

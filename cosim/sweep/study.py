@@ -1,0 +1,290 @@
+"""A study file: which scenario, what varies, what is measured. Every error names its place."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+
+from cosim.errors import ScenarioError
+from cosim.scenario import MetricSpec
+from cosim.sweep.axes import (
+    Axis,
+    Cell,
+    Choice,
+    Distribution,
+    Drawn,
+    Listed,
+    Method,
+    literal,
+    moved,
+    path_of,
+    spaced,
+)
+
+Pair = tuple[float, float]
+Natural = Annotated[int, msgspec.Meta(ge=0)]
+Count = Annotated[int, msgspec.Meta(ge=1)]
+#: Columns of the table that are neither axes nor measures.
+RESERVED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
+_LAWS: tuple[Distribution, ...] = ("uniform", "loguniform", "normal", "integers")
+
+
+class AxisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One axis: a path (or several that move together), and one of the keys that give values."""
+
+    path: str = ""
+    paths: tuple[str, ...] = ()
+    unit: str = ""
+    values: tuple[Any, ...] | None = None
+    labels: tuple[str, ...] = ()
+    range: Pair | None = None
+    count: Count | None = None
+    scale: Literal["linear", "log"] = "linear"
+    uniform: Pair | None = None
+    loguniform: Pair | None = None
+    normal: Pair | None = None
+    integers: Pair | None = None
+    cases: dict[str, tuple[str, ...]] | None = None
+
+
+class SampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How many times, and how, the axes that are drawn are drawn."""
+
+    count: Count
+    method: Method = "latin-hypercube"
+    seed: Natural = 0
+
+
+class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A figure of the table; see :mod:`cosim.sweep.figures`."""
+
+    kind: Literal["map", "line", "points"]
+    x: str
+    y: str
+    z: str = ""
+    by: str = ""
+    reduce: Literal["mean", "median", "min", "max"] = "mean"
+    title: str = ""
+    xlabel: str = ""
+    ylabel: str = ""
+    zlabel: str = ""
+    logx: bool = False
+    logy: bool = False
+
+
+class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The whole file, as read. `stable`: the largest size each measure may have."""
+
+    scenario: str
+    title: str = ""
+    keep: Literal["nothing", "trajectories"] = "nothing"
+    settings: tuple[str, ...] = ()
+    seeds: Natural | tuple[Natural, ...] | None = None
+    vary: dict[str, AxisSpec] = {}
+    sample: SampleSpec | None = None
+    metrics: dict[str, MetricSpec] = {}
+    stable: dict[str, float] = {}
+    figures: dict[str, FigureSpec] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A study, checked as far as it can be without its scenario.
+
+    `metrics`: the tables of the metrics as they are written, to be added to the scenario's.
+    """
+
+    path: Path
+    text: str
+    title: str
+    scenario: Path
+    keep: Literal["nothing", "trajectories"]
+    settings: tuple[str, ...]
+    axes: tuple[Axis, ...]
+    sample: SampleSpec | None
+    metrics: Mapping[str, Any]
+    stable: Mapping[str, float]
+    figures: Mapping[str, FigureSpec]
+
+    def place(self, *path: str) -> str:
+        """``FILE at vary.K``."""
+        return f"{self.path} at {'.'.join(path)}"
+
+
+T = TypeVar("T")
+
+
+def load_study(path: Path) -> Study:
+    """Read a study file. Raises ScenarioError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        document = tomllib.loads(text)
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise ScenarioError(f"{path}: is a folder; expected a study file (.toml)") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    spec = _convert(document, path)
+    axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in spec.vary.items())
+    study = Study(
+        path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
+        spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
+        document.get("metrics", {}), spec.stable, spec.figures,
+    )  # fmt: skip
+    _check(study)
+    return study
+
+
+def _scenario(name: str, study: Path) -> Path:
+    path = (study.parent / name).resolve()
+    if not path.is_file():
+        raise ScenarioError(f"{path}: no such file", f"{study} at scenario")
+    return path
+
+
+def _convert(document: Mapping[str, Any], path: Path) -> StudySpec:
+    try:
+        return msgspec.convert(document, StudySpec)
+    except msgspec.ValidationError as error:
+        message, _, inside = str(error).partition(" - at `$")
+        place = inside.rstrip("`").lstrip(".")
+        if "unknown field" in message and not inside:
+            message += f"; expected one of {', '.join(_keys(StudySpec))}"
+        elif "unknown field" in message and place.startswith("vary"):
+            message += f"; expected one of {', '.join(_keys(AxisSpec))}"
+        raise ScenarioError(message, f"{path} at {place}" if place else str(path)) from None
+
+
+def _keys(kind: type[Any]) -> list[str]:
+    return [field.encode_name for field in msgspec.structs.fields(kind)]
+
+
+def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:
+    if given is None:
+        return ()
+    seeds = tuple(range(given)) if isinstance(given, int) else given
+    if not seeds:
+        raise ScenarioError("no seed; expected how many, or which", place)
+    return (Listed("seed", tuple(Choice(s, moved(["run.seed"], s)) for s in seeds)),)
+
+
+# ---- one axis -----------------------------------------------------------------------------------
+
+
+def _axis(name: str, spec: AxisSpec, place: str) -> Axis:
+    given = [k for k in ("values", "range", *_LAWS, "cases") if getattr(spec, k) is not None]
+    if len(given) != 1:
+        found = " and ".join(given) or "none of them"
+        raise ScenarioError(
+            f"found {found}; expected one of values, range, {', '.join(_LAWS)}, cases", place
+        )
+    paths = _paths(spec, given[0], place)
+    if spec.cases is not None:
+        return _cases(name, spec.cases, place)
+    if spec.values is not None:
+        return _values(name, paths, spec, place)
+    if spec.range is not None:
+        return _range(name, paths, spec, place)
+    a, b = getattr(spec, given[0])
+    law: Distribution = given[0]  # type: ignore[assignment]
+    drawn = Drawn(name, paths, law, float(a), float(b), spec.unit)
+    drawn.check(f"{place}.{law}")
+    return drawn
+
+
+def _paths(spec: AxisSpec, kind: str, place: str) -> tuple[str, ...]:
+    paths = (*((spec.path,) if spec.path else ()), *spec.paths)
+    if kind == "cases":
+        if paths:
+            raise ScenarioError("cases name their own paths; found 'path' besides", place)
+    elif not paths:
+        raise ScenarioError("what does it vary? expected 'path' or 'paths'", place)
+    if kind != "values" and spec.labels:
+        raise ScenarioError("labels are for values", f"{place}.labels")
+    if kind != "range" and (spec.count is not None or spec.scale != "linear"):
+        raise ScenarioError("count and scale are for range", place)
+    if kind in ("cases", "values") and spec.unit:
+        raise ScenarioError(f"{kind} carry their own units, like '5 ms'", f"{place}.unit")
+    return paths
+
+
+def _cases(name: str, cases: Mapping[str, tuple[str, ...]], place: str) -> Listed:
+    if not cases:
+        raise ScenarioError("no case", f"{place}.cases")
+    for case, settings in cases.items():
+        for setting in settings:
+            if "=" not in setting:
+                raise ScenarioError(
+                    f"found {setting!r}, expected path=value", f"{place}.cases.{case}"
+                )
+    return Listed(name, tuple(Choice(case, s) for case, s in cases.items()))
+
+
+def _values(name: str, paths: tuple[str, ...], spec: AxisSpec, place: str) -> Listed:
+    values = spec.values or ()
+    if not values:
+        raise ScenarioError("no value", f"{place}.values")
+    if spec.labels and len(spec.labels) != len(values):
+        raise ScenarioError(
+            f"{len(spec.labels)} labels for {len(values)} values", f"{place}.labels"
+        )
+    plain = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    choices = []
+    for i, value in enumerate(values):
+        try:
+            cell: Cell = spec.labels[i] if spec.labels else value if plain else _cell(value)
+            choices.append(Choice(cell, moved(paths, value)))
+        except ScenarioError as error:
+            raise ScenarioError(str(error), f"{place}.values.{i}") from None
+    return Listed(name, tuple(choices))
+
+
+def _cell(value: Any) -> str:
+    return value if isinstance(value, str) else literal(value)
+
+
+def _range(name: str, paths: tuple[str, ...], spec: AxisSpec, place: str) -> Listed:
+    low, high = spec.range or (0.0, 0.0)
+    if spec.count is None:
+        raise ScenarioError("how many? expected 'count'", place)
+    if not (isfinite(low) and isfinite(high)) or (spec.scale == "log" and min(low, high) <= 0):
+        expected = "two numbers above 0" if spec.scale == "log" else "two finite numbers"
+        raise ScenarioError(f"found [{low:g}, {high:g}], expected {expected}", f"{place}.range")
+    values = spaced(low, high, spec.count, spec.scale)
+    return Listed(name, tuple(Choice(v, moved(paths, v, spec.unit)) for v in values))
+
+
+# ---- the whole ----------------------------------------------------------------------------------
+
+
+def _check(study: Study) -> None:
+    names, paths = set[str](), dict[str, str]()
+    for axis in study.axes:
+        place = study.place("vary", axis.name)
+        if axis.name in RESERVED or axis.name in names:
+            raise ScenarioError(f"{axis.name!r} is the name of another column", place)
+        names.add(axis.name)
+        for path in sorted(axis.paths):
+            if path in paths:
+                raise ScenarioError(f"{path} is varied by {paths[path]!r} already", place)
+            paths[path] = axis.name
+    for setting in study.settings:
+        if not path_of(setting) or "=" not in setting:
+            raise ScenarioError(f"found {setting!r}, expected path=value", study.place("settings"))
+    drawn = [axis.name for axis in study.axes if isinstance(axis, Drawn)]
+    if drawn and study.sample is None:
+        raise ScenarioError(
+            f"{', '.join(drawn)} to be drawn, but how often? expected [sample] with count",
+            str(study.path),
+        )
+    if study.sample is not None and not drawn:
+        raise ScenarioError("nothing to be drawn: no axis has a law", study.place("sample"))

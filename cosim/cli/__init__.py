@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from cosim.cli import info, reproduce, run, show
+from cosim.cli import compare, info, reproduce, run, show, sweep
 from cosim.errors import CosimError
 
 app = typer.Typer(
@@ -25,6 +25,8 @@ app.command("run")(run.run)
 app.command("show")(show.show)
 app.command("info")(info.info)
 app.command("reproduce")(reproduce.reproduce)
+app.command("compare")(compare.compare)
+app.command("sweep")(sweep.sweep)
 
 
 def _version(wanted: bool) -> None:

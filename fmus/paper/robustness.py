@@ -10,47 +10,73 @@ from cosim.record import Run
 from fmus.paper import measure as m
 from fmus.paper import oracles
 from fmus.paper.claim import Claim, at_most, relative, stopped, within
-from fmus.paper.experiments import Q_H, THETA, Document, Table, single, teleoperator
+from fmus.paper.experiments import (
+    DELAY,
+    Q_H,
+    THETA,
+    Document,
+    Table,
+    network,
+    single,
+    teleoperator,
+)
 
-K, ALPHA = 16.0, 0.5
+ALPHA = 0.5
 TIGHT = {"k_p": 200.0, "k_d": 2.0, "q_h": list(Q_H)}
 #: Where the stiff grip holds the arm, rad, and how stiff it is, N.m/rad.
 HELD, STIFF = (0.3, 0.2), 5000.0
-#: Gains on both sides of the limit O9, 1/s.
-GAINS = (2.0, 2.5, 2.8, 3.1, 3.5)
-#: Sampling periods, s, at which each system still works, and at which it does not.
-LADDER = {"single": (0.015, 0.025), "pair": (0.015, 0.03)}
+#: Feedback gains, N.m.s/rad, and lambda_M on both sides of the limit O9, as shares of it.
+FEEDBACK, SHARES = (8.0, 16.0, 32.0), (0.7, 0.9, 1.05, 1.2)
+ARMS = ["master.q", "slave.q"]
+SIX = [f"robot{i}.q" for i in range(1, 7)]
+
+
+def limit(K: float) -> float:
+    """O9 with the stiff grip, 1/s."""
+    return oracles.grip_limit(oracles.passive_limit(THETA, HELD, K, ALPHA), K, ALPHA, STIFF)
 
 
 def cases(seed: int) -> dict[str, Document]:
-    """The runs by name; `seed` is that of the links."""
-    works, fails = LADDER["pair"]
+    """The runs by name; `seed` is that of links and graphs."""
+    delayed: dict[str, Any] = {"link": {"delay": dict(DELAY)}, "seed": seed}
     runs = {
         "tight-10": teleoperator(20.0, seed=seed, grip=TIGHT),
         "tight-1": teleoperator(20.0, seed=seed, grip=TIGHT, lambda_M=1.0),
         "tight-10-fine": teleoperator(20.0, seed=seed, grip=TIGHT, period=1e-3),
-        "pair-slow": teleoperator(30.0, seed=seed, period=works),
-        "pair-too-slow": teleoperator(30.0, seed=seed, period=fails),
-        "single-slow": single(21.0, period=LADDER["single"][0]),
-        "single-too-slow": single(21.0, period=LADDER["single"][1]),
+        "single-15ms": single(21.0, period=0.015),
+        "single-25ms": single(21.0, period=0.025),
+        "pair-15ms": teleoperator(30.0, seed=seed, period=0.015),
+        "pair-30ms": teleoperator(30.0, seed=seed, period=0.03),
+        "net-6ms": network(72.0, period=0.006, **delayed),
+        "net-10ms": network(72.0, period=0.01, **delayed),
+        "net-10ms-slow": network(72.0, period=0.01, Gamma=1.0, **delayed),
     }
-    return runs | {f"stiff-{gain:g}": _stiff(gain) for gain in GAINS}
+    stiff = {f"stiff-{K:g}-{share:g}": _stiff(K, share) for K in FEEDBACK for share in SHARES}
+    return runs | stiff
 
 
-def _stiff(lambda_M: float) -> Document:
+def _stiff(K: float, share: float) -> Document:
     """One arm, theta known, in an undamped grip next to rest; sampled finely."""
     grip: Table = {"k_p": STIFF, "k_d": 0.0, "q_h": list(HELD)}
-    known: dict[str, Any] = {"theta_hat": list(THETA), "Gamma": 0.0}
-    return single(8.0, period=5e-4, grip=grip, alpha=ALPHA, lambda_M=lambda_M, **known)
+    gains: dict[str, Any] = {"theta_hat": list(THETA), "Gamma": 0.0, "K": K, "alpha": ALPHA}
+    return single(8.0, period=5e-4, grip=grip, every=4, lambda_M=share * limit(K), **gains)
 
 
 def _growth(r: Run) -> float:
     return m.swell(r, "robot.q", HELD)
 
 
-def _onset(*runs: Run) -> float:
-    """The gain at which the oscillation neither grows nor decays, between those tried, 1/s."""
-    return float(np.interp(0.0, [_growth(r) for r in runs], GAINS))
+def _onset(K: float) -> Claim:
+    """The gain at which the oscillation neither grows nor decays, between those tried."""
+
+    def found(*runs: Run) -> float:
+        return limit(K) * float(np.interp(0.0, [_growth(r) for r in runs], SHARES))
+
+    return Claim(
+        f"o9-{K:g}", ("o9", "robust"), f"K = {K:g}, stiff grip: oscillates from lambda_M =",
+        "1/s", relative(limit(K), 0.02), "O9: α + λ_min(K M⁻¹), for k_p -> ∞",
+        tuple(f"stiff-{K:g}-{share:g}" for share in SHARES), found,
+    )  # fmt: skip
 
 
 def _swing(r: Run) -> float:
@@ -59,13 +85,9 @@ def _swing(r: Run) -> float:
     return float(x[-len(x) // 4 :].std())
 
 
-_LIMIT = oracles.grip_limit(oracles.passive_limit(THETA, HELD, K, ALPHA), K, ALPHA, STIFF)
-_STIFF = tuple(f"stiff-{gain:g}" for gain in GAINS)
+_LADDER = "independent simulation: longest period {}"
 CLAIMS = (
-    Claim("o9-onset", ("o9", "robust"), "stiff grip, theta known: oscillates from lambda_M =",
-          "1/s", relative(_LIMIT, 0.02), "O9: α + λ_min(K M⁻¹), for k_p -> ∞", _STIFF, _onset),
-    Claim("o9-inside", ("o9", "robust"), "lambda_M = 2: its growth rate", "1/s", at_most(-0.1),
-          "O9: below the limit", ("stiff-2",), _growth),
+    *(_onset(K) for K in FEEDBACK),
     Claim("tight-10", ("robust", "o9"), "grip of 200 N.m/rad, lambda_M = 10: diverges at", "s",
           within(0.1, 0.3), "independent simulation: 0.18 s", ("tight-10",), stopped,
           "lambda_M above the limit O9", True),
@@ -75,16 +97,22 @@ CLAIMS = (
     Claim("tight-1", ("robust",), "the same grip, lambda_M = 1: master at q_h from", "s",
           at_most(12.0), "O9: below the limit", ("tight-1",),
           lambda r: m.settled(r, ["master.q"], Q_H)),
-    Claim("ladder-single", ("robust",), "one arm sampled at 15 ms: at q_h from", "s",
-          relative(5.8, 0.1), "independent simulation: 15 ms is the limit", ("single-slow",),
+    Claim("single-15ms", ("robust",), "one arm sampled at 15 ms: at q_h from", "s",
+          relative(5.8, 0.1), _LADDER.format("15 ms"), ("single-15ms",),
           lambda r: m.settled(r, ["robot.q"], Q_H)),
-    Claim("ladder-single-end", ("robust",), "one arm sampled at 25 ms: diverges at", "s",
-          at_most(2.0), "independent simulation: 15 ms is the limit", ("single-too-slow",),
-          stopped, "T_s too long", True),
-    Claim("ladder-pair", ("robust",), "teleoperator sampled at 15 ms: at q_h from", "s",
-          within(11.2, 12.0), "as at 5 ms; at 20 ms 3 of 40 seeds diverge", ("pair-slow",),
-          lambda r: m.settled(r, ["master.q", "slave.q"], Q_H)),
-    Claim("ladder-pair-end", ("robust",), "teleoperator sampled at 30 ms: diverges at", "s",
-          at_most(3.0), "independent simulation: 20 ms is the limit", ("pair-too-slow",), stopped,
-          "T_s too long", True),
+    Claim("single-25ms", ("robust",), "one arm sampled at 25 ms: diverges at", "s",
+          at_most(2.0), _LADDER.format("15 ms"), ("single-25ms",), stopped, "T_s too long", True),
+    Claim("pair-15ms", ("robust",), "teleoperator sampled at 15 ms: at q_h from", "s",
+          within(11.2, 12.0), "as at 5 ms", ("pair-15ms",), lambda r: m.settled(r, ARMS, Q_H)),
+    Claim("pair-30ms", ("robust",), "teleoperator sampled at 30 ms: diverges at", "s",
+          at_most(3.0), _LADDER.format("20 ms; here 3 of 40 seeds diverge at 20 ms"),
+          ("pair-30ms",), stopped, "T_s too long", True),
+    Claim("net-6ms", ("robust", "thm4"), "six arms, delays, Gamma = 8, 6 ms: at q_h from", "s",
+          within(44.0, 62.0), _LADDER.format("6 ms; 10 seeds here: 52.0 to 56.5 s"), ("net-6ms",),
+          lambda r: m.settled(r, SIX, Q_H)),
+    Claim("net-10ms", ("robust",), "six arms, delays, Gamma = 8, 10 ms: diverge at", "s",
+          at_most(3.0), _LADDER.format("6 ms"), ("net-10ms",), stopped, "T_s too long", True),
+    Claim("net-10ms-slow", ("robust",), "six arms, delays, Gamma = 1, 10 ms: at q_h from", "s",
+          within(44.5, 56.5), _LADDER.format("10 to 12 ms"), ("net-10ms-slow",),
+          lambda r: m.settled(r, SIX, Q_H)),
 )  # fmt: skip

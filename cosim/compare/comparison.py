@@ -71,11 +71,12 @@ def compare(
         )
         for case in cases(chosen, seeds)
     ]
-    tables, found = Tables(), dict[Case, Outcome]()
+    found: dict[Case, Outcome] = {}
     for task, result in spread(run_case, tasks, jobs):
-        outcome = result or lost(task.case, "its process died: a component crashed")
-        tables.add(task.case, outcome.tables)
-        found[task.case] = outcome
+        found[task.case] = result or lost(task.case, "its process died: a component crashed")
         progress(len(found), len(tasks))
+    tables = Tables()
+    for task in tasks:  # in this order whichever was done first
+        tables.add(task.case, found[task.case].tables)
     outcomes = tuple(found[task.case].without_tables() for task in tasks)
     return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)

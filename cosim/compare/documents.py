@@ -8,9 +8,9 @@ give the same delays whichever controller uses them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,9 @@ from cosim.compare.toml import Section, read_toml
 from cosim.compare.variants import Controller, LinkLaw, Operator, Role, Selection, Variants
 from cosim.connect import unknown
 from cosim.errors import CosimError, ScenarioError
+from cosim.plan import Plan
 from cosim.scenario import Scenario, build
 from cosim.settings import change
-from cosim.simulate import columns
 
 Document = dict[str, Any]
 #: Keys of a delay law that name files.
@@ -84,7 +84,8 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     document = deepcopy(dict(base.document))
     for key in ("metrics", "figures"):
         document.pop(key, None)
-    document["run"] |= {"seed": case.seed, "record": {"signals": recorded(variants)}}
+    signals = sorted({signal for signal, _ in read_by(variants)})
+    document["run"] |= {"seed": case.seed, "record": {"signals": signals}}
     controller = variants.controllers[case.controller]
     _hold(document, variants.operators[case.operator], variants.roles)
     _control(document, controller, variants)
@@ -95,33 +96,46 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     return build(document, base.path)
 
 
-def recorded(variants: Variants) -> list[str]:
-    """Every signal that a column, the verdict or the figure reads, whole."""
+def read_by(variants: Variants) -> Iterator[tuple[str, str]]:
+    """(signal, place in the variants file) of all that columns, verdict and figure read, whole."""
     s = variants.stability
-    names = {*s.position, *s.velocity, *variants.picture.y}
-    names.update(name for column in variants.columns for name in column.metric.signals)
-    return sorted({name.partition("[")[0] for name in names})
+    for place, names in (
+        *((f"columns.{c.name}", c.metric.signals) for c in variants.columns),
+        ("stable.position", s.position),
+        ("stable.velocity", s.velocity),
+        ("figure.y", variants.picture.y),
+    ):
+        for name in names:
+            yield name.partition("[")[0], f"{variants.path} at {place}"
 
 
 def check(base: Base, variants: Variants, chosen: Selection) -> None:
     """Refuse what cannot be assembled, before anything runs: each variant once.
 
-    Raises ScenarioError that starts with the variant's place.
+    Raises ScenarioError that starts with the place of the variant, or of all that were tried
+    together where it may be any of them.
     """
     first = Case(chosen.controllers[0], chosen.operators[0], chosen.links[0], base.seed)
-    cases = [(f"controllers.{x}", Case(x, first.operator, first.link, first.seed))
-             for x in chosen.controllers]  # fmt: skip
-    cases += [(f"operators.{x}", Case(first.controller, x, first.link, first.seed))
-              for x in chosen.operators[1:]]  # fmt: skip
-    cases += [(f"links.{x}", Case(first.controller, first.operator, x, first.seed))
-              for x in chosen.links[1:]]  # fmt: skip
-    for place, case in cases:
-        try:
-            made = scenario(base, variants, case)
-            columns(assemble(made), made.run.record.signals, "its columns")
-        except CosimError as error:
-            text = f"does not fit into the scenario: {error}"
-            raise ScenarioError(text, f"{variants.path} at {place}") from None
+    together = f"controllers.{first.controller}, operators.{first.operator}, links.{first.link}"
+    cases = {together: first}
+    cases |= {f"controllers.{x}": replace(first, controller=x) for x in chosen.controllers[1:]}
+    cases |= {f"operators.{x}": replace(first, operator=x) for x in chosen.operators[1:]}
+    cases |= {f"links.{x}": replace(first, link=x) for x in chosen.links[1:]}
+    for name, case in cases.items():
+        slots = _assembled(base, variants, case, name).slots()
+        for signal, place in read_by(variants):
+            if signal not in slots:
+                sentence = f"with {name}, {unknown(signal, slots, 'signal')}"
+                raise ScenarioError(sentence, place)
+
+
+def _assembled(base: Base, variants: Variants, case: Case, name: str) -> Plan:
+    """The plan of a case; what cannot be is said to be about `name`."""
+    try:
+        return assemble(scenario(base, variants, case))
+    except CosimError as error:
+        text = f"does not fit into the scenario: {error}"
+        raise ScenarioError(text, f"{variants.path} at {name}") from None
 
 
 # ---- what is replaced ---------------------------------------------------------------------------

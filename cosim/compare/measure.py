@@ -17,7 +17,7 @@ from cosim.analysis.metrics import Result
 from cosim.compare.documents import Case
 from cosim.compare.variants import Column, Picture, Stability
 from cosim.compare.verdict import Verdict, judge
-from cosim.errors import CosimError, RunError
+from cosim.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.storage import load_table
 from cosim.record import Run
@@ -27,6 +27,8 @@ from cosim.simulate import simulate
 
 #: Points of a curve that come back from a worker.
 POINTS = 400
+
+_CANNOT = (ScenarioError, FmuError, PlanError, RunError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,18 +97,21 @@ def lost(case: Case, reason: str) -> Outcome:
 
 
 def run_case(task: Task) -> Outcome:
-    """Run and measure a case. A case that fails is an outcome with its reason, not an error."""
+    """Run and measure a case. A case that fails is an outcome with its reason, not an error.
+
+    What no case is to blame for, such as an engine of another version, is raised: CosimError.
+    """
     with _folder(task.folder) as folder:
         failure = None
         try:
             simulate(task.scenario, Path(folder), force=True)
         except RunError as error:
             failure = error
-        except CosimError as error:
+        except _CANNOT as error:
             return lost(task.case, str(error))
         try:
             return _measured(task, Run.open(folder), failure)
-        except CosimError as error:
+        except _CANNOT as error:
             return lost(task.case, str(failure or error))
 
 

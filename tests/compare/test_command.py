@@ -1,0 +1,80 @@
+"""``cosim compare`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+
+from cosim.cli.compare import compare
+from cosim.errors import ScenarioError
+from tests.compare.parts import CONFIG, ROOT, SMALL, VARIANTS, written
+
+
+def call(*arguments: str | Path) -> None:
+    """The command alone, without what turns errors into exit codes."""
+    app = typer.Typer()
+    app.command()(compare)
+    app([*map(str, arguments)], standalone_mode=False)
+
+
+def test_it_prints_one_table_and_writes_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    call(
+        CONFIG, "--controllers", "p+d,pd", "--operators", "light, tight", "--links", "paper",
+        "--set", "run.stop=2 s", "--jobs", "1", "--out", out, "--keep",
+    )  # fmt: skip
+    said = capsys.readouterr()
+    assert "2 controllers x 2 operators x 1 link laws x 1 seed, 4 runs" in said.out
+    assert "link tables: the same for every controller" in said.out
+    assert said.err == ""
+    assert {p.name for p in out.iterdir()} == {
+        "comparison.png", "table.md", "table.csv", "table.json", "links", "runs"
+    }  # fmt: skip
+    kept = out / "runs" / "paper" / "tight" / "pd-seed0"
+    assert (kept / "trajectories.parquet").exists()
+    with pytest.raises(ScenarioError, match="not empty"):
+        call(CONFIG, "--out", out)
+    call(
+        CONFIG, "--controllers", "pd", "--operators", "tight", "--links", "paper", "--quiet",
+        "--set", "run.stop=1 s", "--jobs", "1", "--out", out, "--keep", "--force", "--no-plot",
+    )  # fmt: skip
+    assert capsys.readouterr().out == ""
+    assert len(json.loads((out / "table.json").read_text(encoding="utf-8"))["runs"]) == 1
+    assert not (out / "comparison.png").exists()
+
+
+def test_the_list_says_what_there_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    call(CONFIG, "--list")
+    said = capsys.readouterr().out
+    assert "sends q, dq" in said
+    assert "4 B_l B_r > (T_l + T_r)² K_l K_r" in said
+    assert "200 N·m/rad" in said
+    call(CONFIG, "--variants", written(tmp_path, SMALL), "--list")
+    assert "sends q, dq" in capsys.readouterr().out
+
+
+def test_what_cannot_be_leaves_nothing_behind(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(ScenarioError, match="--operators: no operator 'lihgt'; did you mean"):
+        call(CONFIG, "--operators", "lihgt", "--out", out)
+    with pytest.raises(ScenarioError, match="no such file; expected a scenario file"):
+        call(tmp_path / "none.toml", "--variants", VARIANTS, "--out", out)
+    with pytest.raises(ScenarioError, match="expected one variants file, there is none"):
+        call(tmp_path / "none.toml", "--out", out)
+    wrong = written(tmp_path, SMALL.replace("PD(10,4)", "PD(9,9)"))
+    with pytest.raises(ScenarioError, match="at controllers.pd"):
+        call(CONFIG, "--variants", wrong, "--out", out)
+    assert not out.exists()
+
+
+def test_every_controller_has_its_section_in_the_guide() -> None:
+    guide = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
+    from cosim.compare.variants_file import read
+
+    for name in read(VARIANTS).controllers:
+        assert f"`{name}`" in guide, name

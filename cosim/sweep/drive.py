@@ -10,6 +10,7 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
+from cosim import native
 from cosim.errors import CosimError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.interrupts import deferred
@@ -65,6 +66,7 @@ def sweep(
     `force`; never for a run that fails.
     """
     total = count(study)
+    native.library()  # what is wrong with the installation is wrong with no run
     common = job(study, folder.resolve() / RUNS if study.keep == "trajectories" else None)
     plan, units = check(study, common)
     figures.check(study, [axis.name for axis in study.axes], units)

@@ -169,6 +169,8 @@ def _line(ax: Axes, spec: FigureSpec, table: Table) -> None:
         records = [found[(x, value) if spec.by else (x,)] for _, x in there]
         at = [float(x) if numeric else float(i) for i, x in there]
         middle = [_reduced(spec, r, spec.y) for r in records]
+        if not np.isfinite(middle).any():
+            continue
         columns = [column(r, spec.y) for r in records]
         low = [float(np.min(c[~np.isnan(c)], initial=np.inf)) for c in columns]
         high = [float(np.max(c[~np.isnan(c)], initial=-np.inf)) for c in columns]

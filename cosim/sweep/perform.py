@@ -10,6 +10,8 @@ from math import isfinite, isinf, nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cosim.analysis.metrics import Metric, Result, evaluate, metric
 from cosim.analysis.preview import Preview
 from cosim.analysis.signals import Signals
@@ -114,7 +116,8 @@ def perform(job: Job, point: Point) -> Row:
     measures: dict[str, float] = {}
     reason, stopped_at = "", nan
     try:
-        results = _measure(job, point)
+        with np.errstate(all="ignore"):  # what diverges overflows; the row says so
+            results = _measure(job, point)
         measures = {name: value for result in results for name, value in _named(result)}
     except RunError as error:
         reason, stopped_at = str(error), error.time

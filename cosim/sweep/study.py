@@ -86,11 +86,11 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     keep: Literal["nothing", "trajectories"] = "nothing"
     settings: tuple[str, ...] = ()
     seeds: Natural | tuple[Natural, ...] | None = None
-    vary: dict[str, AxisSpec] = {}
+    vary: dict[str, dict[str, Any]] = {}
     sample: SampleSpec | None = None
-    metrics: dict[str, MetricSpec] = {}
-    stable: dict[str, float] = {}
-    figures: dict[str, FigureSpec] = {}
+    metrics: dict[str, dict[str, Any]] = {}
+    stable: dict[str, Any] = {}
+    figures: dict[str, dict[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +133,15 @@ def load_study(path: Path) -> Study:
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
-    spec = _convert(document, path)
-    axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in spec.vary.items())
+    spec = _convert(document, StudySpec, path)
+    vary = _each(spec.vary, AxisSpec, path, "vary")
+    axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in vary.items())
+    _each(spec.metrics, MetricSpec, path, "metrics")
     study = Study(
         path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
         spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
-        document.get("metrics", {}), spec.stable, spec.figures,
+        spec.metrics, _bounds(spec.stable, f"{path} at stable"),
+        _each(spec.figures, FigureSpec, path, "figures"),
     )  # fmt: skip
     _check(study)
     return study
@@ -151,17 +154,35 @@ def _scenario(name: str, study: Path) -> Path:
     return path
 
 
-def _convert(document: Mapping[str, Any], path: Path) -> StudySpec:
+def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    return {name: _convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+
+
+def _convert(value: Any, kind: type[T], path: Path, above: str = "") -> T:
     try:
-        return msgspec.convert(document, StudySpec)
+        return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         message, _, inside = str(error).partition(" - at `$")
-        place = inside.rstrip("`").lstrip(".")
-        if "unknown field" in message and not inside:
-            message += f"; expected one of {', '.join(_keys(StudySpec))}"
-        elif "unknown field" in message and place.startswith("vary"):
-            message += f"; expected one of {', '.join(_keys(AxisSpec))}"
+        if not inside and "unknown field" in message:
+            message += f"; expected one of {', '.join(_keys(kind))}"
+        place = f"{above}{inside.rstrip('`')}".lstrip(".")
         raise ScenarioError(message, f"{path} at {place}" if place else str(path)) from None
+
+
+def _bounds(table: Mapping[str, Any], place: str, above: str = "") -> dict[str, float]:
+    """``sync_error.settle_s = 30`` with its dot, which TOML takes for a table in a table."""
+    found: dict[str, float] = {}
+    for key, value in table.items():
+        name = f"{above}{key}"
+        if isinstance(value, dict):
+            found |= _bounds(value, place, f"{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
+            found[name] = float(value)
+        else:
+            raise ScenarioError(
+                f"found {value!r}, expected the largest size it may have", f"{place}.{name}"
+            )
+    return found
 
 
 def _keys(kind: type[Any]) -> list[str]:

@@ -1,0 +1,144 @@
+"""The whole analysis of a port: numbers of a run, and of test forces, with curves to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cosim.analysis import closed_form as closed
+from cosim.analysis.closed_form import Network, network
+from cosim.analysis.contacts import by_grip, by_wall, margin
+from cosim.analysis.experiments import Bench, rest_position
+from cosim.analysis.facts import Array
+from cosim.analysis.port import Port
+from cosim.analysis.quantity import Quantity, absent
+from cosim.analysis.recorded import Recorded, least_feedback, numbers, read
+from cosim.analysis.subject import Subject
+from cosim.analysis.tested import (
+    LOWEST,
+    Swept,
+    by_frequency,
+    by_push,
+    felt_free,
+    sweep,
+    with_known,
+)
+from cosim.errors import CosimError
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """What was found: `quantities` in two groups, and what the figures show.
+
+    `bound`: O6 at the times of the run, where it is known; `swept`: the port by frequency;
+    `remarks`: what could not be done, and why.
+    """
+
+    title: str
+    port: Port
+    run: tuple[Quantity, ...]
+    tests: tuple[Quantity, ...]
+    recorded: Recorded
+    bound: Array | None
+    swept: tuple[Swept, ...] = ()
+    remarks: tuple[str, ...] = field(default=())
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All of them."""
+        return (*self.run, *self.tests)
+
+    def as_data(self) -> dict[str, Any]:
+        """For JSON."""
+        names = Port.__dataclass_fields__
+        return {
+            "title": self.title,
+            "port": {name: getattr(self.port, name) for name in names},
+            "run": [q.as_data() for q in self.run],
+            "tests": [q.as_data() for q in self.tests],
+            "gain": [_gain(s) for s in self.swept],
+            "remarks": list(self.remarks),
+        }
+
+
+def _gain(swept: Swept) -> dict[str, Any]:
+    return {
+        "title": swept.title,
+        "omega": swept.measured.omega.tolist(),
+        "gain": swept.measured.size.tolist(),
+        "real_part": swept.measured.real_part().tolist(),
+        "gain_closed": swept.closed.size.tolist() if swept.closed else None,
+    }
+
+
+def analyse(
+    subject: Subject,
+    *,
+    tests: bool = True,
+    lowest: float = LOWEST,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Analysis:
+    """Everything about a port.
+
+    Without a system there are no closed forms and no tests. `lowest`: frequency of the slowest test
+    force, rad/s; `progress` is told what comes next. Raises ScenarioError for signals that were not
+    recorded.
+    """
+    port, known, remarks = subject.port, subject.system, list(subject.remarks)
+    recorded = read(subject.signals, port)
+    net = network(known, port.arm) if known is not None else None
+    arm = known.arms.get(port.arm) if known is not None else None
+    if known is not None:
+        remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
+    swept: list[Swept] = []
+    tested: tuple[Quantity, ...] = ()
+    if known is not None and tests and not port.inject:
+        remarks.append("no test forces: no input for them is named ([analysis] inject)")
+    elif known is not None and tests:
+        bench = Bench(known, port, rest_position(known, port, {port.response: recorded.response}))
+        tested = tuple(_tests(bench, lowest, swept, progress))
+    return Analysis(
+        title=subject.title,
+        port=port,
+        run=tuple(numbers(recorded, net, arm)),
+        tests=tested,
+        recorded=recorded,
+        bound=_bound(net, recorded),
+        swept=tuple(swept),
+        remarks=tuple(remarks),
+    )
+
+
+def _bound(net: Network | None, recorded: Recorded) -> Array | None:
+    if net is None:
+        return None
+    return closed.manipulability_bound(net, np.asarray(recorded.t), least_feedback(net))
+
+
+def _tests(
+    bench: Bench, lowest: float, swept: list[Swept], progress: Callable[[str], None]
+) -> Iterator[Quantity]:
+    benches = [b for b in (bench, with_known(bench)) if b is not None]
+    for b in benches:
+        progress("port by frequency")
+        try:
+            one = sweep(b, lowest)
+        except CosimError as error:
+            how = "test forces of many frequencies"
+            yield absent("degree", "degree of manipulability", "1", how, str(error))
+            continue
+        swept.append(one)
+        yield from by_frequency(one, b)
+    progress("constant push")
+    pushed = list(by_push(bench))
+    yield from pushed
+    yield from margin(bench)
+    if bench.arm is not None:
+        progress("stiffest grip")
+        for b in benches:
+            yield from by_grip(b)
+    progress("wall")
+    yield from by_wall(bench, felt_free(pushed))

@@ -1,0 +1,289 @@
+"""Closed forms of robots under dynamic feedback: what a run, or a test force, must agree with.
+
+With the estimate at rest, M_hat = M(theta_hat), and the delays at their means, robots i in one
+posture each obey, in the Laplace variable p (matrices over joints, blocks over robots)::
+
+    A(p) q = tau_h,   A = (M - M_hat) p² + (M_hat p + K) (p + alpha)/(p + lambda_M) L(p)
+
+    L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
+
+from s = (p + alpha)/(p + lambda_M) L q and M p² q = -K s + M_hat p (p q - s) + tau_h. One robot
+has L = p. For M_hat = M one robot's admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)).
+Everything below is that, at some p. SI; no gravity; Remark 3 is K = lambda_c M_hat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf, pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.analysis.facts import Arm, Array, DynamicFeedback
+from cosim.analysis.system import System
+
+Complex = NDArray[np.complex128]
+
+#: Where p stands for 0, 1/s: well below any corner, well above rounding.
+_ZERO = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """The robots that hear each other, `port` the one that is held.
+
+    `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `outside` (n,): lambda w of
+    rows that come from nobody known, as if their sender stood still.
+    """
+
+    names: tuple[str, ...]
+    arms: tuple[Arm, ...]
+    laws: tuple[DynamicFeedback, ...]
+    coupling: Array
+    delay: Array
+    outside: Array
+    port: int
+
+    @property
+    def law(self) -> DynamicFeedback:
+        """The law at the port."""
+        return self.laws[self.port]
+
+    def L(self, p: complex) -> Complex:
+        """Who hears whom, (n, n), 1/s."""
+        around = self.coupling.sum(axis=1) + self.outside
+        return np.asarray(p * np.eye(len(around)) + np.diag(around) - self._heard(p))
+
+    def _heard(self, p: complex) -> Complex:
+        return np.asarray(self.coupling * np.exp(-p * self.delay), dtype=np.complex128)
+
+    def A(self, p: complex, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Complex:
+        """From positions to torques, (n m, n m), N.m/rad, all robots at `q` (m,).
+
+        `estimates`: theta_hat of each.
+        """
+        m, L = len(q), self.L(p)
+        rows = []
+        for i, (arm, law) in enumerate(zip(self.arms, self.laws, strict=True)):
+            M = arm.inertia(arm.parameters, q)
+            M_hat = arm.inertia(estimates[i], q)
+            K = law.lambda_c * M_hat if law.lambda_c else np.diag(_spread(law.K, m))
+            feedback = (M_hat * p + K) * (p + law.alpha) / (p + law.lambda_M)
+            blocks = [feedback * L[i, j] for j in range(len(self.arms))]
+            blocks[i] = blocks[i] + (M - M_hat) * p * p
+            rows.append(np.hstack(blocks))
+        return np.vstack(rows)
+
+    def gain(self, p: complex, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Complex:
+        """G(p), (m, m), rad/(N.m): from torque to position at the port."""
+        m = len(q)
+        at = slice(self.port * m, (self.port + 1) * m)
+        return np.asarray(np.linalg.inv(self.A(p, q, estimates))[at, at])
+
+    def known(self) -> tuple[tuple[float, ...], ...]:
+        """The estimates that are right: M_hat = M."""
+        return tuple(arm.parameters for arm in self.arms)
+
+    def started(self) -> tuple[tuple[float, ...], ...]:
+        """The estimates at the start."""
+        return tuple(law.theta_hat for law in self.laws)
+
+    def quasi_static(self, p: complex, K: float) -> complex:
+        """G(p) of a joint without inertia, rad/(N.m); `K` the feedback gain of that joint."""
+        law = self.law
+        reduced = complex(np.linalg.inv(self.L(p))[self.port, self.port])
+        return (p + law.lambda_M) / (p + law.alpha) * reduced / K
+
+
+def network(system: System, port: str) -> Network | None:
+    """The network that the arm `port` is part of; None where its law is not of this kind."""
+    laws = system.of(DynamicFeedback)
+    start = system.controls.get(port, "")
+    if start not in laws:
+        return None
+    names = [start]
+    for name in names:  # grows while it is walked
+        ends = [(e.receiver, e.sender) for e in system.edges if e.lasting and e.sender]
+        found = [b if a == name else a for a, b in ends if name in (a, b)]
+        names += [other for other in dict.fromkeys(found) if other not in names]
+    names.sort()
+    if any(system.arm_of(name) is None for name in names):
+        return None
+    n = len(names)
+    coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    for e in (e for e in system.edges if e.receiver in names and e.lasting):
+        i, strength = names.index(e.receiver), laws[e.receiver].lambda_ * e.weight
+        if e.sender in names:
+            j = names.index(e.sender)
+            coupling[i, j] += strength
+            delay[i, j] = e.age.mean
+        else:
+            outside[i] += strength
+    arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
+    chosen = tuple(laws[name] for name in names)
+    return Network(tuple(names), arms, chosen, coupling, delay, outside, names.index(start))
+
+
+def _spread(values: Sequence[float], m: int) -> Array:
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), (m,))
+
+
+# ---- O3, O4, O5: slow pole, felt damping, stiffness ---------------------------------------------
+
+
+def felt_damping(net: Network, K: float) -> float:
+    """O4, tau_h over velocity under a constant push, N.m.s/rad; inf where it comes to rest.
+
+    One robot: K alpha/lambda_M. Two: K alpha (2 + lambda (T_12 + T_21))/lambda_M.
+    """
+    damping = 1 / (_ZERO * net.quasi_static(_ZERO, K)).real
+    return damping if damping < 1e-3 / _ZERO else inf
+
+
+def felt_stiffness(net: Network, K: float) -> float:
+    """Torque over displacement under a constant push, N.m/rad; 0 where it moves for ever.
+
+    alpha K for one robot with lambda_M = 0 (O2: M^t -> 1/(alpha K)).
+    """
+    stiffness = 1 / net.quasi_static(_ZERO, K).real
+    return stiffness if stiffness > 1e3 * _ZERO else 0.0
+
+
+def static_stiffness(law: DynamicFeedback, weight: float, K: float) -> float:
+    """O5, kappa = lambda w alpha K/lambda_M: at rest tau_1* = kappa (q_1 - q_2), N.m/rad."""
+    if not law.lambda_M:
+        return inf
+    return law.lambda_ * weight * law.alpha * K / law.lambda_M
+
+
+def quasi_static_poles(law: DynamicFeedback, K: float, k_p: float, k_d: float) -> Complex:
+    """O3, poles of one robot in the operator's hand without inertia, slowest first, 1/s.
+
+    (1 + k_d/K) p² + (alpha + (lambda_M k_d + k_p)/K) p + lambda_M k_p/K = 0
+    """
+    rate = law.alpha + (law.lambda_M * k_d + k_p) / K
+    return _sorted(np.roots([1 + k_d / K, rate, law.lambda_M * k_p / K]))
+
+
+def poles(
+    net: Network,
+    q: Sequence[float],
+    estimates: Sequence[Sequence[float]],
+    k_p: Sequence[float],
+    k_d: Sequence[float],
+) -> Complex:
+    """Poles of the network with the operator's hand at its port, slowest first, 1/s.
+
+    Roots of det(A(p) + k_p + k_d p) = 0, k_p and k_d at the port, inertia and all. With delays
+    there are infinitely many: those are found that Newton's method reaches from a fan of starts.
+    """
+    m, n = len(q), len(net.laws)
+    at = slice(net.port * m, (net.port + 1) * m)
+
+    def f(p: complex) -> complex:
+        A = net.A(p, q, estimates)
+        A[at, at] += np.diag(_spread(k_p, m)) + p * np.diag(_spread(k_d, m))
+        return complex(np.linalg.det(A) * (p + net.law.lambda_M) ** (n * m))
+
+    scale = max(*(law.lambda_M for law in net.laws), *(law.alpha for law in net.laws), 1.0)
+    found: list[complex] = []
+    for size in np.geomspace(0.02, 2.0, 9):
+        for turn in (pi, 0.85 * pi, 0.65 * pi):
+            p = _newton(f, complex(scale * size * np.exp(1j * turn)))
+            away = p is not None and abs(p + net.law.lambda_M) > 1e-3
+            if p is not None and away and all(abs(p - other) > 1e-5 * scale for other in found):
+                found.append(p)
+    return _sorted(np.array(found))
+
+
+def _sorted(roots: ArrayLike) -> Complex:
+    found = np.asarray(roots, dtype=np.complex128)
+    return found[np.lexsort((found.imag, -found.real))]
+
+
+def _newton(f: Callable[[complex], complex], p: complex) -> complex | None:
+    """The root that Newton's method reaches from `p`, or None."""
+    for _ in range(50):
+        step = 1e-6 * (1 + abs(p))
+        value = f(p)
+        slope = (f(p + step) - f(p - step)) / (2 * step)
+        if not np.isfinite(slope) or slope == 0:
+            return None
+        change = value / slope
+        p -= change
+        if abs(change) < 1e-9 * (1 + abs(p)):
+            return p
+    return None
+
+
+# ---- O6, O9: gains ------------------------------------------------------------------------------
+
+
+def manipulability_bound(net: Network, t: Array, K: float) -> Array:
+    """O6, M^t <= (1 + 2 lambda_M t/π) ‖H‖/(alpha lambda_min(K)), rad/(N.m), theta known.
+
+    1/lambda_min(K) bounds tau_h -> s, 1/alpha is a filter, 2 t/π the norm of the integral over
+    [0, t], and H(p) = p [L⁻¹]_port what the other robots make of it (1 for one robot). inf for
+    alpha = 0. `K`: the least feedback gain.
+    """
+    law = net.law
+    if law.alpha == 0:
+        return np.full_like(t, inf)
+    H = max(
+        abs(w * np.linalg.inv(net.L(1j * w))[net.port, net.port])
+        for w in np.geomspace(1e-4, 1e3, 400)
+    )
+    return np.asarray((1 + 2 * law.lambda_M * t / pi) * H / (law.alpha * K))
+
+
+def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
+    """O9, the lambda_M up to which a robot is passive to its operator, theta known, 1/s.
+
+    alpha + lambda_min(K M⁻¹); with Remark 3 alpha + lambda_c, whatever the inertia.
+    """
+    if law.lambda_c:
+        return law.alpha + law.lambda_c
+    diagonal = np.diag(_spread(K, len(M)))
+    return float(law.alpha + np.linalg.eigvals(diagonal @ np.linalg.inv(M)).real.min())
+
+
+def grip_stable(law: DynamicFeedback, M: float, K: float, k_p: float, k_d: float) -> bool:
+    """Whether a grip on a robot of inertia M, theta known, is stable (Routh).
+
+    M p³ + (K + alpha M + k_d) p² + (alpha K + lambda_M k_d + k_p) p + lambda_M k_p = 0
+    """
+    inner = (K + law.alpha * M + k_d) * (law.alpha * K + law.lambda_M * k_d + k_p)
+    return inner > M * law.lambda_M * k_p
+
+
+def stiffest_grip(law: DynamicFeedback, M: float, K: float, k_d: float = 0.0) -> float:
+    """The k_p at which such a grip begins to swing, N.m/rad; inf where none does."""
+    a = K + law.alpha * M + k_d
+    excess = M * law.lambda_M - a
+    return inf if excess <= 0 else a * (law.alpha * K + law.lambda_M * k_d) / excess
+
+
+def stiffest_network_grip(net: Network, q: Sequence[float]) -> float:
+    """The k_p, alike for all joints, at which an undamped grip at the port begins to swing.
+
+    theta known. There det(1 + k_p G(jω)) = 0: an eigenvalue of G crosses the negative real axis at
+    -1/k_p. The least of them, N.m/rad; inf where there is none. One robot: :func:`stiffest_grip`.
+    """
+    least, known = inf, net.known()
+
+    def eigenvalues(w: float) -> Complex:
+        return np.asarray(np.linalg.eigvals(net.gain(1j * w, q, known)), dtype=np.complex128)
+
+    grid = np.geomspace(0.05, 500.0, 800)
+    before = eigenvalues(float(grid[0]))
+    for w in grid[1:]:
+        here = eigenvalues(float(w))
+        here = here[[int(np.argmin(np.abs(here - x))) for x in before]]  # branch by branch
+        for x, y in zip(before, here, strict=True):
+            if x.imag * y.imag < 0 and x.real < 0 and y.real < 0:
+                crossing = x.real + (y.real - x.real) * x.imag / (x.imag - y.imag)
+                least = min(least, -1 / crossing)
+        before = here
+    return float(least)

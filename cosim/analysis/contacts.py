@@ -1,0 +1,112 @@
+"""Numbers of the port by stiff grips and walls, and the passivity that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite, isinf
+
+import numpy as np
+
+from cosim.analysis import closed_form as closed
+from cosim.analysis.experiments import APART, RESOLVED, Bench, stiffest
+from cosim.analysis.quantity import Quantity, absent, quantity
+from cosim.analysis.tested import each_feedback, title_of
+from cosim.errors import CosimError
+
+#: Length of runs with a wall and a grip, s.
+WALL, GRIP = 60.0, 20.0
+#: A wall that is neither soft nor stiff, N.m/rad.
+MODERATE = 200.0
+#: What is said where everything tried is stable.
+RESOLVES = f"at least: the arm's step does not resolve stiffer ones (hω = {RESOLVED:g})"
+
+
+def margin(bench: Bench) -> Iterator[Quantity]:
+    """O9: how far lambda_M is below the passive limit, here and in the worst posture."""
+    net = bench.network
+    if net is None or bench.arm is None or not net.law.lambda_M:
+        return
+    arm, law = bench.arm, net.law
+    here = closed.passive_limit(law, arm.inertia(arm.parameters, bench.q), law.K)
+    worst = closed.passive_limit(law, arm.inertia_range[1] * np.eye(len(bench.q)), law.K)
+    formula = "α + λ_c - λ_M (Remark 3)" if law.lambda_c else "α + λ_min(K M⁻¹) - λ_M"
+    for name, where, limit in (("margin", "here", here), ("margin_worst", "worst posture", worst)):
+        yield quantity(
+            name, f"passivity margin, {where}", limit - law.lambda_M, "1/s", f"O9: {formula}",
+            note="passive" if limit >= law.lambda_M else "below 0: not passive once M_hat = M",
+        )  # fmt: skip
+
+
+def by_grip(bench: Bench) -> Iterator[Quantity]:
+    """The stiffest undamped grip that the arm at the port stands."""
+    tag, apart = title_of(bench), 1e-3 if bench.known else APART
+    label, name = f"stiffest grip, {tag}", f"grip_{'known' if bench.known else 'started'}"
+    how = f"k_p by bisection, k_d = 0, {GRIP:g} s each, gripped {apart:g} rad away"
+    try:
+        most = bench.resolved(bench.port.arm)
+        found = stiffest(
+            lambda k: bench.settles(bench.grip(k, 0.0, apart, GRIP), (bench.port.rate,)), most
+        )
+    except CosimError as error:
+        yield absent(name, label, "N.m/rad", how, str(error))
+        return
+    net = bench.network
+    expected: float | tuple[()] = ()
+    if net is not None and bench.known:
+        expected = closed.stiffest_network_grip(net, bench.q)
+    yield quantity(
+        name, label, min(found, most), "N.m/rad", how, expected=expected,
+        formula="where det(1 + k_p G(jω)) = 0, not sampled" if expected != () else "",
+        note=RESOLVES if isinf(found) else "",
+    )  # fmt: skip
+
+
+def by_wall(bench: Bench, felt: float) -> Iterator[Quantity]:
+    """Static reflection O5 at a moderate wall, and Z-width: from `felt` (N.m.s/rad) to a wall."""
+    port = bench.port
+    if not port.far_force or not port.far_response:
+        return
+    how = f"far arm against a wall of {MODERATE:g} N.m/rad for {WALL:g} s"
+    try:
+        signals = (port.force, port.response, port.far_force, port.far_response)
+        run = bench.run(bench.wall(MODERATE, WALL), signals)
+    except CosimError as error:
+        yield absent("stiffness", "static stiffness", "N.m/rad", how, str(error))
+        return
+    force, q, far_force, far_q = (run.array(name)[-1] for name in signals)
+    edge = _edge(bench)
+    net = bench.network
+    expected: list[float] = []
+    if net is not None:
+        expected = [closed.static_stiffness(net.law, edge, k) for k in each_feedback(net, len(q))]
+    yield quantity(
+        "stiffness", "static stiffness", force / (q - far_q), "N.m/rad",
+        f"{how}: torque over q1 - q2 at the end", expected=expected, formula="O5, κ = λαK/λ_M",
+    )  # fmt: skip
+    yield quantity(
+        "reflection", "static reflection", far_force / force, "1",
+        f"{how}: torque on the wall over torque of the hand", expected=1.0, formula="Theorem 5",
+    )  # fmt: skip
+    yield from _z_width(bench, felt)
+
+
+def _edge(bench: Bench) -> float:
+    """Weight of what the controller at the port hears."""
+    law = bench.system.controls.get(bench.port.arm, "")
+    return sum(e.weight for e in bench.system.edges if e.receiver == law and e.lasting)
+
+
+def _z_width(bench: Bench, felt: float) -> Iterator[Quantity]:
+    port = bench.port
+    how = f"k_w by bisection, {WALL:g} s each: the stiffest wall at the far arm that is at rest"
+    try:
+        most = bench.resolved(port.far)
+        rates = tuple(name for name in (port.rate, port.far_rate) if name)
+        found = stiffest(lambda k: bench.settles(bench.wall(k, WALL), rates), most)
+    except CosimError as error:
+        yield absent("z_width", "Z-width", "N.m/rad", how, str(error))
+        return
+    free = f"{felt:.4g} N.m.s/rad" if isfinite(felt) else "no end of damping"
+    note = f"free: {free}" + (f"; {RESOLVES}" if isinf(found) else "")
+    wall = min(found, most)
+    yield quantity("z_width", "Z-width: stiffest wall", wall, "N.m/rad", how, note=note)

@@ -1,0 +1,58 @@
+"""Effort of the operator, and the energy that goes through the two ends.
+
+The passivity observer of a teleoperator with the hand's torque tau_1 on the master and the slave's
+torque tau_2 on its environment is what went in and has not come out::
+
+    E(t) = ∫ (tau_1ᵀ dq_1 - tau_2ᵀ dq_2) dt
+
+Whatever is passive between the ends can give back no more than it held at the start: E never falls
+below minus that. A robot alone has no second term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+from cosim.analysis.facts import Array
+from cosim.analysis.manipulability import running_integral
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """What a force cost: `norm` = ‖f‖₂, `integral` = ∫|f| dt, `peak` of an entry, `holding`.
+
+    `holding`: mean of |f| over the last `window` s, the torque it takes in the end.
+    """
+
+    norm: float
+    integral: float
+    peak: float
+    holding: float
+    window: float
+
+
+def effort(t: Array, force: Array, window: float = 1.0) -> Effort:
+    """The effort of `force` (n, m) over `t` (n,) s."""
+    length = np.sqrt((force**2).sum(axis=1))
+    tail = t >= t[-1] - window * (1 + 1e-9)
+    return Effort(
+        norm=sqrt(running_integral(length**2, t)[-1]),
+        integral=float(running_integral(length, t)[-1]),
+        peak=float(np.abs(force).max()),
+        holding=float(length[tail].mean()),
+        window=min(window, float(t[-1] - t[0])),
+    )
+
+
+def observer(t: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
+    """E(t), (n,), J: the first of `ends`, (torque, velocity) each (n, m), less the others."""
+    signs = [1.0, *(-1.0 for _ in ends[1:])]
+    power = sum(
+        sign * np.einsum("ij,ij->i", torque, rate)
+        for sign, (torque, rate) in zip(signs, ends, strict=True)
+    )
+    return running_integral(np.asarray(power), t)

@@ -1,0 +1,229 @@
+"""Experiments at the port: the scenario's own components, at rest, with a test force fed in.
+
+Whatever arms there are start at one position, at rest, let go of by everybody; where the law has an
+estimate it adapts as in the scenario, or stays at what is true (M_hat = M). Links are as they are.
+Models without facts start as the scenario says: then what moves by itself is taken off by
+difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import exp, inf, log, sqrt
+
+import numpy as np
+
+from cosim.analysis.closed_form import Network, network
+from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
+from cosim.analysis.frequency import MultiSine, PortGain
+from cosim.analysis.port import Port
+from cosim.analysis.system import System
+from cosim.analysis.trace import Change, Trace, changed, trace
+from cosim.errors import RunError, ScenarioError
+
+#: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.
+FORCE = 1e-4
+#: Time for what the start sets off to die away, s.
+SETTLE = 40.0
+#: How far a grip or a wall is away from where the arm is, rad.
+APART = 0.3
+#: h ω of the fastest oscillation that the integrator inside an arm still follows well.
+RESOLVED = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """The port of a system, put on the bench at position `q` (m,).
+
+    `known`: M_hat = M in every controller, and not adapted.
+    """
+
+    system: System
+    port: Port
+    q: Vector
+    known: bool = False
+
+    @property
+    def arm(self) -> Arm | None:
+        """Facts of the arm at the port, if it has any."""
+        return self.system.arms.get(self.port.arm)
+
+    @property
+    def network(self) -> Network | None:
+        """The robots under dynamic feedback that the arm belongs to, if it does."""
+        return network(self.system, self.port.arm)
+
+    @property
+    def size(self) -> int:
+        """Entries of the force."""
+        return self.system.plan.slots()[self.port.inject].size
+
+    @property
+    def every(self) -> int:
+        """Ticks of a step of the component at the port."""
+        return self.system.plan.component(self.port.inject.split(".")[0]).period
+
+    @property
+    def h(self) -> float:
+        """Its step, s."""
+        return self.every * self.system.plan.h
+
+    def at_rest(self, seconds: float) -> Change:
+        """Everybody at `q`, at rest and let go of."""
+        change = Change(seconds)
+        for name, arm in self.system.arms.items():
+            m = len(arm.q)
+            q = self.q if len(self.q) == m else arm.q
+            k_p, k_d, _ = arm.grip.names
+            k_w, b_w, _ = arm.wall.names
+            still = {arm.position: q, arm.rate: (0.0,) * m}
+            free = {k_p: (0.0,), k_d: (0.0,), k_w: (0.0,), b_w: (0.0,)}
+            change = change.merged(**{name: {**still, **free}})
+        for name, law in self.system.of(DynamicFeedback).items():
+            given: dict[str, Sequence[float]] = {"z": (0.0,)}
+            if self.known:
+                given |= {law.estimate: self._true(name, law), law.adaptation: (0.0,)}
+            change = change.merged(**{name: given})
+        return change
+
+    def _true(self, name: str, law: DynamicFeedback) -> Vector:
+        """What the estimate of a law should be."""
+        arm = self.system.arms.get(self.system.arm_of(name) or "")
+        if arm is None:
+            raise ScenarioError(f"{name} controls no arm whose inertia is known")
+        return (*arm.parameters, *arm.gravity)[: len(law.theta_hat)]
+
+    def run(self, change: Change, signals: Sequence[str]) -> Trace:
+        """What comes of a change. Raises RunError where the run has to stop."""
+        found = trace(changed(self.system.plan, change), signals, self.every)
+        if found.stopped:
+            raise RunError(found.stopped)
+        return found
+
+    def push(self, seconds: float, force: float = FORCE) -> Trace:
+        """A constant push on every joint, from rest; force and response are recorded."""
+        if not self.port.inject:
+            raise ScenarioError("no input for a test force; name it in [analysis] as inject")
+        change = replace(
+            self.at_rest(seconds), forces={self.port.inject: np.full((1, self.size), force)}
+        )
+        return self.run(change, (self.port.inject, self.port.response))
+
+    def gain(self, sines: MultiSine) -> PortGain:
+        """G(jω): one run with the force on each joint, one without. Raises RunError, ScenarioError.
+
+        Before the period that is transformed there is time for what the start set off to die away.
+        Steps of the response are transformed, not the response: what is left of a slow decay, or of
+        a drift, hardly leaks into other frequencies then.
+        """
+        if not self.port.inject:
+            raise ScenarioError("no input for a test force; name it in [analysis] as inject")
+        settle = max(-(-sines.n // 4), round(SETTLE / sines.h))
+        seconds = (settle + sines.n) * sines.h
+        wave, response = sines.values(), (self.port.response,)
+        f = sines.transform(np.roll(wave, -settle)[:, None])
+        step = np.exp(1j * sines.omega * sines.h)[:, None] - 1
+        before = self.run(self._fed(seconds, np.zeros((1, self.size))), response)
+        columns = []
+        for j in range(self.size):
+            force = np.zeros((sines.n, self.size))
+            force[:, j] = wave
+            after = self.run(self._fed(seconds, force), response)
+            moved = after.array(response[0]) - before.array(response[0])
+            columns.append(sines.transform(np.diff(moved, axis=0)) / step / f)
+        return PortGain(sines.omega, np.stack(columns, axis=2), sines.h)
+
+    def bands(self, lowest: float, highest: float) -> PortGain:
+        """G(jω) from `lowest` to `highest`, rad/s: slow and fast forces in runs of their own.
+
+        A link whose delay jumps makes noise of what is fast; slow motion is not to hear it.
+        """
+        middle = min(max(1.0, 8 * lowest), highest)
+        slow = self.gain(MultiSine.spread(lowest, middle, self.h, 9, FORCE))
+        if middle >= highest:
+            return slow
+        fast = self.gain(MultiSine.spread(middle / 8, highest, self.h, 24, FORCE))
+        above = fast.omega > slow.omega[-1] * (1 + 1e-9)
+        omega = np.concatenate([slow.omega, fast.omega[above]])
+        return PortGain(omega, np.concatenate([slow.G, fast.G[above]]), self.h)
+
+    def _fed(self, seconds: float, force: Array) -> Change:
+        return replace(self.at_rest(seconds), forces={self.port.inject: force})
+
+    # ---- grips and walls -------------------------------------------------------------------------
+
+    def grip(self, k_p: float, k_d: float, apart: float, seconds: float) -> Change:
+        """The arm at the port gripped by a hand that is `apart` (rad) from where it is."""
+        arm = self._arm()
+        place = tuple(x + apart for x in self.q)
+        names = dict(zip(arm.grip.names, ((k_p,), (k_d,), place), strict=True))
+        return self.at_rest(seconds).merged(**{self.port.arm: names})
+
+    def wall(self, k_w: float, seconds: float) -> Change:
+        """The far arm in front of a wall, and the arm at the port pulled into it by its grip.
+
+        The grip is the scenario's; 10 N.m/rad, 5 N.m.s/rad where it has none.
+        """
+        arm, far = self._arm(), self.system.arms.get(self.port.far)
+        if far is None:
+            raise ScenarioError("there is no far arm whose wall could be set")
+        k_p = arm.grip.stiffness if any(arm.grip.stiffness) else (10.0,)
+        k_d = arm.grip.damping if arm.grip.there else (5.0,)
+        hand = tuple(x + 4 * APART for x in self.q)
+        grip = dict(zip(arm.grip.names, (k_p, k_d, hand), strict=True))
+        wall = dict(zip(far.wall.names, ((k_w,), far.wall.damping, self._away()), strict=True))
+        return self.at_rest(seconds).merged(**{self.port.arm: grip, self.port.far: wall})
+
+    def _away(self) -> Vector:
+        return tuple(x + APART for x in self.q)
+
+    def _arm(self) -> Arm:
+        if self.arm is None:
+            raise ScenarioError(f"{self.port.arm} has no grip or wall that is known")
+        return self.arm
+
+    def settles(self, change: Change, rates: Sequence[str]) -> bool:
+        """Whether motion dies away: velocities swing less in the last quarter than before it."""
+        found = trace(changed(self.system.plan, change), rates, self.every)
+        if found.stopped:
+            return False
+        x = np.hstack([found.array(name) for name in rates])
+        quarter = len(x) // 4
+        before, after = (_swing(x[i * quarter : (i + 1) * quarter]) for i in (2, 3))
+        return after < 0.98 * before or after < 1e-9
+
+    def resolved(self, name: str) -> float:
+        """The stiffest spring that the integrator of an arm follows, N.m/rad."""
+        arm = self.system.arms[name]
+        h = self.system.period(name) * arm.h_max
+        return arm.inertia_range[0] * (RESOLVED / h) ** 2
+
+
+def _swing(x: Array) -> float:
+    return sqrt(float((x**2).mean()))
+
+
+def stiffest(settles: Callable[[float], bool], most: float, least: float = 1.0) -> float:
+    """The greatest stiffness that settles, to 5 %, by bisection over its logarithm.
+
+    inf: even `most` does; 0: not even `least` does.
+    """
+    if settles(most):
+        return inf
+    if not settles(least):
+        return 0.0
+    low, high = log(least), log(most)
+    while high - low > 0.05:
+        middle = (low + high) / 2
+        low, high = (middle, high) if settles(exp(middle)) else (low, middle)
+    return exp(low)
+
+
+def rest_position(system: System, port: Port, found: Mapping[str, Array]) -> Vector:
+    """Where the bench puts the arms: where the port's arm ends, or where it starts."""
+    response = found.get(port.response)
+    if response is not None and len(response) and np.isfinite(response[-1]).all():
+        return tuple(float(x) for x in response[-1])
+    arm = system.arms.get(port.arm)
+    return arm.q if arm is not None else ()

@@ -1,0 +1,179 @@
+"""What a model says of itself, so that numbers can be predicted without knowing the model.
+
+Nothing in :mod:`cosim` knows a robot or a law. What does is the module a scenario names, and it may
+offer a function::
+
+    def facts(values: Mapping[str, tuple[float, ...]]) -> Facts | None
+
+or, if it does not, its package may have a module ``facts`` with a table ``FACTS`` from the module's
+last name to such a function. `values` holds every parameter, start value and input that nothing
+feeds, flattened, by name, as they are in the scenario. What comes back is one of the structs below.
+A model without facts runs as well; it is only predicted less.
+
+SI throughout; vectors have one entry a joint.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from math import inf
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Vector: TypeAlias = tuple[float, ...]
+Values: TypeAlias = Mapping[str, Vector]
+Gravity = Literal["none", "compensated", "adapted"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spring:
+    """A spring and a damper to `place` (rad): stiffness N.m/rad, damping N.m.s/rad.
+
+    `names`: what stiffness, damping and place are called in the model, so that they can be set.
+    """
+
+    stiffness: Vector
+    damping: Vector
+    place: Vector
+    names: tuple[str, str, str]
+
+    @property
+    def there(self) -> bool:
+        """Whether it does anything."""
+        return any(self.stiffness) or any(self.damping)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arm:
+    """A robot without friction, M(q) ddq + C dq + g = tau + tau_ext + tau_h - tau_e.
+
+    `inertia(parameters, q)` is M, (m, m), kg.m2, for any parameters, `parameters` those that are
+    true; `inertia_range` the least and greatest eigenvalue of M(q) over the workspace, `heaviest` a
+    posture that has the greatest; `gravity` the parameters of g, all 0 if there is none, N.m; `q`
+    where it starts; `h_max` the longest step
+    that the integrator of grip and wall takes in a communication step, as a share of it.
+
+    The strings are names of ports: control torque in, external torque in, position, velocity,
+    torque of the operator and torque on the environment out.
+    """
+
+    inertia: Callable[[Sequence[float], Sequence[float]], Array]
+    parameters: Vector
+    inertia_range: tuple[float, float]
+    heaviest: Vector
+    gravity: Vector
+    q: Vector
+    grip: Spring
+    wall: Spring
+    h_max: float = 1.0
+    torque: str = "tau"
+    external: str = "tau_ext"
+    position: str = "q"
+    rate: str = "dq"
+    hand: str = "tau_h"
+    environment: str = "tau_e"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicFeedback:
+    """The law of the paper, one robot and its neighbours j, eqs (29)-(32), (42)-(45), (76)-(81)::
+
+        dz  = -alpha dq + lambda_M s - lambda Σ_j w_j (xi - xi_j),   s = dq - z,   xi = dq + alpha q
+        tau = -K s + Y(q, dq, z, dz) theta_hat,   dtheta_hat = -Gamma Yᵀ s
+
+    `lambda_c` > 0: K is lambda_c M_hat (Remark 3). `z`, `theta_hat`: at the start. `theta_g`: the
+    gravity parameters that are compensated. `regressor`: root mean square of ‖Y(q, 0, 0, dz)‖/|dz|
+    over postures and directions. `tau_max`: limit of the torque; `age_max`: age beyond which what
+    was received is not used, s, inf where there is no limit.
+
+    The strings are names: torque out, received signals (a row a neighbour), their weights and ages,
+    the start value of the estimate and the adaptation gain.
+    """
+
+    K: Vector
+    Gamma: Vector
+    alpha: float
+    lambda_M: float
+    lambda_: float = 0.0
+    lambda_c: float = 0.0
+    z: Vector = ()
+    theta_hat: Vector = ()
+    gravity: Gravity = "none"
+    theta_g: Vector = ()
+    regressor: float = 0.0
+    tau_max: Vector = (inf,)
+    age_max: float = inf
+    torque: str = "tau"
+    received: str = ""
+    weights: str = ""
+    age: str = ""
+    estimate: str = "theta_hat"
+    adaptation: str = "Gamma"
+
+    @property
+    def feedback(self) -> Vector:
+        """The gain of the velocity, N.m.s/rad; none where it follows the estimate (Remark 3)."""
+        return (0.0,) * len(self.K) if self.lambda_c else self.K
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpringDamper:
+    """A coupling with the other robot, as it was, by a spring, and damping to the ground.
+
+    `feedback`: gain of the own velocity in all, N.m.s/rad, of which `ground` is to the ground;
+    `stiffness` of the coupling, N.m/rad. `needs_ground`: without enough of it for the delay there
+    and back, 2 ground >= T_rt stiffness, it is not passive. `constant_delay`: the law is proved for
+    a constant delay only. `law` is its name in messages.
+    """
+
+    law: str
+    feedback: Vector
+    ground: Vector
+    stiffness: Vector
+    needs_ground: bool = True
+    constant_delay: bool = False
+    tau_max: Vector = (inf,)
+    torque: str = "tau"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hand:
+    """An operator as a component of its own: tau_h = -k_d dq - k_p (q - q_h), sampled."""
+
+    stiffness: Vector
+    damping: Vector
+    place: Vector
+
+
+Law: TypeAlias = DynamicFeedback | SpringDamper
+Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand
+
+
+def facts_of(model: str, values: Values) -> Facts | None:
+    """The facts of what a scenario calls `model`; None for an FMU file, or one that offers none.
+
+    Raises whatever the model's function raises.
+    """
+    function = _function(model)
+    return None if function is None else function(values)
+
+
+def _function(model: str) -> Callable[[Values], Facts | None] | None:
+    if model.endswith(".fmu"):
+        return None
+    name = model.partition(":")[0]
+    own = vars(importlib.import_module(name)).get("facts")
+    if callable(own):
+        return own  # type: ignore[no-any-return]
+    package, _, last = name.rpartition(".")
+    if not package or find_spec(f"{package}.facts") is None:
+        return None
+    table = vars(importlib.import_module(f"{package}.facts")).get("FACTS", {})
+    function: Callable[[Values], Facts | None] | None = table.get(last)
+    return function

@@ -1,0 +1,70 @@
+"""What a hand feels: inertia, damping and stiffness that explain torque by motion, in windows.
+
+    f = I ddq + D dq + S (q - q_0)
+
+least squares of each joint over each window of a run. What is found is whatever ties force to
+motion: where a spring and damper of the operator made the force from the motion, it is the operator
+that is found (D, S < 0, nothing left over) and not the robot. :func:`is_the_hand` tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.analysis.facts import Array
+
+#: A window in which the smallest direction of motion is less than this share of the largest tells
+#: nothing: motions do not differ enough.
+CONDITION = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """Of one joint in the window from `start` to `stop`, s; SI; `residual`: share unexplained."""
+
+    joint: int
+    start: float
+    stop: float
+    inertia: float
+    damping: float
+    stiffness: float
+    residual: float
+
+
+def felt(t: Array, force: Array, response: Array, rate: Array, window: float) -> tuple[Felt, ...]:
+    """Of each joint and window of `window` s that tells something; all arrays (n, m)."""
+    found = []
+    n = int((t[-1] - t[0]) / window + 1e-9)
+    ddq = np.gradient(rate, t, axis=0) if len(t) > 1 else np.zeros_like(rate)
+    for k in range(n):
+        start = float(t[0] + k * window)
+        rows = np.flatnonzero((t >= start) & (t <= start + window))
+        for j in range(force.shape[1]):
+            X = np.column_stack([ddq[rows, j], rate[rows, j], response[rows, j]])
+            fitted = _fit(X, force[rows, j])
+            if fitted is not None:
+                found.append(Felt(j, start, start + window, *fitted))
+    return tuple(found)
+
+
+def _fit(X: Array, f: Array) -> tuple[float, float, float, float] | None:
+    """(I, D, S, residual), or None where the motion does not tell them apart."""
+    X, f = X - X.mean(axis=0), f - f.mean()
+    scale = np.sqrt((X**2).mean(axis=0))
+    size = float(np.sqrt((f**2).mean()))
+    if len(f) < 12 or not (scale > 0).all() or size <= 1e-12:
+        return None
+    U, sigma, Vt = np.linalg.svd(X / scale, full_matrices=False)
+    if sigma[-1] < CONDITION * sigma[0]:
+        return None
+    coefficients = (Vt.T @ ((U.T @ f) / sigma)) / scale
+    residual = float(np.sqrt(((f - X @ coefficients) ** 2).mean())) / size
+    inertia, damping, stiffness = (float(x) for x in coefficients)
+    return inertia, damping, stiffness, residual
+
+
+def is_the_hand(found: Felt) -> bool:
+    """Whether this is the operator's own spring and damper, seen from the robot."""
+    return found.damping <= 0 and found.stiffness <= 0 and found.residual < 1e-3

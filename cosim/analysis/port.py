@@ -1,0 +1,141 @@
+"""The port that is analysed: where the operator holds the robot, and the far end.
+
+Names of signals come from the scenario's ``[analysis]``; what it leaves out follows from the arm's
+facts, or from the names that arms here go by (``tau_h``, ``q``, ``dq``, ``tau_ext``, ``tau_e``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+from cosim.analysis.facts import Arm, DynamicFeedback
+from cosim.analysis.system import System
+from cosim.connect import unknown
+from cosim.errors import ScenarioError
+from cosim.scenario import AnalysisSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """Names of signals, "" where there is none; `arm`, `far` are the components they belong to.
+
+    `force` on the robot, its position `response` and velocity `rate`; `inject`, the input of a test
+    force; `far_force` of the far robot on its environment, with `far_response`, `far_rate`;
+    `estimate`: theta_hat of the controller at the port.
+    """
+
+    arm: str
+    force: str
+    response: str
+    rate: str = ""
+    inject: str = ""
+    far: str = ""
+    far_force: str = ""
+    far_response: str = ""
+    far_rate: str = ""
+    estimate: str = ""
+
+    @property
+    def collocated(self) -> bool:
+        """Whether force goes in where the response is measured: only then has it power."""
+        return self.inject.split(".")[0] == self.response.split(".")[0]
+
+    def signals(self) -> tuple[str, ...]:
+        """Names of what is recorded of it."""
+        names = (
+            *(self.force, self.response, self.rate),
+            *(self.far_force, self.far_response, self.far_rate, self.estimate),
+        )
+        return tuple(dict.fromkeys(name for name in names if name))
+
+
+#: What ports of an arm are called where no facts say so.
+_NAMES = ("tau_h", "q", "dq", "tau_ext", "tau_e")
+
+
+def port_of(
+    spec: AnalysisSpec, known: Collection[str], system: System | None, chosen: str = "",
+    place: str = "",
+) -> Port:  # fmt: skip
+    """The port that `spec` names, that of the arm `chosen`, or of the only arm that is held.
+
+    `known`: names of the signals there are. Raises ScenarioError at `place` where it takes more to
+    know which, or a signal is not there.
+    """
+    arm = chosen or _component(spec.force or spec.response or spec.inject) or _held(system, place)
+    if not any(name.startswith(f"{arm}.") for name in known):
+        components = {name.split(".")[0] for name in known}
+        raise ScenarioError(unknown(arm, components, "component with signals"), place)
+    hand, q, dq, external, _ = _names(system, arm)
+    far = _component(spec.far_response or spec.far_force) or _far(system, arm)
+    _, far_q, far_dq, _, environment = _names(system, far)
+    pick = _picker(known, place)
+    own = spec if chosen in ("", _component(spec.force or spec.response)) else AnalysisSpec()
+    return Port(
+        arm=arm,
+        force=pick(own.force, f"{arm}.{hand}", True),
+        response=pick(own.response, f"{arm}.{q}", True),
+        rate=pick(own.rate, f"{arm}.{dq}"),
+        inject=pick(own.inject, f"{arm}.{external}"),
+        far=far,
+        far_force=pick(own.far_force, f"{far}.{environment}"),
+        far_response=pick(own.far_response, f"{far}.{far_q}"),
+        far_rate=pick(own.far_rate, f"{far}.{far_dq}"),
+        estimate=pick("", _estimate(system, arm)),
+    )
+
+
+def _picker(known: Collection[str], place: str) -> Callable[..., str]:
+    def pick(given: str, usual: str, needed: bool = False) -> str:
+        """`given`, which must exist; else `usual`, if it exists."""
+        if given and given not in known:
+            raise ScenarioError(unknown(given, known, "signal"), place)
+        if given or usual in known:
+            return given or usual
+        if needed:
+            raise ScenarioError(
+                f"no signal {usual!r}; name the port's signals in [analysis]: force, response, rate"
+                " and inject",
+                place,
+            )
+        return ""
+
+    return pick
+
+
+def _component(signal: str) -> str:
+    return signal.split(".")[0]
+
+
+def _held(system: System | None, place: str) -> str:
+    held = system.held() if system is not None else ()
+    if len(held) == 1:
+        return held[0]
+    arms = ", ".join(sorted(system.arms)) if system is not None else ""
+    found = f"{', '.join(held)} are held" if held else "no arm is held by an operator"
+    raise ScenarioError(
+        f"which port? {found}; expected --port NAME, or [analysis] with force, response and inject"
+        + (f" (arms: {arms})" if arms else ""),
+        place,
+    )
+
+
+def _far(system: System | None, arm: str) -> str:
+    """The other of two arms."""
+    others = [name for name in (system.arms if system is not None else ()) if name != arm]
+    return others[0] if len(others) == 1 else ""
+
+
+def _estimate(system: System | None, arm: str) -> str:
+    """The signal theta_hat of the law that controls `arm`."""
+    law = system.controls.get(arm, "") if system is not None else ""
+    found = system.of(DynamicFeedback).get(law) if system is not None else None
+    return f"{law}.{found.estimate}" if found is not None else ""
+
+
+def _names(system: System | None, name: str) -> tuple[str, str, str, str, str]:
+    arm = system.arms.get(name) if system is not None else None
+    if not isinstance(arm, Arm):
+        return _NAMES
+    return arm.hand, arm.position, arm.rate, arm.external, arm.environment

@@ -1,0 +1,210 @@
+"""Numbers of one run: manipulability, effort, energy, felt impedance, rate of approach."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.analysis.closed_form import Network, manipulability_bound, poles, quasi_static_poles
+from cosim.analysis.energy import effort, observer
+from cosim.analysis.facts import Arm, Array
+from cosim.analysis.felt import felt, is_the_hand
+from cosim.analysis.manipulability import growth, manipulability, running_integral
+from cosim.analysis.port import Port
+from cosim.analysis.quantity import Quantity, absent, quantity
+from cosim.analysis.signals import Signals
+from cosim.errors import ScenarioError
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """What was recorded at a port: `t` (n,) s, the rest (n, m) by the role it plays.
+
+    `far`: (torque, velocity) at the other end; `units` of force and response; `estimate`: theta_hat
+    as it ended, () where it was not recorded.
+    """
+
+    t: Array
+    force: Array
+    response: Array
+    rate: Array | None
+    far: tuple[Array, Array] | None
+    units: tuple[str, str]
+    estimate: tuple[float, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """Unit of response over force."""
+        force, response = self.units
+        return f"{response}/({force})" if "." in force else f"{response}/{force}"
+
+    @property
+    def M(self) -> Array:
+        """M^t, (n,)."""
+        return manipulability(self.t, self.force, self.response)
+
+    @property
+    def E(self) -> Array | None:
+        """The passivity observer, (n,), J; None where a velocity was not recorded."""
+        if self.rate is None:
+            return None
+        ends = [(self.force, self.rate), *([self.far] if self.far else [])]
+        return observer(self.t, ends)
+
+
+def read(signals: Signals, port: Port) -> Recorded:
+    """The port's signals of a run. Raises ScenarioError where one was not recorded."""
+    far = None
+    if port.far_force and port.far_rate:
+        far = (signals.array(port.far_force), signals.array(port.far_rate))
+    return Recorded(
+        t=np.asarray(signals.t, dtype=np.float64),
+        force=signals.array(port.force),
+        response=signals.array(port.response),
+        rate=signals.array(port.rate) if port.rate else None,
+        far=far,
+        units=(signals.unit(port.force), signals.unit(port.response)),
+        estimate=_last(signals, port.estimate),
+    )
+
+
+def _last(signals: Signals, name: str) -> tuple[float, ...]:
+    """The last values of a signal; () if it was not recorded, or nothing was."""
+    try:
+        rows = signals.array(name) if name else np.empty((0, 0))
+    except ScenarioError:
+        return ()
+    return tuple(float(x) for x in rows[-1]) if len(rows) else ()
+
+
+def numbers(found: Recorded, net: Network | None, arm: Arm | None) -> Iterator[Quantity]:
+    """The numbers of a run; closed forms where `net` and `arm` are known."""
+    if len(found.t) < 4:
+        yield absent("manipulability", "manipulability M^t", found.unit, "run", "nothing recorded")
+        return
+    yield from _manipulability(found, net)
+    yield from _effort(found)
+    yield from _energy(found)
+    if found.rate is not None:
+        yield from _felt(found)
+    if net is not None and arm is not None and any(arm.grip.stiffness):
+        yield _approach(found, net, arm)
+
+
+def least_feedback(net: Network) -> float:
+    """lambda_min(K) at the port, N.m.s/rad; lambda_c lambda_min(M) with Remark 3."""
+    law, arm = net.law, net.arms[net.port]
+    return law.lambda_c * arm.inertia_range[0] if law.lambda_c else min(law.K)
+
+
+def _manipulability(found: Recorded, net: Network | None) -> Iterator[Quantity]:
+    t, M = found.t, found.M
+    bound: dict[str, object] = {}
+    if net is not None:
+        limit = manipulability_bound(net, t[-1:], least_feedback(net))
+        bound = {"expected": limit, "formula": "O6, at most (theta known, from rest)"}
+    if not np.isfinite(M[-1]):
+        yield absent("manipulability", "manipulability M^t", found.unit, "run", "no force acted")
+        return
+    how = f"‖y‖₂/‖f‖₂ over [0, {t[-1]:.4g}] s"
+    yield quantity("manipulability", "manipulability M^t", M[-1], found.unit, how, **bound)  # type: ignore[arg-type]
+    yield quantity(
+        "growth", "growth of M^t", growth(t, M, t[-1] / 2, t[-1]), "1",
+        f"d log M/d log t, {t[-1] / 2:.4g} to {t[-1]:.4g} s",
+        note="constant push 1, hand at rest 1/2, finite 0",
+    )  # fmt: skip
+
+
+def _effort(found: Recorded) -> Iterator[Quantity]:
+    unit = found.units[0]
+    e = effort(found.t, found.force, min(1.0, float(found.t[-1]) / 10))
+    yield quantity("effort", "effort ‖f‖₂", e.norm, f"{unit}.√s", "sqrt(∫ |f|² dt)")
+    yield quantity("impulse", "effort ∫|f|", e.integral, f"{unit}.s", "∫ |f| dt")
+    yield quantity("peak_force", "peak |f_i|", e.peak, unit, "largest entry")
+    how = f"mean of |f| over the last {e.window:.3g} s"
+    yield quantity("holding", "holding torque", e.holding, unit, how)
+
+
+def _energy(found: Recorded) -> Iterator[Quantity]:
+    if found.rate is None or found.E is None:
+        why = "no velocity at the port was recorded"
+        yield absent("observer_min", "passivity observer", "J", "min E(t)", why)
+        return
+    work = running_integral(np.einsum("ij,ij->i", found.force, found.rate), found.t)[-1]
+    yield quantity("work", "work of the operator", work, "J", "∫ fᵀ dq dt")
+    E = found.E
+    at = int(np.argmin(E))
+    how = "min of E(t) = ∫ (τ1ᵀ dq1 - τ2ᵀ dq2)" if found.far else "min of E(t) = ∫ τᵀ dq"
+    yield quantity(
+        "observer_min", "passivity observer", E[at], "J", how,
+        note=f"at {found.t[at]:.4g} s; E ends at {E[-1]:.4g} J",
+    )  # fmt: skip
+
+
+def _felt(found: Recorded) -> Iterator[Quantity]:
+    assert found.rate is not None
+    window = max(float(found.t[-1]) / 12, 2.0)
+    windows = felt(found.t, found.force, found.response, found.rate, window)
+    label, how = "felt in windows", f"f = I ddq + D dq + S q by least squares, {window:.3g} s each"
+    if not windows:
+        yield absent("felt", label, "", how, "nothing moves in enough ways to tell")
+        return
+    if all(is_the_hand(w) for w in windows):
+        D, S = (np.median([getattr(w, x) for w in windows]) for x in ("damping", "stiffness"))
+        why = (
+            f"what is found is the hand's own spring and damper (k_d = {-D:.4g}, k_p = {-S:.4g});"
+            " see the tests"
+        )
+        yield absent("felt", label, "", how, why)
+        return
+    windows = tuple(w for w in windows if not is_the_hand(w))
+    rest = max(w.residual for w in windows)
+    for name, part, unit in (
+        ("felt_inertia", "inertia", "kg.m2"),
+        ("felt_damping", "damping", "N.m.s/rad"),
+        ("felt_stiffness", "stiffness", "N.m/rad"),
+    ):
+        joints = sorted({w.joint for w in windows})
+        medians = [np.median([getattr(w, part) for w in windows if w.joint == j]) for j in joints]
+        note = f"median of {len(windows)} windows, up to {rest * 100:.2g} % unexplained"
+        yield quantity(name, f"felt {part}, in windows", medians, unit, how, note=note)
+
+
+def _approach(found: Recorded, net: Network, arm: Arm) -> Quantity:
+    """Rate at which the error to where the hand wants the arm decays, against the slowest pole."""
+    error = np.abs(found.response - np.asarray(arm.grip.place)).max(axis=1)
+    rate = approach(found.t, error)
+    label, how = "rate of approach", "slope of log |q - q_h|, from 1 % of the start down"
+    if np.isnan(rate):
+        return absent("approach", label, "1/s", how, "the error does not decay so far")
+    estimates = list(net.started())
+    ended = len(found.estimate) == len(estimates[net.port])
+    if ended:
+        estimates = [found.estimate if i == net.port else e for i, e in enumerate(estimates)]
+    roots = poles(net, found.response[-1], estimates, arm.grip.stiffness, arm.grip.damping)
+    simple = quasi_static_poles(net.law, least_feedback(net), *_softest(arm))[0].real
+    o3 = f"; O3 without inertia {simple:.4g}" if len(net.laws) == 1 else ""
+    return quantity(
+        "approach", label, rate, "1/s", how, expected=roots[0].real if len(roots) else (),
+        formula=f"slowest pole, theta_hat as it {'ended' if ended else 'starts'}{o3}",
+    )  # fmt: skip
+
+
+def _softest(arm: Arm) -> tuple[float, float]:
+    return min(arm.grip.stiffness), min(arm.grip.damping)
+
+
+def approach(t: Array, error: Array) -> float:
+    """Rate (1/s) of the exponential that the envelope of `error` (n,) follows as it decays.
+
+    From where it is last above 1e-2 of its start to where it is last above 1e-5 of it; NaN where it
+    is not smaller than that at the end, or there are fewer than ten rows in between.
+    """
+    envelope = np.maximum.accumulate(error[::-1])[::-1]
+    first, last = (int((envelope > share * error[0]).sum()) for share in (1e-2, 1e-5))
+    if error[0] <= 0 or last >= len(t) or last - first < 10:
+        return float("nan")
+    rows = slice(first, last)
+    return float(np.polyfit(t[rows], np.log(envelope[rows]), 1)[0])

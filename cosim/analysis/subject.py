@@ -1,0 +1,118 @@
+"""What is analysed: a scenario, which is run for it, or a run that was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cosim.analysis.port import Port, port_of
+from cosim.analysis.signals import Signals
+from cosim.analysis.system import System, system
+from cosim.analysis.trace import Trace, trace
+from cosim.assemble import assemble
+from cosim.errors import CosimError, ScenarioError
+from cosim.plan import Plan
+from cosim.record import Run
+from cosim.scenario import AnalysisSpec, Scenario, build, load
+
+#: Rows of a run in memory at the most; longer ones are recorded more coarsely.
+ROWS = 400_000
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Signals of a run, the port, and the system it was made of, None where that is not known.
+
+    `remarks`: what is missing, and why.
+    """
+
+    title: str
+    signals: Signals
+    port: Port
+    system: System | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def of_scenario(path: Path, settings: Sequence[str] = (), chosen: str = "") -> Subject:
+    """A scenario, run in memory with the port's signals recorded; `chosen`: the port's component.
+
+    A run that stops early is analysed up to there. Raises CosimError.
+    """
+    scenario = load(path, settings)
+    plan = assemble(scenario)
+    known, port = find_port(scenario, plan, chosen)
+    run = record(scenario, plan, port)
+    remarks = (f"the run stopped: {run.stopped}",) if run.stopped else ()
+    return Subject(scenario.title, run, port, known, remarks)
+
+
+def find_port(scenario: Scenario, plan: Plan, chosen: str = "") -> tuple[System, Port]:
+    """The system of a plan and its port. Raises ScenarioError."""
+    known = system(scenario, plan)
+    place = scenario.place("analysis")
+    return known, port_of(scenario.analysis, plan.slots(), known, chosen, place)
+
+
+def record(scenario: Scenario, plan: Plan, port: Port) -> Trace:
+    """The scenario run as it is, in memory, with the port's signals recorded."""
+    every = max(scenario.run.record.every, -(-plan.ticks // ROWS))
+    return trace(plan, port.signals(), every)
+
+
+def of_run(folder: Path, chosen: str = "") -> Subject:
+    """A recorded run; its scenario, from ``run.json``, is what is predicted and tested.
+
+    Where that cannot be assembled any more there is no system, and a remark. Raises ScenarioError
+    for a folder that is no run, or signals of the port that were not recorded.
+    """
+    run = Run.open(folder)
+    names = {name.split("[")[0] for name in run.names}
+    known, spec, title, remark = None, AnalysisSpec(), folder.name, ""
+    try:
+        scenario = _stored(run.metadata)
+        title, spec = scenario.title, scenario.analysis
+        known = system(scenario, assemble(scenario))
+    except CosimError as error:
+        remark = f"no closed forms, no test forces: {error}"
+    if known is None:
+        port = port_of(_recordable(spec), names, None, chosen, str(folder))
+        return Subject(title, run, port, None, (remark,))
+    slots = known.plan.slots()
+    port = _recorded(port_of(spec, slots, known, chosen, str(folder)), names, folder)
+    return Subject(title, run, port, known)
+
+
+def _recordable(spec: AnalysisSpec) -> AnalysisSpec:
+    """Without the input of test forces, which no run records."""
+    return AnalysisSpec(
+        force=spec.force,
+        response=spec.response,
+        rate=spec.rate,
+        far_force=spec.far_force,
+        far_response=spec.far_response,
+        far_rate=spec.far_rate,
+    )
+
+
+def _stored(metadata: dict[str, Any]) -> Scenario:
+    """The scenario that a run keeps. Raises ScenarioError."""
+    data = metadata.get("scenario")
+    if not isinstance(data, dict):
+        raise ScenarioError("the run's metadata holds no scenario")
+    document = {key: value for key, value in data.items() if key != "path"}
+    return build(document, Path(str(data.get("path", "scenario.toml"))))
+
+
+def _recorded(port: Port, names: Collection[str], folder: Path) -> Port:
+    """The port, without what was not recorded. Raises ScenarioError where that leaves none."""
+    for name in (port.force, port.response):
+        if name not in names:
+            known = ", ".join(sorted(names))
+            raise ScenarioError(f"{name} was not recorded; recorded are {known}", str(folder))
+    kept = {
+        field: getattr(port, field) if getattr(port, field) in names else ""
+        for field in ("rate", "far_force", "far_response", "far_rate", "estimate")
+    }
+    return replace(port, **kept)

@@ -1,0 +1,246 @@
+"""Who is who in a plan: arms, the laws that control them, and who hears whom how late.
+
+Read off the wires and links and the facts that models offer; nothing is run. An edge (i, k) is row
+k of what law i receives. Its sender is the law whose arm, or whose own output, the row comes from,
+also through components in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from math import inf, nan
+from typing import TypeVar
+
+import numpy as np
+
+from cosim.analysis.facts import Arm, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
+from cosim.connect import EdgeWeight
+from cosim.errors import ScenarioError
+from cosim.links.laws import Law
+from cosim.links.losses import Lossy
+from cosim.links.semantics import Playout, Signal
+from cosim.links.table import DrawnTable, TableSpec
+from cosim.plan import Link, Plan, Player, Slot, Step, Wire
+from cosim.scenario import Scenario
+
+#: Looks that the mean age of a link, and the mean weight of an edge, are taken over.
+LOOKS = 8000
+
+F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand)
+
+
+@dataclass(frozen=True, slots=True)
+class Age:
+    """How old what is held is, s: `mean`, and `bound` (inf: there is none)."""
+
+    mean: float = 0.0
+    bound: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """Row `row` of what the law `receiver` gets; `sender`: a law, "" where nobody knows.
+
+    `weight`: mean over time; `lasting`: whether it is there again and again; `link`: None: a wire;
+    `fed`: whether anything feeds the row at all.
+    """
+
+    receiver: str
+    row: int
+    sender: str
+    weight: float
+    lasting: bool
+    link: Link | None = None
+    age: Age = Age()
+    fed: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """A plan with the facts of its components, by component; `silent`: why facts are missing."""
+
+    scenario: Scenario
+    plan: Plan
+    facts: Mapping[str, Facts]
+    silent: Mapping[str, str]
+    edges: tuple[Edge, ...] = ()
+    controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
+
+    def of(self, kind: type[F]) -> dict[str, F]:
+        """Components with facts of one kind."""
+        return {name: f for name, f in self.facts.items() if isinstance(f, kind)}
+
+    @property
+    def arms(self) -> dict[str, Arm]:
+        """All arms."""
+        return self.of(Arm)
+
+    def arm_of(self, controller: str) -> str | None:
+        """The arm that a component controls."""
+        return next((arm for arm, name in self.controls.items() if name == controller), None)
+
+    def period(self, name: str) -> float:
+        """How often a component steps, s."""
+        return self.plan.component(name).period * self.plan.h
+
+    def held(self) -> tuple[str, ...]:
+        """The arms that somebody holds or pushes: by a grip inside, or through a wire."""
+        fed = {w.target.name.split("[")[0] for w in self.plan.wires}
+        return tuple(
+            name
+            for name, arm in sorted(self.arms.items())
+            if arm.grip.there or f"{name}.{arm.external}" in fed
+        )
+
+
+def values_of(step: Step) -> dict[str, tuple[float, ...]]:
+    """Every parameter, start value and input of a component, flattened, defaults filled in."""
+    component = step.component
+    found = {p.name: step.values.get(p.name, p.default) for p in component.parameters}
+    for port in component.inputs:
+        found[port.name] = step.start.get(port.name) or port.default or (0.0,) * port.size
+    return found
+
+
+def system(scenario: Scenario, plan: Plan) -> System:
+    """What is known of a plan. A function of a model that fails is noted, not raised."""
+    facts: dict[str, Facts] = {}
+    silent: dict[str, str] = {}
+    for step in plan.components:
+        try:
+            found = facts_of(scenario.components[step.name].model, values_of(step))
+        except Exception as error:  # foreign code: that it fails is a finding of its own
+            silent[step.name] = f"{type(error).__name__}: {error}"
+            continue
+        if found is not None:
+            facts[step.name] = found
+    bare = System(scenario, plan, facts, silent)
+    controls = dict(_controls(bare))
+    known = System(scenario, plan, facts, silent, (), controls)
+    edges = tuple(e for name in known.of(DynamicFeedback) for e in _edges(known, name))
+    return System(scenario, plan, facts, silent, edges, controls)
+
+
+def _controls(system: System) -> Iterable[tuple[str, str]]:
+    for name, arm in system.arms.items():
+        for wire in system.plan.wires:
+            if _port(wire.target) == f"{name}.{arm.torque}":
+                yield name, wire.source.component
+
+
+def _port(slot: Slot) -> str:
+    return f"{slot.component}.{slot.port}"
+
+
+# ---- edges --------------------------------------------------------------------------------------
+
+
+def _edges(system: System, name: str) -> Iterable[Edge]:
+    law, step = system.facts[name], system.plan.component(name)
+    assert isinstance(law, DynamicFeedback)
+    slots = {s.port: s for s in step.inputs}
+    if law.received not in slots:
+        return
+    received = slots[law.received]
+    width = received.size // received.shape[0]
+    for row in range(received.shape[0]):
+        first = received.start + row * width
+        source = _source(system.plan, first)
+        weight, lasting = _weight(system, slots.get(law.weights), row)
+        if source is None:
+            yield Edge(name, row, "", weight, lasting, fed=False)
+            continue
+        link = source if isinstance(source, Link) else None
+        sender = _origin(system, source.source.component)
+        yield Edge(name, row, sender, weight, lasting, link, age(link) if link else Age())
+
+
+def _source(plan: Plan, at: int) -> Wire | Link | None:
+    """What feeds a place of the signal vector."""
+    edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
+    for e in edges:
+        if e.target.start <= at < e.target.start + e.target.size:
+            return e
+    return None
+
+
+def _weight(system: System, slot: Slot | None, row: int) -> tuple[float, bool]:
+    """(mean weight, whether it is there again and again) of a row."""
+    if slot is None:
+        return 1.0, True
+    at = slot.start + row
+    for player in system.plan.players:
+        if player.target.start == at:
+            return _played(player)
+    if _source(system.plan, at) is not None:
+        return nan, True  # computed by a component: not known beforehand
+    value = values_of(system.plan.component(slot.component))[slot.port][row]
+    return value, value > 0
+
+
+def _played(player: Player) -> tuple[float, bool]:
+    mean = float(player.source.stream().rows(LOOKS).mean())
+    if isinstance(player.source, EdgeWeight):
+        i, j = player.source.edge
+        return mean, bool(player.source.topology.union.weights[i - 1, j - 1] > 0)
+    return mean, mean > 0
+
+
+def _origin(system: System, name: str) -> str:
+    """The law that a component belongs to: itself, or that of the arm it listens to."""
+    seen: set[str] = set()
+    waiting = [name]
+    while waiting:
+        here = waiting.pop(0)
+        if isinstance(system.facts.get(here), DynamicFeedback):
+            return here
+        if here in system.controls:
+            return system.controls[here]
+        if here not in seen:
+            seen.add(here)
+            waiting += sorted(
+                {w.source.component for w in system.plan.wires if w.target.component == here}
+            )
+    return ""
+
+
+def age(link: Link) -> Age:
+    """Mean age of what a link holds once it holds something, and the bound its law declares."""
+    table = link.table
+    if isinstance(table, DrawnTable) and isinstance(table.rule, Signal):
+        return Age(table.law.mean, _bound(table))
+    rows = LOOKS
+    while rows:
+        try:
+            table.check(rows)
+            break
+        except ScenarioError:  # a stored table, or a trace, that is shorter
+            rows //= 2
+    held = table.stream().rows(rows) if rows else np.empty(0, np.int32)
+    begun = held[np.argmax(held >= 0) :] if (held >= 0).any() else held[:0]
+    if not len(begun):
+        return Age(nan, _bound(table))
+    first = len(held) - len(begun)
+    looks = table.grid.n_r * np.arange(first, len(held), dtype=np.int64)
+    ages = (looks - table.grid.n_s * begun.astype(np.int64)) * table.grid.h
+    settled = ages[min(len(ages) // 2, table.history * table.grid.n_s // table.grid.n_r) :]
+    return Age(float(settled.mean()), _bound(table))
+
+
+def _bound(table: TableSpec) -> float:
+    """No sample that is held is older, s; inf where nothing may come for any time."""
+    grid = table.grid
+    slack = (grid.n_s + grid.n_r) * grid.h
+    if not isinstance(table, DrawnTable):
+        return table.history * grid.n_s * grid.h + slack
+    law: Law = table.law
+    longest = 0.0
+    if isinstance(law, Lossy):
+        longest, law = law.loss.longest, law.delay
+    oldest = law.maximum
+    if isinstance(table.rule, Playout):
+        if law.maximum > table.rule.buffer:
+            return inf  # what comes later than the buffer is never played
+        oldest = table.rule.buffer
+    return inf if law.loses else oldest + longest + slack

@@ -1,0 +1,220 @@
+"""Numbers of the port by test forces, each with its closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import inf, log, nan
+
+import numpy as np
+
+from cosim.analysis import closed_form as closed
+from cosim.analysis.closed_form import Network
+from cosim.analysis.experiments import FORCE, RESOLVED, Bench
+from cosim.analysis.facts import Array
+from cosim.analysis.frequency import PortGain, degree
+from cosim.analysis.manipulability import manipulability
+from cosim.analysis.quantity import Quantity, absent, quantity
+from cosim.analysis.recorded import least_feedback
+from cosim.errors import CosimError
+
+#: Length of a run with a push, s, by whether there are more than two arms.
+PUSH = {False: 80.0, True: 240.0}
+#: How much the velocity under a push may differ between the last two quarters, as a share of it.
+VARIES = 0.25
+#: What is said where everything tried is stable.
+RESOLVES = (
+    f"at least: stiffer is not tried, the arm's step would not resolve it (hω = {RESOLVED:g})"
+)
+#: A wall that is neither soft nor stiff, N.m/rad.
+MODERATE = 200.0
+#: Frequencies of the port, rad/s.
+LOWEST, HIGHEST = 0.03, 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """The port by frequency with the estimate of the `title`: measured, and in closed form.
+
+    `closed` is at the frequencies that were measured, `drawn` at more of them.
+    """
+
+    title: str
+    measured: PortGain
+    closed: PortGain | None
+    drawn: PortGain | None = None
+
+
+def sweep(bench: Bench, lowest: float = LOWEST) -> Swept:
+    """G(jω) of the bench, with its closed form. Raises CosimError."""
+    measured = bench.bands(lowest, HIGHEST)
+    net = bench.network
+    if net is None:
+        return Swept(title_of(bench), measured, None)
+    ends = measured.omega[0], measured.omega[-1]
+    fine = _closed(bench, net, np.geomspace(*ends, 160))
+    return Swept(title_of(bench), measured, _closed(bench, net, measured.omega), fine)
+
+
+def title_of(bench: Bench) -> str:
+    """What is said of the estimate."""
+    return "M_hat = M" if bench.known else "as it starts"
+
+
+def _closed(bench: Bench, net: Network, omega: Array) -> PortGain:
+    """The closed form at some frequencies; continuous, so its step is as good as none."""
+    estimates = net.known() if bench.known else net.started()
+    G = np.stack([net.gain(1j * w, bench.q, estimates) for w in omega])
+    return PortGain(omega, G, 1e-9)
+
+
+def with_known(bench: Bench) -> Bench | None:
+    """The bench with M_hat = M in the heaviest posture, where passivity is hardest to have.
+
+    None where there is no estimate to set.
+    """
+    if bench.network is None or bench.arm is None:
+        return None
+    return replace(bench, known=True, q=bench.arm.heaviest)
+
+
+# ---- by frequency -------------------------------------------------------------------------------
+
+
+def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
+    """Degree, positive real part, and what is felt slowly and quickly."""
+    gain, form, tag = swept.measured, swept.closed, "known" if bench.known else "started"
+    lowest, title = gain.omega[0], swept.title
+    if not bench.known:
+        k, whole = degree(gain)
+        yield quantity(
+            "degree", "degree of manipulability", k, "1",
+            f"-slope of log |G| at {lowest:.3g} rad/s: {round(k)} pure integral(s)",
+            expected=degree(form)[0] if form else (),
+            formula="of the closed form at that frequency" if form else "",
+            note="" if whole else "not whole: take a lower frequency (--lowest)",
+        )  # fmt: skip
+    if not bench.port.collocated:
+        return
+    least, at, share = gain.least()
+    where = "least eigenvalue of (Y + Yᴴ)/2 relative to |Y|, over frequency"
+    yield quantity(
+        f"real_part_{tag}", f"min Re Y/|Y|, {title}", share, "1", where,
+        expected=form.least()[2] if form else (),
+        formula="closed form, not sampled" if form else "",
+        note=f"{'passive' if share >= 0 else 'not passive'}; Re Y = {least:.3g} at {at:.3g} rad/s",
+    )  # fmt: skip
+    yield from _bands(gain, form, title, tag)
+
+
+def _bands(gain: PortGain, form: PortGain | None, title: str, tag: str) -> Iterator[Quantity]:
+    low, high = (gain.omega[0], 8 * gain.omega[0]), (10.0, HIGHEST)
+    for part, index, unit, band in (
+        ("damping", 1, "N.m.s/rad", low),
+        ("stiffness", 2, "N.m/rad", low),
+        ("inertia", 0, "kg.m2", high),
+        ("damping", 1, "N.m.s/rad", high),
+    ):
+        how = f"Z = jωI + D + S/(jω) from {band[0]:.2g} to {band[1]:.2g} rad/s"
+        speed = "slowly" if band is low else "quickly"
+        found = gain.felt(*band)
+        value = found[index]
+        little = part == "stiffness" and (np.abs(value) < 0.05 * np.abs(found[1]) * band[0]).all()
+        if np.isnan(value).any() or little:
+            continue  # with a pure integral there is no stiffness
+        yield quantity(
+            f"{part}_{speed}_{tag}", f"felt {part}, {speed}, {title}", value, unit, how,
+            expected=form.felt(*band)[index] if form else (),
+            formula="closed form" if form else "",
+        )  # fmt: skip
+
+
+# ---- a push -------------------------------------------------------------------------------------
+
+
+def by_push(bench: Bench) -> Iterator[Quantity]:
+    """O4: what a constant push feels, from rest; and how far it gets of what it could, O6."""
+    seconds = PUSH[len(bench.system.arms) > 2]
+    how = f"constant push of {FORCE:g} on every joint for {seconds:g} s, from rest"
+    try:
+        run = bench.push(seconds)
+    except CosimError as error:
+        yield absent("push_damping", "felt damping, push", "N.m.s/rad", how, str(error))
+        return
+    t, y = run.t, run.array(bench.port.response)
+    y = y - y[0]
+    net = bench.network
+    yield _growth(t, y, net, how)
+    yield from _pushed(t, y, net, how)
+    if net is not None and net.law.alpha > 0:
+        M = manipulability(t, np.full_like(y, FORCE), y)
+        bound = closed.manipulability_bound(net, t, least_feedback(net))
+        yield quantity(
+            "push_share", "M^t of a push over its bound", M[-1] / bound[-1], "1",
+            f"{how}, at {t[-1]:.3g} s", expected=1.0, formula="O6, at most (theta known)",
+        )  # fmt: skip
+
+
+def _growth(t: Array, y: Array, net: Network | None, how: str) -> Quantity:
+    size = np.sqrt((y**2).sum(axis=1))
+    half = len(t) // 2
+    k = log(size[-1] / size[half]) / log(t[-1] / t[half]) if size[half] > 0 else nan
+    expected: float | tuple[()] = ()
+    if net is not None and not net.outside.any():
+        expected = float(net.law.lambda_M > 0) + float(net.law.alpha == 0)
+    return quantity(
+        "push_degree", "degree, by a push", k, "1", f"y grows like t^k under a {how}",
+        expected=expected, formula="lambda_M > 0, and alpha = 0: an integral each",
+    )  # fmt: skip
+
+
+def _pushed(t: Array, y: Array, net: Network | None, how: str) -> Iterator[Quantity]:
+    half, tail = (int(np.searchsorted(t, t[-1] * share)) for share in (0.5, 0.75))
+    late = (y[-1] - y[tail]) / (t[-1] - t[tail])
+    early = (y[tail] - y[half]) / (t[tail] - t[half])
+    varies = float(np.abs(late - early).max() / np.abs(late).max()) if late.any() else 0.0
+    K = each_feedback(net, y.shape[1])
+    if np.abs(late).max() * 10.0 <= 1e-3 * np.abs(y[-1]).max():
+        yield quantity(
+            "push_stiffness", "felt stiffness, push", FORCE / y[-1], "N.m/rad",
+            f"{how}: comes to rest",
+            expected=[closed.felt_stiffness(net, k) for k in K] if net else (),
+            formula="αK: lambda_M = 0" if net else "",
+        )  # fmt: skip
+    elif varies <= VARIES:
+        from_ = tail if varies <= 0.05 else half
+        velocity = (y[-1] - y[from_]) / (t[-1] - t[from_])
+        yield quantity(
+            "push_damping", "felt damping, push", FORCE / velocity, "N.m.s/rad",
+            f"{how}: force over mean velocity from {t[from_]:.3g} s on",
+            expected=[closed.felt_damping(net, k) for k in K] if net else (),
+            formula=_damping_formula(net),
+            note=f"velocities vary by {varies * 100:.2g} %" if varies > 0.01 else "",
+        )  # fmt: skip
+    else:
+        why = f"the velocity still changes, by {varies * 100:.2g} % from one quarter to the next"
+        yield absent("push_damping", "felt damping, push", "N.m.s/rad", how, why)
+
+
+def _damping_formula(net: Network | None) -> str:
+    if net is None:
+        return ""
+    few = {1: "O4, Kα/λ_M", 2: "O4, Kα(2 + λΣT)/λ_M"}
+    return few.get(len(net.laws), "A(p)/p for p -> 0, mean weights")
+
+
+def each_feedback(net: Network | None, m: int) -> list[float]:
+    """The feedback gain of each joint; with Remark 3 the least."""
+    if net is None:
+        return []
+    if net.law.lambda_c:
+        return [least_feedback(net)] * m
+    return [net.law.K[i % len(net.law.K)] for i in range(m)]
+
+
+def felt_free(quantities: list[Quantity]) -> float:
+    """What a push felt, N.m.s/rad: the softest joint; inf where it came to rest or is not known."""
+    for q in quantities:
+        if q.name == "push_damping" and not q.missing:
+            return min(q.values)
+    return inf

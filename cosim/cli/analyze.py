@@ -1,0 +1,125 @@
+"""``cosim analyze``: manipulability, impedance and passivity of a port, in numbers and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cosim.analysis.analysis import Analysis
+    from cosim.analysis.quantity import Quantity
+
+
+def analyze(
+    target: Annotated[Path, typer.Argument(help="Run folder, or scenario file (.toml).")],
+    port: Annotated[
+        str, typer.Option(metavar="NAME", help="Component that is held [default: the held arm].")
+    ] = "",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
+    ] = None,
+    tests: Annotated[
+        bool, typer.Option("--tests/--no-tests", help="Feed test forces into the port as well.")
+    ] = True,
+    lowest: Annotated[
+        float, typer.Option(help="Frequency of the slowest test force, rad/s.", min=1e-4, max=10.0)
+    ] = 0.03,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers as JSON.")
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the figures [default: RUN/analysis, runs/SCENARIO-analysis]."),
+    ] = None,
+) -> None:
+    """Analyse a port: how it can be moved, what a hand feels there, whether it is passive.
+
+    A scenario is run for it, in memory. A run folder's numbers are those of the run; test forces
+    are fed into the scenario it was made of.
+    """
+    from cosim.analysis.analysis import analyse
+    from cosim.analysis.subject import of_run, of_scenario
+    from cosim.errors import ScenarioError
+
+    if target.is_dir() and set_:
+        raise ScenarioError("--set changes a scenario; a run is as it was", str(target))
+    if target.is_dir():
+        subject, folder = of_run(target, port), target / "analysis"
+    else:
+        subject = of_scenario(target, set_ or [], port)
+        folder = Path("runs") / f"{target.stem}-analysis"
+    with status() as say:
+        found = analyse(subject, tests=tests, lowest=lowest, progress=say)
+    for line in report(found):
+        typer.echo(line)
+    if json is not None:
+        write(json, found)
+        typer.echo(f"\n{'numbers':<12} {json}")
+    if plot:
+        from cosim.analysis.plots import draw
+
+        for path in draw(found, out or folder):
+            typer.echo(f"{'figure':<12} {path}")
+
+
+@contextmanager
+def status() -> Iterator[Callable[[str], None]]:
+    """What is being tested, on a terminal's standard error; elsewhere nothing."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda what: None
+        return
+    with console.status("run") as line:
+        yield line.update
+
+
+def report(found: Analysis) -> list[str]:
+    """The numbers in two tables, each with its closed form, and how they came about below."""
+    footnotes: dict[str, int] = {}
+    names = ", ".join(name for name in (found.port.force, found.port.response, found.port.inject)
+                      if name)  # fmt: skip
+    lines = [found.title, f"port {found.port.arm}: {names}"]
+    tests = (
+        "the port, by tests (as it starts: estimates of the scenario, posture of the run's end; "
+        "M_hat = M: true estimates that stay, heaviest posture)"
+    )
+    for title, quantities in (("the run", found.run), (tests, found.tests)):
+        if quantities:
+            lines += ["", title, *_table(quantities, footnotes)]
+    lines += ["", *(f"  [{number}] {text}" for text, number in footnotes.items())]
+    lines += [f"note: {remark}" for remark in found.remarks]
+    return lines
+
+
+def _table(quantities: Sequence[Quantity], footnotes: dict[str, int]) -> list[str]:
+    from cosim.cli.show import aligned
+
+    rows = [("", "found", "closed form", "")]
+    for q in quantities:
+        number = footnotes.setdefault(q.how, len(footnotes) + 1)
+        notes = f"[{number}]" + (f" {q.note}" if q.note and not q.missing else "")
+        form = q.expected_text.replace(" = ", "  ", 1)
+        rows.append((q.label, q.text if not q.missing else "-", form, notes if not q.missing
+                     else f"{notes} no number: {q.note}"))  # fmt: skip
+    return aligned(rows)
+
+
+def write(path: Path, found: Analysis) -> None:
+    """The numbers as JSON. Raises RunError."""
+    import json
+    import os
+
+    from cosim.errors import RunError
+
+    try:
+        path.write_text(json.dumps(found.as_data(), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error

@@ -1,0 +1,225 @@
+"""Facts of the models: what is predicted of them, or checked, without a run.
+
+The table :data:`FACTS` has a function for each model that has something to say, by the name of its
+module; see :mod:`cosim.analysis.facts` for what it is given and what comes back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from cosim.analysis.facts import (
+    Arm,
+    DynamicFeedback,
+    Facts,
+    Gravity,
+    Hand,
+    Spring,
+    SpringDamper,
+    Values,
+    Vector,
+)
+from fmus.models.dynamics import inertia, regressor
+from fmus.models.start import Array
+
+_GRAVITY: tuple[Gravity, ...] = ("none", "compensated", "adapted")
+#: Postures that stand for the workspace, rad: M depends on the second joint only, evenly.
+_POSTURES = np.linspace(0.0, np.pi, 121)
+
+
+def planar2r(values: Values) -> Arm:
+    """The arm: M from theta, grip and wall inside."""
+    theta = values["theta"]
+    scale = values.get("grip", (1.0,))[0]
+    grip = Spring(
+        stiffness=tuple(scale * k for k in values["k_p"]),
+        damping=tuple(scale * k for k in values["k_d"]),
+        place=values.get("q_h", (0.0, 0.0)),
+        names=("k_p", "k_d", "q_h"),
+    )
+    wall = Spring(
+        stiffness=values["k_w"],
+        damping=values["b_w"],
+        place=values["q_w"],
+        names=("k_w", "b_w", "q_w"),
+    )
+    return Arm(
+        inertia=_inertia,
+        parameters=theta,
+        inertia_range=_range(theta),
+        heaviest=(0.0, 0.0 if theta[1] >= 0 else np.pi),
+        gravity=values.get("theta_g", (0.0, 0.0)),
+        q=values["q"],
+        grip=grip,
+        wall=wall,
+        h_max=1.0 / values["substeps"][0],
+    )
+
+
+def _inertia(parameters: Sequence[float], q: Sequence[float]) -> Array:
+    return inertia(np.asarray(parameters[:3]), np.asarray(q))
+
+
+@lru_cache(maxsize=32)
+def _range(theta: Vector) -> tuple[float, float]:
+    """Least and greatest eigenvalue of M over all postures, kg.m2."""
+    c2 = np.cos(_POSTURES)
+    m12 = theta[2] + theta[1] * c2
+    M = np.array([[theta[0] + 2 * theta[1] * c2, m12], [m12, np.full_like(c2, theta[2])]])
+    eigenvalues = np.linalg.eigvalsh(np.moveaxis(M, -1, 0))
+    return float(eigenvalues.min()), float(eigenvalues.max())
+
+
+@lru_cache(maxsize=1)
+def _regressor_norm() -> float:
+    """Root mean square of ‖Y(q, 0, 0, dz)‖/|dz| over postures and directions of dz."""
+    still = np.zeros(2)
+    norms = [
+        np.linalg.norm(regressor(np.array([0.0, q2]), still, still, np.array([c, s])), 2)
+        for q2 in _POSTURES[::8]
+        for c, s in zip(np.cos(_POSTURES[::8]), np.sin(_POSTURES[::8]), strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.square(norms))))
+
+
+def adaptive(values: Values) -> DynamicFeedback:
+    """The law alone, or with neighbours, with gravity in theta_hat or without."""
+    network = "lambda" in values
+    gravity = _GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
+    return DynamicFeedback(
+        K=values["K"],
+        Gamma=values["Gamma"],
+        alpha=values["alpha"][0],
+        lambda_M=values["lambda_M"][0],
+        lambda_=values["lambda"][0] if network else 0.0,
+        lambda_c=values.get("lambda_c", (0.0,))[0],
+        z=values["z"],
+        theta_hat=values["theta_hat"],
+        gravity=gravity,
+        theta_g=values.get("theta_g", (0.0, 0.0)),
+        regressor=_regressor_norm(),
+        tau_max=values["tau_max"],
+        age_max=values.get("age_max", (1e9,))[0],
+        received="xi_in" if network else "",
+        weights="w" if network else "",
+        age="age" if network else "",
+    )
+
+
+def operator(values: Values) -> Hand:
+    """The hand as a component of its own."""
+    return Hand(stiffness=values["k_p"], damping=values["k_d"], place=values["q_h"])
+
+
+def damping(values: Values) -> SpringDamper:
+    """Damping to the ground, and no other robot."""
+    d = values["d"]
+    return SpringDamper(
+        law="damping", feedback=d, ground=d, stiffness=_zero(d), needs_ground=False,
+        tau_max=_torque(values),
+    )  # fmt: skip
+
+
+def pd(values: Values) -> SpringDamper:
+    """Spring and damper, nothing to the ground."""
+    return _coupled("PD", values, values["K_p"], values["K_d"], _zero(values["K_p"]))
+
+
+def p_d(values: Values) -> SpringDamper:
+    """Spring, and damping to the ground."""
+    return _coupled("P+d", values, values["K"], _zero(values["K"]), values["B"])
+
+
+def lee_spong(values: Values) -> SpringDamper:
+    """Spring, damper, and damping to the ground."""
+    ground = _sum(values["K_d"], values["P_eps"])
+    return _coupled(
+        "PD with dissipation", values, values["K_p"], values["K_v"], ground, constant=True
+    )
+
+
+def _coupled(
+    law: str,
+    values: Values,
+    stiffness: Vector,
+    coupling: Vector,
+    ground: Vector,
+    *,
+    constant: bool = False,
+) -> SpringDamper:
+    return SpringDamper(
+        law=law,
+        feedback=_sum(coupling, ground),
+        ground=ground,
+        stiffness=stiffness,
+        constant_delay=constant,
+        tau_max=_torque(values),
+    )
+
+
+def nuno_adaptive(values: Values) -> SpringDamper:
+    """K epsilon + B de is a spring K lambda with dampers; the delay may be any that is constant."""
+    feedback = _sum(values["K"], values["B"])
+    return _proved("adaptive synchronisation (Nuño)", values, feedback)
+
+
+def chopra(values: Values) -> SpringDamper:
+    """K (r_j - r): the delay may be any that is constant."""
+    return _proved("adaptive synchronisation (Chopra)", values, values["K"])
+
+
+def wang2014(values: Values) -> SpringDamper:
+    """K s with static feedback: the delay may be any that is constant."""
+    return _proved("static feedback (Wang 2014)", values, values["K"])
+
+
+def wave(values: Values) -> SpringDamper:
+    """Either end of a wave line: b, or the damper towards the reference, on the own velocity."""
+    return _proved("waves", values, values.get("K_d", values["b"]))
+
+
+def _proved(law: str, values: Values, feedback: Vector) -> SpringDamper:
+    """A law that needs no damping for the delay, but a constant delay."""
+    gain = values.get("lambda", (0.0,))[0]
+    return SpringDamper(
+        law=law,
+        feedback=feedback,
+        ground=_zero(feedback),
+        stiffness=tuple(gain * k for k in values.get("K", _zero(feedback))),
+        needs_ground=False,
+        constant_delay=True,
+        tau_max=_torque(values),
+    )
+
+
+def _torque(values: Values) -> Vector:
+    return values.get("tau_max", (1e9,))
+
+
+def _sum(a: Vector, b: Vector) -> Vector:
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+def _zero(a: Vector) -> Vector:
+    return (0.0,) * len(a)
+
+
+#: By the last name of the model's module.
+FACTS: Mapping[str, Callable[[Values], Facts]] = {
+    "planar2r": planar2r,
+    "adaptive": adaptive,
+    "teleoperation": adaptive,
+    "operator": operator,
+    "damping": damping,
+    "pd": pd,
+    "p_d": p_d,
+    "lee_spong": lee_spong,
+    "nuno_adaptive": nuno_adaptive,
+    "chopra": chopra,
+    "wang2014": wang2014,
+    "wave_impedance": wave,
+    "wave_admittance": wave,
+}

@@ -45,7 +45,7 @@ def reproduce(
         ),
     ] = "",
     out: Annotated[
-        Path | None, typer.Option(help="Folder [default: runs/reproduce-DATE-TIME].")
+        Path | None, typer.Option(help="Folder; runs/reproduce-DATE-TIME if not given.")
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = os.cpu_count() or 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of delays and switching graphs.")] = 0,

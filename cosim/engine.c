@@ -5,6 +5,7 @@
  * function pointers, ticks and signals. It knows no Python, no robot and no network, allocates
  * nothing, and prints nothing. Called with the GIL released, in chunks of ticks.
  */
+#include <float.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -17,12 +18,14 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-#define ENGINE_ABI 2
+#define ENGINE_ABI 3
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY };
-enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3 };
+enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
-       RUN_EARLY_RETURN };
+       RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK };
+enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
+       TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 
 typedef struct {
     int32_t code;
@@ -41,6 +44,41 @@ typedef int (*set3_t)(void *, const uint32_t *, size_t, const double *, size_t);
 typedef int (*get3_t)(void *, const uint32_t *, size_t, double *, size_t);
 typedef int (*step3_t)(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
 
+typedef int (*access2_t)(void *, const uint32_t *, size_t, void *);
+typedef int (*access3_t)(void *, const uint32_t *, size_t, void *, size_t);
+typedef int (*mode_t3)(void *);
+typedef int (*update_t)(void *, _Bool *, _Bool *, _Bool *, _Bool *, _Bool *, double *);
+typedef int (*clock_t3)(void *, const uint32_t *, size_t, const _Bool *);
+
+/* All variables of one FMI type: one call moves them, by way of a buffer of that type. */
+typedef struct {
+    void *call;
+    const uint32_t *references;
+    const int64_t *places;  /* into signals, one a scalar */
+    void *buffer;
+    double *held;           /* what was set last, where only changes are; else NULL */
+    int64_t n_references, count;
+    int32_t type, fmi;
+} access_t;
+
+/* A clock that ticks every `period` steps of its FMU, first in step `shift`. */
+typedef struct {
+    uint32_t reference;
+    int32_t reserved;
+    int64_t period, shift;
+} ticker_t;
+
+/* An FMU with other types than float64, with event mode, or both. */
+typedef struct {
+    const access_t *inputs, *outputs;
+    const access_t *discrete, *clocked; /* inputs set in Event Mode: on change, on a tick */
+    const ticker_t *clocks;
+    void *enter_event, *update, *enter_step, *set_clock; /* NULL: no event mode */
+    int64_t n_inputs, n_outputs, n_discrete, n_clocked, n_clocks;
+    double next_event;      /* s, the time event it announced, or infinity */
+    int32_t fmi, variable;  /* variable: steps may be cut at that time */
+} typed_t;
+
 typedef struct {
     int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
     double h;               /* s, length of a step */
@@ -50,6 +88,8 @@ typedef struct {
     int64_t n_inputs, n_outputs;        /* value references */
     int64_t input, input_count;         /* signals */
     int64_t output, output_count;
+    typed_t *typed;
+    int64_t period;         /* ticks */
 } unit_t;
 
 typedef struct {
@@ -76,7 +116,7 @@ typedef struct {
     double h;
     int32_t stop;           /* set from outside */
     int32_t failed_index, failed_status;
-    int32_t reserved;
+    int32_t failed_signal;
 } engine_t;
 
 /* An exponent of all ones is not a finite number: one more carries into the sign bit. */
@@ -126,6 +166,19 @@ static int step_fmi3(const unit_t *u, double *s, double t, int *status)
     return terminate ? RUN_TERMINATED : RUN_OK;
 }
 
+#include "typed.h"
+
+/* One step of an FMU outside of a plan: for a process that has but one. */
+API int32_t engine_unit(const unit_t *u, double *s, double t, int64_t hit, int32_t *status,
+                        int32_t *failed)
+{
+    switch (u->kind) {
+    case UNIT_FMI2: return step_fmi2(u, s, t, status);
+    case UNIT_FMI3: return step_fmi3(u, s, t, status);
+    default: return step_typed(u, s, t, hit, status, failed);
+    }
+}
+
 static int step_unit(engine_t *e, int32_t index)
 {
     const unit_t *u = e->units + index;
@@ -136,6 +189,9 @@ static int step_unit(engine_t *e, int32_t index)
     switch (u->kind) {
     case UNIT_FMI2: result = step_fmi2(u, s, t, &status); break;
     case UNIT_FMI3: result = step_fmi3(u, s, t, &status); break;
+    case UNIT_TYPED:
+        result = step_typed(u, s, t, (e->tick - u->lag) / u->period, &status, &e->failed_signal);
+        break;
     default:
         status = ((call_t)u->step)(index, t, u->h);
         if (status) result = RUN_STEP;
@@ -233,21 +289,32 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
     return RUN_OK;
 }
 
-/* ---- the last log lines of an FMU: a ring that C can fill (FMI 2.0 loggers are variadic) ---- */
+/* ---- what an FMU logs: a ring of the last lines, and as much text as there is room behind it;
+ * C fills it, since FMI 2.0's loggers are variadic ---- */
 
 enum { LOG_LINES = 32, LOG_WIDTH = 512 };
 
 typedef struct {
     int64_t count;
+    int64_t capacity, used, dropped; /* bytes of text that follows, bytes filled, lines left out */
     int32_t level[LOG_LINES];
     char line[LOG_LINES][LOG_WIDTH];
 } log_t;
 
-static void log_line(log_t *log, int level, const char *text)
+static void log_line(log_t *log, int level, const char *category, const char *text)
 {
-    int64_t i = log->count++ % LOG_LINES;
+    static const char *const levels[] = {"ok", "warning", "discard", "error", "fatal", "pending"};
+    const int64_t i = log->count++ % LOG_LINES, room = log->capacity - log->used;
+    const char *name = level >= 0 && level < 6 ? levels[level] : "unknown";
+    char *target = (char *)(log + 1) + log->used;
+    int n;
+
     log->level[i] = level;
     snprintf(log->line[i], LOG_WIDTH, "%s", text);
+    if (!log->capacity) return;
+    n = snprintf(target, (size_t)room, "[%s] %s: %s\n", name, category ? category : "", text);
+    if (n >= 0 && n < room) log->used += n;
+    else log->dropped++;
 }
 
 API void engine_log2(void *environment, const char *instance, int status, const char *category,
@@ -255,24 +322,24 @@ API void engine_log2(void *environment, const char *instance, int status, const 
 {
     char text[LOG_WIDTH];
     va_list arguments;
-    (void)instance, (void)category;
+    (void)instance;
     if (!environment) return;
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format ? format : "", arguments);
     va_end(arguments);
-    log_line(environment, status, text);
+    log_line(environment, status, category, text);
 }
 
 API void engine_log3(void *environment, int status, const char *category, const char *message)
 {
-    (void)category;
-    if (environment) log_line(environment, status, message ? message : "");
+    if (environment) log_line(environment, status, category, message ? message : "");
 }
 
 API int32_t engine_abi(void) { return ENGINE_ABI; }
 API size_t engine_sizes(int32_t which)
 {
     static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
-                                   sizeof(engine_t), sizeof(log_t), sizeof(player_t)};
-    return which >= 0 && which < 6 ? sizes[which] : 0;
+                                   sizeof(engine_t), sizeof(log_t), sizeof(player_t),
+                                   sizeof(access_t), sizeof(ticker_t), sizeof(typed_t)};
+    return which >= 0 && which < 9 ? sizes[which] : 0;
 }

@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 
 from cosim import native
 from cosim.errors import RunError
-from cosim.failures import not_finite, refused, sentence, starting
+from cosim.failures import not_finite, sentence, starting
 from cosim.fmi import FmuComponent
+from cosim.fmi.layout import Layout, bind
+from cosim.fmi.refusals import refusal, wrong_value
+from cosim.fmi.remote import RemoteInstance
 from cosim.interrupts import deferred
 from cosim.native import Result
 from cosim.plan import Link, Plan, Slot, Step, Wire
@@ -73,7 +76,8 @@ class Engine:
                 break
         for step in self.plan.components:
             if isinstance(step.component, FmuComponent):
-                step.component.exit_initialization()
+                with starting(step.name):
+                    step.component.exit_initialization()
         self._check_start()
         self._bind()
 
@@ -125,9 +129,10 @@ class Engine:
                 for o in plan.operations
             )
         )
-        units = (native.Unit * len(plan.components))(
-            *(self._unit(i, step) for i, step in enumerate(plan.components))
-        )
+        units = (native.Unit * len(plan.components))()
+        for i, step in enumerate(plan.components):
+            with starting(step.name):
+                units[i] = self._unit(i, step)
         self._links = (native.Link * len(plan.links))(
             *(self._link(i) for i in range(len(plan.links)))
         )
@@ -142,28 +147,50 @@ class Engine:
 
     def _unit(self, index: int, step: Step) -> native.Unit:
         late = step.name not in self.plan.order
-        unit = native.Unit(lag=step.period - 1 if late else 0, h=step.period * self.plan.h)
+        lag, h = step.period - 1 if late else 0, step.period * self.plan.h
+        unit = native.Unit(lag=lag, h=h, period=step.period, kind=native.UnitKind.CALL)
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
         if isinstance(step.component, FmuComponent):
-            self._bind_fmu(unit, step.component)
+            layout = step.component.layout(h, lag, step.period, unit.input, unit.output)
+            if step.component.remote is None:
+                return bind(step.component.instance, layout, self._alive)
+            function = self._remote_call_back(step, layout, step.component.remote)
         else:
-            call = native.CALL(self._call_back(index, step))
-            self._alive.append(call)
-            unit.kind, unit.step = native.UnitKind.CALL, native.address(call)
+            function = self._call_back(index, step)
+        call = native.CALL(function)
+        self._alive.append(call)
+        unit.step = native.address(call)
         return unit
 
-    def _bind_fmu(self, unit: native.Unit, component: FmuComponent) -> None:
-        two = component.description.fmi == "2.0"
-        unit.kind = native.UnitKind.FMI2 if two else native.UnitKind.FMI3
-        unit.instance = component.instance.handle
-        unit.set, unit.step, unit.get = component.instance.hot()
-        for name in ("input", "output"):
-            references = component.references(name)
-            array = (c.c_uint32 * max(1, len(references)))(*references)
-            self._alive.append(array)
-            setattr(unit, f"{name}s", c.addressof(array))
-            setattr(unit, f"n_{name}s", len(references))
+    def _remote_call_back(
+        self, step: Step, layout: Layout, remote: RemoteInstance
+    ) -> Callable[[int, float, float], int]:
+        """Inputs over, step there, outputs back; its signals are numbered there from its inputs."""
+        n, m = layout.input_count, layout.output_count
+        fed = self.signals[layout.input : layout.input + n]
+        given = self.signals[layout.output : layout.output + m]
+        shared = remote.signals()
+        assert isinstance(step.component, FmuComponent)
+        here = (layout.h, layout.lag, layout.period)
+        remote.bind(step.component.layout(*here, 0, n))
+        remote.stopping = lambda: bool(self._state.stop)
+
+        def call(_: int, t: float, h: float) -> int:
+            try:
+                shared[:n] = fed
+                hit = (self._state.tick - layout.lag) // layout.period
+                result, status, place = remote.step(t, hit)
+                given[:] = shared[n : n + m]
+            except BaseException as error:
+                self._failure = error
+                return 1
+            if result != Result.OK:
+                at = layout.input + place if place < n else layout.output + place - n
+                self._failure = RunError(self._refusal(Result(result), status, step, at))
+            return int(result != Result.OK)
+
+        return call
 
     def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
         inputs, outputs, component = self._inputs[index], self._outputs[index], step.component
@@ -259,9 +286,30 @@ class Engine:
             return sentence(failure, step.name)
         if result is Result.NOT_FINITE:
             return not_finite(step.outputs, self.signals)
+        return self._refusal(result, self._state.failed_status, step, self._state.failed_signal)
+
+    def _refusal(self, result: Result, status: int, step: Step, place: int) -> str:
         assert isinstance(step.component, FmuComponent)
         lines = step.component.instance.log.tail()
-        return refused(result, self._state.failed_status, lines)
+        slots = (*step.inputs, *step.outputs)
+        return refusal(result, status, lines, wrong_value(slots, self.signals, place))
+
+    def texts(self) -> dict[str, list[str]]:
+        """String and Binary outputs of all FMUs as they stand, by ``component.port``."""
+        return {
+            f"{step.name}.{port}": found
+            for step in self.plan.components
+            if isinstance(step.component, FmuComponent)
+            for port, found in step.component.results().items()
+        }
+
+    def logs(self) -> dict[str, str]:
+        """What FMUs whose logging is on have said, by component; also after :meth:`close`."""
+        return {
+            step.name: text
+            for step in self.plan.components
+            if isinstance(step.component, FmuComponent) and (text := step.component.log_text())
+        }
 
     def close(self) -> None:
         """Free the FMUs; may be called twice."""

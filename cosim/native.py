@@ -6,11 +6,12 @@ import ctypes as c
 import sys
 from enum import IntEnum
 from functools import lru_cache
+from mmap import mmap
 from pathlib import Path
 
 from cosim.errors import CosimError
 
-ABI = 2
+ABI = 3
 LOG_LINES, LOG_WIDTH = 32, 512
 
 
@@ -33,6 +34,7 @@ class UnitKind(IntEnum):
     CALL = 0
     FMI2 = 2
     FMI3 = 3
+    TYPED = 4
 
 
 class Result(IntEnum):
@@ -47,6 +49,9 @@ class Result(IntEnum):
     HISTORY = 6
     TERMINATED = 7
     EARLY_RETURN = 8
+    VALUE = 9
+    EVENT = 10
+    STUCK = 11
 
 
 CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
@@ -65,6 +70,57 @@ class Operation(c.Structure):
         ("count", c.c_int64),
         ("gain", c.c_double),
         ("offset", c.c_double),
+    )
+
+
+class Access(c.Structure):
+    """``access_t``."""
+
+    _fields_ = (
+        ("call", c.c_void_p),
+        ("references", c.c_void_p),
+        ("places", c.c_void_p),
+        ("buffer", c.c_void_p),
+        ("held", c.c_void_p),
+        ("n_references", c.c_int64),
+        ("count", c.c_int64),
+        ("type", c.c_int32),
+        ("fmi", c.c_int32),
+    )
+
+
+class Ticker(c.Structure):
+    """``ticker_t``."""
+
+    _fields_ = (
+        ("reference", c.c_uint32),
+        ("reserved", c.c_int32),
+        ("period", c.c_int64),
+        ("shift", c.c_int64),
+    )
+
+
+class Typed(c.Structure):
+    """``typed_t``."""
+
+    _fields_ = (
+        ("inputs", c.c_void_p),
+        ("outputs", c.c_void_p),
+        ("discrete", c.c_void_p),
+        ("clocked", c.c_void_p),
+        ("clocks", c.c_void_p),
+        ("enter_event", c.c_void_p),
+        ("update", c.c_void_p),
+        ("enter_step", c.c_void_p),
+        ("set_clock", c.c_void_p),
+        ("n_inputs", c.c_int64),
+        ("n_outputs", c.c_int64),
+        ("n_discrete", c.c_int64),
+        ("n_clocked", c.c_int64),
+        ("n_clocks", c.c_int64),
+        ("next_event", c.c_double),
+        ("fmi", c.c_int32),
+        ("variable", c.c_int32),
     )
 
 
@@ -87,6 +143,8 @@ class Unit(c.Structure):
         ("input_count", c.c_int64),
         ("output", c.c_int64),
         ("output_count", c.c_int64),
+        ("typed", c.c_void_p),
+        ("period", c.c_int64),
     )
 
 
@@ -130,15 +188,18 @@ class EngineState(c.Structure):
         ("stop", c.c_int32),
         ("failed_index", c.c_int32),
         ("failed_status", c.c_int32),
-        ("reserved", c.c_int32),
+        ("failed_signal", c.c_int32),
     )
 
 
 class Log(c.Structure):
-    """``log_t``: the last lines an FMU logged."""
+    """``log_t``: the last lines an FMU logged, and the text that follows in memory."""
 
     _fields_ = (
         ("count", c.c_int64),
+        ("capacity", c.c_int64),
+        ("used", c.c_int64),
+        ("dropped", c.c_int64),
         ("level", c.c_int32 * LOG_LINES),
         ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
     )
@@ -148,6 +209,21 @@ class Log(c.Structure):
         first = max(0, self.count - min(n, LOG_LINES))
         lines = (self.line[i % LOG_LINES].value for i in range(first, self.count))
         return [line.decode("utf-8", "replace").strip() for line in lines]
+
+    def text(self) -> str:
+        """Everything that was kept, and what was not: "" where no room was given."""
+        kept = c.string_at(c.addressof(self) + c.sizeof(Log), self.used).decode("utf-8", "replace")
+        if not self.dropped:
+            return kept
+        last = "\n".join(self.tail(LOG_LINES))
+        return f"{kept}... {self.dropped} lines left out; the last ones:\n{last}\n"
+
+
+def log(memory: bytearray | mmap | None = None, room: int = 0) -> Log:
+    """A log at the start of `memory` (default: its own), with `room` bytes for text behind it."""
+    found = Log.from_buffer(bytearray(c.sizeof(Log) + room) if memory is None else memory)
+    found.capacity = room
+    return found
 
 
 def library_path() -> Path:
@@ -167,7 +243,11 @@ def library() -> c.CDLL:
     engine.engine_run.restype = c.c_int32
     engine.engine_sizes.argtypes = (c.c_int32,)
     engine.engine_sizes.restype = c.c_size_t
-    expected = [c.sizeof(t) for t in (Operation, Unit, Link, EngineState, Log, Player)]
+    engine.engine_unit.argtypes = (
+        *(c.c_void_p, c.c_void_p, c.c_double, c.c_int64, c.c_void_p, c.c_void_p),
+    )
+    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed)
+    expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]
     if engine.engine_abi() != ABI or found != expected:
         raise CosimError(f"{path} belongs to another version of cosim: install the project again")

@@ -2,5 +2,6 @@
 
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.description import Description, read
+from cosim.fmi.options import Options
 
-__all__ = ["Description", "FmuComponent", "read"]
+__all__ = ["Description", "FmuComponent", "Options", "read"]

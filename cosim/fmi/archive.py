@@ -68,10 +68,22 @@ def _extract(path: Path, folder: Path) -> None:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
+#: Bytes an FMU may unpack to, and its model description may have.
+LARGEST, LARGEST_DESCRIPTION = 8 << 30, 256 << 20
+
+
 def _check(path: Path, archive: zipfile.ZipFile) -> None:
     names = archive.namelist()
+    size = sum(entry.file_size for entry in archive.infolist())
+    if size > LARGEST:
+        raise FmuError(f"{path}: would unpack to {size} bytes; expected at most {LARGEST}")
     if "modelDescription.xml" not in names:
         raise FmuError(f"{path}: the archive holds no modelDescription.xml; is it an FMU?")
+    size = archive.getinfo("modelDescription.xml").file_size
+    if size > LARGEST_DESCRIPTION:
+        raise FmuError(
+            f"{path}: modelDescription.xml has {size} bytes; expected at most {LARGEST_DESCRIPTION}"
+        )
     for name in names:
         parts = PurePosixPath(name.replace("\\", "/"))
         if parts.is_absolute() or ".." in parts.parts:
@@ -82,25 +94,40 @@ _MACHINE = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64"
 _SYSTEM = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 
 
-def binary(archive: Archive, fmi: str, identifier: str) -> Path:
-    """The shared library of this platform. Raises FmuError naming the platforms there are."""
-    system, suffix = _SYSTEM.get(sys.platform, (sys.platform, ".so"))
-    machine = _MACHINE.get(platform.machine().lower(), platform.machine().lower())
-    folder = f"{machine}-{system}"
-    if fmi == "2.0":
-        bits = "64" if sys.maxsize > 2**32 else "32"
-        folder = {"linux": "linux", "darwin": "darwin", "windows": "win"}.get(system, system) + bits
+def binary(archive: Archive, fmi: str, identifier: str, build: bool = False) -> Path:
+    """The shared library of this platform, compiled from the FMU's sources if `build` is set.
+
+    Raises FmuError naming the platforms there are.
+    """
+    folder, suffix = platform_folder(fmi)
     path = archive.folder / "binaries" / folder / f"{identifier}{suffix}"
     if path.is_file():
         return path
+    if build and has_sources(archive):
+        from cosim.fmi.sources import compile_sources
+
+        return compile_sources(archive, fmi, identifier, path)
     found = sorted(p.name for p in (archive.folder / "binaries").glob("*") if p.is_dir())
-    sources = " (it holds sources, which could be built)" if _has_sources(archive) else ""
+    sources = " (it holds sources, which could be built: build = true)"
     there = ", ".join(found) if found else "none"
     raise FmuError(
         f"{archive.path}: no binary for this platform: expected binaries/{folder}/"
-        f"{identifier}{suffix}; platforms in the FMU: {there}{sources}"
+        f"{identifier}{suffix}; platforms in the FMU: {there}"
+        f"{sources if has_sources(archive) else ''}"
     )
 
 
-def _has_sources(archive: Archive) -> bool:
+def platform_folder(fmi: str) -> tuple[str, str]:
+    """This platform as a version of FMI calls it, and the suffix of its shared libraries."""
+    system, suffix = _SYSTEM.get(sys.platform, (sys.platform, ".so"))
+    machine = _MACHINE.get(platform.machine().lower(), platform.machine().lower())
+    if fmi == "2.0":
+        bits = "64" if sys.maxsize > 2**32 else "32"
+        old = {"linux": "linux", "darwin": "darwin", "windows": "win"}.get(system, system)
+        return old + bits, suffix
+    return f"{machine}-{system}", suffix
+
+
+def has_sources(archive: Archive) -> bool:
+    """Whether there is C to compile."""
     return any((archive.folder / "sources").glob("*.c"))

@@ -1,4 +1,4 @@
-"""An ``.fmu`` as a Component: ports, start values, and the addresses the engine steps it by."""
+"""An ``.fmu`` as a Component: ports, start values, and what the engine steps it by."""
 
 from __future__ import annotations
 
@@ -6,49 +6,66 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from cosim.component import Kind, Outputs, Parameter, Port, Values
+from cosim import native
+from cosim.component import Kind, Outputs, Values
 from cosim.errors import FmuError
 from cosim.fmi import archive as archives
+from cosim.fmi import clocks
 from cosim.fmi.description import read
-from cosim.fmi.library import Instance, instantiate
+from cosim.fmi.layout import Layout, Move
+from cosim.fmi.library import Instance, Setup, instantiate
+from cosim.fmi.options import Options
 from cosim.fmi.ports import REAL, Group, groups
+from cosim.fmi.remote import RemoteInstance
+from cosim.fmi.values import check_range, has_text, parameter, port, settable, texts_for
+from cosim.fmi.variables import NUMERIC, TEXTS
+from cosim.units import Unit
 
 if TYPE_CHECKING:
     import numpy as np
 
-_NUMERIC = {"Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32"} | {
-    f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64)
-}
-_TYPES = {"Real": "real", "Float64": "real", "Float32": "real", "Boolean": "boolean"}
+#: Bytes of log text kept of an FMU whose logging is on.
+LOG_ROOM = 1 << 20
 
 
 class FmuComponent:
     """One instance of an FMU.
 
     `kind` says how it samples; an FMU does not say so itself (ours do, in an annotation), so a
-    foreign FMU is continuous unless the scenario says otherwise. Raises FmuError for anything
-    wrong with the file, the description or the binary.
+    foreign FMU is continuous unless the scenario says otherwise. Numbers and Booleans are float64
+    signals, exact up to 2^53; String and Binary variables are start values and results, no
+    signals. Raises FmuError for anything wrong with the file, the description or the binary.
     """
 
-    def __init__(self, path: Path, name: str = "fmu", kind: Kind | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        name: str = "fmu",
+        kind: Kind | None = None,
+        options: Options | None = None,
+    ) -> None:
+        self.options = options or Options()
         self.archive = archives.unpack(path)
-        self.description = read(self.archive.folder / "modelDescription.xml", path)
+        xml = self.archive.folder / "modelDescription.xml"
+        self.description = read(xml, path, self.options.sizes)
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
-        self.inputs = tuple(_port(g) for g in self._carried("input"))
-        self.outputs = tuple(_port(g) for g in self._carried("output"))
-        self.parameters = tuple(_parameter(g) for g in self.groups.values() if _settable(g))
+        self.inputs = tuple(port(g) for g in self._carried("input"))
+        self.outputs = tuple(port(g) for g in self._carried("output"))
+        self.parameters = tuple(parameter(g) for g in self.groups.values() if settable(g))
+        self._texts = texts_for(self.groups, self.options.texts, name)
         self._instance: Instance | None = None
         self._initializing = False
         self._private: str | None = None
+        self._last_text = ""
 
     def _carried(self, causality: str) -> list[Group]:
         return [
             g for g in self.groups.values()
-            if g.first.causality == causality and g.first.type in REAL
+            if g.first.causality == causality and g.first.type in NUMERIC
         ]  # fmt: skip
 
     @property
@@ -58,24 +75,104 @@ class FmuComponent:
             raise FmuError(f"{self.name}: not initialised")
         return self._instance
 
+    @property
+    def remote(self) -> RemoteInstance | None:
+        """The live instance where it is in another process, else None."""
+        return self._instance if isinstance(self._instance, RemoteInstance) else None
+
     def references(self, causality: str) -> tuple[int, ...]:
         """Value references of all carried inputs or outputs, in port order."""
         return tuple(r for g in self._carried(causality) for r in g.references)
 
+    def unit(self, name: str) -> Unit | str:
+        """A unit by the FMU's own definition, or its name where it defines none."""
+        return self.description.units.get(name, name)
+
+    # ---- how it is stepped -------------------------------------------------------------------
+
+    @property
+    def events(self) -> bool:
+        """Whether it is run with event mode: an FMU of FMI 3.0 that has one."""
+        return self.description.fmi == "3.0" and bool(self.description.flags.get("hasEventMode"))
+
+    def layout(self, h: float, lag: int, period: int, inputs: int, outputs: int) -> Layout:
+        """How it is stepped every `h` s = `period` ticks; its signals start at these places.
+
+        Raises FmuError for a step or a clock that cannot be kept.
+        """
+        clocks.check_step(self.description, h, self.name)
+        moves: dict[str, dict[str, Move]] = {
+            m: {} for m in ("inputs", "discrete", "clocked", "outputs")
+        }
+        for causality, start in (("input", inputs), ("output", outputs)):
+            place = start
+            for group in self._carried(causality):
+                _add(moves[self._when(group)], group, place)
+                place += group.size
+        real = {g.first.type for c in ("input", "output") for g in self._carried(c)} <= set(REAL)
+        flags = self.description.flags
+        early = self.events or self._returns_early
+        return Layout(
+            h=h, lag=lag, period=period, input=inputs, output=outputs,
+            input_count=sum(p.size for p in self.inputs),
+            output_count=sum(p.size for p in self.outputs),
+            clocks=clocks.tickers(self.description, h, self.name) if self.events else (),
+            fmi=self.description.fmi, events=self.events, plain=real and not early,
+            variable=bool(flags.get("canHandleVariableCommunicationStepSize")),
+            **{name: tuple(found.values()) for name, found in moves.items()},
+        )  # fmt: skip
+
+    @property
+    def _returns_early(self) -> bool:
+        flags = self.description.flags
+        return self.description.fmi == "3.0" and bool(
+            flags.get("canReturnEarlyAfterIntermediateUpdate")
+            and flags.get("canHandleVariableCommunicationStepSize")
+        )
+
+    def _when(self, group: Group) -> Literal["inputs", "outputs", "discrete", "clocked"]:
+        if group.first.causality == "output":
+            return "outputs"
+        if self.events and group.first.clocks:
+            return "clocked"
+        return "discrete" if self.events and group.first.variability == "discrete" else "inputs"
+
+    # ---- start -------------------------------------------------------------------------------
+
     def initialize(self, values: Values) -> None:
         """Instantiate and enter Initialization Mode with `values` set; raises FmuError."""
         self.close()
-        binary = archives.binary(self.archive, self.description.fmi, self.description.identifier)
-        if self.description.flags.get("canBeInstantiatedOnlyOncePerProcess"):
-            binary = self._private_copy(binary)
-        resources = self.archive.folder / "resources"
-        token = self.description.token
-        self._instance = instantiate(self.description.fmi, binary, self.name, token, resources)
+        self._instance = self._instantiate()
+        if self.options.sizes:
+            sized = [(self.groups[k].first.reference, n) for k, n in self.options.sizes.items()]
+            self._instance.configure([r for r, _ in sized], [n for _, n in sized])
         before = {k: v for k, v in values.items() if self.groups[k].first.causality != "input"}
         for name, value in before.items():
             self._set(self.groups[name], value)
+        for group, texts in self._texts:
+            if group.first.causality != "input":
+                self._instance.set_texts(group.first.type, group.references, texts)
         self._instance.enter_initialization(0.0)
         self._initializing = True
+        for group, texts in self._texts:
+            if group.first.causality == "input":
+                self._instance.set_texts(group.first.type, group.references, texts)
+
+    def _instantiate(self) -> Instance:
+        d, options = self.description, self.options
+        binary = archives.binary(self.archive, d.fmi, d.identifier, options.build)
+        if d.flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
+            binary = self._private_copy(binary)
+        setup = Setup(
+            fmi=d.fmi, path=binary, name=self.name, token=d.token,
+            resources=self.archive.folder / "resources", logging=options.log,
+            event_mode=self.events, early_return=self.events or self._returns_early,
+        )  # fmt: skip
+        room = LOG_ROOM if options.log else 0
+        if options.isolate:
+            scalars = sum(p.size for p in (*self.inputs, *self.outputs))
+            return RemoteInstance(setup, options, scalars, room)
+        return instantiate(setup, native.log(room=room))
 
     def _private_copy(self, binary: Path) -> Path:
         self._private = tempfile.mkdtemp(prefix="cosim-")
@@ -83,12 +180,14 @@ class FmuComponent:
 
     def _set(self, group: Group, value: Any) -> None:
         flat = [float(v) for v in value.reshape(-1)]
+        check_range(group, flat)
         self.instance.set(group.first.type, group.references, flat)
 
     def initial(self, u: Values) -> Outputs:
         """Outputs in Initialization Mode for inputs `u`."""
         for name, value in u.items():
-            self._set(self.groups[name], value)
+            if self._when(self.groups[name]) != "clocked":  # no clock ticks yet
+                self._set(self.groups[name], value)
         return self._outputs()
 
     def _outputs(self) -> dict[str, np.ndarray[Any, Any]]:
@@ -107,7 +206,12 @@ class FmuComponent:
             self._initializing = False
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Set inputs, ``doStep(t, h)``, get outputs: the slow way, for tests and small uses."""
+        """Set inputs, ``doStep(t, h)``, get outputs: the slow way, for tests and small uses.
+
+        Raises FmuError where clocks have to tick: the engine does that.
+        """
+        if self.events and any(v.type == "Clock" for v in self.description.variables):
+            raise FmuError(f"{self.name}: has clocks, which tick in the engine only")
         self.exit_initialization()
         for name, value in u.items():
             self._set(self.groups[name], value)
@@ -126,10 +230,29 @@ class FmuComponent:
         assert isinstance(state, int)
         self.instance.set_state(state)
 
+    # ---- what it says, and the end -----------------------------------------------------------
+
+    def results(self) -> dict[str, list[str]]:
+        """String and Binary outputs as they stand, Binary as hexadecimal text."""
+        return {
+            g.name: self.instance.get_texts(g.first.type, g.references, g.size)
+            for g in self.groups.values()
+            if g.first.causality == "output" and g.first.type in TEXTS
+        }
+
+    def log_text(self) -> str:
+        """What the FMU logged, if `options.log` is set; stays after :meth:`close`."""
+        return self._instance.log.text() if self._instance is not None else self._last_text
+
+    def is_text(self, name: str) -> bool:
+        """Whether `name` is a String or Binary variable: no signal."""
+        return has_text(self.groups, name)
+
     def close(self) -> None:
         """Free the instance; may be called twice."""
         if self._instance is not None:
             self._instance.free()
+            self._last_text = self._instance.log.text()
             self._instance = None
         if self._private is not None:
             shutil.rmtree(self._private, ignore_errors=True)
@@ -145,28 +268,8 @@ class FmuComponent:
         }
 
 
-def _port(group: Group) -> Port:
-    variable = group.first
-    start = _numbers(group) if variable.causality == "input" else ()
-    return Port(group.name, group.shape, variable.unit or "1", variable.description, start)
-
-
-def _parameter(group: Group) -> Parameter:
-    v = group.first
-    kind = _TYPES.get(v.type, "integer")
-    return Parameter(group.name, _numbers(group), group.shape, v.unit or "1", v.description, kind)  # type: ignore[arg-type]
-
-
-def _settable(group: Group) -> bool:
-    v = group.first
-    if v.type not in _NUMERIC or v.variability == "constant":
-        return False
-    if v.causality in ("parameter", "structuralParameter"):
-        return True
-    return v.causality in ("local", "output") and v.initial in ("exact", "approx") and bool(v.start)
-
-
-def _numbers(group: Group) -> tuple[float, ...]:
-    words = {"true": 1.0, "false": 0.0}
-    texts = group.start or ("0",) * group.size
-    return tuple(words[t] if t in words else float(t) for t in texts)
+def _add(moves: dict[str, Move], group: Group, place: int) -> None:
+    kind = group.first.type
+    before = moves.get(kind, Move(kind, (), ()))
+    places = tuple(range(place, place + group.size))
+    moves[kind] = Move(kind, before.references + group.references, before.places + places)

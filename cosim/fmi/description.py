@@ -5,50 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from math import prod
+from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
 
 from cosim.errors import FmuError
+from cosim.fmi.variables import Variable, variables2, variables3
 from cosim.units import BASE, Unit
-
-_TYPES2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
-_TYPES3 = (
-    *(
-        "Float64",
-        "Float32",
-        "Int8",
-        "UInt8",
-        "Int16",
-        "UInt16",
-        "Int32",
-        "UInt32",
-        "Int64",
-        "UInt64",
-    ),
-    *("Boolean", "String", "Binary", "Enumeration", "Clock"),
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Variable:
-    """One variable: a scalar in FMI 2.0, possibly an array in FMI 3.0."""
-
-    name: str
-    type: str
-    reference: int
-    causality: str
-    variability: str
-    initial: str
-    shape: tuple[int, ...]
-    unit: str
-    start: tuple[str, ...]
-    description: str
-
-    @property
-    def size(self) -> int:
-        """Number of scalars."""
-        return prod(self.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +32,15 @@ class Description:
     step_attributes: Mapping[str, str] = field(default_factory=dict)
 
 
-def read(path: Path, origin: Path) -> Description:
-    """Read a model description; `origin` is the FMU named in messages. Raises FmuError."""
+def read(path: Path, origin: Path, sizes: Mapping[str, int] | None = None) -> Description:
+    """Read a model description; `origin` is the FMU named in messages.
+
+    `sizes`: of structural parameters (FMI 3.0), where they are not what is written. Raises
+    FmuError.
+    """
     try:
         root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError, OSError) as error:
         raise FmuError(f"{origin}: modelDescription.xml is not well-formed: {error}") from error
     version = root.get("fmiVersion", "")
     fmi = {"2": "2.0", "3": "3.0"}.get(version.split(".")[0], "")
@@ -84,15 +51,24 @@ def read(path: Path, origin: Path) -> Description:
     interface = root.find("CoSimulation")
     if interface is None:
         other = [n for n in ("ModelExchange", "ScheduledExecution") if root.find(n) is not None]
-        raise FmuError(f"{origin}: no CoSimulation interface (found: {', '.join(other) or 'none'})")
+        raise FmuError(
+            f"{origin}: no CoSimulation interface (found: {', '.join(other) or 'none'}); expected "
+            "an FMU exported for co-simulation, which brings its own solver"
+        )
     try:
-        return _describe(root, interface, fmi, origin)
-    except (ValueError, KeyError) as error:
+        return _describe(root, interface, fmi, origin, sizes or {})
+    except KeyError as error:
+        raise FmuError(f"{origin}: modelDescription.xml: a variable has no {error}") from error
+    except (ValueError, OverflowError) as error:
         raise FmuError(f"{origin}: modelDescription.xml: {error}") from error
 
 
 def _describe(
-    root: ElementTree.Element, interface: ElementTree.Element, fmi: str, origin: Path
+    root: ElementTree.Element,
+    interface: ElementTree.Element,
+    fmi: str,
+    origin: Path,
+    sizes: Mapping[str, int],
 ) -> Description:
     identifier = interface.get("modelIdentifier", "")
     token = root.get("guid" if fmi == "2.0" else "instantiationToken", "")
@@ -102,7 +78,9 @@ def _describe(
         raise FmuError(f"{origin}: no {'guid' if fmi == '2.0' else 'instantiationToken'}")
     experiment = root.find("DefaultExperiment")
     step = experiment.get("stepSize") if experiment is not None else None
-    variables = tuple(_variables2(root) if fmi == "2.0" else _variables3(root))
+    if fmi == "2.0" and sizes:
+        raise FmuError(f"{origin}: FMI 2.0 has no structural parameters, found {sorted(sizes)}")
+    variables = tuple(variables2(root) if fmi == "2.0" else variables3(root, sizes))
     _check_names(variables, origin)
     return Description(
         fmi=fmi,
@@ -114,13 +92,20 @@ def _describe(
         variables=variables,
         units=_units(root),
         flags={k: v in ("true", "1") for k, v in interface.attrib.items() if v in _BOOLEANS},
-        default_step=float(step) if step else None,
+        default_step=_positive(step) if step else None,
         kind=_kind(root),
         step_attributes=dict(interface.attrib),
     )
 
 
 _BOOLEANS = ("true", "false", "1", "0")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (isfinite(value) and value > 0.0):
+        raise ValueError(f"stepSize {text!r} is no positive number")
+    return value
 
 
 def _check_names(variables: Iterable[Variable], origin: Path) -> None:
@@ -131,76 +116,21 @@ def _check_names(variables: Iterable[Variable], origin: Path) -> None:
         seen.add(variable.name)
 
 
-def _variables2(root: ElementTree.Element) -> Iterable[Variable]:
-    types = {
-        t.get("name", ""): child.attrib
-        for t in root.iterfind("TypeDefinitions/SimpleType")
-        for child in t
-    }
-    for element in root.iterfind("ModelVariables/ScalarVariable"):
-        name = element.get("name")
-        typed = next((child for child in element if child.tag in _TYPES2), None)
-        if not name or typed is None:
-            raise ValueError(f"ScalarVariable {name!r} has no name or no type of {_TYPES2}")
-        declared = types.get(typed.get("declaredType", ""), {})
-        start = typed.get("start")
-        yield Variable(
-            name=name,
-            type=typed.tag,
-            reference=int(element.attrib["valueReference"]),
-            causality=element.get("causality", "local"),
-            variability=element.get("variability", "continuous"),
-            initial=element.get("initial", ""),
-            shape=(),
-            unit=typed.get("unit") or declared.get("unit", ""),
-            start=(start,) if start is not None else (),
-            description=element.get("description", ""),
-        )
-
-
-def _variables3(root: ElementTree.Element) -> Iterable[Variable]:
-    declared = {t.get("name", ""): t.attrib for t in root.iterfind("TypeDefinitions/*")}
-    elements = [e for e in root.iterfind("ModelVariables/*") if e.tag in _TYPES3]
-    sizes = {e.get("valueReference"): e.get("start", "1") for e in elements}
-    for element in elements:
-        default = "continuous" if element.tag.startswith("Float") else "discrete"
-        inherited = declared.get(element.get("declaredType", ""), {})
-        yield Variable(
-            name=element.attrib["name"],
-            type=element.tag,
-            reference=int(element.attrib["valueReference"]),
-            causality=element.get("causality", "local"),
-            variability=element.get("variability", default),
-            initial=element.get("initial", ""),
-            shape=tuple(_dimension(d, sizes) for d in element.iterfind("Dimension")),
-            unit=element.get("unit") or inherited.get("unit", ""),
-            start=_starts(element),
-            description=element.get("description", ""),
-        )
-
-
-def _starts(element: ElementTree.Element) -> tuple[str, ...]:
-    if element.tag in ("String", "Binary"):
-        return tuple(s.get("value", "") for s in element.iterfind("Start"))
-    return tuple(element.get("start", "").split())
-
-
-def _dimension(element: ElementTree.Element, sizes: Mapping[str | None, str]) -> int:
-    start = element.get("start")
-    return int(start if start is not None else sizes[element.get("valueReference")])
-
-
 def _units(root: ElementTree.Element) -> dict[str, Unit]:
+    """Definitions by name; display units are another way to write a number, and are not read."""
     units: dict[str, Unit] = {}
     for element in root.iterfind("UnitDefinitions/Unit"):
-        base = element.find("BaseUnit")
+        base, name = element.find("BaseUnit"), element.get("name", "")
         if base is None:
             continue
-        units[element.get("name", "")] = Unit(
-            tuple(int(base.get(name, "0")) for name in BASE),
-            float(base.get("factor", "1")),
-            float(base.get("offset", "0")),
-        )
+        try:
+            exponents = tuple(int(base.get(b, "0")) for b in BASE)
+            factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
+        except ValueError as error:
+            raise ValueError(f"unit {name!r}: {error}") from None
+        if not (isfinite(factor) and isfinite(offset) and factor != 0.0):
+            raise ValueError(f"unit {name!r}: factor {factor:g} and offset {offset:g} are no scale")
+        units[name] = Unit(exponents, factor, offset)
     return units
 
 

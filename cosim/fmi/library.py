@@ -1,27 +1,33 @@
-"""The FMI functions of a shared library through ctypes: the cold calls, and the hot addresses.
+"""An instance of an FMU, and the checked functions of its shared library.
 
-One class a standard, :class:`Instance2` (FMI 2.0.5) and :class:`Instance3` (FMI 3.0.2), with the
-same members; which one an FMU needs is decided once, in :func:`instantiate`.
+One class a standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
+:class:`cosim.fmi.fmi3.Instance3` (FMI 3.0.2), and one for an FMU in a process of its own
+(:mod:`cosim.fmi.remote`), with the same members; which one an FMU needs is decided once, in
+:func:`instantiate`.
 """
 
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from cosim import native
 from cosim.errors import FmuError
 
+#: A time event that never comes (s).
+NEVER = float("inf")
 _STATUS = {0: "OK", 1: "warning", 2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 
 
 class Instance(Protocol):
-    """One instance of an FMU, FMI 2.0 or 3.0."""
+    """One instance of an FMU, FMI 2.0 or 3.0; `next_event` (s): the time event it announced."""
 
     log: native.Log
     handle: int
+    next_event: float
 
     def enter_initialization(self, t0: float) -> None:
         """Set up the experiment from `t0` (s), without a stop time, and enter initialisation."""
@@ -34,6 +40,18 @@ class Instance(Protocol):
 
     def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
         """Set variables of an FMI type, all scalars in order."""
+
+    def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
+        """Values of String variables, or of Binary ones as hexadecimal text."""
+
+    def set_texts(self, kind: str, references: Sequence[int], values: Sequence[str]) -> None:
+        """Set String variables, or Binary ones from hexadecimal text."""
+
+    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
+        """Set structural parameters, before anything else."""
+
+    def address(self, suffix: str) -> int:
+        """The address of an FMI function, its name without the prefix."""
 
     def do_step(self, t: float, h: float) -> None:
         """One communication step."""
@@ -54,28 +72,32 @@ class Instance(Protocol):
         """Addresses of the functions that set, step and get in the loop."""
 
 
-_TYPES2: Mapping[str, Any] = {
-    "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
-}  # fmt: skip
-_TYPES3: Mapping[str, Any] = {
-    "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
-    "Int8": c.c_int8, "Int16": c.c_int16, "Int32": c.c_int32, "Int64": c.c_int64,
-    "UInt8": c.c_uint8, "UInt16": c.c_uint16, "UInt32": c.c_uint32, "UInt64": c.c_uint64,
-    "Enumeration": c.c_int64,
-}  # fmt: skip
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What an instance is made from. `early_return`, `event_mode`: FMI 3.0 only."""
+
+    fmi: str
+    path: Path
+    name: str
+    token: str
+    resources: Path
+    logging: bool = False
+    event_mode: bool = False
+    early_return: bool = False
 
 
-class _Calls:
+class Calls:
     """A library's functions, each checked: absent ones and bad statuses become FmuError."""
 
-    def __init__(self, path: Path, prefix: str, name: str) -> None:
+    def __init__(self, setup: Setup, prefix: str, log: native.Log) -> None:
         try:
-            self.library = c.CDLL(str(path))
+            self.library = c.CDLL(str(setup.path))
         except OSError as error:
-            raise FmuError(f"{name}: cannot load {path.name}: {error}") from error
-        self.prefix, self.name, self.log = prefix, name, native.Log()
+            raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
+        self.prefix, self.name, self.log = prefix, setup.name, log
 
     def function(self, suffix: str, *types: Any, result: Any = c.c_int) -> Any:
+        """A function by its name without the prefix. Raises FmuError where it is missing."""
         try:
             function = getattr(self.library, self.prefix + suffix)
         except AttributeError:
@@ -84,6 +106,7 @@ class _Calls:
         return function
 
     def checked(self, suffix: str, *types: Any) -> Callable[..., None]:
+        """The same, raising FmuError for every status but OK and warning."""
         function = self.function(suffix, *types)
 
         def call(*arguments: Any) -> None:
@@ -96,202 +119,25 @@ class _Calls:
         return call
 
 
-def _uint32(values: Sequence[int]) -> Any:
+def uint32(values: Sequence[int]) -> Any:
+    """A C array of value references."""
     return (c.c_uint32 * len(values))(*values)
 
 
-class _Callbacks2(c.Structure):
-    _fields_ = (
-        ("logger", c.c_void_p),
-        ("allocate", c.c_void_p),
-        ("free", c.c_void_p),
-        ("finished", c.c_void_p),
-        ("environment", c.c_void_p),
-    )
+def array_of(kind: Any, values: Sequence[Any]) -> Any:
+    """A C array of `kind` with these values."""
+    return (kind * len(values))(*values)
 
 
-class Instance2:
-    """An instance of an FMI 2.0 co-simulation FMU."""
-
-    def __init__(self, path: Path, name: str, token: str, resources: Path) -> None:
-        self._calls = calls = _Calls(path, "fmi2", name)
-        self.log = calls.log
-        libc = c.CDLL(None)
-        self._callbacks = _Callbacks2(
-            native.address(native.library().engine_log2),
-            native.address(libc.calloc),
-            native.address(libc.free),
-            None,
-            c.addressof(self.log),
-        )
-        instantiate = calls.function(
-            "Instantiate",
-            *(c.c_char_p, c.c_int, c.c_char_p, c.c_char_p, c.c_void_p, c.c_int, c.c_int),
-            result=c.c_void_p,
-        )
-        self.handle: int = instantiate(
-            name.encode(), 1, token.encode(), resources.as_uri().encode(),
-            c.byref(self._callbacks), 0, 0,
-        )  # fmt: skip
-        if not self.handle:
-            raise FmuError(f"{name}: fmi2Instantiate failed: {'; '.join(self.log.tail())}")
-
-    def enter_initialization(self, t0: float) -> None:
-        """Set up the experiment (§2.1.6 of FMI 2.0.5) and enter Initialization Mode."""
-        setup = self._calls.checked(
-            "SetupExperiment", c.c_void_p, c.c_int, c.c_double, c.c_double, c.c_int, c.c_double
-        )
-        setup(self.handle, 0, 0.0, t0, 0, 0.0)
-        self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
-
-    def exit_initialization(self) -> None:
-        """Leave Initialization Mode."""
-        self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
-
-    def _access(self, verb: str, kind: str) -> Callable[..., None]:
-        suffix = "Integer" if kind == "Enumeration" else kind
-        return self._calls.checked(verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
-
-    def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
-        """``fmi2GetReal`` and its sisters."""
-        values = (_TYPES2[kind] * count)()
-        self._access("Get", kind)(self.handle, _uint32(references), len(references), values)
-        return [float(v) for v in values]
-
-    def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
-        """``fmi2SetReal`` and its sisters."""
-        convert = float if kind == "Real" else int
-        array = (_TYPES2[kind] * len(values))(*(convert(v) for v in values))
-        self._access("Set", kind)(self.handle, _uint32(references), len(references), array)
-
-    def do_step(self, t: float, h: float) -> None:
-        """``fmi2DoStep``."""
-        step = self._calls.checked("DoStep", c.c_void_p, c.c_double, c.c_double, c.c_int)
-        step(self.handle, t, h, 0)
-
-    def get_state(self) -> int:
-        """``fmi2GetFMUstate``."""
-        state = c.c_void_p()
-        self._calls.checked("GetFMUstate", c.c_void_p, c.c_void_p)(self.handle, c.byref(state))
-        return state.value or 0
-
-    def set_state(self, state: int) -> None:
-        """``fmi2SetFMUstate``."""
-        self._calls.checked("SetFMUstate", c.c_void_p, c.c_void_p)(self.handle, state)
-
-    def free_state(self, state: int) -> None:
-        """``fmi2FreeFMUstate``."""
-        free = self._calls.checked("FreeFMUstate", c.c_void_p, c.c_void_p)
-        free(self.handle, c.byref(c.c_void_p(state)))
-
-    def free(self) -> None:
-        """``fmi2Terminate`` (its status does not matter any more) and ``fmi2FreeInstance``."""
-        if self.handle:
-            self._calls.function("Terminate", c.c_void_p)(self.handle)
-            self._calls.function("FreeInstance", c.c_void_p, result=None)(self.handle)
-            self.handle = 0
-
-    def hot(self) -> tuple[int, int, int]:
-        """Addresses of ``fmi2SetReal``, ``fmi2DoStep``, ``fmi2GetReal``."""
-        names = ("SetReal", "DoStep", "GetReal")
-        set_, step, get = (native.address(self._calls.function(n)) for n in names)
-        return set_, step, get
+def texts_of(values: Any) -> list[str]:
+    """Texts out of an array of C strings; what is no UTF-8 is marked."""
+    return [(v or b"").decode("utf-8", "replace") for v in values]
 
 
-class Instance3:
-    """An instance of an FMI 3.0 co-simulation FMU."""
+def instantiate(setup: Setup, log: native.Log | None = None) -> Instance:
+    """An instance of an FMU in this process. `log`: where it logs to. Raises FmuError."""
+    from cosim.fmi.fmi2 import Instance2
+    from cosim.fmi.fmi3 import Instance3
 
-    def __init__(self, path: Path, name: str, token: str, resources: Path) -> None:
-        self._calls = calls = _Calls(path, "fmi3", name)
-        self.log = calls.log
-        instantiate = calls.function(
-            "InstantiateCoSimulation",
-            *(c.c_char_p, c.c_char_p, c.c_char_p, c.c_bool, c.c_bool, c.c_bool, c.c_bool),
-            *(c.c_void_p, c.c_size_t, c.c_void_p, c.c_void_p, c.c_void_p),
-            result=c.c_void_p,
-        )
-        self.handle: int = instantiate(
-            name.encode(), token.encode(), (str(resources) + "/").encode(),
-            False, False, False, False, None, 0,
-            c.addressof(self.log), native.address(native.library().engine_log3), None,
-        )  # fmt: skip
-        if not self.handle:
-            lines = "; ".join(self.log.tail())
-            raise FmuError(f"{name}: fmi3InstantiateCoSimulation failed: {lines}")
-
-    def enter_initialization(self, t0: float) -> None:
-        """Enter Initialization Mode (§2.3.2 of FMI 3.0.2)."""
-        enter = self._calls.checked(
-            "EnterInitializationMode",
-            *(c.c_void_p, c.c_bool, c.c_double, c.c_double, c.c_bool, c.c_double),
-        )
-        enter(self.handle, False, 0.0, t0, False, 0.0)
-
-    def exit_initialization(self) -> None:
-        """Leave Initialization Mode."""
-        self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
-
-    def _access(self, verb: str, kind: str) -> Callable[..., None]:
-        suffix = "Int64" if kind == "Enumeration" else kind
-        return self._calls.checked(
-            verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_size_t
-        )
-
-    def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
-        """``fmi3GetFloat64`` and its sisters."""
-        values = (_TYPES3[kind] * count)()
-        get = self._access("Get", kind)
-        get(self.handle, _uint32(references), len(references), values, count)
-        return [float(v) for v in values]
-
-    def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
-        """``fmi3SetFloat64`` and its sisters."""
-        convert = float if kind.startswith("Float") else int
-        array = (_TYPES3[kind] * len(values))(*(convert(v) for v in values))
-        set_ = self._access("Set", kind)
-        set_(self.handle, _uint32(references), len(references), array, len(values))
-
-    def do_step(self, t: float, h: float) -> None:
-        """``fmi3DoStep``."""
-        step = self._calls.checked(
-            "DoStep",
-            *(c.c_void_p, c.c_double, c.c_double, c.c_bool),
-            *(c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p),
-        )
-        flags = [c.c_bool() for _ in range(3)]
-        reached = c.c_double()
-        step(self.handle, t, h, False, *(c.byref(f) for f in flags), c.byref(reached))
-
-    def get_state(self) -> int:
-        """``fmi3GetFMUState``."""
-        state = c.c_void_p()
-        self._calls.checked("GetFMUState", c.c_void_p, c.c_void_p)(self.handle, c.byref(state))
-        return state.value or 0
-
-    def set_state(self, state: int) -> None:
-        """``fmi3SetFMUState``."""
-        self._calls.checked("SetFMUState", c.c_void_p, c.c_void_p)(self.handle, state)
-
-    def free_state(self, state: int) -> None:
-        """``fmi3FreeFMUState``."""
-        free = self._calls.checked("FreeFMUState", c.c_void_p, c.c_void_p)
-        free(self.handle, c.byref(c.c_void_p(state)))
-
-    def free(self) -> None:
-        """``fmi3Terminate`` (its status does not matter any more) and ``fmi3FreeInstance``."""
-        if self.handle:
-            self._calls.function("Terminate", c.c_void_p)(self.handle)
-            self._calls.function("FreeInstance", c.c_void_p, result=None)(self.handle)
-            self.handle = 0
-
-    def hot(self) -> tuple[int, int, int]:
-        """Addresses of ``fmi3SetFloat64``, ``fmi3DoStep``, ``fmi3GetFloat64``."""
-        names = ("SetFloat64", "DoStep", "GetFloat64")
-        set_, step, get = (native.address(self._calls.function(n)) for n in names)
-        return set_, step, get
-
-
-def instantiate(fmi: str, path: Path, name: str, token: str, resources: Path) -> Instance:
-    """An instance called `name` of the FMU whose binary is `path`. Raises FmuError."""
-    kind = Instance2 if fmi == "2.0" else Instance3
-    return kind(path, name, token, resources)
+    kind = Instance2 if setup.fmi == "2.0" else Instance3
+    return kind(setup, native.log() if log is None else log)

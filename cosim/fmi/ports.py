@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from math import prod
 
-from cosim.fmi.description import Variable
+from cosim.fmi.variables import Variable
 
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]$")
 REAL = ("Real", "Float64")

@@ -1,0 +1,85 @@
+"""Clocks (FMI 3.0.2 §2.2.8) and step sizes: what of them a fixed step can keep.
+
+The engine ticks input clocks with a constant or fixed period that is a whole number of steps of
+their FMU. Output clocks tick inside the FMU, in its events. All others are refused, not ignored.
+"""
+
+from __future__ import annotations
+
+from cosim.errors import FmuError
+from cosim.fmi.description import Description
+from cosim.fmi.layout import Ticker
+from cosim.fmi.variables import Variable
+
+
+def tickers(description: Description, h: float, name: str) -> tuple[Ticker, ...]:
+    """The clocks the engine ticks, for steps of `h` (s). Raises FmuError for any it cannot."""
+    return tuple(
+        _ticker(v, h, name)
+        for v in description.variables
+        if v.type == "Clock" and v.causality == "input"
+    )
+
+
+def _ticker(clock: Variable, h: float, name: str) -> Ticker:
+    kind = clock.attributes.get("intervalVariability", "")
+    if kind not in ("constant", "fixed"):
+        raise FmuError(
+            f"{name}: clock {clock.name!r} has intervalVariability {kind!r}; expected 'constant' "
+            "or 'fixed'; an interval that changes, counts down or is triggered is not supported"
+        )
+    period, shift = _interval(clock, name)
+    return Ticker(
+        clock.reference,
+        _steps(period, h, f"{name}: the interval of clock {clock.name!r}"),
+        _steps(shift, h, f"{name}: the shift of clock {clock.name!r}") if shift else 0,
+    )
+
+
+def _interval(clock: Variable, name: str) -> tuple[float, float]:
+    """Interval and shift (s), written as decimals or as counts of a resolution."""
+    a = clock.attributes
+    try:
+        if "intervalCounter" in a:
+            resolution = float(a["resolution"])
+            found = (
+                int(a["intervalCounter"]) / resolution,
+                int(a.get("shiftCounter", 0)) / resolution,
+            )
+        else:
+            found = float(a["intervalDecimal"]), float(a.get("shiftDecimal", 0.0))
+    except (KeyError, ValueError, ZeroDivisionError):
+        raise FmuError(
+            f"{name}: clock {clock.name!r} states no interval; expected intervalDecimal, or "
+            "intervalCounter and resolution"
+        ) from None
+    if not (found[0] > 0.0 and found[1] >= 0.0):
+        raise FmuError(
+            f"{name}: clock {clock.name!r} has interval {found[0]:g} s, shift {found[1]:g} s"
+        )
+    return found
+
+
+def check_step(description: Description, h: float, name: str) -> None:
+    """Whether an FMU can do steps of `h` (s).
+
+    One that takes no varying step and states the step it makes inside (FMI 3.0.2 §4.3.1,
+    fixedInternalStepSize) gets whole numbers of that only. Raises FmuError.
+    """
+    written = description.step_attributes.get("fixedInternalStepSize")
+    if written is None or description.flags.get("canHandleVariableCommunicationStepSize"):
+        return
+    try:
+        inside = float(written)
+    except ValueError:
+        inside = 0.0
+    if not inside > 0.0:
+        raise FmuError(f"{name}: fixedInternalStepSize {written!r} is no positive number")
+    _steps(h, inside, f"{name}: the period")
+
+
+def _steps(seconds: float, h: float, what: str) -> int:
+    n = round(seconds / h)
+    if n < 1 or abs(n * h - seconds) > 1e-9 * max(seconds, h):
+        raise FmuError(f"{what}, {seconds:g} s, is not a multiple of the step {h:g} s")
+    return n

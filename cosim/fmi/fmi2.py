@@ -1,0 +1,134 @@
+"""The functions of an FMI 2.0 library through ctypes: the cold calls, and the hot addresses."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cosim import native
+from cosim.errors import FmuError
+from cosim.fmi.library import NEVER, Calls, Setup, array_of, texts_of, uint32
+
+TYPES: Mapping[str, Any] = {
+    "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
+}  # fmt: skip
+
+
+class _Callbacks2(c.Structure):
+    _fields_ = (
+        ("logger", c.c_void_p),
+        ("allocate", c.c_void_p),
+        ("free", c.c_void_p),
+        ("finished", c.c_void_p),
+        ("environment", c.c_void_p),
+    )
+
+
+class Instance2:
+    """An instance of an FMI 2.0 co-simulation FMU."""
+
+    next_event = NEVER
+
+    def __init__(self, setup: Setup, log: native.Log) -> None:
+        self._calls = calls = Calls(setup, "fmi2", log)
+        self.log = calls.log
+        libc = c.CDLL(None)
+        self._callbacks = _Callbacks2(
+            native.address(native.library().engine_log2),
+            native.address(libc.calloc),
+            native.address(libc.free),
+            None,
+            c.addressof(self.log),
+        )
+        instantiate = calls.function(
+            "Instantiate",
+            *(c.c_char_p, c.c_int, c.c_char_p, c.c_char_p, c.c_void_p, c.c_int, c.c_int),
+            result=c.c_void_p,
+        )
+        self.handle: int = instantiate(
+            setup.name.encode(), 1, setup.token.encode(), setup.resources.as_uri().encode(),
+            c.byref(self._callbacks), 0, int(setup.logging),
+        )  # fmt: skip
+        if not self.handle:
+            raise FmuError(f"{setup.name}: fmi2Instantiate failed: {'; '.join(self.log.tail())}")
+
+    def enter_initialization(self, t0: float) -> None:
+        """Set up the experiment (§2.1.6 of FMI 2.0.5) and enter Initialization Mode."""
+        setup = self._calls.checked(
+            "SetupExperiment", c.c_void_p, c.c_int, c.c_double, c.c_double, c.c_int, c.c_double
+        )
+        setup(self.handle, 0, 0.0, t0, 0, 0.0)
+        self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
+
+    def exit_initialization(self) -> None:
+        """Leave Initialization Mode."""
+        self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
+
+    def _access(self, verb: str, kind: str) -> Callable[..., None]:
+        suffix = "Integer" if kind == "Enumeration" else kind
+        return self._calls.checked(verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
+
+    def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
+        """``fmi2GetReal`` and its sisters."""
+        values = (TYPES[kind] * count)()
+        self._access("Get", kind)(self.handle, uint32(references), len(references), values)
+        return [float(v) for v in values]
+
+    def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
+        """``fmi2SetReal`` and its sisters."""
+        convert = float if kind == "Real" else int
+        array = array_of(TYPES[kind], [convert(v) for v in values])
+        self._access("Set", kind)(self.handle, uint32(references), len(references), array)
+
+    def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
+        """``fmi2GetString``."""
+        values = (c.c_char_p * count)()
+        self._access("Get", "String")(self.handle, uint32(references), count, values)
+        return texts_of(values)
+
+    def set_texts(self, kind: str, references: Sequence[int], values: Sequence[str]) -> None:
+        """``fmi2SetString``."""
+        array = array_of(c.c_char_p, [v.encode() for v in values])
+        self._access("Set", "String")(self.handle, uint32(references), len(values), array)
+
+    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
+        """FMI 2.0 has no structural parameters."""
+        raise FmuError(f"{self._calls.name}: FMI 2.0 has no structural parameters")
+
+    def address(self, suffix: str) -> int:
+        """The address of ``fmi2<suffix>``. Raises FmuError where the binary lacks it."""
+        return native.address(self._calls.function(suffix))
+
+    def do_step(self, t: float, h: float) -> None:
+        """``fmi2DoStep``."""
+        step = self._calls.checked("DoStep", c.c_void_p, c.c_double, c.c_double, c.c_int)
+        step(self.handle, t, h, 0)
+
+    def get_state(self) -> int:
+        """``fmi2GetFMUstate``."""
+        state = c.c_void_p()
+        self._calls.checked("GetFMUstate", c.c_void_p, c.c_void_p)(self.handle, c.byref(state))
+        return state.value or 0
+
+    def set_state(self, state: int) -> None:
+        """``fmi2SetFMUstate``."""
+        self._calls.checked("SetFMUstate", c.c_void_p, c.c_void_p)(self.handle, state)
+
+    def free_state(self, state: int) -> None:
+        """``fmi2FreeFMUstate``."""
+        free = self._calls.checked("FreeFMUstate", c.c_void_p, c.c_void_p)
+        free(self.handle, c.byref(c.c_void_p(state)))
+
+    def free(self) -> None:
+        """``fmi2Terminate`` (its status does not matter any more) and ``fmi2FreeInstance``."""
+        if self.handle:
+            self._calls.function("Terminate", c.c_void_p)(self.handle)
+            self._calls.function("FreeInstance", c.c_void_p, result=None)(self.handle)
+            self.handle = 0
+
+    def hot(self) -> tuple[int, int, int]:
+        """Addresses of ``fmi2SetReal``, ``fmi2DoStep``, ``fmi2GetReal``."""
+        names = ("SetReal", "DoStep", "GetReal")
+        set_, step, get = (native.address(self._calls.function(n)) for n in names)
+        return set_, step, get

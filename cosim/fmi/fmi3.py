@@ -1,0 +1,184 @@
+"""The functions of an FMI 3.0 library through ctypes: the cold calls, and the hot addresses."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from cosim import native
+from cosim.errors import FmuError
+from cosim.fmi.library import NEVER, Calls, Setup, array_of, texts_of, uint32
+
+TYPES: Mapping[str, Any] = {
+    "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
+    "Int8": c.c_int8, "Int16": c.c_int16, "Int32": c.c_int32, "Int64": c.c_int64,
+    "UInt8": c.c_uint8, "UInt16": c.c_uint16, "UInt32": c.c_uint32, "UInt64": c.c_uint64,
+    "Enumeration": c.c_int64,
+}  # fmt: skip
+_EVENTS_AT_MOST = 100_000
+
+
+class Instance3:
+    """An instance of an FMI 3.0 co-simulation FMU."""
+
+    def __init__(self, setup: Setup, log: native.Log) -> None:
+        self._calls = calls = Calls(setup, "fmi3", log)
+        self.log = calls.log
+        self._event_mode, self.next_event = setup.event_mode, NEVER
+        instantiate = calls.function(
+            "InstantiateCoSimulation",
+            *(c.c_char_p, c.c_char_p, c.c_char_p, c.c_bool, c.c_bool, c.c_bool, c.c_bool),
+            *(c.c_void_p, c.c_size_t, c.c_void_p, c.c_void_p, c.c_void_p),
+            result=c.c_void_p,
+        )
+        self.handle: int = instantiate(
+            setup.name.encode(), setup.token.encode(), (str(setup.resources) + "/").encode(),
+            False, setup.logging, setup.event_mode, setup.early_return, None, 0,
+            c.addressof(self.log), native.address(native.library().engine_log3), None,
+        )  # fmt: skip
+        if not self.handle:
+            lines = "; ".join(self.log.tail())
+            raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
+
+    def enter_initialization(self, t0: float) -> None:
+        """Enter Initialization Mode (§2.3.2 of FMI 3.0.2)."""
+        enter = self._calls.checked(
+            "EnterInitializationMode",
+            *(c.c_void_p, c.c_bool, c.c_double, c.c_double, c.c_bool, c.c_double),
+        )
+        enter(self.handle, False, 0.0, t0, False, 0.0)
+
+    def exit_initialization(self) -> None:
+        """Leave Initialization Mode, and the Event Mode that follows where it is used."""
+        self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
+        if self._event_mode:
+            self._leave_event_mode()
+
+    def _leave_event_mode(self) -> None:
+        update = self._calls.checked("UpdateDiscreteStates", *(c.c_void_p,) * 7)
+        again, stop, nominals, values, defined = (c.c_bool() for _ in range(5))
+        time = c.c_double()
+        flags = [c.byref(f) for f in (again, stop, nominals, values, defined)]
+        for _ in range(_EVENTS_AT_MOST):
+            again.value = False
+            update(self.handle, *flags, c.byref(time))
+            if stop.value:
+                raise FmuError(f"{self._calls.name}: asked to terminate the simulation in an event")
+            if not again.value:
+                break
+        else:
+            raise FmuError(f"{self._calls.name}: its discrete states never settle")
+        self.next_event = time.value if defined.value else NEVER
+        self._calls.checked("EnterStepMode", c.c_void_p)(self.handle)
+
+    def _access(self, verb: str, kind: str) -> Callable[..., None]:
+        suffix = "Int64" if kind == "Enumeration" else kind
+        return self._calls.checked(
+            verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_size_t
+        )
+
+    def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
+        """``fmi3GetFloat64`` and its sisters."""
+        values = (TYPES[kind] * count)()
+        get = self._access("Get", kind)
+        get(self.handle, uint32(references), len(references), values, count)
+        return [float(v) for v in values]
+
+    def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
+        """``fmi3SetFloat64`` and its sisters."""
+        convert = float if kind.startswith("Float") else int
+        array = array_of(TYPES[kind], [convert(v) for v in values])
+        set_ = self._access("Set", kind)
+        set_(self.handle, uint32(references), len(references), array, len(values))
+
+    def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
+        """``fmi3GetString``; ``fmi3GetBinary`` as hexadecimal text."""
+        if kind == "Binary":
+            return self._get_binary(references, count)
+        values = (c.c_char_p * count)()
+        get = self._access("Get", "String")
+        get(self.handle, uint32(references), len(references), values, count)
+        return texts_of(values)
+
+    def _get_binary(self, references: Sequence[int], count: int) -> list[str]:
+        sizes, values = (c.c_size_t * count)(), (c.c_void_p * count)()
+        get = self._calls.checked(
+            "GetBinary", c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_void_p, c.c_size_t
+        )
+        get(self.handle, uint32(references), len(references), sizes, values, count)
+        return [c.string_at(v, n).hex() if v else "" for v, n in zip(values, sizes, strict=True)]
+
+    def set_texts(self, kind: str, references: Sequence[int], values: Sequence[str]) -> None:
+        """``fmi3SetString``; ``fmi3SetBinary`` from hexadecimal text."""
+        n, count = len(references), len(values)
+        if kind == "Binary":
+            try:
+                raw = [bytes.fromhex(v) for v in values]
+            except ValueError:
+                raise FmuError(
+                    f"{self._calls.name}: {values} is no binary value; expected hexadecimal text"
+                ) from None
+            sizes = array_of(c.c_size_t, [len(v) for v in raw])
+            set_ = self._calls.checked(
+                "SetBinary", c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_void_p, c.c_size_t
+            )
+            set_(self.handle, uint32(references), n, sizes, array_of(c.c_char_p, raw), count)
+            return
+        array = array_of(c.c_char_p, [v.encode() for v in values])
+        self._access("Set", "String")(self.handle, uint32(references), n, array, count)
+
+    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
+        """Structural parameters, in Configuration Mode (§2.3.3 of FMI 3.0.2)."""
+        self._calls.checked("EnterConfigurationMode", c.c_void_p)(self.handle)
+        self.set("UInt64", references, values)
+        self._calls.checked("ExitConfigurationMode", c.c_void_p)(self.handle)
+
+    def address(self, suffix: str) -> int:
+        """The address of ``fmi3<suffix>``. Raises FmuError where the binary lacks it."""
+        return native.address(self._calls.function(suffix))
+
+    def do_step(self, t: float, h: float) -> None:
+        """``fmi3DoStep``."""
+        step = self._calls.checked(
+            "DoStep",
+            *(c.c_void_p, c.c_double, c.c_double, c.c_bool),
+            *(c.c_void_p, c.c_void_p, c.c_void_p, c.c_void_p),
+        )
+        flags = [c.c_bool() for _ in range(3)]
+        reached = c.c_double()
+        step(self.handle, t, h, False, *(c.byref(f) for f in flags), c.byref(reached))
+        event, _, early = (flag.value for flag in flags)
+        if early:
+            raise FmuError(f"{self._calls.name}: returned early; only the engine can go on")
+        if event and self._event_mode:
+            self._calls.checked("EnterEventMode", c.c_void_p)(self.handle)
+            self._leave_event_mode()
+
+    def get_state(self) -> int:
+        """``fmi3GetFMUState``."""
+        state = c.c_void_p()
+        self._calls.checked("GetFMUState", c.c_void_p, c.c_void_p)(self.handle, c.byref(state))
+        return state.value or 0
+
+    def set_state(self, state: int) -> None:
+        """``fmi3SetFMUState``."""
+        self._calls.checked("SetFMUState", c.c_void_p, c.c_void_p)(self.handle, state)
+
+    def free_state(self, state: int) -> None:
+        """``fmi3FreeFMUState``."""
+        free = self._calls.checked("FreeFMUState", c.c_void_p, c.c_void_p)
+        free(self.handle, c.byref(c.c_void_p(state)))
+
+    def free(self) -> None:
+        """``fmi3Terminate`` (its status does not matter any more) and ``fmi3FreeInstance``."""
+        if self.handle:
+            self._calls.function("Terminate", c.c_void_p)(self.handle)
+            self._calls.function("FreeInstance", c.c_void_p, result=None)(self.handle)
+            self.handle = 0
+
+    def hot(self) -> tuple[int, int, int]:
+        """Addresses of ``fmi3SetFloat64``, ``fmi3DoStep``, ``fmi3GetFloat64``."""
+        names = ("SetFloat64", "DoStep", "GetFloat64")
+        set_, step, get = (native.address(self._calls.function(n)) for n in names)
+        return set_, step, get

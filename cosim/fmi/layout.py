@@ -1,0 +1,150 @@
+"""Which variables of an FMU move when, and where their signals are: data, then what C steps by.
+
+A :class:`Layout` is plain data and can be sent to another process; :func:`bind` turns it into the
+engine's structs for an instance there is.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+from cosim import native
+from cosim.fmi.library import Instance
+
+#: FMI type -> (FMI function's name, how engine.c carries it, the C type).
+_CARRIED2 = {
+    "Real": ("Real", 0, c.c_double),
+    "Integer": ("Integer", 6, c.c_int32),
+    "Enumeration": ("Integer", 6, c.c_int32),
+    "Boolean": ("Boolean", 10, c.c_int32),
+}
+_CARRIED3 = {
+    "Float64": ("Float64", 0, c.c_double),
+    "Float32": ("Float32", 1, c.c_float),
+    "Int8": ("Int8", 2, c.c_int8),
+    "UInt8": ("UInt8", 3, c.c_uint8),
+    "Int16": ("Int16", 4, c.c_int16),
+    "UInt16": ("UInt16", 5, c.c_uint16),
+    "Int32": ("Int32", 6, c.c_int32),
+    "UInt32": ("UInt32", 7, c.c_uint32),
+    "Int64": ("Int64", 8, c.c_int64),
+    "UInt64": ("UInt64", 9, c.c_uint64),
+    "Enumeration": ("Int64", 8, c.c_int64),
+    "Boolean": ("Boolean", 11, c.c_bool),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """Variables of one FMI type: their value references, and the place of every scalar."""
+
+    type: str
+    references: tuple[int, ...]
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ticker:
+    """A periodic input clock: `period` and first tick `shift` in steps of its FMU."""
+
+    reference: int
+    period: int
+    shift: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How an FMU is stepped: `h` s, every `period` ticks, `lag` ticks after its interval began.
+
+    `discrete` and `clocked` inputs are set in Event Mode: when they change, when a clock ticks.
+    (`input`, `input_count`), (`output`, `output_count`): its stretches of the signal vector.
+    """
+
+    h: float
+    lag: int
+    period: int
+    input: int
+    input_count: int
+    output: int
+    output_count: int
+    inputs: tuple[Move, ...]
+    outputs: tuple[Move, ...]
+    discrete: tuple[Move, ...] = ()
+    clocked: tuple[Move, ...] = ()
+    clocks: tuple[Ticker, ...] = ()
+    fmi: str = "2.0"
+    events: bool = False
+    variable: bool = False
+    plain: bool = True
+
+
+def bind(instance: Instance, layout: Layout, alive: list[Any]) -> native.Unit:
+    """The engine's unit for an instance; what it points to goes into `alive`. Raises FmuError."""
+    x = layout
+    unit = native.Unit(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
+    unit.input, unit.input_count = x.input, x.input_count
+    unit.output, unit.output_count = x.output, x.output_count
+    unit.set, unit.step, unit.get = instance.hot()
+    if x.plain:
+        unit.kind = native.UnitKind.FMI2 if x.fmi == "2.0" else native.UnitKind.FMI3
+        for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
+            references = list(chain.from_iterable(m.references for m in moves))
+            setattr(unit, name, _kept(c.c_uint32, references, alive))
+            setattr(unit, f"n_{name}", len(references))
+        return unit
+    unit.kind = native.UnitKind.TYPED
+    unit.typed = c.addressof(_typed(instance, x, alive))
+    return unit
+
+
+def _typed(instance: Instance, x: Layout, alive: list[Any]) -> native.Typed:
+    typed = native.Typed(
+        fmi=int(x.fmi[0]), variable=x.variable, n_clocks=len(x.clocks),
+        next_event=instance.next_event,
+    )  # fmt: skip
+    for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set"),
+                       ("clocked", "Set")):  # fmt: skip
+        moves: tuple[Move, ...] = getattr(x, name)
+        accesses = [_access(instance, verb, m, x.fmi, name == "discrete", alive) for m in moves]
+        setattr(typed, name, _kept(native.Access, accesses, alive))
+        setattr(typed, f"n_{name}", len(moves))
+    tickers = [native.Ticker(t.reference, 0, t.period, t.shift) for t in x.clocks]
+    typed.clocks = _kept(native.Ticker, tickers, alive)
+    if x.events:
+        typed.enter_event = instance.address("EnterEventMode")
+        typed.update = instance.address("UpdateDiscreteStates")
+        typed.enter_step = instance.address("EnterStepMode")
+    if x.clocks:
+        typed.set_clock = instance.address("SetClock")
+    alive.append(typed)
+    return typed
+
+
+def _access(
+    instance: Instance, verb: str, move: Move, fmi: str, held: bool, alive: list[Any]
+) -> native.Access:
+    suffix, code, kind = (_CARRIED2 if fmi == "2.0" else _CARRIED3)[move.type]
+    count = len(move.places)
+    nothing = [float("nan")] * count
+    return native.Access(
+        call=instance.address(verb + suffix),
+        references=_kept(c.c_uint32, move.references, alive),
+        places=_kept(c.c_int64, move.places, alive),
+        buffer=_kept(kind, [0] * count, alive),
+        held=_kept(c.c_double, nothing, alive) if held else None,
+        n_references=len(move.references),
+        count=count,
+        type=code,
+        fmi=int(fmi[0]),
+    )
+
+
+def _kept(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:
+    """The address of a C array of `values` that lives as long as `alive` does."""
+    array = (kind * max(1, len(values)))(*values)
+    alive.append(array)
+    return c.addressof(array)

@@ -1,0 +1,27 @@
+"""How a scenario wants an FMU to be run: what goes beyond its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+#: How long (s) an FMU in a process of its own may take to answer, where nothing is said.
+PATIENCE = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """`sizes`: structural parameters; `texts`: String and Binary (hexadecimal) start values.
+
+    `log`: switch the FMU's logging on and keep what it says; `isolate`: a process of its own,
+    killed when a call takes longer than `timeout` (s), with at most `memory` MB (0: no limit)
+    more than at its start; `build`: compile the FMU's sources where it has no binary for here.
+    """
+
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    texts: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
+    log: bool = False
+    isolate: bool = False
+    timeout: float = PATIENCE
+    memory: int = 0
+    build: bool = False

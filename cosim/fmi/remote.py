@@ -1,0 +1,204 @@
+"""An FMU in a process of its own: what crashes or hangs there does not take a run with it.
+
+Signals travel in shared memory, one message each way starts a step and ends it. The FMU is stepped
+by the same C code as in this process, so the numbers are the same. Linux and macOS.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import mmap
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from cosim import native
+from cosim.errors import FmuError
+from cosim.fmi.layout import Layout
+from cosim.fmi.library import NEVER, Setup
+from cosim.fmi.options import Options
+from cosim.fmi.worker import ANSWER, STEP
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_ROOT = Path(__file__).resolve().parents[2]
+_START = (
+    "import sys; sys.path.insert(0, sys.argv.pop(1)); from cosim.fmi.worker import main; "
+    "main(*(int(a) for a in sys.argv[1:4]))"
+)
+#: Seconds between two looks whether the run was asked to stop.
+_GLANCE = 0.2
+#: Seconds a call may still take when it was.
+_GRACE = 1.0
+
+
+class RemoteInstance:
+    """An instance in another process: the members of :class:`cosim.fmi.library.Instance`.
+
+    `scalars`: how many signals it has; `room`: bytes of its log. Raises FmuError when the process
+    ends or a call takes longer than `options.timeout` (s).
+    """
+
+    handle = 0
+    next_event = NEVER  # known where the FMU is
+
+    def __init__(self, setup: Setup, options: Options, scalars: int, room: int) -> None:
+        if os.name != "posix":
+            raise FmuError(f"{setup.name}: isolate needs Linux or macOS")
+        self._name, self._timeout, self._scalars = setup.name, options.timeout, scalars
+        self._offset = -(-(c.sizeof(native.Log) + room) // 64) * 64
+        size = self._offset + 8 * max(1, scalars)
+        with tempfile.TemporaryFile() as file:
+            file.truncate(size)
+            self._memory = mmap.mmap(file.fileno(), size)
+            self._process = _spawn(file.fileno(), size, self._offset)
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._ask = Connection(os.dup(self._process.stdin.fileno()), readable=False)
+        self._answers = Connection(os.dup(self._process.stdout.fileno()), writable=False)
+        self._process.stdin.close()
+        self._process.stdout.close()
+        self.log = native.log(self._memory, room)
+        self.stopping: Callable[[], bool] = lambda: False
+        self._call("start", setup, room, options.memory)
+
+    def signals(self) -> NDArray[np.float64]:
+        """The shared signals, inputs first: (scalars,)."""
+        import numpy as np
+
+        return np.frombuffer(self._memory, np.float64, self._scalars, self._offset)
+
+    # ---- messages ----------------------------------------------------------------------------
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        answer = self._exchange(b"c" + pickle.dumps((name, arguments)), name)
+        if answer[:1] == b"e":
+            raise FmuError(answer[1:].decode("utf-8", "replace"))
+        return pickle.loads(answer[1:])
+
+    def _exchange(self, message: bytes, what: str) -> bytes:
+        try:
+            self._ask.send_bytes(message)
+            patience, waited = self._timeout, 0.0
+            while not self._answers.poll(min(_GLANCE, patience - waited)):
+                waited += _GLANCE
+                if self.stopping():
+                    patience = min(patience, waited + _GRACE)
+                if waited >= patience:
+                    self._kill()
+                    self._fail(f"{what} took longer than {patience:g} s and was ended")
+            return self._answers.recv_bytes()
+        except (EOFError, OSError):
+            self._fail(f"its process ended in {what}: {self._end()}")
+
+    def _fail(self, what: str) -> NoReturn:
+        lines = "; ".join(self.log.tail()) or "the FMU logged nothing"
+        raise FmuError(f"{self._name}: {what} ({lines})")
+
+    def _kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    def _end(self) -> str:
+        code = self._process.wait(timeout=10)
+        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+    # ---- the members of an instance ----------------------------------------------------------
+
+    def enter_initialization(self, t0: float) -> None:
+        """Enter Initialization Mode."""
+        self._call("enter_initialization", t0)
+
+    def exit_initialization(self) -> None:
+        """Leave Initialization Mode."""
+        self._call("exit_initialization")
+
+    def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
+        """Values of variables of an FMI type."""
+        found: list[float] = self._call("get", kind, references, count)
+        return found
+
+    def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
+        """Set variables of an FMI type."""
+        self._call("set", kind, references, values)
+
+    def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
+        """Values of String or Binary variables."""
+        found: list[str] = self._call("get_texts", kind, references, count)
+        return found
+
+    def set_texts(self, kind: str, references: Sequence[int], values: Sequence[str]) -> None:
+        """Set String or Binary variables."""
+        self._call("set_texts", kind, references, values)
+
+    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
+        """Set structural parameters."""
+        self._call("configure", references, values)
+
+    def address(self, suffix: str) -> int:
+        """There is none in this process."""
+        raise FmuError(f"{self._name}: {suffix} is in another process")
+
+    def hot(self) -> tuple[int, int, int]:
+        """There are none in this process."""
+        raise FmuError(f"{self._name}: its functions are in another process")
+
+    def do_step(self, t: float, h: float) -> None:
+        """One communication step, outside of an engine."""
+        self._call("do_step", t, h)
+
+    def get_state(self) -> int:
+        """Save the state there; returns its handle there."""
+        state: int = self._call("get_state")
+        return state
+
+    def set_state(self, state: int) -> None:
+        """Go back to a state saved there."""
+        self._call("set_state", state)
+
+    def free_state(self, state: int) -> None:
+        """Give a state saved there back."""
+        self._call("free_state", state)
+
+    def bind(self, layout: Layout) -> None:
+        """Get ready for :meth:`step`."""
+        self._call("bind", layout)
+
+    def step(self, t: float, hit: int) -> tuple[int, int, int]:
+        """Step on the shared signals: (engine.c's result, the FMU's status, signal at fault)."""
+        answer = ANSWER.unpack(self._exchange(STEP.pack(b"s", t, hit), "doStep"))
+        return answer[1:]
+
+    def free(self) -> None:
+        """Free the FMU if it still answers, and end its process; may be called twice."""
+        if self._ask.closed:
+            return
+        try:
+            if self._process.poll() is None:
+                self._call("free")
+        except FmuError:
+            pass  # it is ended below in any case
+        self._ask.close()
+        try:
+            self._process.wait(timeout=1.0)
+        except subprocess.TimeoutExpired:
+            self._kill()
+        self._answers.close()
+
+
+def _spawn(descriptor: int, size: int, offset: int) -> subprocess.Popen[bytes]:
+    numbers = [str(n) for n in (descriptor, size, offset)]
+    return subprocess.Popen(
+        [sys.executable, "-c", _START, str(_ROOT), *numbers],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        pass_fds=(descriptor,),
+    )

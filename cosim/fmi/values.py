@@ -1,0 +1,102 @@
+"""Values of an FMU's variables: ports and parameters made of them, ranges, names, texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from cosim.component import Parameter, Port
+from cosim.errors import FmuError
+from cosim.fmi.ports import Group
+from cosim.fmi.variables import NUMERIC, TEXTS, number
+
+_KINDS: Mapping[str, Literal["real", "integer", "boolean"]] = {
+    "Real": "real", "Float64": "real", "Float32": "real", "Boolean": "boolean",
+}  # fmt: skip
+#: What the whole numbers of a type may be. 64-bit ones are carried exactly up to 2^53 only.
+_RANGES = {
+    **{f"Int{n}": (-(2.0 ** (n - 1)), 2.0 ** (n - 1) - 1) for n in (8, 16, 32)},
+    **{f"UInt{n}": (0.0, 2.0**n - 1) for n in (8, 16, 32)},
+    "Integer": (-(2.0**31), 2.0**31 - 1),
+    "Int64": (-(2.0**53), 2.0**53),
+    "UInt64": (0.0, 2.0**53),
+    "Enumeration": (-(2.0**53), 2.0**53),
+    "Float32": (-3.4028234663852886e38, 3.4028234663852886e38),
+    "Boolean": (0.0, 1.0),
+}
+
+
+def port(group: Group) -> Port:
+    """An input or output; inputs hold their start value where nothing is wired to them."""
+    v = group.first
+    start = _numbers(group) if v.causality == "input" else ()
+    return Port(group.name, group.shape, v.unit or "1", v.description, start)
+
+
+def parameter(group: Group) -> Parameter:
+    """A parameter, or the start value of a variable that has one."""
+    v = group.first
+    kind: Literal["real", "integer", "boolean"] = _KINDS.get(v.type, "integer")
+    return Parameter(group.name, _numbers(group), group.shape, v.unit or "1", v.description, kind)
+
+
+def settable(group: Group) -> bool:
+    """Whether a scenario may set it before the start; sizes are set otherwise."""
+    v = group.first
+    if v.type not in NUMERIC or v.variability == "constant":
+        return False
+    return v.causality == "parameter" or (
+        v.causality in ("local", "output") and v.initial in ("exact", "approx") and bool(v.start)
+    )
+
+
+def _numbers(group: Group) -> tuple[float, ...]:
+    return tuple(number(t) for t in group.start or ("0",) * group.size)
+
+
+def check_range(group: Group, values: Sequence[float]) -> None:
+    """Refuse a value outside of min and max, or that the type has not. Raises FmuError."""
+    low, high = _RANGES.get(group.first.type, (float("-inf"), float("inf")))
+    least, most = group.first.limits
+    whole = group.first.type not in ("Real", "Float64", "Float32")
+    for value in values:
+        if value < least:
+            raise FmuError(f"{group.name} = {value:g} is below its minimum {least:g}")
+        if value > most:
+            raise FmuError(f"{group.name} = {value:g} is above its maximum {most:g}")
+        if not low <= value <= high or (whole and value != int(value)):
+            raise FmuError(
+                f"{group.name} = {value:g} is no {group.first.type}; expected "
+                f"{'a whole number' if whole else 'a number'} from {low:.17g} to {high:.17g}"
+            )
+
+
+def item(group: Group, name: str) -> int:
+    """The number of an enumeration's item. Raises FmuError naming the items there are."""
+    items = group.first.items
+    if name not in items:
+        there = ", ".join(items) or "none are defined"
+        raise FmuError(f"{group.name} has no item {name!r}; expected one of: {there}")
+    return items[name]
+
+
+def has_text(groups: Mapping[str, Group], name: str) -> bool:
+    """Whether `name` is a String or Binary variable."""
+    return name in groups and groups[name].first.type in TEXTS
+
+
+def texts_for(
+    groups: Mapping[str, Group], given: Mapping[str, str | Sequence[str]], name: str
+) -> list[tuple[Group, tuple[str, ...]]]:
+    """String and Binary variables with the values they start from. Raises FmuError."""
+    found = []
+    for key, value in given.items():
+        if not has_text(groups, key):
+            there = ", ".join(k for k in groups if has_text(groups, k)) or "none"
+            raise FmuError(f"{name}: no String or Binary variable {key!r} (there are: {there})")
+        group = groups[key]
+        texts = (value,) * group.size if isinstance(value, str) else tuple(value)
+        if len(texts) != group.size:
+            raise FmuError(f"{name}: {key} has {group.size} entries, found {len(texts)}")
+        found.append((group, texts))
+    return found

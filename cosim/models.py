@@ -41,9 +41,11 @@ def load_component(
         missing = f"no {attribute!r}" if colon else "no function fmu(version, **sizes)"
         raise ScenarioError(f"module {module_name!r} has {missing}", f"{place}.model")
     try:
+        if spec.options and not colon:
+            raise ScenarioError("only a Python component takes options", f"{place}.options")
         if not colon:
             return _fmu(name, maker(spec.fmi, **spec.sizes), spec.kind, place), presets
-        component: Component = maker(**spec.sizes)
+        component: Component = maker(**spec.sizes, **_options(spec, folder))
     except TypeError as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.sizes") from None
     except CosimError as error:
@@ -54,6 +56,14 @@ def load_component(
         component.kind = spec.kind
     _check(component, f"{place}.model")
     return component, presets
+
+
+def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:
+    """Keyword arguments of a Python component; `path` is relative to the scenario's file."""
+    return {
+        key: str(folder / value) if key == "path" and isinstance(value, str) else value
+        for key, value in spec.options.items()
+    }
 
 
 def _fmu(name: str, path: Path, kind: Kind | None, place: str) -> FmuComponent:

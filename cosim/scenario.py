@@ -57,6 +57,7 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     model: str
     fmi: Literal["2.0", "3.0"] = "2.0"
     sizes: dict[str, int] = {}
+    options: dict[str, Any] = {}
     kind: Literal["sampled", "continuous"] | None = None
     period: Number | None = None
     preset: str | None = None

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.assemble import assemble
 from cosim.engine import Engine
 from cosim.errors import PlanError, ScenarioError
 from cosim.native import Code
@@ -200,6 +201,22 @@ def test_what_does_not_fit_is_refused_with_its_place(components, message):
         plan(components)
     assert message in str(error.value)
     assert "test.toml at components." in str(error.value) or "fed twice" in message
+
+
+def test_options_are_arguments_and_a_path_is_relative_to_the_scenario(tmp_path):
+    (tmp_path / "hand.csv").write_text("t,push\n0,1\n0.5,3\n1.0,-2\n")
+    replay = {
+        "model": "fmus.models.replay:Replay",
+        "options": {"path": "hand.csv", "signals": {"y": "push"}, "units": {"y": "1"}},
+    }
+    components = {"hand": replay, "gain": {"model": "Gain", "inputs": {"u": "hand.y"}}}
+    p = assemble(scenario(components, path=tmp_path / "test.toml"))
+    assert column(p, run(p), "gain.y")[:5].tolist() == [1.0, 1.0, 3.0, 3.0, -2.0]
+
+
+def test_an_fmu_takes_no_options():
+    with pytest.raises(ScenarioError, match=r"at components.a.options: only a Python component"):
+        plan({"a": {"model": "fmus.models.xi", "options": {"n": 3}}})
 
 
 def test_run_times_must_be_whole_ticks():

@@ -4,10 +4,10 @@
 map      x and y: axes with few values; colour: `reduce` of z over all runs of a cell; grey: none
 line     x: an axis; `reduce` of the measure y over all runs there, one line for each value of `by`,
          and a band from the least to the largest
-points   x and y: anything that is a number; each run a point, coloured by z; grey: no number
+points   x, y and z: axes or measures that are numbers; each run a point, coloured by z
 =======  ===========================================================================================
 
-`z` and `y` of a line are measures, or ``stable`` (0 or 1; its mean is a share). A measure of a run
+`z` of a map and `y` of a line are measures, or ``stable`` (0 or 1; its mean is a share). A measure of a run
 that failed is no number and is left out.
 """
 
@@ -201,7 +201,8 @@ def _points(ax: Axes, spec: FigureSpec, table: Table) -> None:
     try:
         x, y, z = (column(table.records, name) for name in (spec.x, spec.y, spec.z))
     except ValueError:
-        raise ScenarioError(f"{spec.x}, {spec.y}: not both numbers", "figure of points") from None
+        said = f"{spec.x}, {spec.y}, {spec.z}: not all of them are numbers"
+        raise ScenarioError(said, "figure of points") from None
     bad = ~np.isfinite(z)
     ax.scatter(x[bad], y[bad], color=_GREY, s=14, edgecolors="0.4", linewidths=0.4)
     share = spec.z == "stable"

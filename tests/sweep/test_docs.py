@@ -1,0 +1,60 @@
+"""docs/sweep.md knows every key there is; the studies that come with the project run."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cosim.sweep import figures, study
+from cosim.sweep.design import count, points
+from cosim.sweep.drive import check
+from cosim.sweep.perform import job, perform
+from cosim.sweep.study import load_study
+from tests.sweep.studies import ROOT
+
+PAGE = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
+STUDIES = sorted((ROOT / "configs" / "studies").glob("*.toml"))
+
+
+@pytest.mark.parametrize(
+    "struct", [study.StudySpec, study.AxisSpec, study.SampleSpec, study.FigureSpec]
+)
+def test_every_key_of_a_study_is_explained(struct: type[msgspec.Struct]) -> None:
+    code = " ".join(re.findall(r"`[^`]*`", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)))
+    words = set(re.findall(r"\w+", code)) | {"title"}
+    assert not {field.encode_name for field in msgspec.structs.fields(struct)} - words
+
+
+def test_every_option_is_explained() -> None:
+    source = (ROOT / "cosim" / "cli" / "sweep.py").read_text(encoding="utf-8")
+    options = {name.split("/")[-1] for name in re.findall(r'"(--[\w/-]+)"', source)}
+    assert {"--resume", "--force", "--no-plot", "--quiet"} <= options
+    named = {"--out", "--jobs", "--workers", "--scheduler", "--limit"}
+    assert all(f"`{option}" in PAGE for option in options | named)
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_the_studies_that_are_here_can_be_run(path: Path) -> None:
+    loaded = load_study(path)
+    assert 50 < count(loaded) <= 1000
+    common = job(loaded, None)
+    _, units = check(loaded, common)
+    figures.check(loaded, [axis.name for axis in loaded.axes], units)
+    point = next(points(loaded))
+    row = perform(common, replace(point, settings=(*point.settings, "run.stop='0.5 s'")))
+    assert not row.reason
+    assert set(row.measures) == set(units)
+
+
+def test_the_study_of_the_page_is_one(tmp_path: Path) -> None:
+    text = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)[0]
+    scenario = str(ROOT / "configs" / "teleoperation.toml")
+    page = tmp_path / "page.toml"
+    page.write_text(text.replace("../teleoperation.toml", scenario), encoding="utf-8")
+    loaded = load_study(page)
+    assert count(loaded) == 50
+    check(loaded, job(loaded, None))

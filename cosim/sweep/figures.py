@@ -7,8 +7,8 @@ line     x: an axis; `reduce` of the measure y over all runs there, one line for
 points   x, y and z: axes or measures that are numbers; each run a point, coloured by z
 =======  ===========================================================================================
 
-`z` of a map and `y` of a line are measures, or ``stable`` (0 or 1; its mean is a share). A measure of a run
-that failed is no number and is left out.
+`z` of a map and `y` of a line are measures, or ``stable`` (0 or 1; its mean is a share). A measure
+of a run that failed is no number and is left out.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def check(study: Study, axes: Sequence[str], units: Mapping[str, str]) -> None:
         wanted = {
             "map": (("x", axes), ("y", axes), ("z", measures)),
             "line": (("x", axes), ("y", measures), ("by", ("", *axes))),
-            "points": (("x", (*axes, *measures)), ("y", (*axes, *measures)), ("z", measures)),
+            "points": tuple((key, (*axes, *measures)) for key in ("x", "y", "z")),
         }[spec.kind]
         for key, known in wanted:
             given = getattr(spec, key)

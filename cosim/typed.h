@@ -55,9 +55,9 @@ static int convert_in(const access_t *a, const double *s, int32_t *failed)
     break
 #define GET_EXACT(T)                                                                     \
     for (int64_t i = 0; i < a->count; i++) {                                             \
-        const double x = (double)((T *)a->buffer)[i];                                    \
-        s[a->places[i]] = x;                                                             \
-        if (!(x >= -EXACT && x <= EXACT)) {                                              \
+        const T x = ((T *)a->buffer)[i];                                                 \
+        s[a->places[i]] = (double)x;                                                     \
+        if (x > (T)EXACT || (double)x < -EXACT) {                                        \
             *failed = (int32_t)a->places[i];                                             \
             return RUN_VALUE;                                                            \
         }                                                                                \
@@ -176,14 +176,14 @@ static int input_event(const unit_t *u, double *s, int64_t hit, int *status, int
         *status = ((clock_t3)x->set_clock)(u->instance, &x->clocks[i].reference, 1, &active);
         if (*status > 1) return RUN_EVENT;
     }
-    if (result == RUN_OK)
+    if (result == RUN_OK && needed)
         result = set_typed(x->discrete, x->n_discrete, u->instance, s, status, failed);
     if (result == RUN_OK && ticks)
         result = set_typed(x->clocked, x->n_clocked, u->instance, s, status, failed);
     return result == RUN_OK ? leave_event_mode(x, u->instance, status) : result;
 }
 
-/* doStep until t + h: the FMU may return early, and stops at the time events it announced. */
+/* doStep until t + h: the FMU may return early, and is stopped at the time events it announced. */
 static int advance(const unit_t *u, double t, int *status)
 {
     typed_t *x = u->typed;
@@ -200,7 +200,7 @@ static int advance(const unit_t *u, double t, int *status)
         if (*status > 1) return RUN_STEP;
         if (terminate) return RUN_TERMINATED;
         now = early ? reached : cut ? x->next_event : end;
-        if (x->update && (event || (cut && !early))) {
+        if (x->update && (event || x->next_event <= now + slack)) {
             int result = enter_event_mode(x, u->instance, status);
             if (result == RUN_OK) result = leave_event_mode(x, u->instance, status);
             if (result != RUN_OK) return result;

@@ -1,0 +1,179 @@
+"""FMUs of three C files and model descriptions written here: no code is shared with the runner."""
+
+from __future__ import annotations
+
+import tempfile
+import zipfile
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from cosim.component import Kind
+from cosim.engine import Engine
+from cosim.fmi import FmuComponent, Options
+from cosim.plan import Plan, Slot, Step, compile_plan
+from fmus.toolchain import compile_shared, shared_suffix
+
+SOURCES = Path(__file__).parent / "c"
+_FOLDER = tempfile.TemporaryDirectory(prefix="exported-")
+TYPES3 = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",
+          "UInt64", "Enumeration", "Boolean")  # fmt: skip
+
+_ENUMERATION = '<Item name="slow" value="1"/><Item name="fast" value="2"/>'
+UNITS = """<UnitDefinitions>
+<Unit name="Nm"><BaseUnit kg="1" m="2" s="-2"/></Unit>
+<Unit name="turns"><BaseUnit rad="1" factor="6.283185307179586"/>
+<DisplayUnit name="half turns" factor="2"/></Unit>
+<Unit name="Cel"><BaseUnit K="1" offset="273.15"/></Unit></UnitDefinitions>"""
+
+
+def passing3() -> str:
+    """Every type of FMI 3.0, in and out; a matrix of n x n; String, Binary, enumeration."""
+    variables = []
+    for i, kind in enumerate(TYPES3):
+        extra = ' declaredType="Mode"' if kind == "Enumeration" else ""
+        start = "1" if kind == "Enumeration" else "false" if kind == "Boolean" else "0"
+        variables += [
+            f'<{kind} name="u_{kind}" valueReference="{100 + i}" causality="input" start="{start}"'
+            f"{extra}/>",
+            f'<{kind} name="y_{kind}" valueReference="{200 + i}" causality="output"{extra}/>',
+        ]
+    return f"""<fmiModelDescription fmiVersion="3.0" modelName="passing" instantiationToken="t">
+<CoSimulation modelIdentifier="passing3" canHandleVariableCommunicationStepSize="true"/>
+{UNITS}<TypeDefinitions><EnumerationType name="Mode">{_ENUMERATION}<Item name="too much" value="3"/>
+</EnumerationType></TypeDefinitions><ModelVariables>{"".join(variables)}
+<UInt64 name="n" valueReference="300" causality="structuralParameter" variability="fixed"
+ start="2"/>
+<Float64 name="A" valueReference="301" causality="input" start="1 2 3 4" unit="Nm">
+<Dimension valueReference="300"/><Dimension valueReference="300"/></Float64>
+<Float64 name="B" valueReference="302" causality="output" unit="Nm">
+<Dimension valueReference="300"/><Dimension valueReference="300"/></Float64>
+<Float64 name="factor" valueReference="303" causality="parameter" variability="fixed" start="1"
+ min="0" max="10" unit="turns"/>
+<Enumeration name="mode" valueReference="304" causality="parameter" variability="fixed" start="1"
+ declaredType="Mode"/>
+<String name="label" valueReference="120" causality="input"><Start value="x"/></String>
+<String name="said" valueReference="220" causality="output"/>
+<Binary name="blob" valueReference="121" causality="input"><Start value="00ff"/></Binary>
+<Binary name="sent" valueReference="221" causality="output"/>
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
+def events3(clock: str = 'intervalVariability="constant" intervalDecimal="0.2"') -> str:
+    """Event mode, a clock that ticks every 0.2 s, a clocked and a discrete input."""
+    names = ("sampled", "ticks", "changes", "bells", "integral", "calls")
+    outputs = "".join(
+        f'<Float64 name="{name}" valueReference="{10 + i}" causality="output"/>'
+        for i, name in enumerate(names)
+    )
+    return f"""<fmiModelDescription fmiVersion="3.0" modelName="events" instantiationToken="t">
+<CoSimulation modelIdentifier="events3" canHandleVariableCommunicationStepSize="true"
+ hasEventMode="true" canReturnEarlyAfterIntermediateUpdate="true"/>
+<ModelVariables><Clock name="clock" valueReference="1" causality="input" {clock}/>
+<Float64 name="clocked" valueReference="2" causality="input" variability="discrete" clocks="1"
+ start="0"/>
+<Float64 name="discrete" valueReference="3" causality="input" variability="discrete" start="0"/>
+{outputs}<Float64 name="half" valueReference="20" causality="parameter" variability="fixed"
+ start="0"/></ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
+def nasty2(attributes: str = "") -> str:
+    """Every type of FMI 2.0; `how` and `when` it goes wrong."""
+
+    def scalar(name: str, reference: int, causality: str, typed: str, variability: str = "") -> str:
+        more = f'variability="{variability}"' if variability else ""
+        return (
+            f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+            f"{more}>{typed}</ScalarVariable>"
+        )
+
+    variables = (
+        scalar("u", 0, "input", '<Real start="1" unit="Nm"/>'),
+        scalar("y", 1, "output", '<Real unit="Nm"/>'),
+        scalar("when", 2, "parameter", '<Real start="0" unit="s"/>', "fixed"),
+        scalar("how", 3, "parameter", '<Integer start="0" min="0" max="20"/>', "fixed"),
+        scalar("count", 4, "input", '<Integer start="0"/>', "discrete"),
+        scalar("mode", 5, "input", '<Enumeration declaredType="Mode" start="1"/>', "discrete"),
+        scalar("flag", 6, "input", '<Boolean start="false"/>', "discrete"),
+        scalar("label", 7, "parameter", '<String start="x"/>', "fixed"),
+        scalar("counted", 14, "output", "<Integer/>", "discrete"),
+        scalar("chosen", 15, "output", '<Enumeration declaredType="Mode"/>', "discrete"),
+        scalar("up", 16, "output", "<Boolean/>", "discrete"),
+        scalar("said", 17, "output", "<String/>", "discrete"),
+    )
+    return f"""<fmiModelDescription fmiVersion="2.0" modelName="nasty" guid="t">
+<CoSimulation modelIdentifier="nasty2" canHandleVariableCommunicationStepSize="true" {attributes}/>
+{UNITS}<TypeDefinitions><SimpleType name="Mode"><Enumeration>{_ENUMERATION}</Enumeration>
+</SimpleType></TypeDefinitions><ModelVariables>{"".join(variables)}</ModelVariables>
+<ModelStructure/></fmiModelDescription>"""
+
+
+@lru_cache
+def library(identifier: str) -> bytes:
+    """The compiled C file."""
+    output = Path(_FOLDER.name) / f"{identifier}{shared_suffix()}"
+    return compile_shared([SOURCES / f"{identifier}.c"], output).read_bytes()
+
+
+def export(description: str, path: Path, sources: bool = False) -> Path:
+    """An FMU of a description, with its binary or, instead, its source."""
+    identifier = description.split('modelIdentifier="')[1].split('"')[0]
+    two = 'fmiVersion="2.0"' in description
+    folder = "linux64" if two else "x86_64-linux"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", description)
+        if sources:
+            archive.write(SOURCES / f"{identifier}.c", f"sources/{identifier}.c")
+        else:
+            archive.writestr(
+                f"binaries/{folder}/{identifier}{shared_suffix()}", library(identifier)
+            )
+    return path
+
+
+def plan_of(
+    path: Path,
+    steps: int,
+    h: float = 0.1,
+    values: dict[str, tuple[float, ...]] | None = None,
+    start: dict[str, tuple[float, ...]] | None = None,
+    options: Options | None = None,
+    kind: Kind | None = None,
+    period: int = 1,
+) -> Plan:
+    """A plan of one FMU called `x`, alone."""
+    component = FmuComponent(path, "x", kind, options)
+    at = 0
+    slots: dict[str, list[Slot]] = {"inputs": [], "outputs": []}
+    for side, ports in (("inputs", component.inputs), ("outputs", component.outputs)):
+        for p in ports:
+            slots[side].append(Slot(f"x.{p.name}", "x", p.name, at, p.shape, p.unit))
+            at += p.size
+    step = Step("x", component, component.kind, period, values or {}, tuple(slots["inputs"]),
+                tuple(slots["outputs"]), start or {})  # fmt: skip
+    return compile_plan(h, steps, [step], [], [])
+
+
+def run(plan: Plan, feed: dict[str, np.ndarray] | None = None) -> tuple[np.ndarray, Engine]:
+    """All signals at the start and after every tick, (steps + 1, signals), and the open engine.
+
+    `feed`: values of an input at every tick.
+    """
+    engine = Engine(plan)
+    engine.initialize()
+    slots = plan.slots()
+    rows = [engine.signals.copy()]
+    for k in range(plan.ticks):
+        for name, values in (feed or {}).items():
+            slot = slots[f"x.{name}"]
+            engine.signals[slot.start : slot.start + slot.size] = np.ravel(values[k])
+        engine.run(1)
+        rows.append(engine.signals.copy())
+    return np.array(rows), engine
+
+
+def column(plan: Plan, rows: np.ndarray, name: str) -> np.ndarray:
+    """One port of all rows."""
+    slot = plan.slots()[f"x.{name}"]
+    return rows[:, slot.start : slot.start + slot.size].reshape(len(rows), *slot.shape)

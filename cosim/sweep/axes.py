@@ -138,10 +138,15 @@ def literal(value: Any) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return _quoted(value)
     if isinstance(value, list | tuple):
         return f"[{', '.join(literal(v) for v in value)}]"
     if isinstance(value, Mapping):
-        pairs = (f"{json.dumps(k, ensure_ascii=False)} = {literal(v)}" for k, v in value.items())
+        pairs = (f"{_quoted(k)} = {literal(v)}" for k, v in value.items())
         return f"{{{', '.join(pairs)}}}"
     raise ScenarioError(f"{value!r} cannot be a value of a scenario")
+
+
+def _quoted(text: str) -> str:
+    """A basic string of TOML: as in JSON, and DEL is escaped too."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

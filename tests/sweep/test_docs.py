@@ -45,7 +45,7 @@ def test_the_studies_that_are_here_can_be_run(path: Path) -> None:
     _, units = check(loaded, common)
     figures.check(loaded, [axis.name for axis in loaded.axes], units)
     point = next(points(loaded))
-    row = perform(common, replace(point, settings=(*point.settings, "run.stop='0.5 s'")))
+    row = perform(common, replace(point, settings=(*point.settings, "run.stop='0.1 s'")))
     assert not row.reason
     assert set(row.measures) == set(units)
 

@@ -29,7 +29,9 @@ def assemble(scenario: Scenario) -> Plan:
     wires, links, players = connect.wires(parts), connect.links(parts), connect.players(parts)
     connect.check_single_sources(parts, wires, links, players)
     try:
-        return compile_plan(h, ticks, steps, wires, links, scenario.run.algorithm, players)
+        return compile_plan(
+            h, ticks, steps, wires, links, scenario.run.algorithm, players, scenario.run.order
+        )
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.errors import ScenarioError, UnitError
@@ -37,6 +37,14 @@ class Parts:
     steps: Mapping[str, Step]
     h: float
     ticks: int
+    slots: Mapping[Causality, Mapping[str, Slot]] = field(init=False)  # by component.port
+
+    def __post_init__(self) -> None:
+        found: dict[Causality, dict[str, Slot]] = {"input": {}, "output": {}}
+        for step in self.steps.values():
+            found["input"] |= {s.name: s for s in step.inputs}
+            found["output"] |= {s.name: s for s in step.outputs}
+        object.__setattr__(self, "slots", found)
 
     def endpoint(self, text: str, causality: Causality, place: str) -> Slot:
         """The slot an endpoint names. Raises ScenarioError at `place`."""
@@ -46,14 +54,15 @@ class Parts:
         name, port, index = match[1], match[2], match[3]
         if name not in self.steps:
             raise ScenarioError(unknown(name, self.steps, "component"), place)
-        step = self.steps[name]
-        found = {s.port: s for s in (step.inputs if causality == "input" else step.outputs)}
-        if port not in found:
-            other = step.outputs if causality == "input" else step.inputs
-            if any(s.port == port for s in other):
+        slot = self.slots[causality].get(f"{name}.{port}")
+        if slot is None:
+            other: Causality = "output" if causality == "input" else "input"
+            if f"{name}.{port}" in self.slots[other]:
                 raise ScenarioError(f"{name}.{port} is not an {causality}", place)
-            raise ScenarioError(unknown(port, found, f"{causality} of {name}"), place)
-        return _part(found[port], index, place) if index else found[port]
+            step = self.steps[name]
+            ports = [s.port for s in (step.inputs if causality == "input" else step.outputs)]
+            raise ScenarioError(unknown(port, ports, f"{causality} of {name}"), place)
+        return _part(slot, index, place) if index else slot
 
     def scalar_input(self, text: str, place: str) -> Slot:
         """An endpoint that is one number."""
@@ -133,14 +142,14 @@ def _unit(parts: Parts, slot: Slot) -> str | Unit:
 
 def links(parts: Parts) -> list[Link]:
     """What [[links]] says."""
-    found: list[Link] = []
+    found: dict[str, Link] = {}
     for i, spec in enumerate(parts.scenario.links):
         link = _link(parts, spec, parts.scenario.place("links", i))
-        if link.name in {x.name for x in found}:
+        if link.name in found:
             place = parts.scenario.place("links", i)
             raise ScenarioError(f"a second link is called {link.name!r}", place)
-        found.append(link)
-    return found
+        found[link.name] = link
+    return list(found.values())
 
 
 def _link(parts: Parts, spec: LinkSpec, place: str) -> Link:

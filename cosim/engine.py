@@ -7,6 +7,7 @@ between chunks: hand over the next rows of the link tables, and a buffer to reco
 from __future__ import annotations
 
 import ctypes as c
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -44,6 +45,11 @@ class Engine:
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._streams = [link.table.stream() for link in plan.links]
+        self._fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
+        edges: list[Wire | Link] = [*plan.wires, *plan.links]
+        for edge in edges:
+            self._fed[edge.target.component].append(edge)
+        self._sampled = frozenset(plan.order)
         self._failure: BaseException | None = None
         self._alive: list[Any] = []  # what C points to
         self._played = [player.source.stream() for player in plan.players]
@@ -91,14 +97,12 @@ class Engine:
             self.signals[slot.start : slot.start + slot.size] = value
 
     def _gather_initial(self, name: str) -> None:
-        edges: list[Wire | Link] = [*self.plan.wires, *self.plan.links]
-        for e in edges:
-            if e.target.component == name:
+        for e in self._fed[name]:
+            if isinstance(e, Link) and e.initial is not None:
+                value: Any = e.initial
+            else:
                 value = e.gain * _part(self.signals, e.source) + e.offset
-                _part(self.signals, e.target)[:] = value
-        for link in self.plan.links:
-            if link.target.component == name and link.initial is not None:
-                _part(self.signals, link.target)[:] = link.initial
+            _part(self.signals, e.target)[:] = value
 
     def _check_start(self) -> None:
         for step in self.plan.components:
@@ -146,7 +150,7 @@ class Engine:
         state.h, state.tick = plan.h, 0
 
     def _unit(self, index: int, step: Step) -> native.Unit:
-        late = step.name not in self.plan.order
+        late = step.name not in self._sampled
         lag, h = step.period - 1 if late else 0, step.period * self.plan.h
         unit = native.Unit(lag=lag, h=h, period=step.period, kind=native.UnitKind.CALL)
         unit.input, unit.input_count = _extent(step.inputs)

@@ -7,16 +7,17 @@ order in which anything was listed; ties are broken by name.
 
 from __future__ import annotations
 
-import heapq
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.component import Component, Kind
 from cosim.errors import PlanError
 from cosim.links.table import TableSpec
-from cosim.native import Code
+from cosim.operations import Connections, Operation, lay_out
+from cosim.order import Waiting, sequence, topological
 
 if TYPE_CHECKING:
     import numpy as np
@@ -118,23 +119,12 @@ class Player:
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
-    """One operation, due at ticks `first`, `first + period`, ...; `index`: of component or link."""
-
-    code: Code
-    index: int = 0
-    period: int = 1
-    first: int = 0
-    source: int = 0
-    target: int = 0
-    count: int = 0
-    gain: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything the engine needs; `order` is that of the sampled components."""
+    """Everything the engine needs.
+
+    `order`: the sampled components, as they compute at t_k; `later`: the others, as they step over
+    their intervals (only with Gauss-Seidel does that order show).
+    """
 
     h: float
     ticks: int
@@ -146,10 +136,11 @@ class Plan:
     players: tuple[Player, ...]
     operations: tuple[Operation, ...]
     order: tuple[str, ...]
+    later: tuple[str, ...] = ()
 
     def component(self, name: str) -> Step:
-        """The component of that name."""
-        return next(c for c in self.components if c.name == name)
+        """The component of that name, which must be there (they are sorted by name)."""
+        return self.components[bisect_left(self.components, name, key=lambda c: c.name)]
 
     def slots(self) -> dict[str, Slot]:
         """Every port's slot by ``component.port``."""
@@ -164,57 +155,70 @@ def compile_plan(
     links: Iterable[Link],
     algorithm: str = "sampled",
     players: Iterable[Player] = (),
+    order: Sequence[str] = (),
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
-    Raises PlanError with the loop printed when sampled components wait for each other.
+    `order`: all components, for ``"gauss-seidel"``; where it is not given, wires say it. Raises
+    PlanError with the loop printed when sampled components wait for each other, and for an
+    `order` that is none of all components.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
     links_ = tuple(sorted(links, key=lambda x: x.name))
-    sampled = {c.name for c in steps if c.kind == "sampled" and algorithm == "sampled"}
-    order = _order(sampled, wires_, links_)
     players_ = tuple(sorted(players, key=lambda p: p.target.start))
-    operations = _operations(steps, wires_, links_, players_, order)
-    n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
+    sampled = {c.name for c in steps if c.kind == "sampled" and algorithm == "sampled"}
+    now = _order(sampled, wires_, links_)
+    later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
+    connections = Connections.of(wires_, links_, players_)
+    newest = algorithm == "gauss-seidel"
     return Plan(
         h=h,
         ticks=ticks,
         algorithm=algorithm,
-        n_signals=n_signals,
+        n_signals=sum(s.size for c in steps for s in (*c.inputs, *c.outputs)),
         components=steps,
         wires=wires_,
         links=links_,
         players=players_,
-        operations=operations,
-        order=order,
+        operations=lay_out(steps, connections, now, later, newest=newest),
+        order=now,
+        later=later,
     )
+
+
+def _later(
+    names: Sequence[str], wires: Sequence[Wire], algorithm: str, given: Sequence[str]
+) -> tuple[str, ...]:
+    """The order in which components step over their intervals."""
+    if algorithm != "gauss-seidel":
+        if given:
+            raise PlanError(
+                f'run.order is for algorithm = "gauss-seidel"; the algorithm is "{algorithm}"'
+            )
+        return tuple(names)
+    if not given:
+        return sequence(names, ((w.source.component, w.target.component) for w in wires))
+    if sorted(given) != sorted(names):
+        wrong = [n for n in given if n not in names] or sorted(set(names) - set(given))
+        wrong = wrong or [n for n in names if given.count(n) > 1]
+        raise PlanError(
+            f"run.order is to name every component once: look at {', '.join(wrong)} "
+            f"(there are: {', '.join(names)})"
+        )
+    return tuple(given)
 
 
 def _order(sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]) -> tuple[str, ...]:
     """Topological order of the sampled components, ties broken by name."""
-    edges = same_tick(sampled, wires, links)
-    waiting = {
-        name: {e.source.component for e in edges if e.target.component == name} for name in sampled
-    }
-    ready = [name for name, sources in waiting.items() if not sources]
-    heapq.heapify(ready)
-    order: list[str] = []
-    while ready:
-        name = heapq.heappop(ready)
-        order.append(name)
-        del waiting[name]
-        for other, sources in waiting.items():
-            if name in sources:
-                sources.discard(name)
-                if not sources:
-                    heapq.heappush(ready, other)
-    if waiting:
-        raise PlanError(_loop(waiting, edges))
-    return tuple(order)
+    edges = _same_tick(sampled, wires, links)
+    try:
+        return topological(sampled, ((e.source.component, e.target.component) for e in edges))
+    except Waiting as waiting:
+        raise PlanError(_loop(waiting.cycle, edges)) from None
 
 
-def same_tick(
+def _same_tick(
     sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]
 ) -> tuple[Wire | Link, ...]:
     """Connections between sampled components that carry a value within one tick."""
@@ -224,14 +228,8 @@ def same_tick(
     )
 
 
-def _loop(waiting: Mapping[str, set[str]], edges: Sequence[Wire | Link]) -> str:
-    """Walk backwards from the first waiting component until one repeats, and print the walk."""
-    name = min(waiting)
-    walk = [name]
-    while name not in walk[:-1]:
-        name = min(s for s in waiting[name] if s in waiting)
-        walk.append(name)
-    cycle = walk[walk.index(name) :][::-1]
+def _loop(cycle: Sequence[str], edges: Sequence[Wire | Link]) -> str:
+    """The cycle as its connections, and what to do about it."""
     hops = [
         next(e for e in edges if (e.source.component, e.target.component) == pair)
         for pair in pairwise(cycle)
@@ -241,91 +239,4 @@ def _loop(waiting: Mapping[str, set[str]], edges: Sequence[Wire | Link]) -> str:
         f"sampled components wait for each other in the same tick: {text}. Break the loop with a "
         "link whose delay is at least one tick, take the signal from a continuous component "
         '(ξ through the small component fmus.models.xi), or use algorithm = "jacobi"'
-    )
-
-
-def _operations(
-    steps: Sequence[Step],
-    wires: Sequence[Wire],
-    links: Sequence[Link],
-    players: Sequence[Player],
-    order: Sequence[str],
-) -> tuple[Operation, ...]:
-    periods = {c.name: c.period for c in steps}
-    index = {c.name: i for i, c in enumerate(steps)}
-    held = [c for c in steps if c.name not in order]
-    operations = [op for c in held for op in _pushes(c, links)]
-    for name in order:
-        c = steps[index[name]]
-        operations += _gather(c, wires, links, players, periods)
-        operations.append(Operation(Code.STEP, index[name], c.period))
-        operations += _pushes(c, links)
-    operations.append(Operation(Code.RECORD))
-    operations += [op for c in held for op in _gather(c, wires, links, players, periods)]
-    operations += [Operation(Code.STEP, index[c.name], c.period, first=c.period - 1) for c in held]
-    return tuple(operations)
-
-
-def _pushes(c: Step, links: Sequence[Link]) -> list[Operation]:
-    return [
-        Operation(
-            Code.PUSH,
-            i,
-            c.period,
-            source=x.source.start,
-            count=x.source.size,
-            gain=x.gain,
-            offset=x.offset,
-        )
-        for i, x in enumerate(links)
-        if x.source.component == c.name
-    ]
-
-
-def _gather(
-    c: Step,
-    wires: Sequence[Wire],
-    links: Sequence[Link],
-    players: Sequence[Player],
-    periods: Mapping[str, int],
-) -> list[Operation]:
-    received: list[Operation] = []
-    for i, x in enumerate(links):
-        if x.target.component == c.name:
-            received.append(
-                Operation(Code.PULL, i, c.period, target=x.target.start, count=x.target.size)
-            )
-            if x.age is not None:
-                sent = periods[x.source.component]
-                received.append(Operation(Code.AGE, i, c.period, source=sent, target=x.age.start))
-    received += [
-        Operation(Code.PLAY, i, c.period, target=p.target.start)
-        for i, p in enumerate(players)
-        if p.target.component == c.name
-    ]
-    copies: list[Operation] = []
-    for w in (w for w in wires if w.target.component == c.name):
-        plain = w.gain == 1.0 and w.offset == 0.0
-        copy = Operation(
-            Code.COPY if plain else Code.SCALE,
-            0,
-            c.period,
-            source=w.source.start,
-            target=w.target.start,
-            count=w.target.size,
-            gain=w.gain,
-            offset=w.offset,
-        )
-        if copies and _continues(copies[-1], copy):
-            copies[-1] = replace(copies[-1], count=copies[-1].count + copy.count)
-        else:
-            copies.append(copy)
-    return received + copies
-
-
-def _continues(a: Operation, b: Operation) -> bool:
-    return (
-        a.code == b.code == Code.COPY
-        and a.source + a.count == b.source
-        and a.target + a.count == b.target
     )

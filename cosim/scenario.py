@@ -1,8 +1,7 @@
 """A scenario: TOML read into frozen structs. Every error names the file and the place in it.
 
-Numbers are SI; where a unit makes a value clearer it is written as text: ``step = "1 ms"``. What a
-scenario may contain is the fields of these structs and nothing else: a key that is not known is an
-error. Whether components, ports and shapes fit together is :mod:`cosim.plan`'s business.
+Numbers are SI, or texts with a unit: ``step = "1 ms"``. A key that is no field of these structs is
+an error; whether components, ports and shapes fit together is seen by :mod:`cosim.assemble`.
 """
 
 from __future__ import annotations
@@ -32,12 +31,13 @@ class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long and how finely."""
+    """How long, how finely and how: `order` is for ``"gauss-seidel"``, all components by name."""
 
     step: Number
     stop: Number
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
-    algorithm: Literal["sampled", "jacobi"] = "sampled"
+    algorithm: Literal["sampled", "jacobi", "gauss-seidel"] = "sampled"
+    order: tuple[str, ...] = ()
     record: RecordSpec = RecordSpec()
 
 

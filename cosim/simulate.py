@@ -53,9 +53,11 @@ def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Col
     Raises ScenarioError for a wanted signal that does not exist.
     """
     slots = {s.name: s for c in plan.components for s in c.outputs}
-    slots |= {s.name: s for s in plan.slots().values() if _received(plan, s.name)}
+    every = plan.slots()
+    received = {x.target.name for x in plan.links}
+    received |= {f"{x.target.component}.{x.target.port}" for x in plan.links}
+    slots |= {name: s for name, s in every.items() if name in received}
     if wanted:
-        every = plan.slots()
         unknown = [w for w in wanted if w not in every]
         if unknown:
             raise ScenarioError(f"no signal {unknown[0]!r}; there are: {', '.join(every)}", place)
@@ -69,10 +71,6 @@ def _columns(slots: Sequence[Slot]) -> list[Column]:
         for slot in slots
         for i, name in enumerate(slot.scalars())
     ]
-
-
-def _received(plan: Plan, name: str) -> bool:
-    return any(x.target.name == name or x.target.name.startswith(f"{name}[") for x in plan.links)
 
 
 def simulate(
@@ -202,7 +200,7 @@ def metadata(
         "step": plan.h,
         "ticks": plan.ticks,
         "algorithm": plan.algorithm,
-        "order": list(plan.order),
+        "order": list(plan.later if plan.algorithm == "gauss-seidel" else plan.order),
         "versions": versions(),
         "fmus": {
             c.name: c.component.facts()

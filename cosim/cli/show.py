@@ -97,12 +97,24 @@ def _order(plan: Plan) -> list[list[str]]:
     why = "input held over the step, output at its end"
     if plan.algorithm == "jacobi":
         why = "jacobi: everybody sees what the tick before left behind"
-    number = f"{len(rows) + 1}."
-    for step in plan.components:
-        if step.name not in plan.order:
-            span = f"t_k -> t_k + {step.period * plan.h:g} s"
-            rows.append([number, step.name, span, _due(step), why])
+    number = len(rows) + 1
+    for i, step in enumerate(plan.component(name) for name in plan.later):
+        span = f"t_k -> t_k + {step.period * plan.h:g} s"
+        if plan.algorithm == "gauss-seidel":
+            why = _seen(plan, step, plan.later[:i])
+            number += i > 0
+        rows.append([f"{number}.", step.name, span, _due(step), why])
     return rows
+
+
+def _seen(plan: Plan, step: Step, before: Sequence[str]) -> str:
+    """Of whom a Gauss-Seidel step sees the end of the interval, and of whom the start."""
+    sources = {w.source.component for w in plan.wires if w.target.component == step.name}
+    new = ", ".join(sorted(sources & set(before)))
+    old = ", ".join(sorted(sources - set(before)))
+    seen = [f"newest of {new}"] if new else []
+    seen += [f"{old} as at t_k"] if old else []
+    return f"sees {'; '.join(seen) or 'no other'}"
 
 
 def _due(step: Step) -> str:
@@ -154,6 +166,9 @@ def _known(plan: Plan, source: Step, step: Step) -> str:
     aligned_ = step.period % source.period == 0
     if source.name in plan.order:
         return "computed in this tick" if aligned_ else f"computed when last due, {_due(source)}"
+    if plan.algorithm == "gauss-seidel" and step.name in plan.later:
+        earlier = plan.later.index(source.name) < plan.later.index(step.name)
+        return "the newest, computed before it steps" if earlier else "value at t_k"
     if source.component.kind == "sampled":  # jacobi
         return f"computed {source.period * plan.h:g} s before, from what was known then"
     return "value at t_k" if aligned_ else f"value at the last t_k with {_due(source)}"

@@ -265,18 +265,22 @@ def stiffest_grip(law: DynamicFeedback, M: float, K: float, k_d: float = 0.0) ->
     return inf if excess <= 0 else a * (law.alpha * K + law.lambda_M * k_d) / excess
 
 
-def stiffest_network_grip(net: Network, q: Sequence[float]) -> float:
-    """The k_p, alike for all joints, at which an undamped grip at the port begins to swing.
+def stiffest_network_grip(
+    net: Network, q: Sequence[float], ratio: float = 0.0, count: int = 800
+) -> float:
+    """The k_p, alike for all joints, at which a grip at the port begins to swing, theta known.
 
-    theta known. There det(1 + k_p G(jω)) = 0: an eigenvalue of G crosses the negative real axis at
-    -1/k_p. The least of them, N.m/rad; inf where there is none. One robot: :func:`stiffest_grip`.
+    Its damping is k_d = `ratio` k_p (s). There det(1 + (k_p + k_d jω) G(jω)) = 0: an eigenvalue of
+    (1 + ratio jω) G crosses the negative real axis at -1/k_p. The least of them over `count`
+    frequencies, N.m/rad; inf where there is none. One robot, undamped: :func:`stiffest_grip`.
     """
     least, known = inf, net.known()
 
     def eigenvalues(w: float) -> Complex:
-        return np.asarray(np.linalg.eigvals(net.gain(1j * w, q, known)), dtype=np.complex128)
+        G = (1 + ratio * 1j * w) * net.gain(1j * w, q, known)
+        return np.asarray(np.linalg.eigvals(G), dtype=np.complex128)
 
-    grid = np.geomspace(0.05, 500.0, 800)
+    grid = np.geomspace(0.1, 300.0, count)
     before = eigenvalues(float(grid[0]))
     for w in grid[1:]:
         here = eigenvalues(float(w))

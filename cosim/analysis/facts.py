@@ -129,7 +129,8 @@ class SpringDamper:
     `feedback`: gain of the own velocity in all, N.m.s/rad, of which `ground` is to the ground;
     `stiffness` of the coupling, N.m/rad. `needs_ground`: without enough of it for the delay there
     and back, 2 ground >= T_rt stiffness, it is not passive. `constant_delay`: the law is proved for
-    a constant delay only. `law` is its name in messages.
+    a constant delay only. `theta_g`: the gravity parameters that are compensated. `law` is its name
+    in messages.
     """
 
     law: str
@@ -138,6 +139,7 @@ class SpringDamper:
     stiffness: Vector
     needs_ground: bool = True
     constant_delay: bool = False
+    theta_g: Vector = ()
     tau_max: Vector = (inf,)
     torque: str = "tau"
 

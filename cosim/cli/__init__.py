@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from cosim.cli import analyze, compare, info, reproduce, run, show, sweep
+from cosim.cli import analyze, check, compare, info, reproduce, run, show, sweep
 from cosim.errors import CosimError
 
 app = typer.Typer(
@@ -26,9 +26,9 @@ app.command("show")(show.show)
 app.command("info")(info.info)
 app.command("reproduce")(reproduce.reproduce)
 app.command("analyze")(analyze.analyze)
+app.command("check")(check.check)
 app.command("compare")(compare.compare)
 app.command("sweep")(sweep.sweep)
-app.command("analyze")(analyze.analyze)
 
 
 def _version(wanted: bool) -> None:

@@ -29,6 +29,7 @@ def run(
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
     from cosim.assemble import assemble
+    from cosim.cli.check import warn
     from cosim.cli.summary import check, figures, header, progress_bar, summary
     from cosim.clock import stamp
     from cosim.errors import Interrupted
@@ -48,6 +49,8 @@ def run(
             typer.echo(text)
 
     say(header(loaded, plan))
+    if not quiet:
+        warn(loaded, plan)
     try:
         with progress_bar(quiet) as progress:
             outcome = simulate(loaded, folder, progress, plan, force=force)

@@ -76,13 +76,14 @@ def _range(theta: Vector) -> tuple[float, float]:
 @lru_cache(maxsize=1)
 def _regressor_norm() -> float:
     """Root mean square of ‖Y(q, 0, 0, dz)‖/|dz| over postures and directions of dz."""
-    still = np.zeros(2)
-    norms = [
-        np.linalg.norm(regressor(np.array([0.0, q2]), still, still, np.array([c, s])), 2)
-        for q2 in _POSTURES[::8]
-        for c, s in zip(np.cos(_POSTURES[::8]), np.sin(_POSTURES[::8]), strict=True)
-    ]
-    return float(np.sqrt(np.mean(np.square(norms))))
+    still, first, second = np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    turns = _POSTURES[::8]  # of q2, and of dz
+    each = []
+    for q2 in turns:
+        Y_1, Y_2 = (regressor(np.array([0.0, q2]), still, still, dz) for dz in (first, second))
+        each += [c * Y_1 + s * Y_2 for c, s in zip(np.cos(turns), np.sin(turns), strict=True)]
+    norms = np.linalg.norm(np.array(each), 2, axis=(1, 2))
+    return float(np.sqrt(np.mean(norms**2)))
 
 
 def adaptive(values: Values) -> DynamicFeedback:
@@ -119,7 +120,7 @@ def damping(values: Values) -> SpringDamper:
     d = values["d"]
     return SpringDamper(
         law="damping", feedback=d, ground=d, stiffness=_zero(d), needs_ground=False,
-        tau_max=_torque(values),
+        theta_g=values["theta_g"], tau_max=_torque(values),
     )  # fmt: skip
 
 

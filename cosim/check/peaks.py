@@ -1,0 +1,94 @@
+"""How fast things will get: the robots' linear behaviour from where they start.
+
+Each joint by itself, inertia M_jj of the start, estimate 0 in the feed-forward, weights at their
+means, no delays::
+
+    M ddq = -K (dq - z) + k_p (q_h - q) - k_d dq,   dz = -alpha dq + lambda_M (dq - z) - coupling
+
+An estimate: good to a factor of two or so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cosim.analysis.closed_form import Network
+from cosim.analysis.facts import Array
+
+#: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
+_DOUBLINGS, _STEP = 9, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """Of each robot, (n,): largest |dz| over time, rad/s², and |tau_i| of a joint, N.m."""
+
+    dz: Array
+    tau: Array
+
+
+def peaks(net: Network) -> Peaks:
+    """What the robots of `net` will reach when their grips pull them from where they start."""
+    n, m = len(net.laws), min(len(arm.q) for arm in net.arms)
+    dz, tau = np.zeros(n), np.zeros(n)
+    for j in range(m):
+        A, b, x = _linear(net, j)
+        states = _states(A, b, x)
+        rates = states @ A.T + b
+        K = np.array([law.K[j % len(law.K)] for law in net.laws])
+        dz += np.abs(rates[:, 2 * n :]).max(axis=0) ** 2
+        s = states[:, n : 2 * n] - states[:, 2 * n :]
+        tau = np.maximum(tau, np.abs(K * s).max(axis=0))
+    return Peaks(np.sqrt(dz), tau)
+
+
+def _linear(net: Network, j: int) -> tuple[Array, Array, Array]:
+    """(A, b, x(0)) of dx/dt = A x + b, x = (q, dq, z) of joint `j`, (3 n,)."""
+    n, I = len(net.laws), np.eye(len(net.laws))  # noqa: E741
+    laws, arms = net.laws, net.arms
+    M = np.array([arm.inertia(arm.parameters, arm.q)[j, j] for arm in arms])
+    K = np.array([law.K[j % len(law.K)] for law in laws])
+    k_p = np.array([arm.grip.stiffness[j] for arm in arms])
+    k_d = np.array([arm.grip.damping[j] for arm in arms])
+    q_h = np.array([arm.grip.place[j] for arm in arms])
+    alpha = np.array([law.alpha for law in laws])
+    lambda_M = np.array([law.lambda_M for law in laws])
+    L = np.diag(net.coupling.sum(axis=1) + net.outside) - net.coupling
+    A = np.zeros((3 * n, 3 * n))
+    A[:n, n : 2 * n] = I
+    A[n : 2 * n, :n] = np.diag(-k_p / M)
+    A[n : 2 * n, n : 2 * n] = np.diag(-(K + k_d) / M)
+    A[n : 2 * n, 2 * n :] = np.diag(K / M)
+    A[2 * n :, :n] = -L * alpha
+    A[2 * n :, n : 2 * n] = np.diag(lambda_M - alpha) - L
+    A[2 * n :, 2 * n :] = np.diag(-lambda_M)
+    b = np.concatenate([np.zeros(n), k_p * q_h / M, np.zeros(n)])
+    x = np.concatenate([[arm.q[j] for arm in arms], np.zeros(2 * n)])
+    return A, b, x
+
+
+def _states(A: Array, b: Array, x: Array) -> Array:
+    """States at 0, h, 2 h, ..., 2^9 of them, (k, 3 n), by squaring one step over and over."""
+    size = len(x)
+    augmented = np.zeros((size + 1, size + 1))
+    augmented[:size, :size], augmented[:size, size] = A, b
+    step = _exponential(augmented * _STEP)
+    states = np.append(x, 1.0)[None, :]
+    for _ in range(_DOUBLINGS):
+        states = np.concatenate([states, states @ step.T])
+        step = step @ step
+    return np.asarray(states[:, :size])
+
+
+def _exponential(A: Array) -> Array:
+    """Exp A, by the series of A/2^s, squared s times."""
+    squarings = max(0, int(np.ceil(np.log2(max(1.0, np.abs(A).sum(axis=1).max())))) + 3)
+    term = total = np.eye(len(A))
+    for k in range(1, 12):
+        term = term @ A / (k * 2.0**squarings)
+        total = total + term
+    for _ in range(squarings):
+        total = total @ total
+    return np.asarray(total)

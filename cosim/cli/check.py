@@ -1,0 +1,83 @@
+"""``cosim check``: a scenario before it runs, with what to change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cosim.check import Finding
+    from cosim.plan import Plan
+    from cosim.scenario import Scenario
+
+
+def check(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit with 1 for warnings as well.")
+    ] = False,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the findings as JSON.")
+    ] = None,
+) -> None:
+    """Check a scenario without running it: stability margins, links, wiring, predictions.
+
+    Exits with 1 where there is an error; with --strict for warnings as well.
+    """
+    from cosim.assemble import assemble
+    from cosim.check import check as findings
+    from cosim.scenario import load
+
+    loaded = load(scenario, set_ or [])
+    found = findings(loaded, assemble(loaded))
+    typer.echo(loaded.title)
+    for f in found:
+        typer.echo("")
+        for line in paragraph(f):
+            typer.echo(line)
+    counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
+    typer.echo("\n" + ", ".join(f"{n} {s}{'' if n == 1 else 's'}" for s, n in counts.items()))
+    if json is not None:
+        _write(json, loaded, found)
+    if counts["error"] or (strict and counts["warning"]):
+        raise typer.Exit(1)
+
+
+def paragraph(finding: Finding) -> list[str]:
+    """A finding on two or three lines: what, where; why, with the number; what to change."""
+    lines = [f"{finding.severity:<8} {finding.where}  [{finding.rule}]", f"    {finding.reason}"]
+    return [*lines, f"    -> {finding.advice}"] if finding.advice else lines
+
+
+def warn(scenario: Scenario, plan: Plan) -> None:
+    """What ``cosim run`` prints of it: errors and warnings, a line each, on standard error.
+
+    A check that fails is a line as well: it never stands in the way of a run.
+    """
+    from cosim.check import check as findings
+
+    try:
+        lines = [f.line for f in findings(scenario, plan, notes=False)]
+    except Exception as error:  # whatever a check comes across, the run goes on
+        lines = [f"note: the check before the run failed: {type(error).__name__}: {error}"]
+    for line in lines:
+        typer.echo(line, err=True)
+
+
+def _write(path: Path, scenario: Scenario, found: tuple[Finding, ...]) -> None:
+    import json
+    import os
+
+    from cosim.errors import RunError
+
+    data = {"scenario": str(scenario.path), "findings": [f.as_data() for f in found]}
+    try:
+        path.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error

@@ -50,7 +50,7 @@ def compare(
     from cosim.clock import stamp, stopwatch
     from cosim.compare import report
     from cosim.compare.comparison import compare as compare_all
-    from cosim.compare.documents import read_base
+    from cosim.compare.documents import check, read_base
     from cosim.compare.variants_file import beside, read
 
     known = read(variants or beside(scenario))
@@ -60,6 +60,7 @@ def compare(
     chosen = known.select(*(_names(text) for text in (controllers, operators, links)))
     base = read_base(scenario, known, set_ or ())
     folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
+    check(base, known, chosen)  # before there is a folder
     report.claim(folder, force=force)
     watch = stopwatch()
     with progress_bar(quiet) as progress:

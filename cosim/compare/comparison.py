@@ -1,4 +1,4 @@
-"""All cases of a comparison: made, checked, run in parallel, and gathered into one result."""
+"""All cases of a comparison: made, run in parallel, and gathered into one result."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from cosim.compare.documents import Base, Case, check, scenario
+from cosim.compare.documents import Base, Case, scenario
 from cosim.compare.measure import Outcome, Task, lost, run_case
 from cosim.compare.pool import spread
 from cosim.compare.sameness import Tables
@@ -56,10 +56,9 @@ def compare(
 ) -> Comparison:
     """Run every case of `chosen` with every seed. `keep`: where run folders stay, if anywhere.
 
-    What cannot be assembled raises ScenarioError before anything runs; what fails while it runs is
-    an outcome with its reason. `progress` is called with (done, all) runs.
+    What fails is an outcome with its reason: what cannot be assembled at all is found beforehand by
+    :func:`cosim.compare.documents.check`. `progress` is called with (done, all) runs.
     """
-    check(base, variants, chosen)
     tasks = [
         Task(
             case,

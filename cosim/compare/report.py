@@ -20,6 +20,7 @@ from pathlib import Path
 
 from cosim.compare.comparison import Comparison
 from cosim.compare.rows import Row, columns, header, notes, rows, runs_as_data
+from cosim.compare.variants import Controller
 from cosim.errors import RunError, ScenarioError
 from cosim.record.folder import reason
 from cosim.simulate import versions
@@ -68,10 +69,16 @@ def markdown(comparison: Comparison, command: str) -> str:
     right = ["---"] * 3 + ["---:"] * len(shown) + ["---"]
     lines = [f"# {c.variants.title}", "", f"`{command}`", "", _line(heads), _line(right)]
     lines += [_line(_cells(row, c)) for row in rows(c)]
-    lines += ["", *(f"- **{x}**: {c.variants.links[x].title}" for x in c.chosen.links)]
-    lines += [f"- **{x}**: {c.variants.operators[x].title}" for x in c.chosen.operators]
-    lines += [f"- **{x}**: {c.variants.controllers[x].title}" for x in c.chosen.controllers]
+    lines += ["", *(f"- link **{x}**: {c.variants.links[x].title}" for x in c.chosen.links)]
+    lines += [f"- operator **{x}**: {c.variants.operators[x].title}" for x in c.chosen.operators]
+    lines += [f"- controller {_described(c.variants.controllers[x])}" for x in c.chosen.controllers]
     return "\n".join([*lines, "", *(f"- {line.strip()}" for line in _below(c))]) + "\n"
+
+
+def _described(controller: Controller) -> str:
+    condition = f"; condition: {controller.condition}" if controller.condition else ""
+    sends = ", ".join(controller.sends)
+    return f"**{controller.name}**: {controller.title}; sends {sends}{condition}"
 
 
 def _cells(row: Row, comparison: Comparison) -> list[str]:

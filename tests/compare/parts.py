@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cosim.compare.comparison import Comparison, compare
-from cosim.compare.documents import Base, read_base
+from cosim.compare.documents import Base, check, read_base
 from cosim.compare.variants import Variants
 from cosim.compare.variants_file import read
 from cosim.component import Parameter, Port
@@ -113,7 +113,9 @@ def compared(
 ) -> Comparison:
     """What a variants file makes of CONFIG."""
     variants, base = loaded(path, settings)
-    return compare(base, variants, variants.select(controllers, operators, links), seeds, jobs=jobs)
+    chosen = variants.select(controllers, operators, links)
+    check(base, variants, chosen)
+    return compare(base, variants, chosen, seeds, jobs=jobs)
 
 
 def loaded(path: Path, settings: Sequence[str] = ()) -> tuple[Variants, Base]:

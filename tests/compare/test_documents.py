@@ -142,7 +142,11 @@ UNFIT = {
         FIRST,
         "slave.q[0] has shape []",
     ),
-    "an operator's value": (("{ k_p = 10.0,", "{ k_q = 10.0,"), FIRST, "no parameter or start 'k_q'"),
+    "an operator's value": (
+        ("{ k_p = 10.0,", "{ k_q = 10.0,"),
+        FIRST,
+        "no parameter or start 'k_q'",
+    ),
     "a second operator's value": (
         ("[links.constant]", "[operators.soft]\nmaster = { k_q = 1.0 }\n[links.constant]"),
         "at operators.soft: ",

@@ -1,0 +1,36 @@
+"""docs/controllers.md: every controller is in it, and its tables are what their commands print."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from cosim.compare.variants_file import read
+from tests.compare.parts import ROOT, VARIANTS
+from tests.compare.test_command import call
+
+GUIDE = ROOT / "docs" / "controllers.md"
+_TABLE = re.compile(r"<!-- table: (.*) -->\n.*\n\n((?:\|.*\n)+)<!-- end -->")
+
+
+def test_every_controller_is_in_the_guide() -> None:
+    guide = GUIDE.read_text(encoding="utf-8")
+    for name in read(VARIANTS).controllers:
+        assert f"`{name}`" in guide, name
+
+
+@pytest.mark.slow
+def test_tables_of_the_guide_are_what_their_commands_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = _TABLE.findall(GUIDE.read_text(encoding="utf-8"))
+    assert len(tables) == 2
+    monkeypatch.chdir(ROOT)
+    for i, (command, expected) in enumerate(tables):
+        _, _, *arguments = shlex.split(command)
+        call(*arguments, "--out", tmp_path / str(i), "--no-plot", "--quiet", "--jobs", "1")
+        lines = (tmp_path / str(i) / "table.md").read_text(encoding="utf-8").splitlines()
+        assert [x for x in lines if x.startswith("|")] == expected.splitlines()

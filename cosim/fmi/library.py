@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from cosim import native
 from cosim.errors import FmuError
+from cosim.fmi.elf import missing_bytes
 
 #: A time event that never comes (s).
 NEVER = float("inf")
@@ -90,6 +91,11 @@ class Calls:
     """A library's functions, each checked: absent ones and bad statuses become FmuError."""
 
     def __init__(self, setup: Setup, prefix: str, log: native.Log) -> None:
+        lacks = missing_bytes(setup.path)
+        if lacks:
+            raise FmuError(
+                f"{setup.name}: cannot load {setup.path.name}: the file is {lacks} bytes too short"
+            )
         try:
             self.library = c.CDLL(str(setup.path))
         except OSError as error:

@@ -10,6 +10,7 @@ import typer
 
 from cosim.cli.compare import compare
 from cosim.errors import ScenarioError
+from tests.cli.command import Command
 from tests.compare.parts import CONFIG, SMALL, VARIANTS, written
 
 
@@ -56,6 +57,13 @@ def test_the_list_says_what_there_is(capsys: pytest.CaptureFixture[str], tmp_pat
     assert "200 N·m/rad" in said
     call(CONFIG, "--variants", written(tmp_path, SMALL), "--list")
     assert "sends q, dq" in capsys.readouterr().out
+
+
+def test_a_wrong_name_is_one_sentence_and_an_exit_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = Command(monkeypatch, capsys).refused("compare", CONFIG, "--links", "papr")
+    assert said.startswith("--links: no link 'papr'; did you mean 'paper'?")
 
 
 def test_what_cannot_be_leaves_nothing_behind(tmp_path: Path) -> None:

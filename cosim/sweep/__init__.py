@@ -1,7 +1,8 @@
 """Many runs of one scenario: what varies is data, what comes out is one table::
 
     axes       what one axis of a study does to a scenario: listed values, cases, random laws
-    study      a study file (TOML), every error with its place
+    spec       what a study file (TOML) may contain
+    study      a study as read and checked, every error with its place
     design     axes -> points: grid, Latin hypercube, Monte Carlo; the identity of each run
     memory     a run's signals in memory, no more of them than its metrics need
     perform    one point -> one row, whatever happens

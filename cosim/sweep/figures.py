@@ -26,7 +26,8 @@ from cosim.analysis.signals import Array
 from cosim.errors import RunError, ScenarioError
 from cosim.record.folder import reason
 from cosim.report.figures import DPI, load
-from cosim.sweep.study import FigureSpec, Study
+from cosim.sweep.spec import FigureSpec
+from cosim.sweep.study import Study
 from cosim.sweep.summary import cell
 from cosim.sweep.table import Table, column, groups
 

@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
-
-import msgspec
+from typing import Any, Literal
 
 from cosim.errors import ScenarioError
 from cosim.scenario import MetricSpec
@@ -20,77 +18,16 @@ from cosim.sweep.axes import (
     Distribution,
     Drawn,
     Listed,
-    Method,
     literal,
     moved,
     path_of,
     spaced,
 )
+from cosim.sweep.spec import AxisSpec, FigureSpec, SampleSpec, StudySpec, convert, each
 
-Pair = tuple[float, float]
-Natural = Annotated[int, msgspec.Meta(ge=0)]
-Count = Annotated[int, msgspec.Meta(ge=1)]
 #: Columns of the table that are neither axes nor measures.
 RESERVED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
 _LAWS: tuple[Distribution, ...] = ("uniform", "loguniform", "normal", "integers")
-
-
-class AxisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One axis: a path (or several that move together), and one of the keys that give values."""
-
-    path: str = ""
-    paths: tuple[str, ...] = ()
-    unit: str = ""
-    values: tuple[Any, ...] | None = None
-    labels: tuple[str, ...] = ()
-    range: Pair | None = None
-    count: Count | None = None
-    scale: Literal["linear", "log"] = "linear"
-    uniform: Pair | None = None
-    loguniform: Pair | None = None
-    normal: Pair | None = None
-    integers: Pair | None = None
-    cases: dict[str, tuple[str, ...]] | None = None
-
-
-class SampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How many times, and how, the axes that are drawn are drawn."""
-
-    count: Count
-    method: Method = "latin-hypercube"
-    seed: Natural = 0
-
-
-class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A figure of the table; see :mod:`cosim.sweep.figures`."""
-
-    kind: Literal["map", "line", "points"]
-    x: str
-    y: str
-    z: str = ""
-    by: str = ""
-    reduce: Literal["mean", "median", "min", "max"] = "mean"
-    title: str = ""
-    xlabel: str = ""
-    ylabel: str = ""
-    zlabel: str = ""
-    logx: bool = False
-    logy: bool = False
-
-
-class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole file, as read. `stable`: the largest size each measure may have."""
-
-    scenario: str
-    title: str = ""
-    keep: Literal["nothing", "trajectories"] = "nothing"
-    settings: tuple[str, ...] = ()
-    seeds: Natural | tuple[Natural, ...] | None = None
-    vary: dict[str, dict[str, Any]] = {}
-    sample: SampleSpec | None = None
-    metrics: dict[str, dict[str, Any]] = {}
-    stable: dict[str, Any] = {}
-    figures: dict[str, dict[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,9 +54,6 @@ class Study:
         return f"{self.path} at {'.'.join(path)}"
 
 
-T = TypeVar("T")
-
-
 def load_study(path: Path) -> Study:
     """Read a study file. Raises ScenarioError."""
     try:
@@ -133,15 +67,15 @@ def load_study(path: Path) -> Study:
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
-    spec = _convert(document, StudySpec, path)
-    vary = _each(spec.vary, AxisSpec, path, "vary")
+    spec = convert(document, StudySpec, path)
+    vary = each(spec.vary, AxisSpec, path, "vary")
     axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in vary.items())
-    _each(spec.metrics, MetricSpec, path, "metrics")
+    each(spec.metrics, MetricSpec, path, "metrics")
     study = Study(
         path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
         spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
         spec.metrics, _bounds(spec.stable, f"{path} at stable"),
-        _each(spec.figures, FigureSpec, path, "figures"),
+        each(spec.figures, FigureSpec, path, "figures"),
     )  # fmt: skip
     _check(study)
     return study
@@ -152,21 +86,6 @@ def _scenario(name: str, study: Path) -> Path:
     if not path.is_file():
         raise ScenarioError(f"{path}: no such file", f"{study} at scenario")
     return path
-
-
-def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
-    return {name: _convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
-
-
-def _convert(value: Any, kind: type[T], path: Path, above: str = "") -> T:
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError as error:
-        message, _, inside = str(error).partition(" - at `$")
-        if not inside and "unknown field" in message:
-            message += f"; expected one of {', '.join(_keys(kind))}"
-        place = f"{above}{inside.rstrip('`')}".lstrip(".")
-        raise ScenarioError(message, f"{path} at {place}" if place else str(path)) from None
 
 
 def _bounds(table: Mapping[str, Any], place: str, above: str = "") -> dict[str, float]:
@@ -183,10 +102,6 @@ def _bounds(table: Mapping[str, Any], place: str, above: str = "") -> dict[str, 
                 f"found {value!r}, expected the largest size it may have", f"{place}.{name}"
             )
     return found
-
-
-def _keys(kind: type[Any]) -> list[str]:
-    return [field.encode_name for field in msgspec.structs.fields(kind)]
 
 
 def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cosim.sweep import figures, study
+from cosim.sweep import figures, spec
 from cosim.sweep.design import count, points
 from cosim.sweep.drive import check
 from cosim.sweep.perform import job, perform
@@ -21,7 +21,7 @@ STUDIES = sorted((ROOT / "configs" / "studies").glob("*.toml"))
 
 
 @pytest.mark.parametrize(
-    "struct", [study.StudySpec, study.AxisSpec, study.SampleSpec, study.FigureSpec]
+    "struct", [spec.StudySpec, spec.AxisSpec, spec.SampleSpec, spec.FigureSpec]
 )
 def test_every_key_of_a_study_is_explained(struct: type[msgspec.Struct]) -> None:
     code = " ".join(re.findall(r"`[^`]*`", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)))

@@ -1,0 +1,20 @@
+"""The benchmark of sweeps runs. No times are judged."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.sweep.studies import ROOT
+
+
+@pytest.mark.slow
+def test_the_benchmark_runs(tmp_path: Path) -> None:
+    command = [sys.executable, str(ROOT / "benchmarks" / "sweep.py"), "--quick", "--json", "found"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+    found = json.loads((tmp_path / "found").read_text())
+    assert [(r["runs"], r["failed"]) for r in found["sweeps"]] == [(6, 0)] * 4

@@ -208,7 +208,7 @@ class Log(c.Structure):
         """The last `n` lines, oldest first."""
         first = max(0, self.count - min(n, LOG_LINES))
         lines = (self.line[i % LOG_LINES].value for i in range(first, self.count))
-        return [line.decode("utf-8", "replace").strip() for line in lines]
+        return [" ".join(line.decode("utf-8", "replace").split()) for line in lines]
 
     def text(self) -> str:
         """Everything that was kept, and what was not: "" where no room was given."""

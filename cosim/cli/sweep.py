@@ -93,13 +93,21 @@ def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
 
 
 class Progress:
-    """Counts rows; tells `show` of them: (done, all, seconds since the start, failed)."""
+    """Counts rows; tells `show` of them: (done, all, seconds since the start, failed).
 
-    def __init__(self, show: Callable[[int, int, float, int], None], quiet: bool) -> None:
+    `start` is called when the first may come, after everything that is said before.
+    """
+
+    def __init__(
+        self,
+        show: Callable[[int, int, float, int], None],
+        quiet: bool,
+        start: Callable[[], None] = lambda: None,
+    ) -> None:
         from cosim.clock import stopwatch
 
         self.count, self._failed, self._all, self._quiet = 0, 0, 0, quiet
-        self._show, self._watch = show, stopwatch()
+        self._show, self._watch, self._start = show, stopwatch(), start
 
     def begin(self, begun: Begun, title: str) -> None:
         """Say what is to be done."""
@@ -115,6 +123,7 @@ class Progress:
         typer.echo(f"{text}; {begun.todo} to run")
         if begun.changed:
             typer.echo(f"the study has changed: {begun.others} rows here are not part of it now")
+        self._start()
 
     def done(self, row: Row) -> None:
         """Count a row."""
@@ -146,13 +155,16 @@ def _progress(quiet: bool) -> Iterator[Progress]:
 
     text = TextColumn("{task.fields[rate]}")
     columns = (BarColumn(), MofNCompleteColumn(), text, TimeElapsedColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("runs", rate="", total=None)
+    bar = Bar(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task("runs", rate="", total=None)
 
-        def show(n: int, all_: int, seconds: float, failed: int) -> None:
-            bar.update(task, completed=n, total=all_, rate=_rate(n, seconds, failed))
+    def show(n: int, all_: int, seconds: float, failed: int) -> None:
+        bar.update(task, completed=n, total=all_, rate=_rate(n, seconds, failed))
 
-        yield Progress(show, quiet)
+    try:
+        yield Progress(show, quiet, bar.start)
+    finally:
+        bar.stop()
 
 
 class _Lines:

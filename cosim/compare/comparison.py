@@ -70,12 +70,14 @@ def compare(
         )
         for case in cases(chosen, seeds)
     ]
-    found: dict[Case, Outcome] = {}
+    tables, found, told = Tables(), dict[Case, Outcome](), 0
     for task, result in spread(run_case, tasks, jobs):
         found[task.case] = result or lost(task.case, "its process died: a component crashed")
+        while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
+            outcome = found[tasks[told].case]
+            tables.add(outcome.case, outcome.tables)
+            found[outcome.case] = outcome.without_tables()
+            told += 1
         progress(len(found), len(tasks))
-    tables = Tables()
-    for task in tasks:  # in this order whichever was done first
-        tables.add(task.case, found[task.case].tables)
-    outcomes = tuple(found[task.case].without_tables() for task in tasks)
+    outcomes = tuple(found[task.case] for task in tasks)
     return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)

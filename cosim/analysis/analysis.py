@@ -89,8 +89,9 @@ def analyse(
     """
     port, known, remarks = subject.port, subject.system, list(subject.remarks)
     recorded = read(subject.signals, port)
-    net = network(known, port.arm) if known is not None else None
-    arm = known.arms.get(port.arm) if known is not None else None
+    net, arm = None, None
+    if known is not None and known.is_position(port.response):
+        net, arm = network(known, port.arm), known.arms.get(port.arm)
     if known is not None:
         remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
     swept: list[Swept] = []

@@ -51,7 +51,9 @@ class Bench:
 
     @property
     def network(self) -> Network | None:
-        """The robots under dynamic feedback that the arm belongs to, if it does."""
+        """The robots under dynamic feedback around the arm, if it is a position that responds."""
+        if not self.system.is_position(self.port.response):
+            return None
         return network(self.system, self.port.arm)
 
     @property
@@ -222,7 +224,7 @@ def stiffest(settles: Callable[[float], bool], most: float, least: float = 1.0) 
 
 def rest_position(system: System, port: Port, found: Mapping[str, Array]) -> Vector:
     """Where the bench puts the arms: where the port's arm ends, or where it starts."""
-    response = found.get(port.response)
+    response = found.get(port.response) if system.is_position(port.response) else None
     if response is not None and len(response) and np.isfinite(response[-1]).all():
         return tuple(float(x) for x in response[-1])
     arm = system.arms.get(port.arm)

@@ -38,8 +38,9 @@ class Port:
 
     @property
     def collocated(self) -> bool:
-        """Whether force goes in where the response is measured: only then has it power."""
-        return self.inject.split(".")[0] == self.response.split(".")[0]
+        """Whether force goes in where a position is measured: only then has it power."""
+        same = self.inject.split(".")[0] == self.response.split(".")[0]
+        return same and self.response != self.rate
 
     def signals(self) -> tuple[str, ...]:
         """Names of what is recorded of it."""

@@ -80,6 +80,10 @@ class System:
         """The arm that a component controls."""
         return next((arm for arm, name in self.controls.items() if name == controller), None)
 
+    def is_position(self, signal: str) -> bool:
+        """Whether a signal is the position of an arm, which closed forms are about."""
+        return any(signal == f"{name}.{arm.position}" for name, arm in self.arms.items())
+
     def period(self, name: str) -> float:
         """How often a component steps, s."""
         return self.plan.component(name).period * self.plan.h

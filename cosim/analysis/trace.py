@@ -160,6 +160,7 @@ def changed(plan: Plan, change: Change) -> Plan:
         [x for x in plan.links if not _hits(x.target, taken)],
         plan.algorithm,
         [*(p for p in plan.players if not _hits(p.target, taken)), *players],
+        plan.later if plan.algorithm == "gauss-seidel" else (),
     )
 
 

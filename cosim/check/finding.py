@@ -31,9 +31,8 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """On one line: severity, place, reason and advice."""
-        advice = f"; {self.advice}" if self.advice else ""
-        return f"{self.severity}: {self.where}: {self.reason}{advice} [{self.rule}]"
+        """On one line: severity, place, reason; without the advice."""
+        return f"{self.severity}: {self.where}: {self.reason} [{self.rule}]"
 
     def as_data(self) -> dict[str, Any]:
         """For JSON; a number that is infinite is a text, one that is missing null."""

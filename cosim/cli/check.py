@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from cosim.scenario import Scenario
 
 
+#: What lines of a check begin with while something else is done.
+MARK = "check: "
+
+
 def check(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     set_: Annotated[
@@ -56,7 +60,7 @@ def paragraph(finding: Finding) -> list[str]:
 
 
 def warn(scenario: Scenario, plan: Plan) -> None:
-    """What ``cosim run`` prints of it: errors and warnings, a line each, on standard error.
+    """What ``cosim run`` says of it: errors and warnings, a line each, on standard error.
 
     A check that fails is a line as well: it never stands in the way of a run.
     """
@@ -65,9 +69,9 @@ def warn(scenario: Scenario, plan: Plan) -> None:
     try:
         lines = [f.line for f in findings(scenario, plan, notes=False)]
     except Exception as error:  # whatever a check comes across, the run goes on
-        lines = [f"note: the check before the run failed: {type(error).__name__}: {error}"]
+        lines = [f"failed: {type(error).__name__}: {error}"]
     for line in lines:
-        typer.echo(line, err=True)
+        typer.echo(f"{MARK}{line}", err=True)
 
 
 def _write(path: Path, scenario: Scenario, found: tuple[Finding, ...]) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cosim.cli import main
+from cosim.cli.check import MARK
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "teleoperation.toml"
@@ -24,6 +25,14 @@ class Done:
     code: int
     out: str
     err: str
+    checked: tuple[str, ...] = ()  # lines of the check before a run, which are not in `err`
+
+    @staticmethod
+    def of(code: int, out: str, err: str) -> Done:
+        """A command that ended with `code`, and what it said."""
+        lines = err.splitlines(keepends=True)
+        checked = tuple(x.strip() for x in lines if x.startswith(MARK))
+        return Done(code, out, "".join(x for x in lines if not x.startswith(MARK)), checked)
 
 
 @dataclass(frozen=True)
@@ -43,7 +52,7 @@ class Command:
         except SystemExit as end:
             code = end.code
         assert code is None or isinstance(code, int)
-        return Done(code or 0, *self.capture.readouterr())
+        return Done.of(code or 0, *self.capture.readouterr())
 
     def refused(self, *arguments: str | Path, code: int = 2) -> str:
         """The one sentence of a command that fails."""
@@ -70,4 +79,4 @@ def finished(*arguments: str | Path, cwd: Path) -> Done:
     """The same, waited for."""
     process = started(*arguments, cwd=cwd)
     out, err = process.communicate(timeout=120)
-    return Done(process.returncode, out, err)
+    return Done.of(process.returncode, out, err)

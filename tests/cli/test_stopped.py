@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim.record import Run
-from tests.cli.command import CONFIG, Command, started
+from tests.cli.command import CONFIG, Command, Done, started
 
 HALF = """
 [run]
@@ -170,7 +170,7 @@ def interrupted(process: subprocess.Popen[str], folder: Path) -> tuple[str, Run]
     finally:
         process.kill()
     assert process.returncode == 130
-    return said, Run.open(folder)
+    return Done.of(130, "", said).err, Run.open(folder)
 
 
 @pytest.mark.parametrize("parts", ["FMUs", "call-backs"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes as c
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from cosim.failures import not_finite, sentence, starting
 from cosim.fmi import FmuComponent
 from cosim.fmi.layout import Layout, bind
 from cosim.fmi.refusals import refusal, wrong_value
-from cosim.fmi.remote import RemoteInstance
+from cosim.fmi.remote import RemoteInstance, RemoteStep
 from cosim.interrupts import deferred
 from cosim.native import Result
 from cosim.plan import Link, Plan, Slot, Step, Wire
@@ -117,22 +118,11 @@ class Engine:
 
     def _bind(self) -> None:
         plan, state = self.plan, self._state
-        operations = (native.Operation * len(plan.operations))(
-            *(
-                native.Operation(
-                    o.code,
-                    o.index,
-                    o.period,
-                    o.first,
-                    o.source,
-                    o.target,
-                    o.count,
-                    o.gain,
-                    o.offset,
-                )
-                for o in plan.operations
+        operations = (native.Operation * len(plan.operations))()
+        for i, o in enumerate(plan.operations):
+            operations[i] = native.Operation(
+                o.code, o.index, o.period, o.first, o.source, o.target, o.count, o.gain, o.offset
             )
-        )
         units = (native.Unit * len(plan.components))()
         for i, step in enumerate(plan.components):
             with starting(step.name):
@@ -170,29 +160,20 @@ class Engine:
     def _remote_call_back(
         self, step: Step, layout: Layout, remote: RemoteInstance
     ) -> Callable[[int, float, float], int]:
-        """Inputs over, step there, outputs back; its signals are numbered there from its inputs."""
-        n, m = layout.input_count, layout.output_count
-        fed = self.signals[layout.input : layout.input + n]
-        given = self.signals[layout.output : layout.output + m]
-        shared = remote.signals()
         assert isinstance(step.component, FmuComponent)
-        here = (layout.h, layout.lag, layout.period)
-        remote.bind(step.component.layout(*here, 0, n))
+        there = step.component.layout(layout.h, layout.lag, layout.period, 0, layout.input_count)
+        stepped = RemoteStep(remote, layout, there, self.signals)
         remote.stopping = lambda: bool(self._state.stop)
 
         def call(_: int, t: float, h: float) -> int:
             try:
-                shared[:n] = fed
-                hit = (self._state.tick - layout.lag) // layout.period
-                result, status, place = remote.step(t, hit)
-                given[:] = shared[n : n + m]
+                result, status, place = stepped(t, self.tick)
+                if result is not Result.OK:
+                    raise RunError(self._refusal(result, status, step, place))
             except BaseException as error:
                 self._failure = error
                 return 1
-            if result != Result.OK:
-                at = layout.input + place if place < n else layout.output + place - n
-                self._failure = RunError(self._refusal(Result(result), status, step, at))
-            return int(result != Result.OK)
+            return 0
 
         return call
 
@@ -314,6 +295,11 @@ class Engine:
             for step in self.plan.components
             if isinstance(step.component, FmuComponent) and (text := step.component.log_text())
         }
+
+    def save_logs(self, folder: Path) -> None:
+        """Write what FMUs whose logging is on have said so far into ``folder/NAME.fmu.log``."""
+        for name, text in self.logs().items():
+            (folder / f"{name}.fmu.log").write_text(text, encoding="utf-8")
 
     def close(self) -> None:
         """Free the FMUs; may be called twice."""

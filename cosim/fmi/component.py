@@ -19,7 +19,16 @@ from cosim.fmi.library import Instance, Setup, instantiate
 from cosim.fmi.options import Options
 from cosim.fmi.ports import REAL, Group, groups
 from cosim.fmi.remote import RemoteInstance
-from cosim.fmi.values import check_range, has_text, parameter, port, settable, texts_for
+from cosim.fmi.values import (
+    check_range,
+    has_text,
+    item_numbers,
+    parameter,
+    port,
+    settable,
+    sizes_among,
+    texts_for,
+)
 from cosim.fmi.variables import NUMERIC, TEXTS
 from cosim.units import Unit
 
@@ -49,14 +58,24 @@ class FmuComponent:
         self.options = options or Options()
         self.archive = archives.unpack(path)
         xml = self.archive.folder / "modelDescription.xml"
-        self.description = read(xml, path, self.options.sizes)
+        self.description = read(xml, path)
+        sizes = {
+            **sizes_among(self.description.variables, self.options.given),
+            **self.options.sizes,
+        }
+        if sizes:
+            self.description = read(xml, path, sizes)
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
         self.inputs = tuple(port(g) for g in self._carried("input"))
         self.outputs = tuple(port(g) for g in self._carried("output"))
         self.parameters = tuple(parameter(g) for g in self.groups.values() if settable(g))
-        self._texts = texts_for(self.groups, self.options.texts, name)
+        texts = {k: v for k, v in self.options.given.items() if has_text(self.groups, k)}
+        self._texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
+        self._sizes = [(self.groups[k].first.reference, n) for k, n in sizes.items()]
+        #: Names of `options.given` that are no values of signals or parameters.
+        self.taken = frozenset({*sizes, *texts})
         self._instance: Instance | None = None
         self._initializing = False
         self._private: str | None = None
@@ -87,6 +106,14 @@ class FmuComponent:
     def unit(self, name: str) -> Unit | str:
         """A unit by the FMU's own definition, or its name where it defines none."""
         return self.description.units.get(name, name)
+
+    def number(self, name: str, value: Any) -> Any:
+        """A value a scenario gives, with the names of an enumeration's items as their numbers.
+
+        Raises FmuError for an item there is not.
+        """
+        group = self.groups.get(name)
+        return item_numbers(group, value) if group and group.first.type == "Enumeration" else value
 
     # ---- how it is stepped -------------------------------------------------------------------
 
@@ -124,11 +151,8 @@ class FmuComponent:
 
     @property
     def _returns_early(self) -> bool:
-        flags = self.description.flags
-        return self.description.fmi == "3.0" and bool(
-            flags.get("canReturnEarlyAfterIntermediateUpdate")
-            and flags.get("canHandleVariableCommunicationStepSize")
-        )
+        flags = ("canReturnEarlyAfterIntermediateUpdate", "canHandleVariableCommunicationStepSize")
+        return self.description.fmi == "3.0" and all(map(self.description.flags.get, flags))
 
     def _when(self, group: Group) -> Literal["inputs", "outputs", "discrete", "clocked"]:
         if group.first.causality == "output":
@@ -143,9 +167,9 @@ class FmuComponent:
         """Instantiate and enter Initialization Mode with `values` set; raises FmuError."""
         self.close()
         self._instance = self._instantiate()
-        if self.options.sizes:
-            sized = [(self.groups[k].first.reference, n) for k, n in self.options.sizes.items()]
-            self._instance.configure([r for r, _ in sized], [n for _, n in sized])
+        if self._sizes:
+            references, extents = zip(*self._sizes, strict=True)
+            self._instance.configure(references, extents)
         before = {k: v for k, v in values.items() if self.groups[k].first.causality != "input"}
         for name, value in before.items():
             self._set(self.groups[name], value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 #: How long (s) an FMU in a process of its own may take to answer, where nothing is said.
 PATIENCE = 60.0
@@ -13,6 +14,9 @@ PATIENCE = 60.0
 class Options:
     """`sizes`: structural parameters; `texts`: String and Binary (hexadecimal) start values.
 
+    `given`: parameters and start values as a scenario has them; those that are sizes or texts are
+    taken out of it, see :attr:`cosim.fmi.FmuComponent.taken`.
+
     `log`: switch the FMU's logging on and keep what it says; `isolate`: a process of its own,
     killed when a call takes longer than `timeout` (s), with at most `memory` MB (0: no limit)
     more than at its start; `build`: compile the FMU's sources where it has no binary for here.
@@ -20,6 +24,7 @@ class Options:
 
     sizes: Mapping[str, int] = field(default_factory=dict)
     texts: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
+    given: Mapping[str, Any] = field(default_factory=dict)
     log: bool = False
     isolate: bool = False
     timeout: float = PATIENCE

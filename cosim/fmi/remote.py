@@ -194,6 +194,34 @@ class RemoteInstance:
         self._answers.close()
 
 
+class RemoteStep:
+    """A step there for a signal vector `signals` here.
+
+    `here` and `there`: where its signals are in each; there, its inputs come first.
+    """
+
+    def __init__(
+        self, remote: RemoteInstance, here: Layout, there: Layout, signals: NDArray[np.float64]
+    ) -> None:
+        n, m = here.input_count, here.output_count
+        self._fed = signals[here.input : here.input + n]
+        self._given = signals[here.output : here.output + m]
+        shared = remote.signals()
+        self._inputs, self._outputs = shared[:n], shared[n : n + m]
+        self._remote, self._here = remote, here
+        remote.bind(there)
+
+    def __call__(self, t: float, tick: int) -> tuple[native.Result, int, int]:
+        """Step from `t` (s) in tick `tick`: (result, the FMU's status, signal here at fault)."""
+        here = self._here
+        self._inputs[:] = self._fed
+        result, status, place = self._remote.step(t, (tick - here.lag) // here.period)
+        self._given[:] = self._outputs
+        fed = place < here.input_count
+        at = here.input + place if fed else here.output + place - here.input_count
+        return native.Result(result), status, at
+
+
 def _spawn(descriptor: int, size: int, offset: int) -> subprocess.Popen[bytes]:
     numbers = [str(n) for n in (descriptor, size, offset)]
     return subprocess.Popen(

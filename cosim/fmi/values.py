@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 from cosim.component import Parameter, Port
 from cosim.errors import FmuError
 from cosim.fmi.ports import Group
-from cosim.fmi.variables import NUMERIC, TEXTS, number
+from cosim.fmi.variables import NUMERIC, TEXTS, Variable, number
 
 _KINDS: Mapping[str, Literal["real", "integer", "boolean"]] = {
     "Real": "real", "Float64": "real", "Float32": "real", "Boolean": "boolean",
@@ -78,6 +78,28 @@ def item(group: Group, name: str) -> int:
         there = ", ".join(items) or "none are defined"
         raise FmuError(f"{group.name} has no item {name!r}; expected one of: {there}")
     return items[name]
+
+
+def item_numbers(group: Group, value: Any) -> Any:
+    """A value, or nested lists of them, with names of items replaced by their numbers.
+
+    Raises FmuError naming the items there are.
+    """
+    if isinstance(value, list | tuple):
+        return [item_numbers(group, v) for v in value]
+    return item(group, value) if isinstance(value, str) else value
+
+
+def sizes_among(variables: Iterable[Variable], given: Mapping[str, Any]) -> dict[str, int]:
+    """Those of the given values that are structural parameters. Raises FmuError for no size."""
+    found = {}
+    for v in variables:
+        if v.causality == "structuralParameter" and v.name in given:
+            value = given[v.name]
+            if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+                raise FmuError(f"{v.name} is a size; expected a whole number, found {value!r}")
+            found[v.name] = value
+    return found
 
 
 def has_text(groups: Mapping[str, Group], name: str) -> bool:

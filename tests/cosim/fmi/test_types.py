@@ -216,3 +216,28 @@ def test_several_instances_of_one_fmu(passing: Path) -> None:
         assert column(plan, rows, "y_Int32")[1:].tolist() == [i, 10 + i]
     for engine in engines:
         engine.close()
+
+
+def test_what_a_scenario_gives_is_sorted_into_sizes_texts_and_numbers(passing: Path) -> None:
+    given = {"n": 3, "label": "left", "mode": "fast", "factor": 2.0}
+    component = FmuComponent(passing, "x", None, Options(given=given))
+    assert component.taken == {"n", "label"}
+    assert {p.name: p.shape for p in component.inputs}["A"] == (3, 3)
+    assert component.number("mode", "fast") == 2
+    assert component.number("mode", ["slow", 2]) == [1, 2]
+    assert component.number("factor", "2 rad") == "2 rad"
+    with pytest.raises(FmuError, match="mode has no item 'faster'; expected one of: slow, fast"):
+        component.number("mode", "faster")
+    with pytest.raises(FmuError, match="n is a size; expected a whole number, found 'three'"):
+        FmuComponent(passing, "x", None, Options(given={"n": "three"}))
+    _, engine = run(plan_of(passing, 1, options=Options(given=given)))
+    with engine:
+        assert engine.texts()["x.said"] == ["left"]
+
+
+def test_logs_are_written_next_to_a_run(tmp_path: Path) -> None:
+    path = export(nasty2(), tmp_path / "x.fmu")
+    _, engine = run(plan_of(path, 1, options=Options(log=True)))
+    with engine:
+        engine.save_logs(tmp_path)
+    assert (tmp_path / "x.fmu.log").read_text() == "[ok] logAll: x is made\n"

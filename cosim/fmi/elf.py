@@ -25,4 +25,5 @@ def missing_bytes(path: Path) -> int:
     if len(data) < entry * n or entry < _SEGMENT.size:
         return entry * n - len(data) or 1
     segments = (_SEGMENT.unpack_from(data, i * entry) for i in range(n))
-    return max(0, *(at + length - size for kind, at, length in segments if kind == _LOADED), 0)
+    ends: list[int] = [at + length for kind, at, length in segments if kind == _LOADED]
+    return max(0, *ends, size) - size

@@ -1,0 +1,58 @@
+"""Links as small FMUs: what ``cosim export --links fmu`` puts between sender and receiver.
+
+The rows of a link's table go into the FMU. A master in which everybody sees the last step (Jacobi)
+then hands the receiver in step k the sample that the link holds at tick k.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+from cosim.errors import ScenarioError
+from cosim.plan import Link, Plan
+from cosim.scenario import Scenario
+
+#: The module that makes them; models are named, not imported (see docs/design.md, section 3).
+_MODEL = "fmus.models.delay"
+
+
+def build_delays(scenario: Scenario, plan: Plan, folder: Path) -> dict[str, Path]:
+    """An FMU for each link of a plan, by the link's name, built into `folder`.
+
+    Raises ScenarioError for a link that such an FMU cannot be: one between components with a period
+    of their own, and one without a delay of at least one step.
+    """
+    make = importlib.import_module(_MODEL).build_link
+    found = {}
+    for i, link in enumerate(plan.links):
+        _check(scenario, plan, link)
+        rows = link.table.stream(plan.ticks).rows(plan.ticks)
+        found[link.name] = make(
+            identifier=f"delay_{i + 1}",
+            rows=rows.tolist(),
+            history=link.table.history,
+            width=link.target.size,
+            unit=link.target.unit,
+            step=plan.h,
+            initial=link.initial,
+            folder=folder,
+        )
+    return found
+
+
+def _check(scenario: Scenario, plan: Plan, link: Link) -> None:
+    for name in (link.source.component, link.target.component):
+        if plan.component(name).period != 1:
+            raise ScenarioError(
+                f"{name} steps every {plan.component(name).period} ticks; other tools step every "
+                "FMU in every step, so a delay FMU needs components that step in every tick "
+                "(leave out the period, or set run.step to it)",
+                scenario.place("links", link.name),
+            )
+    if link.table.minimum_delay_ticks < 1:
+        raise ScenarioError(
+            "may hold what was sent in the same tick; expected a delay of at least one step "
+            f"({plan.h:g} s)",
+            scenario.place("links", link.name),
+        )

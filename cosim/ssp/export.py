@@ -1,0 +1,282 @@
+"""A scenario as SSP 1.0: FMUs, connections and start values, for tools that know no links.
+
+Every FMU goes into ``resources/``, every scalar is a connector, values stand in parameter sets
+inside the components. What SSP has no words for is an annotation (:mod:`cosim.ssp.annotation`), so
+that reading the file again gives the same run.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from cosim.errors import ScenarioError
+from cosim.fmi import FmuComponent
+from cosim.fmi.ports import Group
+from cosim.plan import Link, Plan, Slot, Step, Wire
+from cosim.scenario import Scenario, as_data
+from cosim.ssp import annotation
+from cosim.ssp.archive import ROOT, pack
+
+Links = Literal["annotation", "fmu"]
+
+_NAMES = "http://ssp-standard.org/SSP1/"
+SSC, SSD, SSV = (
+    f"{_NAMES}{name}"
+    for name in (
+        "SystemStructureCommon",
+        "SystemStructureDescription",
+        "SystemStructureParameterValues",
+    )
+)
+_TYPES = {"Real": "Real", "Float64": "Real", "Float32": "Real", "Boolean": "Boolean"}
+
+
+def write(scenario: Scenario, plan: Plan, out: Path, links: Links = "annotation") -> list[str]:
+    """Write the SSP of a scenario and its plan; returns what other tools will not see.
+
+    `links`: "annotation" connects the ends of a link directly, "fmu" through a small FMU that
+    delays as the link does, tick by tick. Raises ScenarioError for what cannot be exported.
+    """
+    packer = _Packer(scenario, plan)
+    with tempfile.TemporaryDirectory(prefix="ssp-") as scratch:
+        if links == "fmu":
+            from cosim.ssp.delays import build_delays
+
+            packer.delay(build_delays(scenario, plan, Path(scratch)))
+        content = packer.content()
+    pack(content, out)
+    return _unseen(plan, links)
+
+
+def _unseen(plan: Plan, links: Links) -> list[str]:
+    """Sentences about what only this project's runner does with the file."""
+    notes = []
+    slow = [c.name for c in plan.components if c.period != 1]
+    if slow:
+        notes.append(f"other tools step {', '.join(slow)} in every step, not at their own period")
+    if plan.links and links == "annotation":
+        notes.append("other tools see links as connections without delay (--links fmu: with)")
+    if any(x.age is not None for x in plan.links):
+        notes.append("ages of links are not fed by other tools")
+    if plan.players:
+        notes.append("weights of a topology keep their start value in other tools")
+    return notes
+
+
+class _Packer:
+    """Collects what goes into the archive."""
+
+    def __init__(self, scenario: Scenario, plan: Plan) -> None:
+        self._scenario, self._plan = scenario, plan
+        self._fmus = {c.name: _fmu(c, scenario) for c in plan.components}
+        self._files: dict[str, bytes] = {}
+        self._delays: dict[str, Path] = {}  # by the link's name
+
+    def delay(self, fmus: Mapping[str, Path]) -> None:
+        """Put FMUs, by link, where the links are."""
+        self._delays = {self._name(link): path for link, path in fmus.items()}
+        self._by_link = dict(zip(fmus, self._delays, strict=True))
+        for path in fmus.values():
+            self._files[f"resources/{path.name}"] = path.read_bytes()
+
+    def _name(self, link: str) -> str:
+        names = [x.name for x in self._plan.links]
+        name = f"delay_{names.index(link) + 1}"
+        while name in self._fmus:
+            name += "_"
+        return name
+
+    def content(self) -> dict[str, bytes]:
+        """Everything by its name in the archive."""
+        root = _root(self._scenario.name)
+        system = SubElement(root, f"{{{SSD}}}System", name="system")
+        elements = SubElement(system, f"{{{SSD}}}Elements")
+        for step in self._plan.components:
+            elements.append(self._component(step))
+        connections = SubElement(system, f"{{{SSD}}}Connections")
+        for wire in self._plan.wires:
+            connections.extend(_connections(wire, wire.source, wire.target))
+        for link in self._plan.links:
+            self._link(link, elements, connections)
+        if not len(connections):
+            system.remove(connections)
+        stop = repr(self._plan.ticks * self._plan.h)
+        SubElement(root, f"{{{SSD}}}DefaultExperiment", startTime="0.0", stopTime=stop)
+        notes = SubElement(root, f"{{{SSD}}}Annotations")
+        annotation.write(notes, self._annotated(), SSC)
+        return {ROOT: _text(root), **self._files}
+
+    def _component(self, step: Step) -> Element:
+        fmu = self._fmus[step.name]
+        name = f"resources/{self._resource(fmu)}"
+        element = _element(step.name, name)
+        connectors = SubElement(element, f"{{{SSD}}}Connectors")
+        for group in _carried(fmu):
+            for scalar in _scalars(group):
+                kind = group.first.causality
+                connector = SubElement(connectors, f"{{{SSD}}}Connector", name=scalar, kind=kind)
+                SubElement(connector, f"{{{SSC}}}{_type(group)}")
+        _parameters(element, step, fmu)
+        return element
+
+    def _resource(self, fmu: FmuComponent) -> str:
+        """The file name of an FMU in the archive: its own, unless another has that."""
+        data = fmu.archive.path.read_bytes()
+        name, n = fmu.archive.path.name, 1
+        while self._files.setdefault(f"resources/{name}", data) != data:
+            n += 1
+            name = f"{fmu.archive.path.stem}_{n}.fmu"
+        return name
+
+    def _link(self, link: Link, elements: Element, connections: Element) -> None:
+        path = self._delays.get(self._by_link[link.name]) if self._delays else None
+        if path is None:
+            connections.extend(_connections(link, link.source, link.target))
+            return
+        name, size = self._by_link[link.name], link.target.size
+        element = _element(name, f"resources/{path.name}")
+        elements.append(element)
+        connectors = SubElement(element, f"{{{SSD}}}Connectors")
+        for kind, port in (("input", "u"), ("output", "y")):
+            for i in range(size):
+                at = f"{port}[{i}]"
+                connector = SubElement(connectors, f"{{{SSD}}}Connector", name=at, kind=kind)
+                SubElement(connector, f"{{{SSC}}}Real")
+        before = Slot(f"{name}.u", name, "u", 0, (size,), link.target.unit)
+        after = Slot(f"{name}.y", name, "y", 0, (size,), link.target.unit)
+        connections.extend(_connections(link, link.source, before))
+        connections.extend(_connections(Wire(after, link.target), after, link.target))
+
+    def _annotated(self) -> dict[str, Any]:
+        """The scenario's data without what the SSD tells; the files it names are packed."""
+        data = as_data(self._scenario)
+        said = {k: v for k, v in data.items() if k not in ("path", "components")}
+        said["components"] = {
+            name: {k: v for k, v in table.items() if k not in annotation.TOLD and v is not None}
+            for name, table in data["components"].items()
+        }
+        said["delays"] = sorted(self._delays)
+        for link in said["links"]:
+            if "file" in link["delay"]:
+                link["delay"]["file"] = self._pack(link["delay"]["file"])
+        topology = said.get("topology")
+        if topology and not isinstance(topology["graphs"], str):
+            topology["graphs"] = [self._pack(graph) for graph in topology["graphs"]]
+        return said
+
+    def _pack(self, name: str) -> str:
+        path = self._scenario.path.parent / name
+        if not path.is_file():
+            return name
+        packed = f"resources/links/{path.name}"
+        if self._files.setdefault(packed, path.read_bytes()) != path.read_bytes():
+            raise ScenarioError(f"two different files are called {path.name!r}", str(path))
+        return packed
+
+
+def _fmu(step: Step, scenario: Scenario) -> FmuComponent:
+    """The FMU of a component. Raises ScenarioError for one that SSP 1.0 cannot hold."""
+    place = scenario.place("components", step.name, "model")
+    if not isinstance(step.component, FmuComponent):
+        model = scenario.components[step.name].model
+        raise ScenarioError(
+            f"{model} is a Python component, and an SSP holds FMUs; `fmus build {model}` makes one "
+            "of it that needs Python where it runs",
+            place,
+        )
+    for group in _carried(step.component):
+        if group.first.shape:
+            raise ScenarioError(
+                f"{group.name} is an array of FMI 3.0, which SSP 1.0 has no connectors for; "
+                'expected fmi = "2.0"',
+                place,
+            )
+    return step.component
+
+
+def _carried(fmu: FmuComponent) -> list[Group]:
+    ports = [p.name for p in (*fmu.inputs, *fmu.outputs)]
+    return [fmu.groups[name] for name in ports]
+
+
+def _scalars(group: Group) -> list[str]:
+    return [v.name for v in group.variables]
+
+
+def _type(group: Group) -> str:
+    return _TYPES.get(group.first.type, "Integer")
+
+
+def _parameters(element: Element, step: Step, fmu: FmuComponent) -> None:
+    """Values and start values as a parameter set inside the component."""
+    given = {**step.values, **step.start}
+    if not given:
+        return
+    bindings = SubElement(element, f"{{{SSD}}}ParameterBindings")
+    binding = SubElement(bindings, f"{{{SSD}}}ParameterBinding")
+    inner = SubElement(binding, f"{{{SSD}}}ParameterValues")
+    values = SubElement(inner, f"{{{SSV}}}ParameterSet", version="1.0", name=step.name)
+    parameters = SubElement(values, f"{{{SSV}}}Parameters")
+    for name, numbers in sorted(given.items()):
+        group = fmu.groups[name]
+        if group.first.shape:
+            text = " ".join(_literal(_type(group), x) for x in numbers)
+            entries = [(name, text)]
+        else:
+            texts = [_literal(_type(group), x) for x in numbers]
+            entries = list(zip(_scalars(group), texts, strict=True))
+        for scalar, text in entries:
+            parameter = SubElement(parameters, f"{{{SSV}}}Parameter", name=scalar)
+            SubElement(parameter, f"{{{SSV}}}{_type(group)}", value=text)
+
+
+def _literal(kind: str, value: float) -> str:
+    if kind == "Real":
+        return repr(float(value))
+    return str(int(value)) if kind == "Integer" else ("true" if value else "false")
+
+
+def _connections(edge: Wire | Link, source: Slot, target: Slot) -> Iterator[Element]:
+    """One connection for each scalar; gain and offset, units converted, as a transformation."""
+    converts = source.unit != target.unit
+    for start, end in zip(source.scalars(), target.scalars(), strict=True):
+        (a, output), (b, name) = start.split(".", 1), end.split(".", 1)
+        connection = Element(
+            f"{{{SSD}}}Connection",
+            startElement=a, startConnector=output, endElement=b, endConnector=name,
+        )  # fmt: skip
+        if converts or (edge.gain, edge.offset) != (1.0, 0.0):
+            if converts:
+                connection.set("suppressUnitConversion", "true")
+            SubElement(
+                connection,
+                f"{{{SSC}}}LinearTransformation",
+                factor=repr(edge.gain),
+                offset=repr(edge.offset),
+            )
+        yield connection
+
+
+# ---- the file -------------------------------------------------------------------------------
+
+
+def _root(name: str) -> Element:
+    for prefix, uri in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("cosim", annotation.NAMESPACE)):
+        ElementTree.register_namespace(prefix, uri)
+    return Element(f"{{{SSD}}}SystemStructureDescription", version="1.0", name=name)
+
+
+def _element(name: str, source: str) -> Element:
+    kind = "application/x-fmu-sharedlibrary"
+    return Element(f"{{{SSD}}}Component", name=name, type=kind, source=source)
+
+
+def _text(root: Element) -> bytes:
+    ElementTree.indent(root)
+    text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text

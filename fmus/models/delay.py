@@ -1,0 +1,104 @@
+"""A link as a component of a system: what other masters need to see its latency.
+
+The samples u_k of each step are kept, and the table of the link says which of them is there::
+
+    y_(k+1) = u_(held_(k+1))        held_(k+1) >= 0
+    y_(k+1) = y_0                   held_(k+1) = -1: nothing has arrived yet
+
+y_0 = u_0 is what the sender gives at the start, unless the link has values of its own for that.
+A constant delay of d steps is held_k = k - d and has no end; any other table is compiled in, and
+after its last row the age of what is held stays.
+
+Continuous: the input is that of t_k, the output that of t_k + h, which a master that shows
+everybody the last step (Jacobi) hands on at t_(k+1): as late as the link is, and not a step later.
+The delay is counted in steps, so the step must be the one it was made for.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from cosim.component import Kind
+from fmus.build import Version, build
+from fmus.model import Model, Variable
+
+_KIND: Kind = "continuous"
+
+
+def model(identifier: str, width: int, history: int, unit: str, step: float, table: Path) -> Model:
+    """Declare a delay of `width` scalars that keeps `history` samples.
+
+    `table`: the generated header ``delay_table.h``; `step`: what the delay is counted in, s.
+    """
+    entries = width * history
+    return Model(
+        identifier=identifier,
+        description=f"Latency of a link, in steps of {step:g} s",
+        kind=_KIND,
+        variables=(
+            Variable("u", "input", (width,), unit, description="What is sent"),
+            Variable(
+                "y", "output", (width,), unit, description="What is held", start_depends=("u",)
+            ),
+            Variable("before", "local", (width,), unit, description="Held before any arrived"),
+            Variable("sent", "local", (entries,), unit, description="The last samples sent"),
+            Variable("k", "local", (), "1", description="Steps taken"),
+        ),
+        sources=("delay.c", str(table)),
+        step=step,
+        documentation=__doc__ or "",
+    )
+
+
+def build_link(
+    *,
+    identifier: str,
+    rows: Sequence[int],
+    history: int,
+    width: int,
+    unit: str,
+    step: float,
+    initial: Sequence[float] | None,
+    folder: Path,
+    version: Version = "2.0",
+) -> Path:
+    """Build the FMU of a table of sent samples, one row a step (-1: none yet), into `folder`.
+
+    `initial`: what is held before anything has arrived; None: the input at the start. Raises as
+    :func:`fmus.build.build` does.
+    """
+    with tempfile.TemporaryDirectory(prefix="delay-") as scratch:
+        table = Path(scratch) / "delay_table.h"
+        capacity = _capacity(rows, history)
+        table.write_text(_header(rows, capacity, width, initial), encoding="utf-8")
+        return build(model(identifier, width, capacity, unit, step, table), version, folder)
+
+
+def constant(rows: Sequence[int]) -> int | None:
+    """Steps d where the table is that of a constant delay of d steps: held_k = max(k - d, -1)."""
+    last = len(rows) - 1
+    d = last - rows[last] if rows[last] >= 0 else 0
+    return d if d > 0 and all(row == max(k - d, -1) for k, row in enumerate(rows)) else None
+
+
+def _capacity(rows: Sequence[int], history: int) -> int:
+    """Samples to keep: as many as any row looks back, and the newest."""
+    ages = [k - row for k, row in enumerate(rows) if row >= 0]
+    return max(1, history, *ages)
+
+
+def _header(rows: Sequence[int], capacity: int, width: int, initial: Sequence[float] | None) -> str:
+    d = constant(rows)
+    lines = [
+        "/* delay_table.h - generated: which sample is held after each step. */",
+        f"enum {{ WIDTH = {width}, CAPACITY = {capacity}, DELAY = {d or 0}, "
+        f"HAS_INITIAL = {int(initial is not None)}, ROWS = {0 if d else len(rows)} }};",
+        f"static const double initial[WIDTH] = {{{', '.join(map(repr, initial or [0.0]))}}};",
+    ]
+    table = [0] if d else list(rows)
+    lines.append(f"static const int held[{len(table)}] = {{")
+    for i in range(0, len(table), 16):
+        lines.append("    " + ", ".join(map(str, table[i : i + 16])) + ",")
+    return "\n".join([*lines, "};", ""])

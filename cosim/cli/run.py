@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from cosim.scenario import Scenario
 
 
 def run(
@@ -25,6 +28,15 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Also write trajectories.csv.")] = False,
     plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    estimate_error: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-error", help="After the run, estimate the local error of its steps."
+        ),
+    ] = False,
+    tolerance: Annotated[
+        float, typer.Option(help="Relative local error the advised step is to keep.")
+    ] = 1e-4,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
@@ -62,9 +74,22 @@ def run(
         say(line)
     if csv:
         result.to_csv(folder / "trajectories.csv")
+    for line in _errors(loaded, tolerance, folder) if estimate_error else ():
+        say(line)
     for path in figures(loaded, result, folder) if plot else ():
         say(f"{'figure':<16} {path}")
     say(f"{'run folder':<16} {folder}")
+
+
+def _errors(scenario: Scenario, tolerance: float, folder: Path) -> list[str]:
+    """Two more runs of the scenario, which estimate errors and record nothing."""
+    from cosim.assemble import assemble
+    from cosim.cli.estimate import lines, write
+    from cosim.estimate import estimate
+
+    found = estimate(lambda: assemble(scenario), tolerance=tolerance)
+    write(found, folder)
+    return lines(found)
 
 
 def _fresh(folder: Path) -> Path:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cosim import native
 from cosim.component import Kind, Outputs, Values
-from cosim.errors import FmuError
+from cosim.errors import FmuError, UnitError
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import read
@@ -30,7 +30,7 @@ from cosim.fmi.values import (
     texts_for,
 )
 from cosim.fmi.variables import NUMERIC, TEXTS
-from cosim.units import Unit
+from cosim.units import Unit, parse
 
 if TYPE_CHECKING:
     import numpy as np
@@ -104,8 +104,12 @@ class FmuComponent:
         return tuple(r for g in self._carried(causality) for r in g.references)
 
     def unit(self, name: str) -> Unit | str:
-        """A unit by the FMU's own definition, or its name where it defines none."""
-        return self.description.units.get(name, name)
+        """A unit by the FMU's own definition, or its name where that says the same, or all."""
+        defined = self.description.units.get(name)
+        try:
+            return name if defined is None or parse(name) == defined else defined
+        except UnitError:
+            return name if defined is None else defined
 
     def number(self, name: str, value: Any) -> Any:
         """A value a scenario gives, with the names of an enumeration's items as their numbers.

@@ -109,7 +109,7 @@ def _whole(described: Any, three: bool, h: float, variables: list[Any]) -> Any:
 
 
 def renault(wired: Sequence[Unit], h: float, target: Path) -> None:
-    """fmucontainer's container of `wired` with internal step `h` (s), one thread."""
+    """The container that fmucontainer makes of `wired` with internal step `h` (s), one thread."""
     toolbox = imported("fmu_manipulation_toolbox.container")
     with tempfile.TemporaryDirectory(prefix="container-") as name:
         for unit in wired:

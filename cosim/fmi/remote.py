@@ -87,14 +87,16 @@ class RemoteInstance:
     def _exchange(self, message: bytes, what: str) -> bytes:
         try:
             self._ask.send_bytes(message)
-            patience, waited = self._timeout, 0.0
+            patience, waited, stopped = self._timeout, 0.0, False
             while not self._answers.poll(min(_GLANCE, patience - waited)):
                 waited += _GLANCE
-                if self.stopping():
+                stopped = stopped or self.stopping()
+                if stopped:
                     patience = min(patience, waited + _GRACE)
                 if waited >= patience:
                     self._kill()
-                    self._fail(f"{what} took longer than {patience:g} s and was ended")
+                    after = "was stopped" if stopped else f"took longer than {patience:g} s"
+                    self._fail(f"{what} {after} and was ended")
             return self._answers.recv_bytes()
         except (EOFError, OSError):
             self._fail(f"its process ended in {what}: {self._end()}")

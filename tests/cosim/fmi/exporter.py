@@ -16,7 +16,7 @@ from cosim.plan import Plan, Slot, Step, compile_plan
 from fmus.toolchain import compile_shared, shared_suffix
 
 SOURCES = Path(__file__).parent / "c"
-_FOLDER = tempfile.TemporaryDirectory(prefix="exported-")
+FOLDER = tempfile.TemporaryDirectory(prefix="exported-")
 TYPES3 = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",
           "UInt64", "Enumeration", "Boolean")  # fmt: skip
 
@@ -112,7 +112,7 @@ def nasty2(attributes: str = "") -> str:
 @lru_cache
 def library(identifier: str) -> bytes:
     """The compiled C file."""
-    output = Path(_FOLDER.name) / f"{identifier}{shared_suffix()}"
+    output = Path(FOLDER.name) / f"{identifier}{shared_suffix()}"
     return compile_shared([SOURCES / f"{identifier}.c"], output).read_bytes()
 
 

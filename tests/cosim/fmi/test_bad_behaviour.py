@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -176,3 +177,16 @@ def test_the_command_survives_a_crash_and_says_where_the_data_is(nasty: Path) ->
     assert "Traceback" not in done.stderr
     assert "x: doStep returned error (no step from 0.3 on) at tick 3 (t = 0.3 s)" in done.stderr
     assert "RunError" in json.loads((folder / "here" / "run.json").read_text())["error"]
+
+
+def test_a_step_that_hangs_can_be_stopped(nasty: Path) -> None:
+    """What Ctrl-C asks of the engine: the FMU gets a moment more, then the run ends."""
+    plan = plan_of(nasty, 10, values={"how": (float(HANG),), "when": (0.25,)},
+                   options=Options(isolate=True))  # fmt: skip
+    with Engine(plan) as engine:
+        engine.initialize()
+        timer = threading.Timer(0.3, engine.stop)
+        timer.start()
+        with pytest.raises(RunError, match="doStep was stopped and was ended"):
+            engine.run(10)
+        timer.join()

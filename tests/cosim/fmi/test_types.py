@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cosim.errors import CosimError, FmuError, RunError
 from cosim.fmi import FmuComponent, Options
 from cosim.units import conversion
-from tests.cosim.fmi.exporter import TYPES3, column, events3, export, nasty2, passing3, plan_of, run
+from tests.cosim.fmi.exporter import (
+    FOLDER,
+    TYPES3,
+    column,
+    events3,
+    export,
+    nasty2,
+    passing3,
+    plan_of,
+    run,
+)
 
 EXACT = 2.0**53
 VALUES = {
@@ -219,8 +232,8 @@ def test_several_instances_of_one_fmu(passing: Path) -> None:
 
 
 def test_what_a_scenario_gives_is_sorted_into_sizes_texts_and_numbers(passing: Path) -> None:
-    given = {"n": 3, "label": "left", "mode": "fast", "factor": 2.0}
-    component = FmuComponent(passing, "x", None, Options(given=given))
+    values = {"n": 3, "label": "left", "mode": "fast", "factor": 2.0}
+    component = FmuComponent(passing, "x", None, Options(given=values))
     assert component.taken == {"n", "label"}
     assert {p.name: p.shape for p in component.inputs}["A"] == (3, 3)
     assert component.number("mode", "fast") == 2
@@ -230,7 +243,7 @@ def test_what_a_scenario_gives_is_sorted_into_sizes_texts_and_numbers(passing: P
         component.number("mode", "faster")
     with pytest.raises(FmuError, match="n is a size; expected a whole number, found 'three'"):
         FmuComponent(passing, "x", None, Options(given={"n": "three"}))
-    _, engine = run(plan_of(passing, 1, options=Options(given=given)))
+    _, engine = run(plan_of(passing, 1, options=Options(given=values)))
     with engine:
         assert engine.texts()["x.said"] == ["left"]
 
@@ -241,3 +254,25 @@ def test_logs_are_written_next_to_a_run(tmp_path: Path) -> None:
     with engine:
         engine.save_logs(tmp_path)
     assert (tmp_path / "x.fmu.log").read_text() == "[ok] logAll: x is made\n"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.integers(-(2**53), 2**53), min_size=4, max_size=4),
+    st.lists(st.integers(0, 2**32 - 1), min_size=4, max_size=4),
+    st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=4, max_size=4),
+)
+def test_whatever_a_type_holds_passes_exactly(
+    int64: list[int], uint32: list[int], float32: list[float]
+) -> None:
+    plan = plan_of(_any_passing(), 4)
+    feed = {"Int64": int64, "UInt32": uint32, "Float32": float32}
+    rows, engine = run(plan, {f"u_{k}": np.array(v, float) for k, v in feed.items()})
+    with engine:
+        for kind, values in feed.items():
+            assert column(plan, rows, f"y_{kind}")[1:].tolist() == values
+
+
+@cache
+def _any_passing() -> Path:
+    return export(passing3(), Path(FOLDER.name) / "passing3.fmu")

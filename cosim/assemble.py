@@ -58,6 +58,7 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
                 inputs=inputs,
                 outputs=outputs,
                 start=starts,
+                extrapolate=spec.extrapolate == "linear",
             )
         )
     return steps

@@ -18,9 +18,10 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-#define ENGINE_ABI 3
+#define ENGINE_ABI 4
 
-enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY };
+enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
+       OP_AHEAD, OP_BETWEEN };
 enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK };
@@ -29,7 +30,7 @@ enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_
 
 typedef struct {
     int32_t code;
-    int32_t index;          /* of the unit or link */
+    int32_t index;          /* of the unit or link; of what was there last time, in signals */
     int64_t period, next;   /* ticks */
     int64_t source, target; /* into signals */
     int64_t count;
@@ -246,6 +247,21 @@ static int play(player_t *p, double *target)
     return RUN_OK;
 }
 
+/* The mean over a step of the line through this value and the last one, which is `op->period` ticks
+ * older: half a step ahead of this value, or between the two. */
+static void extrapolate(const operation_t *op, double *s)
+{
+    const double half = op->code == OP_AHEAD ? 0.5 : -0.5;
+    const double *source = s + op->source;
+    double *target = s + op->target, *last = s + op->index;
+
+    for (int64_t i = 0; i < op->count; i++) {
+        const double value = op->gain * source[i] + op->offset;
+        target[i] = value + half * (value - last[i]);
+        last[i] = value;
+    }
+}
+
 /* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. */
 API int32_t engine_run(engine_t *e, int64_t ticks)
 {
@@ -268,6 +284,8 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
                 for (int64_t i = 0; i < op->count; i++)
                     s[op->target + i] = op->gain * s[op->source + i] + op->offset;
                 break;
+            case OP_AHEAD:
+            case OP_BETWEEN: extrapolate(op, s); break;
             case OP_PUSH: push(e->links + op->index, op, s + op->source); break;
             case OP_PULL:
                 result = pull(e->links + op->index, s + op->target);

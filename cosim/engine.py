@@ -23,7 +23,7 @@ from cosim.fmi.layout import Layout, bind
 from cosim.fmi.refusals import refusal, wrong_value
 from cosim.fmi.remote import RemoteInstance, RemoteStep
 from cosim.interrupts import deferred
-from cosim.native import Result
+from cosim.native import Code, Result
 from cosim.plan import Link, Plan, Slot, Step, Wire
 
 Vector = NDArray[np.float64]
@@ -138,6 +138,9 @@ class Engine:
         state.signals = self.signals.ctypes.data
         state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
         state.h, state.tick = plan.h, 0
+        for o in plan.operations:  # what there was before the start is what there is at the start
+            if o.code in (Code.AHEAD, Code.BETWEEN):
+                self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
 
     def _unit(self, index: int, step: Step) -> native.Unit:
         late = step.name not in self._sampled

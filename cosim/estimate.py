@@ -135,6 +135,8 @@ def _unable(plan: Plan) -> dict[str, str]:
 
 def _reason(step: Step) -> str:
     component = step.component
+    if step.extrapolate:
+        return "its inputs are extrapolated over a step: in halves it would be given others"
     if isinstance(component, FmuComponent):
         flags, two = component.description.flags, component.description.fmi == "2.0"
         save = "canGetAndSetFMUstate" if two else "canGetAndSetFMUState"

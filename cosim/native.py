@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim.errors import CosimError
 
-ABI = 3
+ABI = 4
 LOG_LINES, LOG_WIDTH = 32, 512
 
 
@@ -26,6 +26,8 @@ class Code(IntEnum):
     RECORD = 5
     AGE = 6
     PLAY = 7
+    AHEAD = 8
+    BETWEEN = 9
 
 
 class UnitKind(IntEnum):

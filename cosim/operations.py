@@ -17,7 +17,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One operation, due at ticks `first`, `first + period`, ...; `index`: of component or link."""
+    """One operation, due at ticks `first`, `first + period`, ...
+
+    `index`: of component or link; of the last values of what is extrapolated, in the signals.
+    """
 
     code: Code
     index: int = 0
@@ -34,24 +37,39 @@ class Operation:
 class Connections:
     """Wires, links and players by the component they end at; links also by where they begin.
 
-    Links and players come with their number in the plan.
+    Links and players come with their number in the plan. `last`: where the signal vector keeps the
+    last value of a wire that is extrapolated, by the wire's target.
     """
 
     sent: Mapping[str, Sequence[tuple[int, Link]]]
     links: Mapping[str, Sequence[tuple[int, Link]]]
     players: Mapping[str, Sequence[tuple[int, Player]]]
     wires: Mapping[str, Sequence[Wire]]
+    last: Mapping[int, int]
 
     @classmethod
     def of(
-        cls, wires: Iterable[Wire], links: Sequence[Link], players: Sequence[Player]
+        cls,
+        wires: Iterable[Wire],
+        links: Sequence[Link],
+        players: Sequence[Player],
+        lines: Iterable[Wire] = (),
+        end: int = 0,
     ) -> Connections:
-        """Sorted by component, once: looking each component's up must not cost all of them."""
+        """Sorted by component, once: looking each component's up must not cost all of them.
+
+        `lines`: the wires that are extrapolated; their last values are kept from `end` on.
+        """
+        last: dict[int, int] = {}
+        for w in lines:
+            last[w.target.start] = end
+            end += w.target.size
         return cls(
             _grouped((x.source.component, (i, x)) for i, x in enumerate(links)),
             _grouped((x.target.component, (i, x)) for i, x in enumerate(links)),
             _grouped((p.target.component, (i, p)) for i, p in enumerate(players)),
             _grouped((w.target.component, w) for w in wires),
+            last,
         )
 
 
@@ -82,7 +100,10 @@ def lay_out(
     operations = [op for c in held for op in _pushes(c, found)]
     for name in order:
         c = steps[index[name]]
-        operations += [*_received(c, found, periods), *_copies(found.wires.get(name, ()), c.period)]
+        operations += [
+            *_received(c, found, periods),
+            *_copies(found, found.wires.get(name, ()), c.period),
+        ]
         operations.append(Operation(Code.STEP, index[name], c.period))
         operations += _pushes(c, found)
     operations.append(Operation(Code.RECORD))
@@ -93,8 +114,8 @@ def lay_out(
         before = [place.get(w.source.component, i) < i for w in wires]
         now = [w for w, b in zip(wires, before, strict=True) if not b]
         last = [w for w, b in zip(wires, before, strict=True) if b]
-        operations += [*_received(c, found, periods), *_copies(now, c.period)]
-        late += _copies(last, c.period, c.period - 1)
+        operations += [*_received(c, found, periods), *_copies(found, now, c.period)]
+        late += _copies(found, last, c.period, c.period - 1)
         late.append(Operation(Code.STEP, index[c.name], c.period, first=c.period - 1))
     return (*operations, *late)
 
@@ -131,16 +152,24 @@ def _received(c: Step, found: Connections, periods: Mapping[str, int]) -> list[O
     return received
 
 
-def _copies(wires: Iterable[Wire], period: int, first: int = 0) -> list[Operation]:
-    """Wires as copies; neighbours that end next to each other become one."""
+def _copies(
+    found: Connections, wires: Iterable[Wire], period: int, first: int | None = None
+) -> list[Operation]:
+    """Wires as copies; neighbours that end next to each other become one.
+
+    `first`: at the end of an interval, whose start was the last time; None: at its start.
+    """
     copies: list[Operation] = []
     for w in wires:
         plain = w.gain == 1.0 and w.offset == 0.0
+        code, last = Code.COPY if plain else Code.SCALE, found.last.get(w.target.start, 0)
+        if last:
+            code = Code.AHEAD if first is None else Code.BETWEEN
         copy = Operation(
-            Code.COPY if plain else Code.SCALE,
-            0,
+            code,
+            last,
             period,
-            first,
+            first or 0,
             source=w.source.start,
             target=w.target.start,
             count=w.target.size,
@@ -159,6 +188,7 @@ def _continues(a: Operation, b: Operation) -> bool:
     return (
         a.code == b.code
         and (a.gain, a.offset) == (b.gain, b.offset)
+        and b.index == (a.index + a.count if a.index else 0)
         and a.source + a.count == b.source
         and a.target + a.count == b.target
     )

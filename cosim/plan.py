@@ -64,6 +64,7 @@ class Step:
     inputs: tuple[Slot, ...]
     outputs: tuple[Slot, ...]
     start: Mapping[str, tuple[float, ...]]  # inputs at the start, where nothing feeds them
+    extrapolate: bool = False  # wires from continuous components, over a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +161,9 @@ def compile_plan(
     """Order the components and lay out the operations of a tick.
 
     `order`: all components, for ``"gauss-seidel"``; where it is not given, wires say it. Raises
-    PlanError with the loop printed when sampled components wait for each other, and for an
-    `order` that is none of all components.
+    PlanError with the loop printed when sampled components wait for each other, for an `order`
+    that is none of all components, and for an extrapolation without a meaning. Behind the slots
+    of the components, the signal vector keeps the last values of what is extrapolated.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
@@ -170,13 +172,15 @@ def compile_plan(
     sampled = {c.name for c in steps if c.kind == "sampled" and algorithm == "sampled"}
     now = _order(sampled, wires_, links_)
     later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
-    connections = Connections.of(wires_, links_, players_)
+    n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
+    lines = _extrapolated({c.name: c for c in steps}, wires_)
+    connections = Connections.of(wires_, links_, players_, lines, n_signals)
     newest = algorithm == "gauss-seidel"
     return Plan(
         h=h,
         ticks=ticks,
         algorithm=algorithm,
-        n_signals=sum(s.size for c in steps for s in (*c.inputs, *c.outputs)),
+        n_signals=n_signals + sum(w.target.size for w in lines),
         components=steps,
         wires=wires_,
         links=links_,
@@ -185,6 +189,31 @@ def compile_plan(
         order=now,
         later=later,
     )
+
+
+def _extrapolated(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Wire, ...]:
+    """Wires whose values are taken as lines over a step: those between continuous components."""
+    found = [w for w in wires if steps[w.target.component].extrapolate]
+    found = [w for w in found if steps[w.source.component].kind == "continuous"]
+    for step in steps.values():
+        place = f'components.{step.name}.extrapolate = "linear"'
+        if step.extrapolate and step.kind == "sampled":
+            raise PlanError(f"{place}: it is sampled; expected a continuous component")
+    for w in found:
+        source, target = steps[w.source.component], steps[w.target.component]
+        if target.period % source.period:
+            raise PlanError(
+                f'components.{target.name}.extrapolate = "linear": it steps every {target.period} '
+                f"ticks and {source.name} every {source.period}; expected a multiple, so that "
+                f"{w.source.name} is new every time"
+            )
+    fed = {w.target.component for w in found}
+    for name in (s.name for s in steps.values() if s.extrapolate and s.name not in fed):
+        raise PlanError(
+            f'components.{name}.extrapolate = "linear": no wire comes from a continuous component; '
+            "what is sampled or comes over a link is held"
+        )
+    return tuple(found)
 
 
 def _later(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -60,6 +61,7 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     options: dict[str, Any] = {}
     kind: Literal["sampled", "continuous"] | None = None
     period: Number | None = None
+    extrapolate: Literal["hold", "linear"] = "hold"
     preset: str | None = None
     parameters: dict[str, Value] = {}
     start: dict[str, Value] = {}
@@ -288,10 +290,7 @@ def numbers(value: Value, shape: tuple[int, ...], unit: str, place: str) -> tupl
     """
     if not isinstance(value, list | tuple):
         if isinstance(value, bool | int | float | str):
-            size = 1
-            for n in shape:
-                size *= n
-            return (number(value, unit, place),) * size
+            return (number(value, unit, place),) * prod(shape)
         raise ScenarioError(f"expected a number, found {value!r}", place)
     if not shape or len(value) != shape[0]:
         expected = f"{list(shape)}" if shape else "a single number"

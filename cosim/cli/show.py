@@ -158,7 +158,10 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
         return f"the sample its link holds at t_k{hold}"
     plain = (edge.gain, edge.offset) == (1.0, 0.0)
     factor = "" if plain else f", x {edge.gain:g} + {edge.offset:g}"
-    return f"{_known(plan, plan.component(edge.source.component), step)}{factor}{hold}"
+    source = plan.component(edge.source.component)
+    if step.extrapolate and source.kind == "continuous":
+        hold = f", as a line through the last two over {step.period * plan.h:g} s"
+    return f"{_known(plan, source, step)}{factor}{hold}"
 
 
 def _known(plan: Plan, source: Step, step: Step) -> str:

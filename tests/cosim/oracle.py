@@ -21,6 +21,8 @@ def execute(plan: Plan) -> np.ndarray:
     before = [signals[_range(link.target)].copy() for link in plan.links]
     played = [p.source.stream().rows(_hits(plan, p)) for p in plan.players]
     now = [-1] * len(plan.links)
+    for op in (o for o in plan.operations if o.code in (Code.AHEAD, Code.BETWEEN)):
+        signals[op.index : op.index + op.count] = signals[op.target : op.target + op.count]
     rows = []
     for tick in range(plan.ticks):
         for op in plan.operations:
@@ -34,6 +36,12 @@ def execute(plan: Plan) -> np.ndarray:
                 signals[target] = signals[source]
             elif op.code == Code.SCALE:
                 signals[target] = op.gain * signals[source] + op.offset
+            elif op.code in (Code.AHEAD, Code.BETWEEN):
+                last = slice(op.index, op.index + op.count)
+                value = op.gain * signals[source] + op.offset
+                half = 0.5 if op.code == Code.AHEAD else -0.5
+                signals[target] = value + half * (value - signals[last])
+                signals[last] = value
             elif op.code == Code.PUSH:
                 plain = (op.gain, op.offset) == (1.0, 0.0)
                 value = signals[source].copy()

@@ -33,6 +33,8 @@ SSC, SSD, SSV = (
         "SystemStructureParameterValues",
     )
 )
+#: What every parameter set is called; Ecos applies the sets of a name.
+VALUES = "initialValues"
 _TYPES = {"Real": "Real", "Float64": "Real", "Float32": "Real", "Boolean": "Boolean"}
 
 
@@ -220,7 +222,7 @@ def _parameters(element: Element, step: Step, fmu: FmuComponent) -> None:
     bindings = SubElement(element, f"{{{SSD}}}ParameterBindings")
     binding = SubElement(bindings, f"{{{SSD}}}ParameterBinding")
     inner = SubElement(binding, f"{{{SSD}}}ParameterValues")
-    values = SubElement(inner, f"{{{SSV}}}ParameterSet", version="1.0", name=step.name)
+    values = SubElement(inner, f"{{{SSV}}}ParameterSet", version="1.0", name=VALUES)
     parameters = SubElement(values, f"{{{SSV}}}Parameters")
     for name, numbers in sorted(given.items()):
         group = fmu.groups[name]

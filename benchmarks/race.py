@@ -86,21 +86,33 @@ def race(
             except Absent as absent:
                 timings[c.label].absent = str(absent)
         _compare(contestants, sessions, timings, check)
-        present = [c for c in contestants if c.label in sessions]
         for _ in range(rounds):
-            for block in range(max(c.blocks for c in present)):
-                for c in present:
-                    if block < c.blocks:
+            for block in range(max(c.blocks for c in contestants)):
+                for c in contestants:
+                    if block < c.blocks and c.label in sessions:
                         n = max(10, round(ticks * c.share))
-                        seconds = sessions[c.label].run(n)
+                        seconds = _block(sessions, timings[c.label], n)
                         timings[c.label].us.append(seconds / n / fmu_steps * 1e6)
     finally:
         with silence():
             for session in sessions.values():
                 session.close()
-    for c in present:
-        _relate(timings[c.label], timings[c.floor])
+    for c in contestants:
+        if timings[c.label].absent:
+            timings[c.label].us.clear()
+        else:
+            _relate(timings[c.label], timings[c.floor])
     return list(timings.values())
+
+
+def _block(sessions: dict[str, Session], timing: Timing, ticks: int) -> float:
+    """Seconds of one block; who fails in it is out, with the reason."""
+    try:
+        return sessions[timing.label].run(ticks)
+    except Absent as absent:
+        timing.absent = str(absent)
+        sessions.pop(timing.label).close()
+        return float("nan")
 
 
 def _compare(
@@ -114,7 +126,9 @@ def _compare(
         if c.label not in sessions:
             continue
         session, timing = sessions[c.label], timings[c.label]
-        session.run(check)
+        _block(sessions, timing, check)
+        if c.label not in sessions:
+            continue
         found, kept = session.outputs(), session.recorded(check)
         expected, rows = expected or found, rows or kept
         if found:

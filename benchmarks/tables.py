@@ -17,7 +17,8 @@ from fmus.toolchain import compiler
 Facts = Mapping[str, Any]
 
 PACKAGES = (
-    "numpy", "pyarrow", "matplotlib", "msgspec", "typer", "rich", "fmpy", "libcosimpy", "ecospy"
+    "numpy", "pyarrow", "matplotlib", "msgspec", "typer", "rich", "fmpy", "libcosimpy", "ecospy",
+    "fmu-manipulation-toolbox", "mosaik", "helics",
 )  # fmt: skip
 
 

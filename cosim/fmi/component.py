@@ -13,7 +13,7 @@ from cosim.component import Kind, Outputs, Values
 from cosim.errors import FmuError, UnitError
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
-from cosim.fmi.description import read
+from cosim.fmi.description import of_content
 from cosim.fmi.layout import Layout, Move
 from cosim.fmi.library import Instance, Setup, instantiate
 from cosim.fmi.options import Options
@@ -57,14 +57,14 @@ class FmuComponent:
     ) -> None:
         self.options = options or Options()
         self.archive = archives.unpack(path)
-        xml = self.archive.folder / "modelDescription.xml"
-        self.description = read(xml, path)
+        folder = self.archive.folder
+        self.description = of_content(folder, path)
         sizes = {
             **sizes_among(self.description.variables, self.options.given),
             **self.options.sizes,
         }
         if sizes:
-            self.description = read(xml, path, sizes)
+            self.description = of_content(folder, path, tuple(sizes.items()))
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}

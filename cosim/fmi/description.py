@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
@@ -61,6 +62,12 @@ def read(path: Path, origin: Path, sizes: Mapping[str, int] | None = None) -> De
         raise FmuError(f"{origin}: modelDescription.xml: a variable has no {error}") from error
     except (ValueError, OverflowError) as error:
         raise FmuError(f"{origin}: modelDescription.xml: {error}") from error
+
+
+@lru_cache(maxsize=64)
+def of_content(folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = ()) -> Description:
+    """Read the description in a folder that its contents name, once: it cannot change."""
+    return read(folder / "modelDescription.xml", origin, dict(sizes))
 
 
 def _describe(

@@ -1,6 +1,8 @@
 """What the loop and the plan may cost, in numbers of calls and instructions: no clock is read."""
 
 import sys
+import zipfile
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from benchmarks.cases import rings
 from benchmarks.scaling import document
 from cosim.assemble import assemble
 from cosim.engine import Engine
+from cosim.fmi.description import of_content
 from cosim.native import Code
 from cosim.plan import compile_plan
 from tests.cosim.scenarios import plan, scenario
@@ -121,3 +124,15 @@ def test_the_ring_that_is_measured_has_one_copy_and_one_step_each():
     assert codes.count(Code.COPY) == codes.count(Code.STEP) == 12
     assert len(codes) == 25  # and one record
     assert len(document(5, links=True)["links"]) == 5
+
+
+def test_an_fmu_in_the_cache_is_neither_unpacked_nor_parsed_twice(monkeypatch):
+    rings(1, 100).plan("fmi2", 100)
+    of_content.cache_clear()
+    parsed = []
+    parse = ElementTree.parse
+    monkeypatch.setattr(ElementTree, "parse", lambda path: parsed.append(path) or parse(path))
+    monkeypatch.setattr(zipfile, "ZipFile", None)  # whoever unpacks now, fails
+    made = rings(12, 100).plan("fmi2", 100)
+    assert len(made.components) == 12
+    assert len(parsed) == 1

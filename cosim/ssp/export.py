@@ -77,6 +77,8 @@ class _Packer:
         self._scenario, self._plan = scenario, plan
         self._fmus = {c.name: _fmu(c, scenario) for c in plan.components}
         self._files: dict[str, bytes] = {}
+        edges = (*plan.wires, *plan.links)
+        self._fed = {name for edge in edges for name in edge.target.scalars()}
         self._delays: dict[str, Path] = {}  # by the link's name
 
     def delay(self, fmus: Mapping[str, Path]) -> None:
@@ -119,8 +121,10 @@ class _Packer:
         element = _element(step.name, name)
         connectors = SubElement(element, f"{{{SSD}}}Connectors")
         for group in _carried(fmu):
+            kind = group.first.causality
             for scalar in _scalars(group):
-                kind = group.first.causality
+                if kind == "input" and f"{step.name}.{scalar}" not in self._fed:
+                    continue  # keeps its start value, which some tools would overwrite with 0
                 connector = SubElement(connectors, f"{{{SSD}}}Connector", name=scalar, kind=kind)
                 SubElement(connector, f"{{{SSC}}}{_type(group)}")
         _parameters(element, step, fmu)

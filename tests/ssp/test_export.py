@@ -137,25 +137,24 @@ def test_fmpy_runs_it_to_the_same_trajectory(tmp_path: Path) -> None:
 
     It leaves parameter sets of the file alone, and takes one as an argument.
     """
-    plant = {"k_p[0]": 10.0, "k_p[1]": 10.0, "q_h[0]": 0.4, "q_h[1]": -0.3}
-    loop = {
-        "run": {"step": STEP, "stop": 256 * STEP, "algorithm": "jacobi"},
-        "components": {
-            "plant": {
-                "model": "fmus.models.planar2r",
-                "parameters": {"k_p": 10.0, "q_h": [0.4, -0.3]},
-                "inputs": {"tau": "control.tau"},
-            },
-            "control": {
-                "model": "fmus.models.pd",
-                "inputs": {"q": "plant.q", "dq": "plant.dq"},
-            },
+    hand = {"T": 0.4, "q_f[0]": 0.8, "q_f[1]": -0.6}
+    target = {"q_j": "hand.q_h", "dq_j": "hand.dq_h"}
+    components = {
+        "hand": {
+            "model": "fmus.models.minimum_jerk",
+            "parameters": {"T": 0.4, "q_f": [0.8, -0.6]},
+        },
+        "plant": {"model": "fmus.models.planar2r", "inputs": {"tau": "control.tau"}},
+        "control": {
+            "model": "fmus.models.pd",
+            "inputs": {"q": "plant.q", "dq": "plant.dq"} | target,
         },
     }
-    read = build(loop, tmp_path / "loop.toml")
+    run = {"step": STEP, "stop": 256 * STEP, "algorithm": "jacobi"}
+    read = build({"run": run, "components": components}, tmp_path / "loop.toml")
     path = exported(read, tmp_path)
     chosen = ParameterSet(
-        parameters=[Parameter(name=f"plant.{k}", value=v) for k, v in plant.items()]
+        parameters=[Parameter(name=f"hand.{k}", value=v) for k, v in hand.items()]
     )
     theirs = simulate_ssp(str(path), stop_time=256 * STEP, step_size=STEP, parameter_set=chosen)
     ours = recorded(read)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cosim.analysis import closed_form as closed
-from cosim.analysis.closed_form import Network, network
 from cosim.analysis.contacts import by_grip, by_wall, margin
 from cosim.analysis.experiments import Bench, rest_position
 from cosim.analysis.facts import Array
+from cosim.analysis.network import Network, network
 from cosim.analysis.port import Port
 from cosim.analysis.quantity import Quantity, absent
 from cosim.analysis.recorded import Recorded, least_feedback, numbers, read

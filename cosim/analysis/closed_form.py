@@ -1,133 +1,21 @@
-"""Closed forms of robots under dynamic feedback: what a run, or a test force, must agree with.
+"""Closed forms O3 to O6 and O9: what a run, or a test force, must agree with.
 
-With the estimate at rest, M_hat = M(theta_hat), and the delays at their means, robots i in one
-posture each obey, in the Laplace variable p (matrices over joints, blocks over robots)::
-
-    A(p) q = tau_h,   A = (M - M_hat) p² + (M_hat p + K) (p + alpha)/(p + lambda_M) L(p)
-
-    L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
-
-from s = (p + alpha)/(p + lambda_M) L q and M p² q = -K s + M_hat p (p q - s) + tau_h. One robot
-has L = p. For M_hat = M one robot's admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)).
-Everything below is that, at some p. SI; no gravity; Remark 3 is K = lambda_c M_hat.
+All of the robots of :mod:`cosim.analysis.network`, linear about rest; SI, no gravity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from math import inf, pi
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback
-from cosim.analysis.system import System
-
-Complex = NDArray[np.complex128]
+from cosim.analysis.facts import Array, DynamicFeedback
+from cosim.analysis.network import Complex, Network, spread
 
 #: Where p stands for 0, 1/s: well below any corner, well above rounding.
 _ZERO = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class Network:
-    """The robots that hear each other, `port` the one that is held.
-
-    `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `outside` (n,): lambda w of
-    rows that come from nobody known, as if their sender stood still.
-    """
-
-    names: tuple[str, ...]
-    arms: tuple[Arm, ...]
-    laws: tuple[DynamicFeedback, ...]
-    coupling: Array
-    delay: Array
-    outside: Array
-    port: int
-
-    @property
-    def law(self) -> DynamicFeedback:
-        """The law at the port."""
-        return self.laws[self.port]
-
-    def L(self, p: complex) -> Complex:
-        """Who hears whom, (n, n), 1/s."""
-        around = self.coupling.sum(axis=1) + self.outside
-        return np.asarray(p * np.eye(len(around)) + np.diag(around) - self._heard(p))
-
-    def _heard(self, p: complex) -> Complex:
-        return np.asarray(self.coupling * np.exp(-p * self.delay), dtype=np.complex128)
-
-    def A(self, p: complex, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Complex:
-        """From positions to torques, (n m, n m), N.m/rad, all robots at `q` (m,).
-
-        `estimates`: theta_hat of each.
-        """
-        m, L = len(q), self.L(p)
-        rows = []
-        for i, (arm, law) in enumerate(zip(self.arms, self.laws, strict=True)):
-            M = arm.inertia(arm.parameters, q)
-            M_hat = arm.inertia(estimates[i], q)
-            K = law.lambda_c * M_hat if law.lambda_c else np.diag(_spread(law.K, m))
-            feedback = (M_hat * p + K) * (p + law.alpha) / (p + law.lambda_M)
-            blocks = [feedback * L[i, j] for j in range(len(self.arms))]
-            blocks[i] = blocks[i] + (M - M_hat) * p * p
-            rows.append(np.hstack(blocks))
-        return np.vstack(rows)
-
-    def gain(self, p: complex, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Complex:
-        """G(p), (m, m), rad/(N.m): from torque to position at the port."""
-        m = len(q)
-        at = slice(self.port * m, (self.port + 1) * m)
-        return np.asarray(np.linalg.inv(self.A(p, q, estimates))[at, at])
-
-    def known(self) -> tuple[tuple[float, ...], ...]:
-        """The estimates that are right: M_hat = M."""
-        return tuple(arm.parameters for arm in self.arms)
-
-    def started(self) -> tuple[tuple[float, ...], ...]:
-        """The estimates at the start."""
-        return tuple(law.theta_hat for law in self.laws)
-
-    def quasi_static(self, p: complex, K: float) -> complex:
-        """G(p) of a joint without inertia, rad/(N.m); `K` the feedback gain of that joint."""
-        law = self.law
-        reduced = complex(np.linalg.inv(self.L(p))[self.port, self.port])
-        return (p + law.lambda_M) / (p + law.alpha) * reduced / K
-
-
-def network(system: System, port: str) -> Network | None:
-    """The network that the arm `port` is part of; None where its law is not of this kind."""
-    laws = system.of(DynamicFeedback)
-    start = system.controls.get(port, "")
-    if start not in laws:
-        return None
-    names = [start]
-    for name in names:  # grows while it is walked
-        ends = [(e.receiver, e.sender) for e in system.edges if e.lasting and e.sender]
-        found = [b if a == name else a for a, b in ends if name in (a, b)]
-        names += [other for other in dict.fromkeys(found) if other not in names]
-    names.sort()
-    if any(system.arm_of(name) is None for name in names):
-        return None
-    n = len(names)
-    coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    for e in (e for e in system.edges if e.receiver in names and e.lasting):
-        i, strength = names.index(e.receiver), laws[e.receiver].lambda_ * e.weight
-        if e.sender in names:
-            j = names.index(e.sender)
-            coupling[i, j] += strength
-            delay[i, j] = e.age.mean
-        else:
-            outside[i] += strength
-    arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
-    chosen = tuple(laws[name] for name in names)
-    return Network(tuple(names), arms, chosen, coupling, delay, outside, names.index(start))
-
-
-def _spread(values: Sequence[float], m: int) -> Array:
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), (m,))
 
 
 # ---- O3, O4, O5: slow pole, felt damping, stiffness ---------------------------------------------
@@ -180,11 +68,12 @@ def poles(
     there are infinitely many: those are found that Newton's method reaches from a fan of starts.
     """
     m, n = len(q), len(net.laws)
+    linear = net.at(q, estimates)
     at = slice(net.port * m, (net.port + 1) * m)
 
     def f(p: complex) -> complex:
-        A = net.A(p, q, estimates)
-        A[at, at] += np.diag(_spread(k_p, m)) + p * np.diag(_spread(k_d, m))
+        A = linear.A(p)
+        A[at, at] += np.diag(spread(k_p, m)) + p * np.diag(spread(k_d, m))
         return complex(np.linalg.det(A) * (p + net.law.lambda_M) ** (n * m))
 
     scale = max(*(law.lambda_M for law in net.laws), *(law.alpha for law in net.laws), 1.0)
@@ -231,10 +120,8 @@ def manipulability_bound(net: Network, t: Array, K: float) -> Array:
     law = net.law
     if law.alpha == 0:
         return np.full_like(t, inf)
-    H = max(
-        abs(w * np.linalg.inv(net.L(1j * w))[net.port, net.port])
-        for w in np.geomspace(1e-4, 1e3, 400)
-    )
+    p = 1j * np.geomspace(1e-4, 1e3, 400)
+    H = np.abs(p * np.linalg.inv(net.L(p))[:, net.port, net.port]).max()
     return np.asarray((1 + 2 * law.lambda_M * t / pi) * H / (law.alpha * K))
 
 
@@ -245,7 +132,7 @@ def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
     """
     if law.lambda_c:
         return law.alpha + law.lambda_c
-    diagonal = np.diag(_spread(K, len(M)))
+    diagonal = np.diag(spread(K, len(M)))
     return float(law.alpha + np.linalg.eigvals(diagonal @ np.linalg.inv(M)).real.min())
 
 
@@ -274,16 +161,11 @@ def stiffest_network_grip(
     (1 + ratio jω) G crosses the negative real axis at -1/k_p. The least of them over `count`
     frequencies, N.m/rad; inf where there is none. One robot, undamped: :func:`stiffest_grip`.
     """
-    least, known = inf, net.known()
-
-    def eigenvalues(w: float) -> Complex:
-        G = (1 + ratio * 1j * w) * net.gain(1j * w, q, known)
-        return np.asarray(np.linalg.eigvals(G), dtype=np.complex128)
-
-    grid = np.geomspace(0.1, 300.0, count)
-    before = eigenvalues(float(grid[0]))
-    for w in grid[1:]:
-        here = eigenvalues(float(w))
+    p = 1j * np.geomspace(0.05, 500.0, count)
+    G = (1 + ratio * p)[:, None, None] * net.at(q, net.known()).gain(p)
+    eigenvalues = np.linalg.eigvals(G)
+    least, before = inf, eigenvalues[0]
+    for here in eigenvalues[1:]:
         here = here[[int(np.argmin(np.abs(here - x))) for x in before]]  # branch by branch
         for x, y in zip(before, here, strict=True):
             if x.imag * y.imag < 0 and x.real < 0 and y.real < 0:

@@ -14,9 +14,9 @@ from math import exp, inf, log, sqrt
 
 import numpy as np
 
-from cosim.analysis.closed_form import Network, network
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.frequency import MultiSine, PortGain
+from cosim.analysis.network import Network, network
 from cosim.analysis.port import Port
 from cosim.analysis.system import System
 from cosim.analysis.trace import Change, Trace, changed, trace

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.analysis.closed_form import Network, manipulability_bound, poles, quasi_static_poles
+from cosim.analysis.closed_form import manipulability_bound, poles, quasi_static_poles
 from cosim.analysis.energy import effort, observer
 from cosim.analysis.facts import Arm, Array
 from cosim.analysis.felt import felt, is_the_hand
 from cosim.analysis.manipulability import growth, manipulability, running_integral
+from cosim.analysis.network import Network
 from cosim.analysis.port import Port
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.signals import Signals

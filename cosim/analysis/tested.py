@@ -9,11 +9,11 @@ from math import inf, log, nan
 import numpy as np
 
 from cosim.analysis import closed_form as closed
-from cosim.analysis.closed_form import Network
 from cosim.analysis.experiments import FORCE, RESOLVED, Bench
 from cosim.analysis.facts import Array
 from cosim.analysis.frequency import PortGain, degree
 from cosim.analysis.manipulability import manipulability
+from cosim.analysis.network import Network
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded import least_feedback
 from cosim.errors import CosimError
@@ -64,8 +64,7 @@ def title_of(bench: Bench) -> str:
 def _closed(bench: Bench, net: Network, omega: Array) -> PortGain:
     """The closed form at some frequencies; continuous, so its step is as good as none."""
     estimates = net.known() if bench.known else net.started()
-    G = np.stack([net.gain(1j * w, bench.q, estimates) for w in omega])
-    return PortGain(omega, G, 1e-9)
+    return PortGain(omega, net.at(bench.q, estimates).gain(1j * omega), 1e-9)
 
 
 def with_known(bench: Bench) -> Bench | None:
@@ -145,7 +144,8 @@ def by_push(bench: Bench) -> Iterator[Quantity]:
     y = y - y[0]
     net = bench.network
     yield _growth(t, y, net, how)
-    yield from _pushed(t, y, net, how)
+    if bench.port.response != bench.port.rate:
+        yield from _pushed(t, y, net, how)
     if net is not None and net.law.alpha > 0:
         M = manipulability(t, np.full_like(y, FORCE), y)
         bound = closed.manipulability_bound(net, t, least_feedback(net))

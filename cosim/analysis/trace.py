@@ -81,7 +81,7 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> Trace:
         columns[name] = x[:, first : first + slot.size]
         first += slot.size
     return Trace(
-        every * plan.h * np.arange(len(x), dtype=np.float64),
+        plan.h * (every * np.arange(len(x), dtype=np.float64)),
         columns,
         {name: s.unit for name, s in chosen.items()},
         {name: s.scalars() for name, s in chosen.items()},

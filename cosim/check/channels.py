@@ -34,7 +34,7 @@ def bounded(system: System) -> Iterator[Finding]:
         gap = _gap(link)
         severity: Severity = "warning" if bound > stop and gap > GAP else "note"
         until = "no bound" if isinf(bound) else f"a bound of {bound:.3g} s, longer than the run"
-        often = f"; what is missing is {gap:.2g} s long on average" if gap < inf else ""
+        often = f"; gaps are {gap:.2g} s long on average" if 0 < gap < inf else ""
         yield Finding(
             rule="bounded",
             severity=severity,
@@ -48,9 +48,11 @@ def bounded(system: System) -> Iterator[Finding]:
 
 
 def _gap(link: Link) -> float:
-    """Mean length of what is missing in a row, s; inf where it is not known."""
+    """Mean length of what is missing in a row, s; 0 without losses, inf where it is not known."""
     table = link.table
     assert isinstance(table, DrawnTable)
+    if not table.law.loses:
+        return 0.0
     loss = table.law.loss if isinstance(table.law, Lossy) else None
     if isinstance(loss, Independent | GilbertElliott):
         return loss.burst * table.grid.n_s * table.grid.h

@@ -8,8 +8,8 @@ from math import inf, isfinite, log
 import numpy as np
 
 from cosim.analysis import closed_form as closed
-from cosim.analysis.closed_form import Network
 from cosim.analysis.facts import Arm, DynamicFeedback
+from cosim.analysis.network import Network, network
 from cosim.analysis.system import System
 from cosim.check.finding import Finding, Severity
 from cosim.check.sampling import laws
@@ -49,7 +49,7 @@ def grip(system: System) -> Iterator[Finding]:
     Only looked into where one arm alone fails by Routh. An error at the start, a warning elsewhere.
     """
     for start in system.held():
-        net = closed.network(system, start)
+        net = network(system, start)
         if net is None or net.law.lambda_c or not min(net.arms[net.port].grip.stiffness):
             continue
         arm, law = net.arms[net.port], net.law
@@ -58,7 +58,7 @@ def grip(system: System) -> Iterator[Finding]:
             q for q in (arm.q, arm.heaviest)
             if not all(closed.grip_stable(law, float(M), min(law.K), k_p, k_d)
                        for M in np.linalg.eigvalsh(arm.inertia(arm.parameters, q)))
-            and closed.stiffest_network_grip(net, q, k_d / k_p, 80) < k_p
+            and closed.stiffest_network_grip(net, q, k_d / k_p, 300) < k_p
         ]  # fmt: skip
         if not failing:
             continue
@@ -154,7 +154,7 @@ def gravity(system: System) -> Iterator[Finding]:
 def prediction(system: System) -> Iterator[Finding]:
     """O3, O4, O5 of whoever is held: felt damping, stiffness, slowest pole."""
     for start in system.held():
-        net = closed.network(system, start)
+        net = network(system, start)
         if net is None or net.law.lambda_c:
             continue
         K, where = min(net.law.K), start

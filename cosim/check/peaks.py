@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.analysis.closed_form import Network
 from cosim.analysis.facts import Array
+from cosim.analysis.network import Network
 
 #: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
 _DOUBLINGS, _STEP = 9, 0.02

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from cosim.analysis.closed_form import network
 from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
+from cosim.analysis.network import network
 from cosim.analysis.system import System
 from cosim.check.finding import Finding, Severity
 from cosim.check.peaks import peaks

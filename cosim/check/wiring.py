@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cosim.analysis.closed_form import network
+from cosim.analysis.network import network
 from cosim.analysis.system import System
 from cosim.check.finding import Finding, Severity
 from cosim.check.peaks import peaks

@@ -1,0 +1,143 @@
+"""Robots under dynamic feedback that hear each other, linear about rest.
+
+With the estimate at rest, M_hat = M(theta_hat), and the delays at their means, robots i in one
+posture each obey, in the Laplace variable p (matrices over joints, blocks over robots)::
+
+    A(p) q = tau_h,   A = (M - M_hat) p² + (M_hat p + K) (p + alpha)/(p + lambda_M) L(p)
+
+    L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
+
+from s = (p + alpha)/(p + lambda_M) L q and M p² q = -K s + M_hat p (p q - s) + tau_h. One robot
+has L = p. For M_hat = M one robot's admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)).
+SI; no gravity; Remark 3 is K = lambda_c M_hat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cosim.analysis.facts import Arm, Array, DynamicFeedback
+from cosim.analysis.system import System
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """The robots that hear each other, `port` the one that is held.
+
+    `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `outside` (n,): lambda w of
+    rows that come from nobody known, as if their sender stood still.
+    """
+
+    names: tuple[str, ...]
+    arms: tuple[Arm, ...]
+    laws: tuple[DynamicFeedback, ...]
+    coupling: Array
+    delay: Array
+    outside: Array
+    port: int
+
+    @property
+    def law(self) -> DynamicFeedback:
+        """The law at the port."""
+        return self.laws[self.port]
+
+    def L(self, p: ArrayLike) -> Complex:
+        """Who hears whom, (..., n, n), 1/s, for one p or several, (...)."""
+        p = np.asarray(p, dtype=np.complex128)[..., None, None]
+        around = self.coupling.sum(axis=1) + self.outside
+        own = p * np.eye(len(around)) + np.diag(around)
+        return np.asarray(own - self.coupling * np.exp(-p * self.delay))
+
+    def at(self, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Linear:
+        """All robots at `q` (m,), with the `estimates` theta_hat of each."""
+        m = len(q)
+        M = np.array([arm.inertia(arm.parameters, q) for arm in self.arms])
+        M_hat = np.array([arm.inertia(e, q) for arm, e in zip(self.arms, estimates, strict=True)])
+        K = [
+            law.lambda_c * M_hat[i] if law.lambda_c else np.diag(spread(law.K, m))
+            for i, law in enumerate(self.laws)
+        ]
+        return Linear(self, M, M_hat, np.array(K))
+
+    def known(self) -> tuple[tuple[float, ...], ...]:
+        """The estimates that are right: M_hat = M."""
+        return tuple(arm.parameters for arm in self.arms)
+
+    def started(self) -> tuple[tuple[float, ...], ...]:
+        """The estimates at the start."""
+        return tuple(law.theta_hat for law in self.laws)
+
+    def quasi_static(self, p: complex, K: float) -> complex:
+        """G(p) of a joint without inertia, rad/(N.m); `K` the feedback gain of that joint."""
+        law = self.law
+        reduced = complex(np.linalg.inv(self.L(p))[self.port, self.port])
+        return (p + law.lambda_M) / (p + law.alpha) * reduced / K
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """The robots of `net` in one posture: `M`, `M_hat`, kg.m2, `K`, N.m.s/rad, (n, m, m) each."""
+
+    net: Network
+    M: Array
+    M_hat: Array
+    K: Array
+
+    def A(self, p: ArrayLike) -> Complex:
+        """From positions to torques, (..., n m, n m), N.m/rad, for one p or several, (...)."""
+        p = np.asarray(p, dtype=np.complex128)
+        n, m = self.M.shape[:2]
+        alpha = np.array([law.alpha for law in self.net.laws])[:, None, None]
+        lambda_M = np.array([law.lambda_M for law in self.net.laws])[:, None, None]
+        s = p[..., None, None, None]
+        feedback = (self.M_hat * s + self.K) * (s + alpha) / (s + lambda_M)  # (..., n, m, m)
+        blocks = np.einsum("...iab,...ij->...iajb", feedback, self.net.L(p))
+        own = np.arange(n)
+        blocks[..., own, :, own, :] += np.moveaxis((self.M - self.M_hat) * s * s, -3, 0)
+        return np.asarray(blocks.reshape(*p.shape, n * m, n * m))
+
+    def gain(self, p: ArrayLike) -> Complex:
+        """G(p), (..., m, m), rad/(N.m): from torque to position at the port."""
+        m = self.M.shape[1]
+        at = slice(self.net.port * m, (self.net.port + 1) * m)
+        return np.asarray(np.linalg.inv(self.A(p))[..., at, at])
+
+
+def network(system: System, port: str) -> Network | None:
+    """The network that the arm `port` is part of; None where its law is not of this kind."""
+    laws = system.of(DynamicFeedback)
+    start = system.controls.get(port, "")
+    if start not in laws:
+        return None
+    names = [start]
+    for name in names:  # grows while it is walked
+        ends = [(e.receiver, e.sender) for e in system.edges if e.lasting and e.sender]
+        found = [b if a == name else a for a, b in ends if name in (a, b)]
+        names += [other for other in dict.fromkeys(found) if other not in names]
+    names.sort()
+    if any(system.arm_of(name) is None for name in names):
+        return None
+    n = len(names)
+    coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    for e in (e for e in system.edges if e.receiver in names and e.lasting):
+        i, strength = names.index(e.receiver), laws[e.receiver].lambda_ * e.weight
+        if e.sender in names:
+            j = names.index(e.sender)
+            coupling[i, j] += strength
+            delay[i, j] = e.age.mean
+        else:
+            outside[i] += strength
+    arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
+    chosen = tuple(laws[name] for name in names)
+    return Network(tuple(names), arms, chosen, coupling, delay, outside, names.index(start))
+
+
+def spread(values: Sequence[float], m: int) -> Array:
+    """One value a joint, (m,), of one for all or one each."""
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), (m,))

@@ -1,0 +1,187 @@
+"""Closed forms O3 to O6 and O9: against the numbers of the reading, and against each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.analysis import closed_form as closed
+from cosim.analysis.facts import DynamicFeedback
+from cosim.analysis.network import Network
+from fmus.paper import oracles
+from fmus.paper.experiments import THETA
+from tests.analysis.cases import DOCUMENTS, net_of
+
+K = 16.0
+
+gains = st.floats(0.2, 20.0)
+inertias = st.floats(0.1, 10.0)
+
+
+def law(lambda_M: float, alpha: float = 0.5, feedback: float = K, **rest: float) -> DynamicFeedback:
+    return DynamicFeedback(
+        K=(feedback, feedback), Gamma=(1.0,) * 3, alpha=alpha, lambda_M=lambda_M, **rest
+    )
+
+
+# ---- O3: poles ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lambda_M", "slow", "fast"), [(2.0, -0.476, -2.0), (6.0, -1.43, -2.0)])
+def test_o3_of_the_paper(lambda_M: float, slow: float, fast: float) -> None:
+    roots = closed.quasi_static_poles(law(lambda_M, 2.0), K, 10.0, 5.0)
+    assert roots.real == pytest.approx([slow, fast], abs=5e-3)
+    assert roots.real == pytest.approx(oracles.poles(K, 2.0, lambda_M, 10.0, 5.0))
+
+
+def test_poles_with_inertia_are_those_of_the_known_polynomial() -> None:
+    net, q = net_of(DOCUMENTS["single-6"]), (3.5, 3.0)
+    found = closed.poles(net, q, net.known(), (10.0, 10.0), (5.0, 5.0))
+    masses = np.linalg.eigvalsh(net.arms[0].inertia(THETA, q))
+    each = np.concatenate([oracles.poles(K, 2.0, 6.0, 10.0, 5.0, m) for m in masses])
+    assert found[0].real == pytest.approx(each.max(), rel=1e-6)
+    for p in found:
+        assert np.abs(np.real(p) - each).min() < 1e-5
+
+
+def test_poles_of_a_pair_with_delay_solve_its_characteristic_equation() -> None:
+    net, q = net_of(DOCUMENTS["pair-10"]), (0.3, 0.2)
+    for p in closed.poles(net, q, net.known(), (10.0,), (5.0,)):
+        A = net.at(q, net.known()).A(p)
+        A[:2, :2] += (10.0 + 5.0 * p) * np.eye(2)
+        assert np.linalg.svd(A, compute_uv=False)[-1] < 1e-6 * np.abs(A).max()
+
+
+# ---- O4, O5: what is felt -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "damping"),
+    [("pair-10", 4.0), ("pair-10-wire", 1.6), ("pair-1", 40.0), ("single-6", 32.0 / 6.0),
+     ("single-2", 16.0), ("pair-10-jitter", 4.0)],
+)  # fmt: skip
+def test_o4_felt_damping_of_the_paper(name: str, damping: float) -> None:
+    assert closed.felt_damping(net_of(DOCUMENTS[name]), K) == pytest.approx(damping, rel=1e-4)
+
+
+def test_without_integral_a_spring_is_felt_and_no_damper() -> None:
+    net = net_of(DOCUMENTS["single-0"])
+    assert closed.felt_damping(net, K) == np.inf
+    assert closed.felt_stiffness(net, K) == pytest.approx(
+        1 / oracles.finite_manipulability(K, 2.0), rel=1e-5
+    )
+
+
+def test_with_integral_no_spring_is_felt() -> None:
+    assert closed.felt_stiffness(net_of(DOCUMENTS["single-6"]), K) == 0.0
+
+
+@pytest.mark.parametrize(("lambda_M", "kappa"), [(10.0, 1.6), (1.0, 16.0)])
+def test_o5_static_stiffness_of_the_paper(lambda_M: float, kappa: float) -> None:
+    pair = law(lambda_M, lambda_=2.0)
+    assert closed.static_stiffness(pair, 1.0, K) == pytest.approx(kappa)
+    assert closed.static_stiffness(pair, 1.0, K) == pytest.approx(
+        oracles.static_stiffness(K, 0.5, lambda_M, 2.0)
+    )
+
+
+def test_o5_without_integral_is_rigid() -> None:
+    assert closed.static_stiffness(law(0.0, lambda_=2.0), 1.0, K) == np.inf
+
+
+# ---- O6: the bound ------------------------------------------------------------------------------
+
+
+def test_o6_of_one_arm() -> None:
+    t = np.array([0.0, 1.0, 60.0])
+    found = closed.manipulability_bound(net_of(DOCUMENTS["single-6"]), t, K)
+    assert found == pytest.approx(oracles.manipulability_bound(t, K, 2.0, 6.0))
+
+
+def test_o6_of_a_pair_is_that_of_one_arm_times_what_the_other_makes_of_it() -> None:
+    t = np.array([10.0])
+    one = oracles.manipulability_bound(t, K, 0.5, 10.0)
+    wired = closed.manipulability_bound(net_of(DOCUMENTS["pair-10-wire"]), t, K)
+    delayed = closed.manipulability_bound(net_of(DOCUMENTS["pair-10"]), t, K)
+    assert wired == pytest.approx(one, rel=1e-3)
+    assert delayed[0] / one[0] == pytest.approx(1.22, abs=0.02)
+
+
+def test_o6_without_alpha_bounds_nothing() -> None:
+    assert (
+        closed.manipulability_bound(net_of(DOCUMENTS["no-alpha"]), np.array([1.0]), K)[0] == np.inf
+    )
+
+
+# ---- O9: passivity ------------------------------------------------------------------------------
+
+
+def test_o9_of_the_paper() -> None:
+    M = oracles.inertia(THETA, np.zeros((1, 2)))[0]
+    assert closed.passive_limit(law(10.0), M, (K, K)) == pytest.approx(2.93, abs=5e-3)
+    assert closed.passive_limit(law(10.0), M, (K, K)) == pytest.approx(
+        oracles.passive_limit(THETA, (0.0, 0.0), K, 0.5)
+    )
+    assert closed.passive_limit(law(10.0, lambda_c=6.0), M, (K, K)) == 6.5
+
+
+@settings(max_examples=60, deadline=None)
+@given(lambda_M=gains, alpha=gains, M=inertias, feedback=st.floats(1.0, 50.0))
+def test_o9_is_where_the_admittance_stops_being_positive_real(
+    lambda_M: float, alpha: float, M: float, feedback: float
+) -> None:
+    limit = closed.passive_limit(law(lambda_M, alpha), M * np.eye(1), (feedback,))
+    p = 1j * np.geomspace(1e-3, 1e5, 2000)
+    Y = (p + lambda_M) / ((M * p + feedback) * (p + alpha))
+    if abs(lambda_M - limit) > 1e-2 * limit:
+        assert (Y.real.min() >= 0) == (lambda_M <= limit)
+
+
+@settings(max_examples=60, deadline=None)
+@given(lambda_M=gains, alpha=gains, M=inertias, k_p=st.floats(1.0, 1e4), k_d=st.floats(0.0, 20.0))
+def test_routh_says_what_the_roots_say(
+    lambda_M: float, alpha: float, M: float, k_p: float, k_d: float
+) -> None:
+    one = law(lambda_M, alpha)
+    rise = oracles.poles(K, alpha, lambda_M, k_p, k_d, M).max()
+    if abs(rise) > 1e-9:
+        assert closed.grip_stable(one, M, K, k_p, k_d) == (rise < 0)
+        assert (k_p < closed.stiffest_grip(one, M, K, k_d)) == (rise < 0)
+
+
+@pytest.mark.parametrize("lambda_M", [6.0, 10.0])
+def test_stiffest_grip_by_frequency_is_that_of_routh(lambda_M: float) -> None:
+    document = DOCUMENTS["single-6"]
+    net = net_of(document)
+    one = law(lambda_M, 2.0)
+    changed = Network(net.names, net.arms, (one,), net.coupling, net.delay, net.outside, net.port)
+    M = np.linalg.eigvalsh(net.arms[0].inertia(THETA, (0.0, 0.0)))
+    expected = min(closed.stiffest_grip(one, float(m), K) for m in M)
+    assert closed.stiffest_network_grip(changed, (0.0, 0.0)) == pytest.approx(expected, rel=2e-3)
+
+
+# ---- the network --------------------------------------------------------------------------------
+
+
+def test_gain_of_one_arm_is_the_admittance_of_the_reading() -> None:
+    net, q, p = net_of(DOCUMENTS["single-6"]), (0.3, 0.2), 1.3j
+    M = net.arms[0].inertia(THETA, q)
+    Y = (p + 6.0) / (p + 2.0) * np.linalg.inv(M * p + K * np.eye(2))
+    assert p * net.at(q, net.known()).gain(p) == pytest.approx(Y)
+
+
+def test_with_no_estimate_the_impedance_is_a_mass_and_a_passive_filter() -> None:
+    net, q, p = net_of(DOCUMENTS["single-6"]), (0.3, 0.2), 0.7j
+    M = net.arms[0].inertia(THETA, q)
+    Z = M * p + K * (p + 2.0) / (p + 6.0) * np.eye(2)
+    assert np.linalg.inv(p * net.at(q, net.started()).gain(p)) == pytest.approx(Z)
+
+
+def test_a_pair_is_two_robots_with_the_delay_of_each_link() -> None:
+    net = net_of(DOCUMENTS["pair-10"])
+    assert net.names == ("master_control", "slave_control") and net.port == 0
+    assert net.coupling.tolist() == [[0.0, 2.0], [2.0, 0.0]]
+    assert net.delay[0, 1] == net.delay[1, 0] == 0.75
+    assert not net.outside.any()

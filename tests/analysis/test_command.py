@@ -1,0 +1,100 @@
+"""``cosim analyze`` as a user meets it: a scenario, a run, and what cannot be analysed."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cosim.record import Run
+from tests.cli.command import CONFIG, Command
+
+TEACHING = CONFIG.with_name("teaching.toml")
+SHORT = ("--set", "run.stop=3")
+
+
+def test_a_scenario_gives_numbers_figures_and_json(cosim: Command) -> None:
+    done = cosim("analyze", TEACHING, "--json", "a.json", "--out", "here")
+    assert (done.code, done.err) == (0, "")
+    for said in ("degree of manipulability", "felt damping, push", "5.333 N.m.s/rad  O4, Kα/λ_M",
+                 "passivity margin, worst posture", "stiffest grip, M_hat = M"):  # fmt: skip
+        assert said in done.out
+    for name in ("manipulability", "port", "effort"):
+        with Image.open(f"here/{name}.png") as picture:
+            assert picture.format == "PNG" and np.asarray(picture).std() > 5
+    data = json.loads(Path("a.json").read_text("utf-8"))
+    numbers = {q["name"]: q for q in data["tests"]}
+    assert numbers["push_damping"]["values"][0] == pytest.approx(16 / 3, rel=1e-3)
+    assert numbers["push_damping"]["unit"] == "N.m.s/rad" and numbers["push_damping"]["how"]
+    assert data["port"]["force"] == "robot.tau_h" and len(data["gain"]) == 2
+
+
+def test_every_footnote_is_there(cosim: Command) -> None:
+    out = cosim("analyze", TEACHING, "--no-plot").out
+    used = {number for line in out.splitlines() for number in re.findall(r" \[(\d+)\]", line)}
+    explained = [line.split("]")[0].strip(" [") for line in out.splitlines() if line[:3] == "  ["]
+    assert used == set(explained) and len(explained) == len(set(explained)) > 10
+
+
+def test_a_run_is_analysed_as_it_was(cosim: Command, tmp_path: Path) -> None:
+    cosim("run", CONFIG, *SHORT, "--out", "run", "--no-plot", "--quiet")
+    done = cosim("analyze", "run", "--no-tests", "--json", "a.json")
+    assert (done.code, done.err) == (0, "")
+    run = Run.open("run")
+    force = run.array("master.tau_h")
+    effort = float(np.sqrt(np.trapezoid((force**2).sum(axis=1), run.t)))
+    (said,) = [q for q in json.loads(Path("a.json").read_text())["run"] if q["name"] == "effort"]
+    assert said["values"] == [pytest.approx(effort, rel=1e-9)]
+    assert "the port, by tests" not in done.out
+    assert sorted(p.name for p in Path("run/analysis").iterdir()) == [
+        "effort.png", "manipulability.png"
+    ]  # fmt: skip
+
+
+def test_a_run_is_tested_through_the_scenario_it_was_made_of(cosim: Command) -> None:
+    cosim("run", TEACHING, *SHORT, "--out", "run", "--no-plot", "--quiet")
+    done = cosim("analyze", "run", "--no-plot")
+    assert "felt damping, push" in done.out and "5.333 N.m.s/rad" in done.out
+
+
+def test_a_run_whose_scenario_is_lost_still_has_its_numbers(cosim: Command) -> None:
+    cosim("run", CONFIG, *SHORT, "--out", "run", "--no-plot", "--quiet")
+    Path("run/run.json").write_text("{}")
+    done = cosim("analyze", "run", "--port", "master", "--no-plot")
+    assert done.code == 0 and "effort ‖f‖₂" in done.out
+    assert "note: no closed forms, no test forces: the run's metadata holds no scenario" in done.out
+    assert "which port?" in cosim.refused("analyze", "run")
+
+
+def test_another_port_may_be_looked_into(cosim: Command) -> None:
+    done = cosim("analyze", CONFIG, *SHORT, "--port", "slave", "--no-tests", "--no-plot")
+    assert "port slave: slave.tau_h, slave.q, slave.tau_ext" in done.out
+    assert "no force acted" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("missing.toml",), "missing.toml: no such file"),
+        ((CONFIG, "--port", "mister"), "no component with signals 'mister'; did you mean 'master'"),
+        ((CONFIG, "--set", "run.stop=-1"), "must be positive"),
+        ((".",), "not a run folder"),
+        ((".", "--set", "run.stop=1"), "--set changes a scenario"),
+    ],
+)
+def test_what_cannot_be_analysed_is_refused(
+    cosim: Command, arguments: tuple[str | Path, ...], said: str
+) -> None:
+    assert said in cosim.refused("analyze", *arguments)
+
+
+def test_a_signal_that_was_not_recorded_is_refused(cosim: Command) -> None:
+    record = 'run.record.signals=["slave.q"]'
+    bare = ("--set", record, "--set", "metrics={}", "--set", "figures={}")
+    cosim("run", CONFIG, *SHORT, *bare, "--out", "run", "--no-plot", "--quiet")
+    said = cosim.refused("analyze", "run")
+    assert "master.tau_h was not recorded; recorded are slave.q" in said

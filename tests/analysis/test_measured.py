@@ -1,0 +1,195 @@
+"""What is measured through engine and FMUs, against the closed forms and the reading's numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cosim.analysis.analysis import analyse
+from cosim.analysis.contacts import by_grip
+from cosim.analysis.frequency import degree
+from cosim.analysis.subject import Subject
+from cosim.analysis.tested import by_push, sweep
+from tests.analysis.cases import (
+    DOCUMENTS,
+    analysed,
+    bench,
+    net_of,
+    number,
+    pointmass,
+    subject,
+)
+
+# ---- one arm, Sec. VII-A ------------------------------------------------------------------------
+
+
+def test_numbers_of_the_paper_s_single_arm() -> None:
+    found = analysed("single-6")
+    assert number(found, "effort").values == pytest.approx([46.0], rel=0.01)
+    assert number(found, "holding").values[0] < 0.01
+    assert number(found, "growth").values == pytest.approx([0.5], abs=0.1)
+    M, bound = number(found, "manipulability"), number(found, "manipulability").expected
+    assert 0 < M.values[0] < bound[0]
+    assert number(found, "observer_min").values[0] >= -1e-9
+
+
+def test_closed_forms_stand_next_to_what_is_measured() -> None:
+    found = analysed("single-6")
+    for name, tolerance in (
+        ("degree", 1e-3),
+        ("push_damping", 1e-3),
+        ("damping_slowly_started", 2e-3),
+        ("damping_slowly_known", 2e-3),
+        ("inertia_quickly_known", 0.05),
+        ("grip_known", 0.12),
+        ("approach", 0.05),
+    ):
+        q = number(found, name)
+        assert q.expected, name
+        assert q.values == pytest.approx(np.broadcast_to(q.expected, len(q.values)), rel=tolerance)
+
+
+def test_a_push_gets_the_share_of_its_bound_that_the_reading_says() -> None:
+    assert 0.85 < number(analysed("single-6"), "push_share").values[0] < 0.91
+
+
+def test_a_pd_hand_is_recognised_as_such() -> None:
+    felt = number(analysed("single-6"), "felt")
+    assert felt.missing and "k_d = 5, k_p = 10" in felt.note
+
+
+# ---- degree: lambda_M, alpha --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "k"), [("single-6", 1), ("single-0", 0), ("no-alpha", 2)])
+def test_degree_is_the_number_of_integrals(name: str, k: int) -> None:
+    for known in (False, True):
+        found, whole = degree(sweep(bench(DOCUMENTS[name], known=known)).measured)
+        assert whole and found == pytest.approx(k, abs=0.02)
+
+
+def test_without_alpha_the_velocity_has_degree_one() -> None:
+    found = analysed("velocity")
+    assert found.port.response == "robot.dq"
+    assert number(found, "degree").values == pytest.approx([1.0], abs=0.02)
+    assert not [q for q in found.tests if q.name.startswith(("real_part", "push_damping"))]
+
+
+def test_without_integral_the_push_comes_to_rest() -> None:
+    (rest,) = [q for q in by_push(bench(DOCUMENTS["single-0"])) if q.name == "push_stiffness"]
+    assert np.array(rest.values) == pytest.approx(32.0, rel=1e-3)
+    assert rest.expected == pytest.approx([32.0], rel=1e-5)
+
+
+# ---- passivity ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "passive"), [("single-2", True), ("single-6", False)])
+def test_o9_margin_says_whether_the_port_is_passive(name: str, passive: bool) -> None:
+    """Heaviest posture, estimate right: alpha + K/6.58 = 4.43 lies between 2 and 6."""
+    heavy = bench(DOCUMENTS[name], (0.0, 0.0), known=True)
+    found = sweep(heavy)
+    assert (found.measured.least()[2] > 0) == passive
+    assert found.closed is not None
+    assert found.measured.least()[2] == pytest.approx(found.closed.least()[2], abs=5e-3)
+
+
+def test_without_estimate_the_port_is_passive_at_any_gain() -> None:
+    assert sweep(bench(DOCUMENTS["single-6"], (0.0, 0.0))).measured.least()[2] > 0
+
+
+def test_the_grip_that_swings_is_where_the_closed_form_says() -> None:
+    (found,) = by_grip(bench(DOCUMENTS["pair-10"], (0.0, 0.0), known=True))
+    assert found.values == pytest.approx(found.expected, rel=0.1)
+
+
+# ---- the teleoperator, Sec. VII-C ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "damping", "kappa"), [("pair-10", 4.0, 1.6), ("pair-1", 40.0, 16.0)]
+)
+def test_o4_and_o5_of_the_pair(name: str, damping: float, kappa: float) -> None:
+    found = analysed(name)
+    felt, stiffness = number(found, "push_damping"), number(found, "stiffness")
+    assert np.array(felt.values) == pytest.approx(damping, rel=1e-3)
+    assert np.array(stiffness.values) == pytest.approx(kappa, rel=1e-3)
+    assert np.array(number(found, "reflection").values) == pytest.approx(1.0, rel=1e-3)
+    assert number(found, "degree").values == pytest.approx([1.0], abs=0.02)
+
+
+def test_o4_without_delay() -> None:
+    (felt,) = [q for q in by_push(bench(DOCUMENTS["pair-10-wire"])) if q.name == "push_damping"]
+    assert np.array(felt.values) == pytest.approx(1.6, rel=2e-3)
+
+
+def test_o4_over_delays_that_jump() -> None:
+    (felt,) = [q for q in by_push(bench(DOCUMENTS["pair-10-jitter"])) if q.name == "push_damping"]
+    assert np.array(felt.values) == pytest.approx(4.0, rel=0.03)
+
+
+def test_port_of_a_pair_by_frequency_is_the_closed_form() -> None:
+    for known in (False, True):
+        found = sweep(bench(DOCUMENTS["pair-10"], known=known))
+        assert found.closed is not None
+        error = np.abs(found.measured.G - found.closed.G).max(axis=(1, 2))
+        slow = found.measured.omega < 5.0
+        assert (error / found.closed.size)[slow].max() < 0.02
+        assert (error / found.closed.size).max() < 0.08  # sampled at 5 ms, ω up to 60 rad/s
+
+
+def test_z_width_is_told_with_what_limits_it() -> None:
+    found = number(analysed("pair-10"), "z_width")
+    assert found.values[0] > 1e4 and "at least" in found.note and "free: 4" in found.note
+
+
+def test_effort_of_lambda_1_is_that_of_the_reading() -> None:
+    """85 N.m √s over the paper's links, and 1.6 times what lambda_M = 10 takes."""
+    ten, one = (number(analysed(name), "effort").values[0] for name in ("pair-10", "pair-1"))
+    assert ten == pytest.approx(47.0, rel=0.03) and one == pytest.approx(85.0, rel=0.03)
+
+
+# ---- nothing known ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("b", "k"), [(2.0, 1), (0.0, 2)])
+def test_a_point_mass_without_facts(b: float, k: int) -> None:
+    """Sec. III: 1/(m p² + b p); what is felt is m and b."""
+    found = analyse(subject(pointmass(b)))
+    assert number(found, "degree").values == pytest.approx([float(k)], abs=0.02)
+    assert number(found, "inertia_quickly_started").values == pytest.approx([1.5], rel=0.02)
+    assert number(found, "damping_slowly_started").values == pytest.approx([b], abs=1e-2)
+    assert all(not q.expected for q in found.tests)
+    if b:
+        assert number(found, "push_damping").values == pytest.approx([b], rel=1e-3)
+
+
+def test_a_run_that_diverges_is_analysed_up_to_there() -> None:
+    document = DOCUMENTS["single-6"]
+    control = document["components"]["control"]
+    wild = document["components"] | {
+        "control": control | {"start": control["start"] | {"K": 200.0}}
+    }
+    s = subject(document | {"components": wild})
+    assert s.signals.stopped  # type: ignore[attr-defined]
+    found = analyse(s, tests=False)
+    assert number(found, "effort").values[0] > 0 and not found.tests
+
+
+def test_tests_that_cannot_be_done_say_why() -> None:
+    s = subject(DOCUMENTS["single-6"])
+    found = analyse(Subject(s.title, s.signals, replace(s.port, inject=""), s.system))
+    assert not found.tests and "no input for them is named" in found.remarks[0]
+
+
+def test_bands_without_the_slow_part_tell_of_a_whole_degree_only_if_it_is() -> None:
+    """At 2 rad/s the corner at alpha is in the way: not a whole number, and said so."""
+    found, whole = degree(sweep(bench(DOCUMENTS["single-6"]), lowest=2.0).measured)
+    assert not whole and 1.0 < found < 2.0
+
+
+def test_network_of_a_bench_knows_its_port() -> None:
+    assert bench(DOCUMENTS["pair-10"]).network is not None
+    assert net_of(DOCUMENTS["pair-10"]).law.lambda_M == 10.0

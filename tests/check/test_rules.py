@@ -1,0 +1,260 @@
+"""Every rule: a scenario that trips it, with severity and number, and one that does not."""
+
+from __future__ import annotations
+
+import pytest
+
+from cosim.check import Severity
+from cosim.check.preflight import NOTES, RULES
+from fmus.paper.experiments import network, single, teleoperator
+from tests.check.cases import (
+    CONSTANT,
+    VARYING,
+    Document,
+    changed,
+    found,
+    heavy_arm,
+    push_by_component,
+    rivals,
+    tripped,
+)
+
+TIGHT = {"k_p": 200.0, "k_d": 2.0, "q_h": [3.5, 3.0]}
+NEWEST = {"delay": VARYING, "semantics": "newest-stamp"}
+PLAYOUT = {"delay": VARYING, "semantics": "playout"}
+OUTAGE = {"law": "outage", "length": 30.0, "every": 100.0}
+
+#: (rule, where, severity, number, tripping document, document that does not trip it)
+CASES: list[tuple[str, str, Severity, float, Document, Document]] = [
+    # who is reached
+    ("root", "robot6", "error", 5.0, network(graphs="tree3", operator=6), network(graphs="tree3")),
+    ("spanning-tree", "topology", "warning", 0.0,
+     network(schedule={"schedule": [[0.0, "G1"]]}), network()),
+    ("unheard", "slave_control.xi_in[0]", "warning", 1.0,
+     changed(teleoperator(), ("links", [teleoperator()["links"][0]])),
+     changed(teleoperator(), ("links", [teleoperator()["links"][0]]),
+             ("components.slave_control.start.w", 0.0))),
+    ("stale", "master_control.age", "warning", 0.5,
+     changed(teleoperator(), ("components.master_control.start.age_max", 0.5)),
+     changed(teleoperator(), ("components.master_control.start.age_max", 0.5),
+             ("links.0.age", "master_control.age[0]"))),
+    # sampled data
+    ("sampling", "control", "error", 1.53, single(21.0, period=0.025), single(lambda_M=2.0)),
+    ("adaptation", "control3", "warning", 1.0, network(120.0, Gamma=100.0), network()),
+    ("contact", "robot", "error", 87.0,
+     changed(single(), ("components.robot.start.k_w", 1e9)),
+     changed(single(), ("components.robot.start.k_w", 1e4))),
+    ("hand", "operator", "warning", 25.0,
+     push_by_component(0.005, k_p=1e4, k_d=5.0), push_by_component(0.005, k_p=100.0, k_d=5.0)),
+    # the law
+    ("passivity", "control", "warning", -1.568, single(), single(lambda_M=4.0)),
+    ("grip", "master", "error", 200.0, teleoperator(grip=TIGHT),
+     teleoperator(grip=TIGHT, lambda_M=1.0)),
+    ("degenerate", "control", "warning", 2.0, single(lambda_M=2.0),
+     single(lambda_M=2.0, z=[0.1, 0.0])),
+    ("no-integral", "control", "warning", 0.0, single(lambda_M=0.0), single()),
+    ("gravity", "control", "warning", 1.0, heavy_arm((24.525, 11.772), gravity=2),
+     heavy_arm((24.525, 11.772))),
+    # springs
+    ("damping", "master_control, slave_control", "warning", 3.0,
+     rivals("p+d-violating", VARYING), rivals("p+d", VARYING)),
+    ("constant-delay", "master_control", "warning", 1.2,
+     rivals("nuno", VARYING), rivals("nuno", VARYING, semantics="playout", playout=1.2)),
+    # links
+    ("bounded", "links.slave_control.xi->master_control.xi_in[0]", "warning", 31.21,
+     teleoperator(30.0, link=NEWEST | {"loss": OUTAGE}), teleoperator(30.0, link=NEWEST)),
+    ("buffer", "links.slave_control.xi->master_control.xi_in[0]", "warning", 22.0,
+     teleoperator(link=PLAYOUT | {"playout": 1.0}), teleoperator(link=PLAYOUT | {"playout": 1.2})),
+    ("backwards", "links.slave_control.xi->master_control.xi_in[0]", "note", 0.75,
+     teleoperator(), teleoperator(link=NEWEST)),
+    ("like-a-wire", "links.slave.q->master_control.q_j", "note", 0.0,
+     rivals("pd", {"law": "constant", "delay": 0.0}), rivals("pd", CONSTANT)),
+    # wiring
+    ("uncontrolled", "slave.tau", "warning", 0.0,
+     changed(teleoperator(), ("components.slave.inputs", None)), teleoperator()),
+    ("unfed", "master_control", "note", 2.0, teleoperator(),
+     changed(teleoperator(), ("components.master_control.start.w", 1.0),
+             ("components.master_control.start.age", 0.0))),
+    ("saturation", "master_control", "warning", 22.0,
+     teleoperator(tau_max=5.0), teleoperator(tau_max=60.0)),
+    ("jacobi", "run.algorithm", "note", 0.005,
+     changed(single(), ("run.algorithm", "jacobi")), single()),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES, ids=[c[0] for c in CASES])
+def test_a_rule_speaks_where_it_should_and_only_there(
+    case: tuple[str, str, Severity, float, Document, Document],
+) -> None:
+    rule, where, severity, number, bad, good = case
+    said = [f for f in tripped(bad, rule) if where in f.where]
+    assert len(said) == 1, [f.line for f in found(bad)]
+    assert said[0].severity == severity
+    assert said[0].number == pytest.approx(number, rel=0.1) or rule == "adaptation"
+    assert said[0].reason and (said[0].advice or severity == "note")
+    silent = [f for f in tripped(good, rule) if f.severity == severity and where in f.where]
+    assert not silent, [f.line for f in silent]
+
+
+def test_every_rule_is_among_the_cases() -> None:
+    """One rule function, one name or more; size, unknown and predictions are tested below."""
+    assert {c[0] for c in CASES} >= {
+        "root", "spanning-tree", "unheard", "stale", "sampling", "adaptation", "contact", "hand",
+        "passivity", "grip", "degenerate", "no-integral", "gravity", "damping", "constant-delay",
+        "bounded", "buffer", "backwards", "like-a-wire", "uncontrolled", "unfed", "saturation",
+        "jacobi",
+    }  # fmt: skip
+    assert len(RULES) + len(NOTES) == 26
+
+
+# ---- predictions and the rest -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("document", "numbers"),
+    [
+        (teleoperator(), {"felt-damping": 4.0, "stiffness": 1.6}),
+        (teleoperator(lambda_M=1.0), {"felt-damping": 40.0, "stiffness": 16.0}),
+        (teleoperator(link={}), {"felt-damping": 1.6}),
+        (teleoperator(link=NEWEST), {"felt-damping": 0.8 * (2 + 2 * 0.95)}),
+        (single(), {"felt-damping": 32 / 6}),
+        (single(lambda_M=0.0), {"felt-stiffness": 32.0}),
+    ],
+    ids=["pair", "pair, lambda_M = 1", "no delay", "newest stamp", "single", "no integral"],
+)
+def test_predictions_are_those_of_the_reading(
+    document: Document, numbers: dict[str, float]
+) -> None:
+    said = {f.rule: f.number for f in found(document)}
+    for rule, number in numbers.items():
+        assert said[rule] == pytest.approx(number, rel=0.02), rule
+
+
+@pytest.mark.parametrize(
+    ("document", "settled"), [(teleoperator(), 11.6), (network(), 44.8)], ids=["pair", "ring"]
+)
+def test_the_slowest_pole_says_how_long_it_takes(document: Document, settled: float) -> None:
+    """Not within 0.05 rad before ...: a lower bound, and not far from what runs measure."""
+    (pole,) = tripped(document, "slow-pole")
+    soonest = float(pole.reason.split("before ")[1].split(" s")[0])
+    assert 0.7 * settled < soonest < 1.05 * settled
+
+
+def test_remark_3_needs_no_inertia() -> None:
+    """lambda_M <= alpha + lambda_c, whatever the arm."""
+    known = {"theta_hat": [3.34, 1.2, 0.97], "alpha": 0.5}
+    (said,) = tripped(single(lambda_c=6.0, lambda_M=8.0, **known), "passivity")
+    assert said.number == pytest.approx(-1.5)
+    assert not tripped(single(lambda_c=6.0, lambda_M=6.0, **known), "passivity")
+
+
+def test_sampling_is_an_error_only_where_the_arm_will_be() -> None:
+    """The teleoperator works at 20 ms: only a posture it passes through is too light."""
+    assert tripped(teleoperator(60.0, period=0.02), "sampling")[0].severity == "warning"
+    assert tripped(single(21.0, period=0.025), "sampling")[0].severity == "error"
+    assert tripped(single(), "sampling")[0].severity == "note"
+
+
+def test_jacobi_halves_what_the_period_may_be() -> None:
+    half = changed(single(), ("run.algorithm", "jacobi"))
+    numbers = [tripped(d, "sampling")[0].number for d in (single(), half)]
+    assert numbers[1] == pytest.approx(2 * numbers[0])
+
+
+def test_adaptation_is_told_near_the_limit_of_the_reading() -> None:
+    """Six robots, Γ = 8, run at 8 ms and diverge at 10 ms here (6 ms there); Γ = 1 has room."""
+    fails, works = (tripped(network(120.0, period=T), "adaptation") for T in (0.01, 0.006))
+    assert fails and max(f.number for f in fails) > 1
+    assert {f.severity for f in works} == {"note"}
+    assert not tripped(network(120.0, Gamma=1.0), "adaptation")
+
+
+def test_gravity_that_nobody_compensates() -> None:
+    (said,) = tripped(heavy_arm((0.0, 0.0)), "gravity")
+    assert "the arm sags" in said.reason and said.number == pytest.approx(24.525)
+    assert tripped(heavy_arm((24.525, 11.772), gravity=0), "gravity")
+
+
+def test_a_hand_too_strong_for_its_period_is_an_error() -> None:
+    (said,) = tripped(push_by_component(0.005, k_p=100.0, k_d=100.0), "hand")
+    assert said.severity == "error" and "above 2 λ_min(M)" in said.reason
+
+
+def test_losses_at_random_are_a_note_while_gaps_are_short() -> None:
+    few, many = (
+        teleoperator(link=NEWEST | {"loss": {"law": "independent", "p": p}}) for p in (0.05, 0.995)
+    )
+    assert {f.severity for f in tripped(few, "bounded")} == {"note"}
+    assert {f.severity for f in tripped(many, "bounded")} == {"warning"}
+
+
+def test_plain_pd_has_no_damping_for_any_delay() -> None:
+    (said,) = tripped(rivals("pd", CONSTANT), "damping")
+    assert said.number == 0.0 and "needs T_rt K/2 = 5" in said.reason
+    assert not tripped(rivals("lee-spong", CONSTANT), "damping")
+
+
+def test_waves_want_a_constant_delay() -> None:
+    assert tripped(rivals("wave", VARYING), "constant-delay")
+    assert not tripped(rivals("wave", CONSTANT), "constant-delay")
+
+
+def test_the_size_of_what_is_recorded() -> None:
+    (said,) = tripped(single(), "size")
+    assert said.severity == "note"
+    columns, rows = 15, 4001  # q, dq, tau_h, tau, s, z: 2 each, theta_hat 3; and time
+    assert said.number == pytest.approx(8 * (columns + 1) * rows / 1e6)
+    (large,) = tripped(changed(single(), ("run.stop", 1e6)), "size")
+    assert large.severity == "warning"
+
+
+def test_what_is_not_known_is_said() -> None:
+    bare = {
+        "run": {"step": 0.01, "stop": 1.0},
+        "components": {
+            "arm": {"model": "fmus.models.planar2r", "inputs": {"tau": "mine.y"}},
+            "mine": {"model": "tests.check.components:Nothing"},
+        },
+    }
+    (said,) = tripped(bare, "unknown")
+    assert said.where == "mine" and "offers no facts" in said.reason
+
+
+def test_who_is_held_may_be_said_by_the_scenario() -> None:
+    document = changed(network(graphs="tree3"), ("analysis", {"force": "robot5.tau_h"}))
+    (said,) = tripped(document, "root")
+    assert said.where == "robot5" and said.advice.startswith("hold robot3")
+
+
+def test_edges_that_never_are_there_reach_nobody() -> None:
+    """A weight that stays 0 is no edge, over a wire or over a link."""
+    over_wires = changed(network(), ("topology", None))
+    for i in range(1, 7):
+        over_wires["components"][f"control{i}"]["start"]["w"] = 0.0 if i == 4 else 1.0
+    (said,) = tripped(over_wires, "root")
+    assert "control4" in said.reason and "control6" in said.reason
+    links = teleoperator()
+    links["components"]["slave_control"]["start"]["w"] = 0.0
+    (said,) = tripped(links, "root")
+    assert "never gets to slave_control" in said.reason
+
+
+# ---- as a whole ---------------------------------------------------------------------------------
+
+
+def test_findings_come_worst_first_and_once() -> None:
+    said = found(teleoperator(grip=TIGHT))
+    order = ["error", "warning", "note"]
+    assert [f.severity for f in said] == sorted((f.severity for f in said), key=order.index)
+    (passive,) = [f for f in said if f.rule == "passivity"]
+    assert passive.where == "master_control, slave_control"
+
+
+def test_without_notes_there_are_none() -> None:
+    said = found(teleoperator(), notes=False)
+    assert {f.severity for f in said} == {"warning"}
+
+
+def test_nothing_to_complain_about() -> None:
+    document = teleoperator(lambda_M=1.0, link=NEWEST, tau_max=100.0)
+    assert not [f.line for f in found(document, notes=False)]

@@ -18,6 +18,13 @@
 #define API __attribute__((visibility("default")))
 #endif
 
+/* The common steps are part of the loop, though a lonely FMU's process calls them as well. */
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
 #define ENGINE_ABI 4
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
@@ -132,7 +139,7 @@ static int not_finite(const double *x, int64_t n)
     return carry >> 63 != 0;
 }
 
-static int step_fmi2(const unit_t *u, double *s, double t, int *status)
+INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
 {
     if (u->n_inputs) {
         *status = ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
@@ -147,7 +154,7 @@ static int step_fmi2(const unit_t *u, double *s, double t, int *status)
     return RUN_OK;
 }
 
-static int step_fmi3(const unit_t *u, double *s, double t, int *status)
+INLINE int step_fmi3(const unit_t *u, double *s, double t, int *status)
 {
     _Bool event = 0, terminate = 0, early = 0;
     double reached = t;
@@ -187,13 +194,13 @@ static int step_unit(engine_t *e, int32_t index)
     double t = (double)(e->tick - u->lag) * e->h;
     int status = 0, result = RUN_OK;
 
-    switch (u->kind) {
-    case UNIT_FMI2: result = step_fmi2(u, s, t, &status); break;
-    case UNIT_FMI3: result = step_fmi3(u, s, t, &status); break;
-    case UNIT_TYPED:
+    if (u->kind == UNIT_FMI2) {
+        result = step_fmi2(u, s, t, &status);
+    } else if (u->kind == UNIT_FMI3) {
+        result = step_fmi3(u, s, t, &status);
+    } else if (u->kind == UNIT_TYPED) {
         result = step_typed(u, s, t, (e->tick - u->lag) / u->period, &status, &e->failed_signal);
-        break;
-    default:
+    } else {
         status = ((call_t)u->step)(index, t, u->h);
         if (status) result = RUN_STEP;
     }

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.errors import ScenarioError, UnitError
 from cosim.fmi import FmuComponent
-from cosim.links.spec import link_table
 from cosim.plan import Link, Player, Slot, Step, Wire
 from cosim.scenario import LinkSpec, Scenario, WireSpec, numbers
 from cosim.units import Unit, conversion
@@ -153,6 +152,8 @@ def links(parts: Parts) -> list[Link]:
 
 
 def _link(parts: Parts, spec: LinkSpec, place: str) -> Link:
+    from cosim.links.spec import link_table
+
     source = parts.endpoint(spec.source, "output", f"{place}.from")
     target = parts.endpoint(spec.target, "input", f"{place}.to")
     gain, offset = _fit(parts, source, target, place)

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.component import Component, Kind
 from cosim.errors import PlanError
-from cosim.links.table import TableSpec
 from cosim.operations import Connections, Operation, lay_out
 from cosim.order import Waiting, sequence, topological
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from cosim.links.table import TableSpec
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from cosim.errors import ScenarioError, UnitError
-from cosim.links.spec import Semantics
+from cosim.links.words import Semantics
 from cosim.settings import change
 from cosim.units import quantity
 

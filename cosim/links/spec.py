@@ -37,11 +37,11 @@ from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.links.traces import read_trace
+from cosim.links.words import Semantics as Semantics
 from cosim.units import quantity
 
 Seconds = int | float | str
 Number = int | float | str  # without a dimension, or with the one that is said
-Semantics = Literal["signal", "last-arrival", "newest-stamp", "fifo", "playout"]
 
 
 class _Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law"):

@@ -1,5 +1,6 @@
 """What the loop and the plan may cost, in numbers of calls and instructions: no clock is read."""
 
+import subprocess
 import sys
 import zipfile
 from xml.etree import ElementTree
@@ -136,3 +137,14 @@ def test_an_fmu_in_the_cache_is_neither_unpacked_nor_parsed_twice(monkeypatch):
     made = rings(12, 100).plan("fmi2", 100)
     assert len(made.components) == 12
     assert len(parsed) == 1
+
+
+def test_a_start_without_links_loads_no_law_and_no_recorder():
+    code = "import sys, cosim.assemble, cosim.engine; print(*sys.modules)"
+    found = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
+    assert "cosim.engine" in found
+    links = {name for name in found if name.startswith("cosim.links.")}
+    assert links == {"cosim.links.words"}
+    assert not {"pyarrow", "matplotlib", "scipy", "fmpy", "typer", "cosim.record"} & set(found)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from cosim.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from cosim.analysis.metrics import Metric, Result
+    from cosim.analysis.metrics import Result
     from cosim.plan import Plan
     from cosim.record import Column, Run
     from cosim.report.figures import Figure
@@ -58,27 +58,6 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, ticks: bar.update(task, completed=done, total=ticks)
 
 
-def metrics(scenario: Scenario) -> list[Metric]:
-    """The scenario's metrics. Raises ScenarioError with the place of what is wrong."""
-    from cosim.analysis.metrics import metric
-
-    found = []
-    for name, spec in scenario.metrics.items():
-        place = scenario.place("metrics", name)
-        durations = {
-            key: None if value is None else scenario.seconds(value, "metrics", name, key)
-            for key, value in (("window", spec.window),)
-        }
-        within = spec.within if spec.within is None else float(spec.within)
-        found.append(
-            metric(
-                name, spec.kind, spec.of, target=spec.target, within=within,
-                window=durations["window"], norm=spec.norm, label=spec.label, place=place,
-            )
-        )  # fmt: skip
-    return found
-
-
 def figure_specs(scenario: Scenario) -> dict[str, Figure]:
     """The scenario's figures."""
     from cosim.report.figures import Figure, Panel
@@ -103,11 +82,12 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
     Raises ScenarioError with the place: an unknown signal, sizes or units that do not match.
     """
+    from cosim.analysis import declared
     from cosim.analysis.metrics import evaluate
     from cosim.analysis.preview import Preview
 
     preview = Preview({c.name: c.unit for c in recorded})
-    for metric in metrics(scenario):
+    for metric in declared.metrics(scenario):
         try:
             evaluate([metric], preview)
         except ScenarioError as error:
@@ -126,9 +106,10 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
 def summary(scenario: Scenario, run: Run, outcome: Outcome) -> list[str]:
     """The numbers of a run, a line each."""
+    from cosim.analysis import declared
     from cosim.analysis.metrics import evaluate
 
-    results = evaluate(metrics(scenario), run)
+    results = evaluate(declared.metrics(scenario), run)
     lines = [_line(r.label, r.text) for r in results]
     settled = _settled(scenario, results)
     if settled:

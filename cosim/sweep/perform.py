@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis.metrics import Metric, Result, evaluate, metric
+from cosim.analysis import declared
+from cosim.analysis.metrics import Metric, Result, evaluate
 from cosim.analysis.preview import Preview
 from cosim.analysis.signals import Signals
 from cosim.assemble import assemble
@@ -98,7 +99,7 @@ def preview(job: Job, point: Point) -> tuple[Plan, dict[str, str]]:
     plan = assemble(scenario)
     units: dict[str, str] = {}
     known = Preview({c.name: c.unit for c in _recorded(scenario, plan)})
-    for result in evaluate(_metrics(scenario), known):
+    for result in evaluate(declared.metrics(scenario), known):
         for name, _ in _named(result):
             units[name] = _unit(result, name)
     for name in job.stable:
@@ -134,7 +135,7 @@ def perform(job: Job, point: Point) -> Row:
 def _measure(job: Job, point: Point) -> tuple[Result, ...]:
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)
-    metrics = _metrics(scenario)
+    metrics = declared.metrics(scenario)
     signals: Signals
     if job.keep is not None:
         folder = job.keep / point.run
@@ -162,20 +163,6 @@ def _needed(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Colum
     names = Preview({c.name: c.unit for c in recorded})
     wanted = {entry for m in metrics for signal in m.signals for entry in names.entries(signal)}
     return [column for column in recorded if column.name in wanted]
-
-
-def _metrics(scenario: Scenario) -> list[Metric]:
-    found = []
-    for name, spec in scenario.metrics.items():
-        window = spec.window
-        seconds = None if window is None else scenario.seconds(window, "metrics", name, "window")
-        found.append(
-            metric(
-                name, spec.kind, spec.of, target=spec.target, within=spec.within, window=seconds,
-                norm=spec.norm, label=spec.label, place=scenario.place("metrics", name),
-            )
-        )  # fmt: skip
-    return found
 
 
 def _named(result: Result) -> list[tuple[str, float]]:

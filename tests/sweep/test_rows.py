@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim.analysis.declared import metrics
 from cosim.assemble import assemble
-from cosim.cli.summary import metrics
 from cosim.errors import CosimError, ScenarioError
 from cosim.record import Run
 from cosim.simulate import columns, simulate

@@ -27,7 +27,7 @@ WRONG = [
     ("components.nobody.period=1", "no 'nobody' in components; it has master, "),
     # keys
     ("components.master.colour=1", "at components.master: Object contains unknown field `colour`"),
-    ("run.colour=1", "expected one of step, stop, seed, algorithm, record"),
+    ("run.colour=1", "expected one of step, stop, seed, algorithm, order, record"),
     ("run.record.colour=1", "at run.record: Object contains unknown field `colour`"),
     ("colour=1", "unknown key 'colour'; expected one of title, run, "),
     ("links.0.colour=1", "at links.0: Object contains unknown field `colour`"),

@@ -11,7 +11,8 @@ from typing import Any
 
 from cosim import connect
 from cosim.component import Component, Parameter, Port
-from cosim.errors import PlanError, ScenarioError
+from cosim.errors import FmuError, PlanError, ScenarioError
+from cosim.fmi import FmuComponent
 from cosim.models import load_component
 from cosim.plan import Plan, Slot, Step, compile_plan
 from cosim.scenario import ComponentSpec, Scenario, numbers
@@ -88,18 +89,33 @@ def _values(
     given |= {k: (v, f"{place}.start.{k}") for k, v in spec.start.items()}
     values: dict[str, tuple[float, ...]] = {}
     starts: dict[str, tuple[float, ...]] = {}
+    fmu = component if isinstance(component, FmuComponent) else None
     for key, (value, where) in given.items():
+        if fmu is not None and key in fmu.taken:
+            continue
         if key in settable:
-            p = settable[key]
-            values[key] = numbers(value, p.shape, p.unit, where)
-            _check_type(p, values[key], where)
+            values[key] = _numbers(fmu, settable[key], value, where)
+            _check_type(settable[key], values[key], where)
         elif key in inputs:
-            starts[key] = numbers(value, inputs[key].shape, inputs[key].unit, where)
+            starts[key] = _numbers(fmu, inputs[key], value, where)
         else:
             raise ScenarioError(
                 connect.unknown(key, [*settable, *inputs], "parameter or start"), where
             )
     return values, starts
+
+
+def _numbers(
+    fmu: FmuComponent | None, p: Parameter | Port, value: Any, place: str
+) -> tuple[float, ...]:
+    """Values of a parameter or port, in an FMU with its own units and names of items."""
+    if fmu is None:
+        return numbers(value, p.shape, p.unit, place)
+    try:
+        value = fmu.number(p.name, value)
+    except FmuError as error:
+        raise ScenarioError(str(error), place) from None
+    return numbers(value, p.shape, fmu.unit(p.unit), place)
 
 
 def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> None:

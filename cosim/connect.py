@@ -55,6 +55,13 @@ class Parts:
             raise ScenarioError(unknown(name, self.steps, "component"), place)
         slot = self.slots[causality].get(f"{name}.{port}")
         if slot is None:
+            component = self.steps[name].component
+            if isinstance(component, FmuComponent) and component.is_text(port):
+                raise ScenarioError(
+                    f"{name}.{port} is a String or Binary variable; expected a number or Boolean: "
+                    "texts are set at the start and kept with the run, not wired",
+                    place,
+                )
             other: Causality = "output" if causality == "input" else "input"
             if f"{name}.{port}" in self.slots[other]:
                 raise ScenarioError(f"{name}.{port} is not an {causality}", place)

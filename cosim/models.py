@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, get_args
 from cosim.component import Component, Kind, Parameter, Port
 from cosim.errors import CosimError, FmuError, ScenarioError
 from cosim.failures import sentence
-from cosim.fmi import FmuComponent
-from cosim.scenario import ComponentSpec
+from cosim.fmi import FmuComponent, Options
+from cosim.fmi.options import PATIENCE
+from cosim.scenario import ComponentSpec, number
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -32,7 +33,8 @@ def load_component(
     """
     if spec.model.endswith(".fmu"):
         path = Path(spec.model)
-        return _fmu(name, path if path.is_absolute() else folder / path, spec.kind, place), {}
+        path = path if path.is_absolute() else folder / path
+        return _fmu(name, path, spec, spec.sizes, place), {}
     module_name, colon, attribute = spec.model.partition(":")
     module = _module(module_name, place)
     presets: Mapping[str, Any] = vars(module).get("PRESETS", {})
@@ -44,7 +46,7 @@ def load_component(
         if spec.options and not colon:
             raise ScenarioError("only a Python component takes options", f"{place}.options")
         if not colon:
-            return _fmu(name, maker(spec.fmi, **spec.sizes), spec.kind, place), presets
+            return _fmu(name, maker(spec.fmi, **spec.sizes), spec, {}, place), presets
         component: Component = maker(**spec.sizes, **_options(spec, folder))
     except TypeError as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.sizes") from None
@@ -66,9 +68,18 @@ def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:
     }
 
 
-def _fmu(name: str, path: Path, kind: Kind | None, place: str) -> FmuComponent:
+def _fmu(
+    name: str, path: Path, spec: ComponentSpec, sizes: Mapping[str, int], place: str
+) -> FmuComponent:
+    seconds = PATIENCE if spec.timeout is None else number(spec.timeout, "s", f"{place}.timeout")
+    if not seconds > 0.0:
+        raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
+    options = Options(
+        sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
+        timeout=seconds, memory=spec.memory, build=spec.build,
+    )  # fmt: skip
     try:
-        return FmuComponent(path, name, kind)
+        return FmuComponent(path, name, spec.kind, options)
     except FmuError as error:
         raise FmuError(f"{place}.model: {error}") from None
 

@@ -18,7 +18,7 @@ import msgspec
 from cosim.errors import ScenarioError, UnitError
 from cosim.links.words import Semantics
 from cosim.settings import change
-from cosim.units import quantity
+from cosim.units import Unit, named, quantity
 
 Number = int | float | str
 Value = Any  # number, boolean, text with a unit, or nested lists of these
@@ -53,7 +53,10 @@ class WireSpec(
 
 
 class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One component: its model, how often it steps, its values, and what feeds its inputs."""
+    """One component: its model, how often it steps, its values, and what feeds its inputs.
+
+    The last five are for FMUs, see :class:`cosim.fmi.Options`.
+    """
 
     model: str
     fmi: Literal["2.0", "3.0"] = "2.0"
@@ -66,6 +69,11 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     parameters: dict[str, Value] = {}
     start: dict[str, Value] = {}
     inputs: dict[str, str | WireSpec] = {}
+    log: bool = False
+    isolate: bool = False
+    timeout: Number | None = None
+    memory: Annotated[int, msgspec.Meta(ge=0)] = 0
+    build: bool = False
 
 
 class LinkSpec(
@@ -236,6 +244,13 @@ def build(document: Mapping[str, Any], path: Path) -> Scenario:
     )
 
 
+def logging(scenario: Scenario) -> Scenario:
+    """The same with every FMU's logging switched on."""
+    replace = msgspec.structs.replace
+    components = {k: replace(spec, log=True) for k, spec in scenario.components.items()}
+    return replace(scenario, components=components)
+
+
 def as_data(scenario: Scenario) -> dict[str, Any]:
     """A scenario as plain data: what a run's metadata keeps of it."""
     data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
@@ -273,17 +288,19 @@ def _keys(kind: type[Any]) -> list[str]:
     return [field.encode_name for field in msgspec.structs.fields(kind)]
 
 
-def number(value: Number, unit: str, place: str) -> float:
+def number(value: Number, unit: str | Unit, place: str) -> float:
     """A value in `unit`: a number as it is, or a text with a unit that fits."""
     if isinstance(value, str):
         try:
             return quantity(value, unit)
         except UnitError as error:
-            raise ScenarioError(f"{error} (expected [{unit}])", place) from None
+            raise ScenarioError(f"{error} (expected [{named(unit)}])", place) from None
     return float(value)
 
 
-def numbers(value: Value, shape: tuple[int, ...], unit: str, place: str) -> tuple[float, ...]:
+def numbers(
+    value: Value, shape: tuple[int, ...], unit: str | Unit, place: str
+) -> tuple[float, ...]:
     """Flattened values for a signal of `shape`; one value alone stands for every entry.
 
     Raises ScenarioError when the nesting does not match the shape, or an entry is no number.

@@ -103,6 +103,7 @@ def simulate(
         engine.initialize()
         stack.enter_context(deferred(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
+        stack.callback(engine.save_logs, folder)
         for x in plan.links:
             writer = TableWriter(link_file(folder, x.name), x.table.facts())
             tables[x.name] = stack.enter_context(writer)
@@ -120,7 +121,7 @@ def simulate(
             raise
         recorder.close()
         wall = watch()
-        write_metadata(folder, metadata(scenario, plan, wall=wall))
+        write_metadata(folder, metadata(scenario, plan, wall=wall) | {"texts": engine.texts()})
     statistics = {name: counted.result() for name, counted in counts.items()}
     return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall, statistics)
 

@@ -102,11 +102,11 @@ def conversion(source: str | Unit, target: str | Unit) -> tuple[float, float]:
     a = parse(source) if isinstance(source, str) else source
     b = parse(target) if isinstance(target, str) else target
     if a.exponents[:-1] != b.exponents[:-1]:
-        raise UnitError(f"[{_name(source)}] cannot feed [{_name(target)}]")
+        raise UnitError(f"[{named(source)}] cannot feed [{named(target)}]")
     return a.factor / b.factor, (a.offset - b.offset) / b.factor
 
 
-def quantity(text: str, unit: str) -> float:
+def quantity(text: str, unit: str | Unit) -> float:
     """The value of a text such as ``"5 ms"`` in `unit`. Raises UnitError."""
     number, _, suffix = text.strip().partition(" ")
     try:
@@ -114,12 +114,15 @@ def quantity(text: str, unit: str) -> float:
     except ValueError:
         raise UnitError(f"{text!r} is not a number with a unit, like '5 ms'") from None
     if not suffix:
-        raise UnitError(f"{text!r} has no unit; expected one that fits [{unit}], or a plain number")
+        raise UnitError(
+            f"{text!r} has no unit; expected one that fits [{named(unit)}], or a plain number"
+        )
     gain, offset = conversion(suffix, unit)
     return gain * value + offset
 
 
-def _name(unit: str | Unit) -> str:
+def named(unit: str | Unit) -> str:
+    """A unit as text: its name, or its powers of :data:`BASE`."""
     if isinstance(unit, str):
         return unit or "1"
     powers = zip(BASE, unit.exponents, strict=True)

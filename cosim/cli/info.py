@@ -50,6 +50,8 @@ def _is_number(text: str) -> bool:
 
 
 def _facts(component: FmuComponent) -> list[list[str]]:
+    from cosim.fmi.archive import has_sources
+
     d = component.description
     binaries = component.archive.folder / "binaries"
     platforms = sorted(p.name for p in binaries.glob("*") if p.is_dir())
@@ -62,6 +64,7 @@ def _facts(component: FmuComponent) -> list[list[str]]:
         ["made by", d.tool or "unknown"],
         ["sha256", component.archive.sha256],
         ["platforms", ", ".join(platforms) or "none"],
+        ["sources", "yes, built with build = true" if has_sources(component.archive) else "none"],
         ["step", f"{d.default_step:g} s" if d.default_step else "not stated"],
         ["capabilities", ", ".join(flags) or "none"],
     ]

@@ -37,6 +37,9 @@ def run(
     tolerance: Annotated[
         float, typer.Option(help="Relative local error the advised step is to keep.")
     ] = 1e-4,
+    fmu_log: Annotated[
+        bool, typer.Option("--fmu-log", help="Keep what every FMU logs in NAME.fmu.log.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
@@ -46,11 +49,13 @@ def run(
     from cosim.clock import stamp
     from cosim.errors import Interrupted
     from cosim.record import Run
-    from cosim.scenario import load
+    from cosim.scenario import load, logging
     from cosim.simulate import columns, simulate
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     loaded = load(scenario, settings)
+    if fmu_log:
+        loaded = logging(loaded)
     plan = assemble(loaded)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, recorded)

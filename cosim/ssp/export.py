@@ -75,9 +75,9 @@ class _Packer:
 
     def __init__(self, scenario: Scenario, plan: Plan) -> None:
         self._scenario, self._plan = scenario, plan
-        self._fmus = {c.name: _fmu(c, scenario) for c in plan.components}
+        self._fmus = {c.name: fmu_of(c, scenario) for c in plan.components}
         self._files: dict[str, bytes] = {}
-        edges = (*plan.wires, *plan.links)
+        edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
         self._fed = {name for edge in edges for name in edge.target.scalars()}
         self._delays: dict[str, Path] = {}  # by the link's name
 
@@ -185,7 +185,7 @@ class _Packer:
         return packed
 
 
-def _fmu(step: Step, scenario: Scenario) -> FmuComponent:
+def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
     """The FMU of a component. Raises ScenarioError for one that SSP 1.0 cannot hold."""
     place = scenario.place("components", step.name, "model")
     if not isinstance(step.component, FmuComponent):
@@ -231,17 +231,19 @@ def _parameters(element: Element, step: Step, fmu: FmuComponent) -> None:
     for name, numbers in sorted(given.items()):
         group = fmu.groups[name]
         if group.first.shape:
-            text = " ".join(_literal(_type(group), x) for x in numbers)
+            text = " ".join(literal(group, x) for x in numbers)
             entries = [(name, text)]
         else:
-            texts = [_literal(_type(group), x) for x in numbers]
+            texts = [literal(group, x) for x in numbers]
             entries = list(zip(_scalars(group), texts, strict=True))
         for scalar, text in entries:
             parameter = SubElement(parameters, f"{{{SSV}}}Parameter", name=scalar)
             SubElement(parameter, f"{{{SSV}}}{_type(group)}", value=text)
 
 
-def _literal(kind: str, value: float) -> str:
+def literal(group: Group, value: float) -> str:
+    """A value as the type of a signal is written."""
+    kind = _type(group)
     if kind == "Real":
         return repr(float(value))
     return str(int(value)) if kind == "Integer" else ("true" if value else "false")

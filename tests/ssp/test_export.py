@@ -19,6 +19,7 @@ from cosim.errors import ScenarioError
 from cosim.scenario import Scenario, build
 from cosim.simulate import simulate
 from cosim.ssp import load
+from cosim.ssp.container import write as write_container
 from cosim.ssp.export import VALUES, Links, write
 from tests.ssp.parts import recorded
 from tests.system.runs import Document, scenario, teleoperation
@@ -160,6 +161,23 @@ def test_fmpy_runs_it_to_the_same_trajectory(tmp_path: Path) -> None:
     ours = recorded(read)
     assert np.ptp(ours["plant.q[0]"]) > 0.02
     assert np.abs(ours["plant.q[0]"][1:] - theirs["plant.q[0]"]).max() == 0.0
+
+
+def test_a_closed_loop_with_its_latency_is_one_fmu(tmp_path: Path) -> None:
+    read = scenario(synchronous(UNIFORM, CONSTANT))
+    write_container(read, assemble(read), tmp_path / "loop.fmu")
+    run = {"step": STEP, "stop": 1.0}
+    loop = build({"run": run, "components": {"loop": {"model": "loop.fmu"}}}, tmp_path / "x.toml")
+    ours, inside = recorded(read), recorded(loop)
+    for name in ("master.q[0]", "slave.q[1]", "slave.dq[0]", "master_control.tau[0]"):
+        assert np.ptp(ours[name]) > 0.02
+        np.testing.assert_array_equal(inside[f"loop.{name.replace('.', '_', 1)}"], ours[name])
+
+
+def test_a_container_steps_all_together(tmp_path: Path) -> None:
+    read = scenario(teleoperation(stop=0.1))
+    with pytest.raises(ScenarioError, match="step at their own period"):
+        write_container(read, assemble(read), tmp_path / "x.fmu")
 
 
 # ---- what cannot be exported ----------------------------------------------------------------

@@ -28,7 +28,7 @@ class Apart:
     """
 
     def __init__(self, request: dict[str, Any], limit: float = 20.0) -> None:
-        self._limit = limit
+        self.limit = limit
         self._process = subprocess.Popen(
             [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL, text=True,
@@ -41,11 +41,11 @@ class Apart:
         assert process.stdin is not None and process.stdout is not None
         try:
             print(json.dumps(request), file=process.stdin, flush=True)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # a closed pipe, or ours to it
             raise Absent("its process ended") from error
-        if not select.select([process.stdout], [], [], self._limit)[0]:
+        if not select.select([process.stdout], [], [], self.limit)[0]:
             self._end()
-            raise Absent(f"took more than {self._limit:g} s and was stopped")
+            raise Absent(f"took more than {self.limit:g} s and was stopped")
         line = process.stdout.readline()
         if not line:
             self._end()

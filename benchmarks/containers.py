@@ -16,10 +16,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, final
 
+from benchmarks.ours import Ours
 from benchmarks.peers import Absent, Unit, Variable, imported, units
+from cosim.assemble import assemble
 from cosim.clock import stopwatch
 from cosim.fmi.archive import cache_folder
 from cosim.plan import Plan
+from cosim.scenario import build as scenario
 
 Build = Callable[[Sequence[Unit], float, Path], None]
 
@@ -64,6 +67,11 @@ def _exposed(unit: Unit) -> list[tuple[Variable, str]]:
     return outputs + [(v, "parameter") for v in unit.start]
 
 
+def _shown(unit: Unit, v: Variable) -> str:
+    """What an output is called outside; fmucontainer's links have the plain name already."""
+    return f"out.{unit.name}.{v.name}"
+
+
 def _outside(described: Any, three: bool, unit: Unit, v: Variable, causality: str) -> Any:
     """A variable of the container, standing for `v` of `unit`."""
     if v.size > 1:
@@ -72,7 +80,7 @@ def _outside(described: Any, three: bool, unit: Unit, v: Variable, causality: st
     fixed = causality == "parameter"
     start = (repr(v.values[0]) if v.real else str(int(v.values[0]))) if fixed else None
     return described.ModelVariable(
-        name=f"{unit.name}.{v.name}{'.start' if fixed else ''}",
+        name=f"start.{unit.name}.{v.name}" if fixed else _shown(unit, v),
         type=number if three else {"Float64": "Real", "Int32": "Integer"}[number],
         causality=causality,
         variability="tunable" if fixed else "continuous" if v.real else "discrete",
@@ -117,7 +125,7 @@ def renault(wired: Sequence[Unit], h: float, target: Path) -> None:
         made = toolbox.FMUContainer("container", name, fmi_version=int(float(wired[0].fmi)))
         for unit in wired:
             for v in unit.outputs:
-                made.add_output(f"{unit.name}.fmu", v.name, f"{unit.name}.{v.name}")
+                made.add_output(f"{unit.name}.fmu", v.name, _shown(unit, v))
             for v in unit.start:
                 texts = [repr(x) if v.real else str(int(x)) for x in v.values]
                 made.add_start_value(f"{unit.name}.fmu", v.name, " ".join(texts))
@@ -131,7 +139,7 @@ def renault(wired: Sequence[Unit], h: float, target: Path) -> None:
 
 def kept(build: Build, wired: Sequence[Unit], h: float) -> Path:
     """The container of these units, built unless it is there."""
-    facts: list[object] = [build.__name__, h]
+    facts: list[object] = [build.__name__, h, _shown(wired[0], wired[0].outputs[0])]
     for unit in wired:
         facts.append([unit.name, hashlib.sha256(unit.path.read_bytes()).hexdigest()])
         facts.append([repr(unit.inputs), repr(unit.outputs), repr(unit.start), unit.source])
@@ -141,6 +149,20 @@ def kept(build: Build, wired: Sequence[Unit], h: float) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         build(wired, h, path)
     return path
+
+
+def in_engine(plan: Plan, recorded: bool, build: Build) -> Ours:
+    """The container as the only component of this project's engine: a loop in C, no peer's own.
+
+    Raises Absent where the container cannot be built.
+    """
+    path = kept(build, units(plan), plan.h)
+    document = {
+        "run": {"step": plan.h, "stop": 1000.0},
+        "components": {"container": {"model": str(path)}},
+    }
+    alone = assemble(scenario(document, path.with_suffix(".toml")))
+    return Ours(alone, plan.ticks if recorded else 0)
 
 
 @final
@@ -182,7 +204,7 @@ class Container:
             fmu.enterInitializationMode()
         fmu.exitInitializationMode()
         outside = {v.name: v.valueReference for v in description.modelVariables}
-        references = [outside[f"{u.name}.{v.name}"] for u in wired for v in u.outputs]
+        references = [outside[_shown(u, v)] for u in wired for v in u.outputs]
         n = sum(v.size for u in wired for v in u.outputs)
         self._read: Callable[[], list[float]] = (
             (lambda: fmu.getFloat64(references, n)) if three else lambda: fmu.getReal(references)

@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from cosim.cli import analyze, check, compare, info, reproduce, run, show, sweep
+from cosim.cli import analyze, check, compare, export, info, new, reproduce, run, show, sweep
 from cosim.errors import CosimError
 
 app = typer.Typer(
@@ -29,6 +29,8 @@ app.command("analyze")(analyze.analyze)
 app.command("check")(check.check)
 app.command("compare")(compare.compare)
 app.command("sweep")(sweep.sweep)
+app.command("export")(export.export)
+app.command("new")(new.new)
 
 
 def _version(wanted: bool) -> None:

@@ -196,7 +196,11 @@ _TABLES = ("title", "run", "components", "links", "topology", "metrics", "figure
 
 
 def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
-    """Read a scenario and apply ``path=value`` settings. Raises ScenarioError."""
+    """Read a scenario, TOML or SSP, and apply ``path=value`` settings. Raises ScenarioError."""
+    if path.suffix == ".ssp":
+        from cosim import ssp
+
+        return ssp.load(path, settings)
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
 
 
 def run(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml), or a system of another tool (.ssp).")],
+    scenario: Annotated[
+        Path, typer.Argument(help="Scenario file (.toml), or a system of another tool (.ssp).")
+    ],
     set_: Annotated[
         list[str] | None,
         typer.Option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,8 @@ from cosim.scenario import load
 from cosim.simulate import simulate
 
 ROOT = Path(__file__).resolve().parents[2]
+_PATHS = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+ENVIRONMENT = os.environ | {"PYTHONPATH": _PATHS}
 
 
 def test_the_scenario_runs_and_the_arm_arrives(
@@ -37,7 +40,7 @@ def test_its_test_passes_in_a_new_interpreter(tmp_path: Path) -> None:
     done = subprocess.run(
         call,
         cwd=tmp_path,
-        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from fmus.build import build as build_fmu
 from fmus.python import build_class, load_module
 from tests.ssp.parts import recorded
 
+PAGE = (Path(__file__).parents[2] / "docs" / "own-component.md").read_text(encoding="utf-8")
 DECLARATION = """\
 from pathlib import Path
 
@@ -104,6 +106,19 @@ def test_a_c_source_declared_anywhere_becomes_an_fmu(tmp_path: Path) -> None:
     document = {"run": run, "components": {"leaky": table}}
     y = recorded(build(document, tmp_path / "x.toml"))["leaky.y"]
     assert y[-1] == pytest.approx(1.0 - (1.0 - 2e-3) ** 500, rel=1e-12)
+
+
+def test_the_c_model_of_the_page_becomes_an_fmu(tmp_path: Path) -> None:
+    for language, name in (("py", "my_law_c.py"), ("c", "my_law.c")):
+        (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+        (tmp_path / name).write_text(block)
+    fmu = build_fmu(load_module(tmp_path / "my_law_c.py").model(), "2.0", tmp_path)
+    assert not problems(fmu)
+    law = {"model": str(fmu), "inputs": {"q": "arm.q"}}
+    document = loop({})
+    document["components"]["control"] = law
+    y = recorded(build(document, tmp_path / "x.toml"))
+    np.testing.assert_array_equal(y["control.tau[0]"][:-1], -20.0 * y["arm.q[0]"][:-1])
 
 
 def test_a_file_that_declares_nothing_is_refused(tmp_path: Path) -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import ScenarioError
+from cosim.assemble import assemble
+from cosim.errors import CosimError, ScenarioError
 from cosim.scenario import Scenario, build
 from cosim.ssp import load
 from cosim.ssp.values import Given
@@ -243,6 +246,32 @@ def test_a_system_that_cannot_be_is_refused_in_a_sentence(
         load(path)
     assert sentence in str(error.value)
     assert str(error.value).startswith(str(path))
+
+
+WHOLE = ssd(
+    bindings(embedded({"control.K_p[0]": "30"}))
+    + elements(control=GAINS)
+    + connections(LOOP + BACK)
+)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.data())
+def test_a_description_with_anything_wrong_is_read_or_refused(
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    words = re.findall(r"[\w/.\[\]:-]+", WHOLE)
+    changed = WHOLE.replace(
+        data.draw(st.sampled_from(words)),
+        data.draw(
+            st.sampled_from(["", "x", "-1", "nan", "1e999", "q[9]", "arm", "input", "<", "é"])
+        ),
+        data.draw(st.integers(1, 3)),
+    )
+    with contextlib.suppress(CosimError):
+        assemble(load(pack(tmp_path / "changed.ssp", changed)))
 
 
 def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:

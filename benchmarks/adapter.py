@@ -52,7 +52,7 @@ class Stepper:
         """Set inputs `u`, step from `t` (s), return the outputs. Raises Absent on any failure."""
         failed = 0
         if u:
-            self._u[:] = u
+            self._u[:] = u  # type: ignore[assignment]
             failed = self._put(*self._put_arguments)
         failed = failed or self._step(self._handle, t, self._h, 1, *self._told)
         failed = failed or self._get(*self._get_arguments)

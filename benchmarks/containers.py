@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, final
 
 from benchmarks.ours import Ours
-from benchmarks.peers import Absent, Unit, Variable, imported, units
+from benchmarks.peers import Absent, Ecos, Unit, Variable, imported, units
 from cosim.assemble import assemble
 from cosim.clock import stopwatch
 from cosim.fmi.archive import cache_folder
@@ -151,8 +151,8 @@ def kept(build: Build, wired: Sequence[Unit], h: float) -> Path:
     return path
 
 
-def in_engine(plan: Plan, recorded: bool, build: Build) -> Ours:
-    """The container as the only component of this project's engine: a loop in C, no peer's own.
+def alone(plan: Plan, build: Build) -> Plan:
+    """The container of a plan as the only component of another: for masters that loop in C.
 
     Raises Absent where the container cannot be built.
     """
@@ -161,8 +161,17 @@ def in_engine(plan: Plan, recorded: bool, build: Build) -> Ours:
         "run": {"step": plan.h, "stop": 1000.0},
         "components": {"container": {"model": str(path)}},
     }
-    alone = assemble(scenario(document, path.with_suffix(".toml")))
-    return Ours(alone, plan.ticks if recorded else 0)
+    return assemble(scenario(document, path.with_suffix(".toml")))
+
+
+def in_engine(plan: Plan, recorded: bool, build: Build) -> Ours:
+    """The container in the engine of this project."""
+    return Ours(alone(plan, build), plan.ticks if recorded else 0)
+
+
+def in_ecos(plan: Plan, recorded: bool, build: Build) -> Ecos:
+    """The container in Ecos, which loops in C++ and records into CSV."""
+    return Ecos(alone(plan, build), recorded)
 
 
 @final

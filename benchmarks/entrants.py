@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.cases import Case, Choice, standard
-from benchmarks.containers import Container, in_engine, renault, rust
+from benchmarks.containers import Container, in_ecos, in_engine, renault, rust
 from benchmarks.fmpy_loop import Ring
 from benchmarks.frameworks import Once, helics, mosaik
 from benchmarks.ours import Ours
@@ -56,6 +56,8 @@ ENTRANTS = (
             records=False),
     Entrant("FMPy container, in the engine", partial(in_engine, build=rust)),
     Entrant("fmucontainer, in the engine", partial(in_engine, build=renault)),
+    Entrant("FMPy container, in Ecos", partial(in_ecos, build=rust), 0.5),
+    Entrant("fmucontainer, in Ecos", partial(in_ecos, build=renault), 0.5),
     Entrant("FMPy container", partial(Container, build=rust), 0.5),
     Entrant("fmucontainer", partial(Container, build=renault), 0.5),
     Entrant("Ecos", Ecos, 0.5),

@@ -112,7 +112,7 @@ def startups(runs: int) -> dict[str, dict[str, Any]]:
 
 def memories(ticks: int) -> dict[str, dict[str, Any]]:
     """Peak MB of a process that runs 12 FMUs and records `ticks` ticks."""
-    found = {}
+    found: dict[str, dict[str, Any]] = {}
     for name in ("", *(e.name for e in ENTRANTS if e.records)):
         request = {"entrant": name, "case": "ring12", "fmi": "fmi2", "recorded": True}
         try:
@@ -122,7 +122,7 @@ def memories(ticks: int) -> dict[str, dict[str, Any]]:
             found[name or "nobody"] = {"peak_mb": process.memory()}
             process.close()
         except Absent as absent:
-            found[name] = {"absent": str(absent)}
+            found[name or "nobody"] = {"absent": str(absent)}
     return found
 
 

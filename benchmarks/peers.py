@@ -186,7 +186,7 @@ class Ecos:
 
     def __init__(self, plan: Plan, recorded: bool) -> None:
         self._units = units(plan)
-        if any(v.size > 1 for u in self._units for v in (*u.inputs, *u.start)):
+        if any(v.size > 1 for u in self._units for v in (*u.inputs, *u.outputs, *u.start)):
             raise Absent("connects no arrays")
         ecos = imported("ecospy")
         ecos.EcosLib.set_log_level("err")

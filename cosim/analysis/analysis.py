@@ -99,7 +99,7 @@ def analyse(
     if known is not None and tests and not port.inject:
         remarks.append("no test forces: no input for them is named ([analysis] inject)")
     elif known is not None and tests:
-        bench = Bench(known, port, rest_position(known, port, {port.response: recorded.response}))
+        bench = Bench(known, port, rest_position(known, port, recorded.response))
         tested = tuple(_tests(bench, lowest, swept, progress))
     return Analysis(
         title=subject.title,

@@ -14,7 +14,7 @@ from cosim.analysis.tested import each_feedback, title_of
 from cosim.errors import CosimError
 
 #: Length of runs with a wall and a grip, s.
-WALL, GRIP = 60.0, 20.0
+WALL, GRIP = 60.0, 30.0
 #: A wall that is neither soft nor stiff, N.m/rad.
 MODERATE = 200.0
 #: What is said where everything tried is stable.
@@ -41,11 +41,11 @@ def by_grip(bench: Bench) -> Iterator[Quantity]:
     """The stiffest undamped grip that the arm at the port stands."""
     tag, apart = title_of(bench), 1e-3 if bench.known else APART
     label, name = f"stiffest grip, {tag}", f"grip_{'known' if bench.known else 'started'}"
-    how = f"k_p by bisection, k_d = 0, {GRIP:g} s each, gripped {apart:g} rad away"
+    how = f"k_p by bisection, k_d = 0, {GRIP:g} s each, gripped {apart:g} rad away, not to swing up"
     try:
         most = bench.resolved(bench.port.arm)
         found = stiffest(
-            lambda k: bench.settles(bench.grip(k, 0.0, apart, GRIP), (bench.port.rate,)), most
+            lambda k: bench.stands(bench.grip(k, 0.0, apart, GRIP), (bench.port.rate,)), most
         )
     except CosimError as error:
         yield absent(name, label, "N.m/rad", how, str(error))
@@ -74,6 +74,11 @@ def by_wall(bench: Bench, felt: float) -> Iterator[Quantity]:
         yield absent("stiffness", "static stiffness", "N.m/rad", how, str(error))
         return
     force, q, far_force, far_q = (run.array(name)[-1] for name in signals)
+    ends = np.abs(np.array([force, far_force]))
+    if not (ends.min(axis=1) > 1e-3 * ends.max()).all():
+        why = "what the hand does does not get to the wall, or the wall's torque not to the hand"
+        yield absent("stiffness", "static stiffness", "N.m/rad", how, why)
+        return
     edge = _edge(bench)
     net = bench.network
     expected: list[float] = []

@@ -8,7 +8,7 @@ difference.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import exp, inf, log, sqrt
 
@@ -23,11 +23,13 @@ from cosim.analysis.trace import Change, Trace, changed, trace
 from cosim.errors import RunError, ScenarioError
 
 #: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.
-FORCE = 1e-4
+FORCE = 1e-6
 #: Time for what the start sets off to die away, s.
 SETTLE = 40.0
 #: How far a grip or a wall is away from where the arm is, rad.
 APART = 0.3
+#: Beyond this an arm has run away, rad.
+FAR = 100.0
 #: h ω of the fastest oscillation that the integrator inside an arm still follows well.
 RESOLVED = 0.5
 
@@ -127,14 +129,15 @@ class Bench:
         f = sines.transform(np.roll(wave, -settle)[:, None])
         step = np.exp(1j * sines.omega * sines.h)[:, None] - 1
         before = self.run(self._fed(seconds, np.zeros((1, self.size))), response)
-        columns = []
+        columns, astray = [], 0.0
         for j in range(self.size):
             force = np.zeros((sines.n, self.size))
             force[:, j] = wave
             after = self.run(self._fed(seconds, force), response)
-            moved = after.array(response[0]) - before.array(response[0])
-            columns.append(sines.transform(np.diff(moved, axis=0)) / step / f)
-        return PortGain(sines.omega, np.stack(columns, axis=2), sines.h)
+            moved = np.diff(after.array(response[0]) - before.array(response[0]), axis=0)
+            columns.append(sines.transform(moved) / step / f)
+            astray = max(astray, sines.astray(moved))
+        return PortGain(sines.omega, np.stack(columns, axis=2), sines.h, astray)
 
     def bands(self, lowest: float, highest: float) -> PortGain:
         """G(jω) from `lowest` to `highest`, rad/s: slow and fast forces in runs of their own.
@@ -148,7 +151,8 @@ class Bench:
         fast = self.gain(MultiSine.spread(middle / 8, highest, self.h, 24, FORCE))
         above = fast.omega > slow.omega[-1] * (1 + 1e-9)
         omega = np.concatenate([slow.omega, fast.omega[above]])
-        return PortGain(omega, np.concatenate([slow.G, fast.G[above]]), self.h)
+        G = np.concatenate([slow.G, fast.G[above]])
+        return PortGain(omega, G, self.h, max(slow.astray, fast.astray))
 
     def _fed(self, seconds: float, force: Array) -> Change:
         return replace(self.at_rest(seconds), forces={self.port.inject: force})
@@ -187,13 +191,25 @@ class Bench:
 
     def settles(self, change: Change, rates: Sequence[str]) -> bool:
         """Whether motion dies away: velocities swing less in the last quarter than before it."""
+        swings = self._swings(change, rates)
+        return swings is not None and (swings[3] < 0.98 * swings[2] or swings[3] < 1e-9)
+
+    def stands(self, change: Change, rates: Sequence[str]) -> bool:
+        """Whether motion does not grow: no more swing in the last quarter than in the second.
+
+        Up to a fifth: what hardly decays may beat.
+        """
+        swings = self._swings(change, rates)
+        return swings is not None and swings[3] < 1.2 * swings[1] + 1e-9
+
+    def _swings(self, change: Change, rates: Sequence[str]) -> list[float] | None:
+        """Root mean square of velocities in each quarter of a run; None where it had to stop."""
         found = trace(changed(self.system.plan, change), rates, self.every)
         if found.stopped:
-            return False
+            return None
         x = np.hstack([found.array(name) for name in rates])
         quarter = len(x) // 4
-        before, after = (_swing(x[i * quarter : (i + 1) * quarter]) for i in (2, 3))
-        return after < 0.98 * before or after < 1e-9
+        return [sqrt(float((x[i * quarter : (i + 1) * quarter] ** 2).mean())) for i in range(4)]
 
     def resolved(self, name: str) -> float:
         """The stiffest spring that the integrator of an arm follows, N.m/rad."""
@@ -202,30 +218,35 @@ class Bench:
         return arm.inertia_range[0] * (RESOLVED / h) ** 2
 
 
-def _swing(x: Array) -> float:
-    return sqrt(float((x**2).mean()))
-
-
 def stiffest(settles: Callable[[float], bool], most: float, least: float = 1.0) -> float:
-    """The greatest stiffness that settles, to 5 %, by bisection over its logarithm.
+    """The stiffness up to which all is well, to 5 %: from `least` by threes, then by bisection.
 
-    inf: even `most` does; 0: not even `least` does.
+    Upwards, because what is not well may be so again where it is stiffer still. inf: all up to
+    `most` is; 0: not even `least` is.
     """
-    if settles(most):
-        return inf
     if not settles(least):
         return 0.0
-    low, high = log(least), log(most)
+    low, high = log(least), log(least)
+    while high < log(most):
+        low, high = high, min(high + log(3.0), log(most))
+        if not settles(exp(high)):
+            break
+    else:
+        return inf
     while high - low > 0.05:
         middle = (low + high) / 2
         low, high = (middle, high) if settles(exp(middle)) else (low, middle)
     return exp(low)
 
 
-def rest_position(system: System, port: Port, found: Mapping[str, Array]) -> Vector:
-    """Where the bench puts the arms: where the port's arm ends, or where it starts."""
-    response = found.get(port.response) if system.is_position(port.response) else None
-    if response is not None and len(response) and np.isfinite(response[-1]).all():
-        return tuple(float(x) for x in response[-1])
+def rest_position(system: System, port: Port, response: Array) -> Vector:
+    """Where the bench puts the arms: where the port's arm ends, or where it starts.
+
+    `response` (n, m): as recorded; not used where it is no position, or has run away.
+    """
+    if system.is_position(port.response) and len(response):
+        last = response[-1]
+        if np.isfinite(last).all() and np.abs(last).max() < FAR:
+            return tuple(float(x) for x in last)
     arm = system.arms.get(port.arm)
     return arm.q if arm is not None else ()

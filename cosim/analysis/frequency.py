@@ -64,14 +64,28 @@ class MultiSine:
         """Amplitudes of the last period of `x` (k, m) at the frequencies, (bins, m)."""
         return np.asarray(np.fft.rfft(x[-self.n :], axis=0)[list(self.bins)])
 
+    def astray(self, x: Array) -> float:
+        """Share of the power of the last period of `x` (k, m) that is at other frequencies.
+
+        Of what is linear, constant in time and stable nothing is, once it has settled.
+        """
+        power = (np.abs(np.fft.rfft(x[-self.n :], axis=0)) ** 2).sum(axis=1)
+        power[0] = 0.0  # a drift
+        total = float(power.sum())
+        return 1 - float(power[list(self.bins)].sum()) / total if total > 0 else 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class PortGain:
-    """G(jω), (k, m, m), response over force, at `omega` (k,) rad/s, forces held over `h` s."""
+    """G(jω), (k, m, m), response over force, at `omega` (k,) rad/s, forces held over `h` s.
+
+    `astray`: the greatest share of the response's power that was at other frequencies.
+    """
 
     omega: Array
     G: Complex
     h: float
+    astray: float = 0.0
 
     @property
     def admittance(self) -> Complex:

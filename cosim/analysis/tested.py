@@ -16,7 +16,7 @@ from cosim.analysis.manipulability import manipulability
 from cosim.analysis.network import Network
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded import least_feedback
-from cosim.errors import CosimError
+from cosim.errors import CosimError, RunError
 
 #: Length of a run with a push, s, by whether there are more than two arms.
 PUSH = {False: 80.0, True: 240.0}
@@ -28,6 +28,9 @@ RESOLVES = (
 )
 #: A wall that is neither soft nor stiff, N.m/rad.
 MODERATE = 200.0
+#: Share of the motion at other frequencies: above the first links and graphs that switch disturb
+#: what is measured, above the second nothing is measured.
+DISTURBED, UNSTABLE = 0.02, 0.9
 #: Frequencies of the port, rad/s.
 LOWEST, HIGHEST = 0.03, 60.0
 
@@ -46,8 +49,16 @@ class Swept:
 
 
 def sweep(bench: Bench, lowest: float = LOWEST) -> Swept:
-    """G(jω) of the bench, with its closed form. Raises CosimError."""
+    """G(jω) of the bench, with its closed form.
+
+    Raises CosimError, also where almost nothing of the response is at the frequencies fed in.
+    """
     measured = bench.bands(lowest, HIGHEST)
+    if measured.astray > UNSTABLE:
+        raise RunError(
+            f"{measured.astray * 100:.3g} % of the motion is at frequencies that were not fed in:"
+            " let go of, it does not come to rest, or it does not answer linearly"
+        )
     net = bench.network
     if net is None:
         return Swept(title_of(bench), measured, None)
@@ -91,7 +102,7 @@ def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
             f"-slope of log |G| at {lowest:.3g} rad/s: {round(k)} pure integral(s)",
             expected=degree(form)[0] if form else (),
             formula="of the closed form at that frequency" if form else "",
-            note="" if whole else "not whole: take a lower frequency (--lowest)",
+            note=_doubts(gain, whole),
         )  # fmt: skip
     if not bench.port.collocated:
         return
@@ -104,6 +115,13 @@ def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
         note=f"{'passive' if share >= 0 else 'not passive'}; Re Y = {least:.3g} at {at:.3g} rad/s",
     )  # fmt: skip
     yield from _bands(gain, form, title, tag)
+
+
+def _doubts(gain: PortGain, whole: bool) -> str:
+    said = [] if whole else ["not whole: take a lower frequency (--lowest)"]
+    if gain.astray > DISTURBED:
+        said.append(f"{gain.astray * 100:.2g} % of the motion is at frequencies not fed in")
+    return "; ".join(said)
 
 
 def _bands(gain: PortGain, form: PortGain | None, title: str, tag: str) -> Iterator[Quantity]:

@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cosim.analysis.analysis import analyse
 from cosim.analysis.contacts import by_grip
+from cosim.analysis.experiments import stiffest
 from cosim.analysis.frequency import degree
 from cosim.analysis.subject import Subject
 from cosim.analysis.tested import by_push, sweep
@@ -193,3 +196,24 @@ def test_bands_without_the_slow_part_tell_of_a_whole_degree_only_if_it_is() -> N
 def test_network_of_a_bench_knows_its_port() -> None:
     assert bench(DOCUMENTS["pair-10"]).network is not None
     assert net_of(DOCUMENTS["pair-10"]).law.lambda_M == 10.0
+
+
+# ---- bisection ----------------------------------------------------------------------------------
+
+
+@settings(max_examples=50, deadline=None)
+@given(limit=st.floats(2.0, 9e3))
+def test_the_stiffest_is_found_to_five_percent(limit: float) -> None:
+    tried: list[float] = []
+
+    def settles(k: float) -> bool:
+        tried.append(k)
+        return k < limit or k > 3e4  # settles again where it is stiffer still
+
+    found = stiffest(settles, 1e5)
+    assert found <= limit < found * 1.06 and len(tried) < 20
+
+
+def test_all_or_nothing_settles() -> None:
+    assert stiffest(lambda k: True, 1e5) == np.inf
+    assert stiffest(lambda k: False, 1e5) == 0.0

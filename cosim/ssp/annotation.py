@@ -31,6 +31,14 @@ def write(parent: ElementTree.Element, content: Mapping[str, Any], common: str) 
     inner.text = json.dumps(content, sort_keys=True, ensure_ascii=False)
 
 
+def untold(table: Mapping[str, Any]) -> dict[str, Any]:
+    """What of a component's table the SSD does not tell: sizes too, where they are an FMU's."""
+    said = {k: v for k, v in table.items() if k not in TOLD and v is not None}
+    if str(table["model"]).endswith(".fmu") and table.get("sizes"):
+        said["sizes"] = table["sizes"]
+    return said
+
+
 def read(root: Node) -> dict[str, Any] | None:
     """The annotation of an SSD, if it has one. Raises ScenarioError."""
     for node in root.children("Annotations", "Annotation"):

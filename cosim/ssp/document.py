@@ -13,6 +13,7 @@ from cosim.errors import CosimError, ScenarioError, UnitError
 from cosim.fmi import FmuComponent
 from cosim.fmi.ports import Group
 from cosim.fmi.values import item
+from cosim.fmi.variables import TEXTS
 from cosim.scenario import Scenario, build
 from cosim.settings import change
 from cosim.ssp import annotation
@@ -146,10 +147,11 @@ class _Component:
         """Set a parameter or start value. Raises ScenarioError."""
         group, index = self.variable(name, value.place)
         entries = self._entries(group, value)
-        if group.first.type in ("String", "Binary"):
-            if entries != list(group.start):
-                message = f"{self.name}.{name}: text parameters of an SSP are not supported"
+        if group.first.type in TEXTS:
+            if index:
+                message = f"{self.name}.{name}: entries of an array of texts are not supported"
                 raise ScenarioError(message, value.place)
+            self._values[group.name] = entries[0]
             return
         if not index:
             many = entries if len(entries) != 1 else entries * group.size
@@ -165,7 +167,7 @@ class _Component:
         nested[index[-1]] = entries[0]
 
     def _entries(self, group: Group, value: Given) -> list[Any]:
-        if group.first.type in ("String", "Binary"):
+        if group.first.type in TEXTS:
             return list(value.entries)
         try:
             numbers = [_number(group, entry) for entry in value.entries]

@@ -127,7 +127,9 @@ class _Packer:
                     continue  # keeps its start value, which some tools would overwrite with 0
                 connector = SubElement(connectors, f"{{{SSD}}}Connector", name=scalar, kind=kind)
                 SubElement(connector, f"{{{SSC}}}{_type(group)}")
-        _parameters(element, step, fmu)
+        spec = self._scenario.components[step.name]
+        texts = {k: v for k, v in {**spec.parameters, **spec.start}.items() if fmu.is_text(k)}
+        _parameters(element, step, fmu, texts)
         return element
 
     def _resource(self, fmu: FmuComponent) -> str:
@@ -163,8 +165,7 @@ class _Packer:
         data = as_data(self._scenario)
         said = {k: v for k, v in data.items() if k not in ("path", "components")}
         said["components"] = {
-            name: {k: v for k, v in table.items() if k not in annotation.TOLD and v is not None}
-            for name, table in data["components"].items()
+            name: annotation.untold(table) for name, table in data["components"].items()
         }
         said["delays"] = sorted(self._delays)
         for link in said["links"]:
@@ -218,10 +219,10 @@ def _type(group: Group) -> str:
     return _TYPES.get(group.first.type, "Integer")
 
 
-def _parameters(element: Element, step: Step, fmu: FmuComponent) -> None:
-    """Values and start values as a parameter set inside the component."""
+def _parameters(element: Element, step: Step, fmu: FmuComponent, texts: Mapping[str, Any]) -> None:
+    """Values, start values and texts as a parameter set inside the component."""
     given = {**step.values, **step.start}
-    if not given:
+    if not given and not texts:
         return
     bindings = SubElement(element, f"{{{SSD}}}ParameterBindings")
     binding = SubElement(bindings, f"{{{SSD}}}ParameterBinding")
@@ -231,14 +232,16 @@ def _parameters(element: Element, step: Step, fmu: FmuComponent) -> None:
     for name, numbers in sorted(given.items()):
         group = fmu.groups[name]
         if group.first.shape:
-            text = " ".join(literal(group, x) for x in numbers)
-            entries = [(name, text)]
+            entries = [(name, " ".join(literal(group, x) for x in numbers))]
         else:
-            texts = [literal(group, x) for x in numbers]
-            entries = list(zip(_scalars(group), texts, strict=True))
+            literals = (literal(group, x) for x in numbers)
+            entries = list(zip(_scalars(group), literals, strict=True))
         for scalar, text in entries:
             parameter = SubElement(parameters, f"{{{SSV}}}Parameter", name=scalar)
             SubElement(parameter, f"{{{SSV}}}{_type(group)}", value=text)
+    for name, text in sorted(texts.items()):
+        parameter = SubElement(parameters, f"{{{SSV}}}Parameter", name=name)
+        SubElement(parameter, f"{{{SSV}}}{fmu.groups[name].first.type}", value=str(text))
 
 
 def literal(group: Group, value: float) -> str:

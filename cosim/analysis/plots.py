@@ -143,7 +143,7 @@ def _port(found: Analysis, axes: Sequence[Axes]) -> None:
     for colour, one in zip(_COLOURS, found.swept, strict=False):
         measured, form = one.measured, one.drawn
         axes[0].loglog(
-            measured.omega, measured.size, "o", color=colour, markersize=3, label=one.title
+            measured.omega, measured.size, "o", color=colour, markersize=3, label=_named(one.title)
         )
         if form is not None:
             axes[0].loglog(form.omega, form.size, color=colour, **_CLOSED)
@@ -196,6 +196,10 @@ def _even(t: Array, most: int = 2000) -> Array:
     if not len(t):
         return np.empty(0, np.intp)
     return np.unique(np.searchsorted(t, np.geomspace(t[0], t[-1], most)).clip(0, len(t) - 1))
+
+
+def _named(title: str) -> str:
+    return title.replace("M_hat = M", r"$\hat{M} = M$")
 
 
 def _pretty(unit: str) -> str:

@@ -203,9 +203,8 @@ def _pole(net: Network, where: str) -> Iterator[Finding]:
     away = float(np.abs(np.asarray(place) - np.asarray(arm.q)).max())
     text = f"the slowest pole in the hand is {rate:.3g} 1/s, estimate right (O3)"
     if away > 0.05:
-        text += (
-            f": 0.05 rad from where the hand wants it not before {log(away / 0.05) / -rate:.2g} s"
-        )
+        soonest = log(away / 0.05) / -rate
+        text += f"; closer than 0.05 rad to where the hand wants it not before {soonest:.2g} s"
     yield _note("slow-pole", where, rate, "1/s", text)
 
 

@@ -39,7 +39,10 @@ def _options() -> None:
 def build(
     models: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[MODEL]...", help="Of `fmus list`, or a module. [default: all]"),
+        typer.Argument(
+            metavar="[MODEL]...",
+            help="Of `fmus list`, a module, a file.py, or module:Class. [default: all]",
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .fmu files.")] = Path("."),
     fmi: Annotated[str, typer.Option(help="2.0, 3.0 or both.")] = "both",
@@ -52,7 +55,13 @@ def build(
 ) -> None:
     """Build FMUs with sources, for this machine or for others."""
     versions, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
-    for model in _models(models or [], given):
+    classes = [name for name in models or [] if ":" in name]
+    for name in classes:
+        from fmus.python import build_class
+
+        typer.echo(f"{build_class(name, out)}  FMI 2.0, with Python inside")
+    named = [name for name in models or [] if name not in classes]
+    for model in _models(named, given) if named or not classes else []:
         binaries = compile_model(model, targets)
         for version in versions:
             path = pack(model, version, out, binaries)
@@ -95,7 +104,11 @@ def _models(names: list[str], sizes: dict[str, int]) -> list[Model]:
 
 
 def _module(name: str) -> ModuleType:
-    """The module of a model: one of ours by its short name, or any that has ``model()``."""
+    """The module of a model: ours by its short name, any that has ``model()``, or a file of it."""
+    if name.endswith(".py"):
+        from fmus.python import load_module
+
+        return load_module(Path(name))
     full = name if "." in name else f"fmus.models.{name}"
     known = f"expected one of {', '.join(SHIPPED)}, or a module with a function model()"
     try:

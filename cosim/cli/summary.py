@@ -113,7 +113,8 @@ def summary(scenario: Scenario, run: Run, outcome: Outcome) -> list[str]:
     lines = [_line(r.label, r.text) for r in results]
     settled = _settled(scenario, results)
     if settled:
-        at = next(i for i, r in enumerate(results) if "settle_s" not in r.parts)
+        timed = [i for i, r in enumerate(results) if "settle_s" in r.parts]
+        at = timed[-1] + 1  # behind the last error that has one
         lines.insert(at, _line("settle time", settled))
     lines += [_line("link age", text) for text in _ages(outcome)]
     ratio = outcome.seconds / outcome.wall

@@ -71,19 +71,19 @@ def poles(
     linear = net.at(q, estimates)
     at = slice(net.port * m, (net.port + 1) * m)
 
-    def f(p: complex) -> complex:
+    def f(p: Complex) -> Complex:
         A = linear.A(p)
-        A[at, at] += np.diag(spread(k_p, m)) + p * np.diag(spread(k_d, m))
-        return complex(np.linalg.det(A) * (p + net.law.lambda_M) ** (n * m))
+        A[:, at, at] += np.diag(spread(k_p, m)) + p[:, None, None] * np.diag(spread(k_d, m))
+        return np.asarray(np.linalg.det(A) * (p + net.law.lambda_M) ** (n * m))
 
     scale = max(*(law.lambda_M for law in net.laws), *(law.alpha for law in net.laws), 1.0)
+    turns = np.exp(1j * np.array([pi, 0.85 * pi, 0.65 * pi]))
+    fan = np.asarray(scale * np.geomspace(0.02, 2.0, 9)[:, None] * turns, dtype=np.complex128)
     found: list[complex] = []
-    for size in np.geomspace(0.02, 2.0, 9):
-        for turn in (pi, 0.85 * pi, 0.65 * pi):
-            p = _newton(f, complex(scale * size * np.exp(1j * turn)))
-            away = p is not None and abs(p + net.law.lambda_M) > 1e-3
-            if p is not None and away and all(abs(p - other) > 1e-5 * scale for other in found):
-                found.append(p)
+    for p in _newton(f, fan.ravel()):
+        away = abs(p + net.law.lambda_M) > 1e-3
+        if away and all(abs(p - other) > 1e-5 * scale for other in found):
+            found.append(complex(p))
     return _sorted(np.array(found))
 
 
@@ -92,19 +92,17 @@ def _sorted(roots: ArrayLike) -> Complex:
     return found[np.lexsort((found.imag, -found.real))]
 
 
-def _newton(f: Callable[[complex], complex], p: complex) -> complex | None:
-    """The root that Newton's method reaches from `p`, or None."""
-    for _ in range(50):
-        step = 1e-6 * (1 + abs(p))
-        value = f(p)
-        slope = (f(p + step) - f(p - step)) / (2 * step)
-        if not np.isfinite(slope) or slope == 0:
-            return None
-        change = value / slope
-        p -= change
-        if abs(change) < 1e-9 * (1 + abs(p)):
-            return p
-    return None
+def _newton(f: Callable[[Complex], Complex], p: Complex) -> Complex:
+    """The roots that Newton's method reaches from each of `p` (k,), where it converges."""
+    change = np.full_like(p, np.inf)
+    with np.errstate(all="ignore"):
+        for _ in range(50):
+            step = 1e-6 * (1 + np.abs(p))
+            change = f(p) * 2 * step / (f(p + step) - f(p - step))
+            p = np.where(np.isfinite(change), p - change, p)
+            if (np.abs(change) < 1e-9 * (1 + np.abs(p))).all():
+                break
+    return np.asarray(p[np.abs(change) < 1e-9 * (1 + np.abs(p))])
 
 
 # ---- O6, O9: gains ------------------------------------------------------------------------------

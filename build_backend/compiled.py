@@ -1,4 +1,4 @@
-"""The compiled parts, in place: ``cosim/_engine.so`` and ``fmus/_built/*.fmu``.
+"""The compiled parts, in place: ``cosim/_engine.so``, ``bridge/_bridge.so``, ``fmus/_built/*.fmu``.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
 same. What is up to date, by the contents of everything it is made from, is left alone.
@@ -22,19 +22,36 @@ def build() -> list[Path]:
     """
     if str(ROOT) not in sys.path:
         sys.path.insert(0, str(ROOT))
-    return [*_engine(), *_models()]
+    return [*_engine(), *_bridge(), *_models()]
 
 
 def _engine() -> list[Path]:
-    from fmus.toolchain import compile_shared, shared_suffix
+    from fmus.toolchain import shared_suffix
 
     folder = ROOT / "cosim"
-    made_from = _fingerprint([*folder.glob("*.c"), *folder.glob("*.h"), ROOT / "fmus/toolchain.py"])
-    stamp = folder / "_engine.json"
+    sources = [*folder.glob("*.c"), *folder.glob("*.h")]
+    return _library(folder / f"_engine{shared_suffix()}", [folder / "engine.c"], sources, folder)
+
+
+def _bridge() -> list[Path]:
+    from fmus.toolchain import shared_suffix
+
+    folder = ROOT / "bridge" / "c"
+    sources = sorted([*folder.glob("*.c"), *(ROOT / "cosim").glob("*.h")])
+    made_from = [*sources, *folder.glob("*.h")]
+    output = ROOT / "bridge" / f"_bridge{shared_suffix()}"
+    return _library(output, [s for s in sources if s.suffix == ".c"], made_from, folder)
+
+
+def _library(output: Path, units: list[Path], sources: list[Path], include: Path) -> list[Path]:
+    """A shared library of `units`, made again when one of `sources` has changed."""
+    from fmus.toolchain import compile_shared
+
+    made_from = _fingerprint([*sources, ROOT / "fmus/toolchain.py"])
+    stamp = output.with_name(f"{output.stem}.json")
     if _current(stamp, made_from):
         return []
-    output = folder / f"_engine{shared_suffix()}"
-    compile_shared([folder / "engine.c"], output, include=[folder])
+    compile_shared(units, output, include=[include, ROOT / "cosim"])
     _write(stamp, made_from, [output])
     return [output]
 

@@ -1,0 +1,47 @@
+/* frame.h: what travels, and the queue it travels through inside a process.
+ *
+ * A frame is a CAN frame (id as in linux/can.h, up to 64 bytes) or a message of another network
+ * (id: the message's number in the deployment, up to FRAME_DATA bytes). Time is CLOCK_MONOTONIC.
+ * A ring has one writer and one reader, which may be different threads; it never blocks, never
+ * allocates, and counts what did not fit.
+ */
+#ifndef BRIDGE_FRAME_H
+#define BRIDGE_FRAME_H
+
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+enum { FRAME_DATA = 232 };
+enum { FRAME_FD = 1, FRAME_BRS = 2, FRAME_ESI = 4, FRAME_REMOTE = 8, FRAME_EXTENDED = 16,
+       FRAME_ERROR = 32, FRAME_SENT = 64 /* in a log: sent by this node, not received */ };
+
+typedef struct {
+    int64_t t_ns;           /* arrival, or hand-over to the network */
+    uint32_t id;            /* without the flag bits of linux/can.h: those are in `flags` */
+    uint8_t flags;
+    uint8_t bus;            /* number of the bus in its node */
+    uint16_t length;        /* bytes of data */
+    uint32_t sequence;      /* of this frame in its ring or log */
+    uint32_t reserved;
+    uint8_t data[FRAME_DATA];
+} frame_t;                  /* 256 bytes */
+
+typedef struct {
+    uint64_t head;          /* frames written; moved by the writer only */
+    uint64_t dropped;       /* did not fit; counted by the writer */
+    uint64_t pad0[6];       /* the two ends on cache lines of their own */
+    uint64_t tail;          /* frames read; moved by the reader only */
+    uint64_t pad1[7];
+    int64_t capacity;       /* a power of two */
+    frame_t *frames;
+} ring_t;
+
+API int32_t ring_put(ring_t *ring, const frame_t *frame);   /* 1, or 0: full */
+API int32_t ring_get(ring_t *ring, frame_t *frame);         /* 1, or 0: empty */
+
+#endif

@@ -1,0 +1,3 @@
+/* pace.c: see pace.h */
+#define _GNU_SOURCE
+#include "pace.h"

@@ -1,0 +1,28 @@
+"""Where the library is, and how it is loaded."""
+
+from __future__ import annotations
+
+import ctypes as c
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+from cosim.errors import CosimError
+
+
+def library_path() -> Path:
+    """Where the shared library is, built at installation next to the package's sources."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    return Path(__file__).parent.with_name(f"_bridge{suffix}")
+
+
+@lru_cache(maxsize=1)
+def library() -> c.CDLL:
+    """The library, loaded once; each module of this package declares the functions it calls.
+
+    Raises CosimError when it is missing.
+    """
+    path = library_path()
+    if not path.is_file():
+        raise CosimError(f"{path} is missing: install the project (pip install .), which builds it")
+    return c.CDLL(str(path))

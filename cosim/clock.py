@@ -1,7 +1,13 @@
-"""The only reader of clocks. (Simulated, scaled and wall pacing come with real time.)"""
+"""The only reader of clocks in Python; in C it is ``bridge/c/pace.c``.
+
+Everything else gets time as an argument. Two kinds: the *monotonic* clock paces and measures and
+is never set; the *real-time* clock is the date, can be set while a run goes on, and only names
+things and relates them to the world outside.
+"""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 
@@ -15,3 +21,40 @@ def stopwatch() -> Callable[[], float]:
 def stamp() -> str:
     """Local date and time for names of folders: ``20260131-235959``."""
     return time.strftime("%Y%m%d-%H%M%S")
+
+
+if sys.platform == "win32":  # before Python 3.13 time.monotonic() moves every 16 ms there
+
+    def monotonic_ns() -> int:
+        """Nanoseconds of the clock that deadlines are on: the performance counter."""
+        return time.perf_counter_ns()
+
+else:
+
+    def monotonic_ns() -> int:
+        """Nanoseconds of the clock that deadlines are on, since some moment: CLOCK_MONOTONIC.
+
+        The clock of ``pace_now`` (``bridge/c/pace.h``), one for all processes of a machine: not
+        set by anybody, slewed by time synchronisation.
+        """
+        return time.monotonic_ns()
+
+
+def realtime_ns() -> int:
+    """Nanoseconds since 1970-01-01 UTC: CLOCK_REALTIME. It may jump; never pace by it."""
+    return time.time_ns()
+
+
+def wall_time() -> float:
+    """Seconds since 1970-01-01 UTC, as :func:`realtime_ns`: for stamps in logs and file names."""
+    return time.time()
+
+
+def sleep(seconds: float) -> None:
+    """Let at least `seconds` (s) go by; not positive: return at once.
+
+    For waiting outside of ticks (a process to start, a peer to answer). Ticks wait for absolute
+    deadlines in C.
+    """
+    if seconds > 0:
+        time.sleep(seconds)

@@ -25,13 +25,13 @@
 #define INLINE static inline
 #endif
 
-#define ENGINE_ABI 4
+#define ENGINE_ABI 5
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
-       OP_AHEAD, OP_BETWEEN };
+       OP_AHEAD, OP_BETWEEN, OP_GATE };
 enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
-       RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK };
+       RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE };
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 
@@ -112,11 +112,18 @@ typedef struct {
     int64_t row, rows;
 } player_t;
 
+/* Where signals leave the plan or enter it; what happens there is not the engine's business. */
+typedef struct {
+    int32_t (*pass)(void *context, int64_t tick, double *signals); /* not 0: the run stops */
+    void *context;
+} gate_t;
+
 typedef struct {
     operation_t *operations;
     unit_t *units;
     link_t *links;
     player_t *players;
+    gate_t *gates;
     double *signals;
     double *record;         /* rows of n_signals, or NULL */
     int64_t n_operations, n_signals;
@@ -301,6 +308,12 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
             case OP_AGE: s[op->target] = age(e, op); break;
             case OP_PLAY: result = play(e->players + op->index, s + op->target); break;
             case OP_STEP: result = step_unit(e, op->index); break;
+            case OP_GATE:
+                if (e->gates[op->index].pass(e->gates[op->index].context, tick, s)) {
+                    e->failed_index = op->index;
+                    result = RUN_GATE;
+                }
+                break;
             case OP_RECORD:
                 if (e->record) {
                     memcpy(e->record + e->row * e->n_signals, s, (size_t)e->n_signals * sizeof *s);
@@ -365,6 +378,7 @@ API size_t engine_sizes(int32_t which)
 {
     static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
                                    sizeof(engine_t), sizeof(log_t), sizeof(player_t),
-                                   sizeof(access_t), sizeof(ticker_t), sizeof(typed_t)};
-    return which >= 0 && which < 9 ? sizes[which] : 0;
+                                   sizeof(access_t), sizeof(ticker_t), sizeof(typed_t),
+                                   sizeof(gate_t)};
+    return which >= 0 && which < 10 ? sizes[which] : 0;
 }

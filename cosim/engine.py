@@ -35,14 +35,19 @@ class Engine:
 
     `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
     link's table as they are used, if `keep_tables` is given: called with (link name, rows).
+    `gates`: (address of the function, of its context) of each gate of the plan, by its name.
     """
 
     def __init__(
-        self, plan: Plan, keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None
+        self,
+        plan: Plan,
+        keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None,
+        gates: Mapping[str, tuple[int, int]] | None = None,
     ) -> None:
         self.plan = plan
         self.signals: Vector = np.zeros(plan.n_signals)
         self._keep_tables = keep_tables
+        self._gates = gates or {}
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._streams = [link.table.stream() for link in plan.links]
@@ -131,7 +136,9 @@ class Engine:
             *(self._link(i) for i in range(len(plan.links)))
         )
         self._players = (native.Player * len(plan.players))()
-        self._alive += [operations, units]
+        through = (native.Gate * len(plan.gates))(*(self._gates[g.name] for g in plan.gates))
+        state.gates = c.addressof(through)
+        self._alive += [operations, units, through]
         state.operations, state.units = c.addressof(operations), c.addressof(units)
         state.links = c.addressof(self._links)
         state.players = c.addressof(self._players)
@@ -228,6 +235,19 @@ class Engine:
         """Rows recorded by the last :meth:`run`, also when it failed."""
         return int(self._state.row)
 
+    @property
+    def state(self) -> native.EngineState:
+        """The C engine's own state, for who calls ``engine_run`` natively; see :meth:`prepare`."""
+        return self._state
+
+    def prepare(self, ticks: int) -> None:
+        """Hand over the tables of the next `ticks` ticks to a loop that is run from C."""
+        self._next_tables(ticks)
+
+    def failure(self, result: int) -> BaseException:
+        """What a result of ``engine_run`` other than OK and STOPPED means, as an error."""
+        return self._error(Result(result))
+
     def stop(self) -> None:
         """Ask a running loop to stop after the current tick; callable from any thread."""
         self._state.stop = 1
@@ -263,6 +283,9 @@ class Engine:
         if result is Result.HISTORY:
             name = self.plan.links[index].name
             return RunError(f"link {name}: no such sample {where}", tick=tick, time=time)
+        if result is Result.GATE:
+            gate = self.plan.gates[index]
+            return RunError(f"{gate.component}: {gate.name} stopped it {where}", tick=tick, time=time)
         step = self.plan.components[index]
         text = f"{step.name}: {self._reason(result, step, failure)} {where}"
         error = RunError(text, component=step.name, tick=tick, time=time)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim.errors import CosimError
 
-ABI = 4
+ABI = 5
 LOG_LINES, LOG_WIDTH = 32, 512
 
 
@@ -28,6 +28,7 @@ class Code(IntEnum):
     PLAY = 7
     AHEAD = 8
     BETWEEN = 9
+    GATE = 10
 
 
 class UnitKind(IntEnum):
@@ -54,6 +55,7 @@ class Result(IntEnum):
     VALUE = 9
     EVENT = 10
     STUCK = 11
+    GATE = 12
 
 
 CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
@@ -172,6 +174,12 @@ class Player(c.Structure):
     _fields_ = (("values", c.c_void_p), ("row", c.c_int64), ("rows", c.c_int64))
 
 
+class Gate(c.Structure):
+    """``gate_t``: a C function ``int32_t pass(void *context, int64_t tick, double *signals)``."""
+
+    _fields_ = (("passing", c.c_void_p), ("context", c.c_void_p))
+
+
 class EngineState(c.Structure):
     """``engine_t``."""
 
@@ -180,6 +188,7 @@ class EngineState(c.Structure):
         ("units", c.c_void_p),
         ("links", c.c_void_p),
         ("players", c.c_void_p),
+        ("gates", c.c_void_p),
         ("signals", c.c_void_p),
         ("record", c.c_void_p),
         ("n_operations", c.c_int64),
@@ -248,7 +257,7 @@ def library() -> c.CDLL:
     engine.engine_unit.argtypes = (
         *(c.c_void_p, c.c_void_p, c.c_double, c.c_int64, c.c_void_p, c.c_void_p),
     )
-    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed)
+    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed, Gate)
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]
     if engine.engine_abi() != ABI or found != expected:

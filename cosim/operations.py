@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from cosim.native import Code
 
 if TYPE_CHECKING:
-    from cosim.plan import Link, Player, Step, Wire
+    from cosim.plan import Gate, Link, Player, Step, Wire
 
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ class Operation:
 class Connections:
     """Wires, links and players by the component they end at; links also by where they begin.
 
-    Links and players come with their number in the plan. `last`: where the signal vector keeps the
+    Links, players and gates come with their number in the plan. `last`: where the signal vector keeps the
     last value of a wire that is extrapolated, by the wire's target.
     """
 
@@ -46,6 +46,7 @@ class Connections:
     players: Mapping[str, Sequence[tuple[int, Player]]]
     wires: Mapping[str, Sequence[Wire]]
     last: Mapping[int, int]
+    gates: Mapping[str, Sequence[tuple[int, Gate]]]
 
     @classmethod
     def of(
@@ -55,6 +56,7 @@ class Connections:
         players: Sequence[Player],
         lines: Iterable[Wire] = (),
         end: int = 0,
+        gates: Sequence[Gate] = (),
     ) -> Connections:
         """Sorted by component, once: looking each component's up must not cost all of them.
 
@@ -70,6 +72,7 @@ class Connections:
             _grouped((p.target.component, (i, p)) for i, p in enumerate(players)),
             _grouped((w.target.component, w) for w in wires),
             last,
+            _grouped((g.component, (i, g)) for i, g in enumerate(gates)),
         )
 
 
@@ -121,7 +124,8 @@ def lay_out(
 
 
 def _pushes(c: Step, found: Connections) -> list[Operation]:
-    return [
+    """What leaves by links and gates."""
+    pushes = [
         Operation(
             Code.PUSH,
             i,
@@ -133,11 +137,18 @@ def _pushes(c: Step, found: Connections) -> list[Operation]:
         )
         for i, x in found.sent.get(c.name, ())
     ]
+    return pushes + _gates(c, found, out=True)
+
+
+def _gates(c: Step, found: Connections, *, out: bool) -> list[Operation]:
+    return [
+        Operation(Code.GATE, i, c.period) for i, g in found.gates.get(c.name, ()) if g.out == out
+    ]
 
 
 def _received(c: Step, found: Connections, periods: Mapping[str, int]) -> list[Operation]:
-    """What comes over links, its age, and weights."""
-    received: list[Operation] = []
+    """What comes by gates and over links, its age, and weights."""
+    received = _gates(c, found, out=False)
     for i, x in found.links.get(c.name, ()):
         received.append(
             Operation(Code.PULL, i, c.period, target=x.target.start, count=x.target.size)

@@ -121,6 +121,19 @@ class Player:
 
 
 @dataclass(frozen=True, slots=True)
+class Gate:
+    """A place where signals of the plan leave, or others enter, at the hits of `component`.
+
+    Out: once its outputs of t_k are there; in: before it reads its inputs. What happens there is a
+    function given to the engine (``docs/design.md``, idea 6).
+    """
+
+    name: str
+    component: str
+    out: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """Everything the engine needs.
 
@@ -139,6 +152,7 @@ class Plan:
     operations: tuple[Operation, ...]
     order: tuple[str, ...]
     later: tuple[str, ...] = ()
+    gates: tuple[Gate, ...] = ()
 
     def component(self, name: str) -> Step:
         """The component of that name, which must be there (they are sorted by name)."""
@@ -158,6 +172,7 @@ def compile_plan(
     algorithm: str = "sampled",
     players: Iterable[Player] = (),
     order: Sequence[str] = (),
+    gates: Iterable[Gate] = (),
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
@@ -175,7 +190,8 @@ def compile_plan(
     later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
     n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
     lines = _extrapolated({c.name: c for c in steps}, wires_)
-    connections = Connections.of(wires_, links_, players_, lines, n_signals)
+    gates_ = tuple(sorted(gates, key=lambda g: g.name))
+    connections = Connections.of(wires_, links_, players_, lines, n_signals, gates_)
     newest = algorithm == "gauss-seidel"
     return Plan(
         h=h,
@@ -189,6 +205,7 @@ def compile_plan(
         operations=lay_out(steps, connections, now, later, newest=newest),
         order=now,
         later=later,
+        gates=gates_,
     )
 
 

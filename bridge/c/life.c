@@ -1,0 +1,149 @@
+/* life.c: life cycle, watchdogs and peers of a node; see safety.h. */
+#include "safety.h"
+
+API size_t safety_sizes(int32_t which)
+{
+    static const size_t sizes[] = {sizeof(life_t), sizeof(guard_t), sizeof(watchdog_t),
+                                   sizeof(peer_t), sizeof(drive_t)};
+    return which >= 0 && which < 5 ? sizes[which] : 0;
+}
+
+/* ---- life cycle ---- */
+
+/* Why a command that needs a quiet node is refused; 0: it is not. */
+static uint32_t not_quiet(const life_t *life, uint32_t now)
+{
+    if (life->state != LIFE_INACTIVE) return WHY_COMMAND;
+    return life->reasons | now;
+}
+
+static uint32_t arm(life_t *life, uint32_t now)
+{
+    const uint32_t why = not_quiet(life, now);
+    if (!why) life->armed = 1;
+    return why;
+}
+
+static uint32_t start(life_t *life, uint32_t now)
+{
+    const uint32_t why = not_quiet(life, now);
+    if (why) return why;
+    if (!life->armed) return WHY_COMMAND;
+    life->state = LIFE_ACTIVE;
+    return 0;
+}
+
+static uint32_t reset(life_t *life)
+{
+    if (life->state != LIFE_INACTIVE && life->state != LIFE_FAULT) return WHY_COMMAND;
+    life->state = LIFE_INACTIVE;
+    life->armed = 0;
+    life->reasons = 0;
+    return 0;
+}
+
+/* Applies the command; returns the bits it raises. */
+static uint32_t obey(life_t *life, uint32_t now)
+{
+    const int32_t command = life->command;
+    life->command = COMMAND_NONE;
+    switch (command) {
+    case COMMAND_NONE: return 0;
+    case COMMAND_ARM: life->refused = arm(life, now); return 0;
+    case COMMAND_START: life->refused = start(life, now); return 0;
+    case COMMAND_RESET: life->refused = reset(life); return 0;
+    case COMMAND_STOP:
+        life->refused = 0;
+        if (life->state == LIFE_INACTIVE) life->armed = 0;
+        return life->state == LIFE_ACTIVE ? WHY_COMMAND : 0;
+    default: return WHY_COMPONENT;
+    }
+}
+
+/* Latches what was raised, where the state lets it. */
+static void latch(life_t *life, uint32_t raised)
+{
+    if (life->state == LIFE_INACTIVE && !life->armed) raised &= ~(uint32_t)WHY_NOT_YET;
+    if (!raised || life->state == LIFE_FINISHED) return;
+    life->reasons |= raised;
+    life->armed = 0;
+    if (life->state == LIFE_ACTIVE) {
+        life->state = LIFE_STOPPING;
+        life->ramp = life->ramp_ticks;
+    } else if (life->state == LIFE_INACTIVE) {
+        life->state = LIFE_FAULT;
+    }
+}
+
+/* One tick of the ramp. Stopped by command only: INACTIVE, else FAULT. */
+static void ramp_down(life_t *life)
+{
+    if (life->ramp > life->ramp_ticks) life->ramp = life->ramp_ticks;
+    life->ramp = life->ramp > 1 ? life->ramp - 1 : 0;
+    if (life->ramp == 0)
+        life->state = life->reasons & ~(uint32_t)WHY_COMMAND ? LIFE_FAULT : LIFE_INACTIVE;
+}
+
+static double scale(const life_t *life)
+{
+    if (life->state == LIFE_ACTIVE) return 1.0;
+    return life->state == LIFE_STOPPING ? (double)life->ramp / life->ramp_ticks : 0.0;
+}
+
+API int32_t life_step(life_t *life)
+{
+    uint32_t raised = life->now;
+    life->now = 0;
+    if (life->state < LIFE_UNCONFIGURED || life->state > LIFE_FINISHED) {
+        life->state = LIFE_FAULT;
+        raised |= WHY_COMPONENT;
+    }
+    raised |= obey(life, raised);
+    latch(life, raised);
+    if (life->state == LIFE_STOPPING) ramp_down(life);
+    if (life->state == LIFE_FAULT) life->armed = 0;
+    life->scale = scale(life);
+    return life->state;
+}
+
+/* ---- watchdogs ---- */
+
+API void watchdog_feed(watchdog_t *w, int64_t now_ns)
+{
+    if (now_ns > w->last_ns) w->last_ns = now_ns;
+}
+
+API int32_t watchdog_check(watchdog_t *w, int64_t now_ns)
+{
+    if (w->latched || w->timeout_ns <= 0) return w->latched;
+    if (now_ns - w->last_ns <= w->timeout_ns) return 0;
+    w->latched = 1;
+    w->trips++;
+    return 1;
+}
+
+API void watchdog_reset(watchdog_t *w, int64_t now_ns)
+{
+    w->latched = 0;
+    w->last_ns = now_ns;
+}
+
+/* ---- peers ---- */
+
+API uint32_t peer_heartbeat(peer_t *peer, int32_t state, uint32_t boots, int64_t now_ns)
+{
+    const int32_t restarted = peer->state >= 0 && boots != peer->boots;
+    peer->state = state;
+    peer->boots = boots;
+    watchdog_feed(&peer->heartbeat, now_ns);
+    peer->heartbeat.latched = 0;
+    return restarted && peer->required ? WHY_PEER : 0;
+}
+
+API uint32_t peer_check(peer_t *peer, int64_t now_ns)
+{
+    if (peer->state == LIFE_FINISHED) return 0;
+    const int32_t lost = watchdog_check(&peer->heartbeat, now_ns);
+    const int32_t stopped = peer->state == LIFE_STOPPING || peer->state == LIFE_FAULT;
+    return peer->required && (lost || stopped) ? WHY_PEER : 0;
+}

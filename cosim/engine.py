@@ -285,7 +285,8 @@ class Engine:
             return RunError(f"link {name}: no such sample {where}", tick=tick, time=time)
         if result is Result.GATE:
             gate = self.plan.gates[index]
-            return RunError(f"{gate.component}: {gate.name} stopped it {where}", tick=tick, time=time)
+            text = f"{gate.component}: {gate.name} stopped it {where}"
+            return RunError(text, component=gate.component, tick=tick, time=time)
         step = self.plan.components[index]
         text = f"{step.name}: {self._reason(result, step, failure)} {where}"
         error = RunError(text, component=step.name, tick=tick, time=time)

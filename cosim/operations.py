@@ -37,8 +37,8 @@ class Operation:
 class Connections:
     """Wires, links and players by the component they end at; links also by where they begin.
 
-    Links, players and gates come with their number in the plan. `last`: where the signal vector keeps the
-    last value of a wire that is extrapolated, by the wire's target.
+    Links, players and gates come with their number in the plan. `last`: where the signal vector
+    keeps the last value of a wire that is extrapolated, by the wire's target.
     """
 
     sent: Mapping[str, Sequence[tuple[int, Link]]]

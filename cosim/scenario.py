@@ -201,19 +201,24 @@ def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
         from cosim import ssp
 
         return ssp.load(path, settings)
+    document = read_document(path)
+    for setting in settings:
+        change(document, setting)
+    return build(document, path)
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """A TOML file, parsed. Raises ScenarioError."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file") from None
     except IsADirectoryError:
-        raise ScenarioError(f"{path}: is a folder; expected a scenario file (.toml)") from None
+        raise ScenarioError(f"{path}: is a folder; expected a file (.toml)") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path}: not valid TOML: {error}") from None
-    for setting in settings:
-        change(document, setting)
-    return build(document, path)
 
 
 def build(document: Mapping[str, Any], path: Path) -> Scenario:
@@ -237,14 +242,14 @@ def build(document: Mapping[str, Any], path: Path) -> Scenario:
         raise ScenarioError("expected an array of tables, [[links]]", f"{path} at links")
     return Scenario(
         path=path,
-        title=_convert(document.get("title", path.stem), str, path, "title"),
-        run=_convert(document["run"], RunSpec, path, "run"),
+        title=convert(document.get("title", path.stem), str, path, "title"),
+        run=convert(document["run"], RunSpec, path, "run"),
         components=_each(tables["components"], ComponentSpec, path, "components"),
-        links=tuple(_convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
+        links=tuple(convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
         topology=_topology(document, path),
         metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=_each(tables["figures"], FigureSpec, path, "figures"),
-        analysis=_convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
+        analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
     )
 
 
@@ -270,14 +275,15 @@ def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
 
 def _topology(document: Mapping[str, Any], path: Path) -> TopologySpec | None:
     given = document.get("topology")
-    return None if given is None else _convert(given, TopologySpec, path, "topology")
+    return None if given is None else convert(given, TopologySpec, path, "topology")
 
 
 def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
-    return {name: _convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
 
 
-def _convert(value: Any, kind: type[T], path: Path, place: str) -> T:
+def convert(value: Any, kind: type[T], path: Path, place: str) -> T:
+    """Plain data as a struct of `kind`. Raises ScenarioError naming the file and the place."""
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:

@@ -1,0 +1,281 @@
+"""Cut a plan into the plans of its nodes, and find what crosses the cuts.
+
+A wire or link whose two ends live in different nodes leaves by an outlet (a message of a bus) and
+enters by an inlet. Everything else stays what it was, in the node's own signal vector and on the
+node's own tick: the greatest common period of its components.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import gcd
+
+from bridge.deploy import Deployment, MessageSpec, NodeSpec
+from cosim.errors import ScenarioError
+from cosim.plan import Gate, Link, Plan, Slot, Step, Wire, compile_plan
+
+
+@dataclass(frozen=True, slots=True)
+class Outlet:
+    """A message that leaves: the values of `parts` (slots of the node), in this order.
+
+    `period`: hits of the component between two messages; `ticks`: base ticks between two.
+    """
+
+    gate: str
+    message: str
+    bus: str
+    component: str
+    carries: tuple[str, ...]
+    parts: tuple[Slot, ...]
+    period: int
+    ticks: int
+
+    @property
+    def width(self) -> int:
+        """Number of values."""
+        return sum(p.size for p in self.parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Inlet:
+    """Values `first` ... of a message that go to `target`, as gain * value + offset.
+
+    `link`: whose latency the receiver adds; None: a wire. `ticks`: base ticks between two hits of
+    the receiver; `source`: the slot of the whole plan it comes from.
+    """
+
+    gate: str
+    message: str
+    sender: str
+    component: str
+    target: Slot
+    source: Slot
+    first: int
+    gain: float
+    offset: float
+    link: Link | None
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class NodePlan:
+    """What one node executes: a slot is `ticks` base ticks long, `h` seconds."""
+
+    name: str
+    plan: Plan
+    ticks: int
+    inlets: tuple[Inlet, ...]
+    outlets: tuple[Outlet, ...]
+
+    @property
+    def h(self) -> float:
+        """Length of a slot, s."""
+        return self.plan.h
+
+    @property
+    def slots(self) -> int:
+        """Slots of the whole run."""
+        return self.plan.ticks
+
+
+def cut(plan: Plan, deployment: Deployment) -> dict[str, NodePlan]:
+    """The nodes' plans, by name. Raises ScenarioError where the deployment does not fit."""
+    if plan.algorithm != "sampled":
+        raise ScenarioError(
+            f'algorithm = "{plan.algorithm}" cannot be cut into nodes; expected "sampled"',
+            str(deployment.path),
+        )
+    homes = _homes(plan, deployment)
+    carriers = _carriers(plan, deployment, homes)
+    edges: list[Wire | Link] = [*plan.wires, *plan.links]
+    crossing = [e for e in edges if homes[e.source.component] != homes[e.target.component]]
+    _all_carried(crossing, carriers, deployment)
+    return {
+        name: _node(name, spec, plan, deployment, crossing, carriers)
+        for name, spec in deployment.nodes.items()
+    }
+
+
+def _homes(plan: Plan, d: Deployment) -> dict[str, str]:
+    """The node of each component."""
+    homes = {c: name for name, node in d.nodes.items() for c in node.components}
+    names = {c.name for c in plan.components}
+    for name, node in d.nodes.items():
+        for c in node.components:
+            if c not in names:
+                raise ScenarioError(
+                    f"no component {c!r}; the scenario has: {', '.join(sorted(names))}",
+                    d.place("nodes", name, "components"),
+                )
+    lost = sorted(names - set(homes))
+    if lost:
+        raise ScenarioError(f"no node for {', '.join(lost)}", d.place("nodes"))
+    return homes
+
+
+def _carriers(plan: Plan, d: Deployment, homes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
+    """(message, first of its values) by the ``component.port`` it carries."""
+    slots = {s.name: s for c in plan.components for s in c.outputs}
+    carriers: dict[str, tuple[str, int]] = {}
+    for name, message in d.messages.items():
+        place, first = d.place("messages", name, "carries"), 0
+        if not message.carries:
+            raise ScenarioError("carries nothing; expected outputs, component.port", place)
+        if len({c.partition(".")[0] for c in message.carries}) > 1:
+            raise ScenarioError("carries outputs of several components; expected one's", place)
+        for signal in message.carries:
+            if signal not in slots:
+                raise ScenarioError(f"no output {signal!r} in the scenario", place)
+            if signal in carriers:
+                raise ScenarioError(f"{signal} is in {carriers[signal][0]} already", place)
+            carriers[signal] = (name, first)
+            first += slots[signal].size
+    return carriers
+
+
+def _all_carried(
+    crossing: Iterable[Wire | Link], carriers: Mapping[str, tuple[str, int]], d: Deployment
+) -> None:
+    for e in crossing:
+        if _whole(e.source) not in carriers:
+            raise ScenarioError(
+                f"{e.source.name} -> {e.target.name} crosses a cut, but no message carries "
+                f"{_whole(e.source)}",
+                d.place("messages"),
+            )
+
+
+def _whole(slot: Slot) -> str:
+    return f"{slot.component}.{slot.port}"
+
+
+# ---- one node -------------------------------------------------------------------------------
+
+
+def _node(
+    name: str,
+    spec: NodeSpec,
+    plan: Plan,
+    d: Deployment,
+    crossing: Sequence[Wire | Link],
+    carriers: Mapping[str, tuple[str, int]],
+) -> NodePlan:
+    here = [c for c in plan.components if c.name in spec.components]
+    ticks = gcd(*(c.period for c in here))
+    steps, moved = _steps(here, ticks)
+    outlets = [
+        _outlet(key, m, plan, d, moved, ticks)
+        for key, m in sorted(d.messages.items())
+        if m.carries[0].partition(".")[0] in spec.components
+    ]
+    whole = {s.name: s for c in plan.components for s in c.outputs}
+    inlets = [
+        _inlet(e, plan, carriers, moved, whole)
+        for e in sorted(crossing, key=lambda e: e.target.name)
+        if e.target.component in spec.components
+    ]
+    gates = {o.gate: Gate(o.gate, o.component, out=True) for o in outlets}
+    gates |= {i.gate: Gate(i.gate, i.component, out=False) for i in inlets}
+    edges: list[Wire | Link] = [*plan.wires, *plan.links]
+    inside = [e for e in edges if e not in crossing and e.target.component in spec.components]
+    found = compile_plan(
+        plan.h * ticks,
+        plan.ticks // ticks,
+        steps,
+        [_moved_wire(e, moved) for e in inside if isinstance(e, Wire)],
+        [_moved_link(e, moved) for e in inside if isinstance(e, Link)],
+        plan.algorithm,
+        [
+            replace(p, target=_move(p.target, moved))
+            for p in plan.players
+            if p.target.component in spec.components
+        ],
+        gates=gates.values(),
+    )
+    return NodePlan(name, found, ticks, tuple(inlets), tuple(outlets))
+
+
+def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]]:
+    """The components on the node's tick, and where each port begins in its signal vector."""
+    moved: dict[str, int] = {}
+    start = 0
+    steps = []
+    for c in here:
+        places: list[Slot] = []
+        for slot in (*c.inputs, *c.outputs):
+            moved[slot.name] = start - slot.start
+            places.append(replace(slot, start=start))
+            start += slot.size
+        n = len(c.inputs)
+        steps.append(
+            replace(
+                c, inputs=tuple(places[:n]), outputs=tuple(places[n:]), period=c.period // ticks
+            )
+        )
+    return steps, moved
+
+
+def _move(slot: Slot, moved: Mapping[str, int]) -> Slot:
+    return replace(slot, start=slot.start + moved[_whole(slot)])
+
+
+def _moved_wire(w: Wire, moved: Mapping[str, int]) -> Wire:
+    return replace(w, source=_move(w.source, moved), target=_move(w.target, moved))
+
+
+def _moved_link(x: Link, moved: Mapping[str, int]) -> Link:
+    age = None if x.age is None else _move(x.age, moved)
+    return replace(x, source=_move(x.source, moved), target=_move(x.target, moved), age=age)
+
+
+def _outlet(
+    key: str, m: MessageSpec, plan: Plan, d: Deployment, moved: Mapping[str, int], ticks: int
+) -> Outlet:
+    component = m.carries[0].partition(".")[0]
+    step = plan.component(component)
+    slots = {s.name: s for s in step.outputs}
+    every = 1
+    if m.period is not None:
+        place = ("messages", key, "period")
+        seconds = d.seconds(m.period, *place)
+        every = round(seconds / (step.period * plan.h))
+        if every < 1 or abs(every * step.period * plan.h - seconds) > 1e-9:
+            raise ScenarioError(
+                f"{seconds:g} s is no multiple of {component}'s period {step.period * plan.h:g} s",
+                d.place(*place),
+            )
+    return Outlet(
+        gate=f"out {key}",
+        message=key,
+        bus=m.bus,
+        component=component,
+        carries=m.carries,
+        parts=tuple(_move(slots[c], moved) for c in m.carries),
+        period=every,
+        ticks=every * step.period,
+    )
+
+
+def _inlet(
+    e: Wire | Link,
+    plan: Plan,
+    carriers: Mapping[str, tuple[str, int]],
+    moved: Mapping[str, int],
+    whole: Mapping[str, Slot],
+) -> Inlet:
+    message, first = carriers[_whole(e.source)]
+    return Inlet(
+        gate=f"in {e.target.name}",
+        message=message,
+        sender=e.source.component,
+        component=e.target.component,
+        target=_move(e.target, moved),
+        source=e.source,
+        first=first + e.source.start - whole[_whole(e.source)].start,
+        gain=e.gain,
+        offset=e.offset,
+        link=e if isinstance(e, Link) else None,
+        ticks=plan.component(e.target.component).period,
+    )

@@ -1,0 +1,263 @@
+"""A deployment: which components live in which node, which message carries what crosses a cut.
+
+TOML read into frozen structs, as scenarios are (:mod:`cosim.scenario`): numbers are SI or texts
+with a unit, a key that is no field is an error, and every error names file and place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+
+from cosim.errors import ScenarioError
+from cosim.scenario import Number, convert, number, read_document
+from cosim.settings import change
+
+#: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
+FOLDER = "deploy"
+Numbers = Number | tuple[Number, ...]
+T = TypeVar("T")
+
+
+class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One network. `interface`, `channel`, `bitrate` (bit/s) ... as python-can users know them.
+
+    `dbc`: the file its messages are in, beside the deployment. `options`: further arguments of the
+    interface. `local`: keep ``udp_multicast`` on this machine. `zenoh`: a Zenoh configuration
+    file (JSON5) beside the deployment; `prefix`: of its keys.
+    """
+
+    kind: Literal["can", "zenoh"] = "can"
+    interface: str = "socketcan"
+    channel: str = ""
+    bitrate: Annotated[int, msgspec.Meta(gt=0)] = 1_000_000
+    data_bitrate: Annotated[int, msgspec.Meta(gt=0)] = 5_000_000
+    fd: bool = True
+    dbc: str = ""
+    local: bool = True
+    zenoh: str = ""
+    prefix: str = ""
+    options: dict[str, Any] = {}
+
+
+class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Limits between a controller and the codec, a joint each or one for all; see safety.h.
+
+    `port`: the component's torque output, by name; `q`, `dq`: its inputs of position and velocity.
+    `stops`: of ``finite torque rate position velocity power jump`` what stops the node.
+    """
+
+    port: str = "tau"
+    q: str = "q"
+    dq: str = "dq"
+    tau_max: Numbers | None = None
+    rate_max: Numbers | None = None
+    q_low: Numbers | None = None
+    q_high: Numbers | None = None
+    dq_max: Numbers | None = None
+    power_max: Numbers | None = None
+    q_jump: Numbers | None = None
+    brake: Number = 0.0
+    stops: tuple[str, ...] = ("finite", "jump")
+
+
+class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An emulated drive between the bus and a plant's torque input `port`.
+
+    `q`, `dq`: the plant's outputs its encoders measure. `watchdog`: time without a valid command
+    after which it latches a fault. `damping`: N.m.s/rad in fault. `profile`: a file that gives
+    what is not said here, beside the deployment.
+    """
+
+    port: str = "tau"
+    q: str = "q"
+    dq: str = "dq"
+    profile: str = ""
+    tau_max: Numbers | None = None
+    lag: Number | None = None
+    watchdog: Number | None = None
+    damping: Number | None = None
+    q_lsb: Number | None = None
+    dq_lsb: Number | None = None
+    tau_lsb: Number | None = None
+
+
+class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What becomes of an input whose messages stay away.
+
+    `age`: an input of the component that gets the time since the last one arrived (s).
+    `stop`: the node stops after so long without one; 0: never.
+    """
+
+    age: str = ""
+    stop: Number = 0.0
+
+
+class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One process: its components, its number on every bus, and what protects it.
+
+    `phase`: of its deadlines; `heartbeat`: their period; `requires`: nodes whose loss stops it,
+    `within` so long; `stale`: by ``component.port``; `ramp`: torque to 0 when stopping;
+    `priority`, `cpu`: see :mod:`bridge.realtime`.
+    """
+
+    components: tuple[str, ...]
+    number: Annotated[int, msgspec.Meta(ge=1, le=31)]
+    phase: Number = 0.0
+    heartbeat: Number = 0.05
+    requires: tuple[str, ...] = ()
+    within: Number = 0.15
+    guard: GuardSpec | None = None
+    drive: DriveSpec | None = None
+    stale: dict[str, StaleSpec] = {}
+    ramp: Number = 0.1
+    overrun: Number = 0.1
+    priority: Annotated[int, msgspec.Meta(ge=0, le=98)] = 50
+    cpu: int | None = None
+
+
+class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One message: outputs of one component, on one bus, every `period` (default: every hit).
+
+    `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1.
+    `name`: of the message in the DBC file, if it is not the key.
+    """
+
+    bus: str
+    carries: tuple[str, ...]
+    name: str = ""
+    period: Number | None = None
+
+
+class Deployment(msgspec.Struct, frozen=True):
+    """A whole deployment, from :func:`load`. `set`: changes to the scenario it needs, path = value.
+
+    `latency`: whether the links' configured delays are added to the network's own. `sync`: the
+    node that sends SYNC, if one does. `enforce`: refuse to start where real time is not granted.
+    """
+
+    path: Path
+    title: str
+    clock: Literal["wall", "simulated"]
+    latency: bool
+    enforce: bool
+    sync: str
+    set: dict[str, Any]
+    buses: dict[str, BusSpec]
+    nodes: dict[str, NodeSpec]
+    messages: dict[str, MessageSpec]
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+    def place(self, *path: str | int) -> str:
+        """Where something is said: ``FILE at nodes.master.phase``."""
+        return f"{self.path} at {'.'.join(map(str, path))}"
+
+    def seconds(self, value: Number, *path: str | int) -> float:
+        """A duration, s. Raises ScenarioError with its place."""
+        return number(value, "s", self.place(*path))
+
+    def file(self, name: str) -> Path:
+        """A file named in the deployment, beside it."""
+        return self.path.parent / name
+
+    def settings(self) -> list[str]:
+        """The changes to the scenario, as ``--set`` takes them."""
+        return [f"{path}={_toml(value)}" for path, value in self.set.items()]
+
+
+_TABLES = ("title", "clock", "latency", "enforce", "sync", "set", "buses", "nodes", "messages")
+
+
+def find(scenario: Path, given: str) -> Path:
+    """The deployment `given` as a file, or by its name in ``deploy/`` beside the scenario."""
+    path = Path(given)
+    if path.suffix == ".toml" or path.is_file():
+        return path
+    folder = scenario.parent / FOLDER
+    found = folder / f"{given}.toml"
+    if not found.is_file():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
+        raise ScenarioError(f"no deployment {given!r}; there are: {known}", str(folder))
+    return found
+
+
+def load(path: Path, settings: Sequence[str] = ()) -> Deployment:
+    """Read a deployment and apply ``path=value`` settings. Raises ScenarioError."""
+    document = read_document(path)
+    for setting in settings:
+        change(document, setting)
+    for key in document:
+        if key not in _TABLES:
+            raise ScenarioError(
+                f"unknown key {key!r}; expected one of {', '.join(_TABLES)}", f"{path}"
+            )
+    for key in ("buses", "nodes", "messages"):
+        if not isinstance(document.get(key), dict):
+            raise ScenarioError(f"no [{key}.NAME] table", f"{path}")
+    deployment = Deployment(
+        path=path,
+        title=convert(document.get("title", path.stem), str, path, "title"),
+        clock=convert(document.get("clock", "wall"), Literal["wall", "simulated"], path, "clock"),  # type: ignore[arg-type]
+        latency=convert(document.get("latency", True), bool, path, "latency"),
+        enforce=convert(document.get("enforce", False), bool, path, "enforce"),
+        sync=convert(document.get("sync", ""), str, path, "sync"),
+        set=convert(document.get("set", {}), dict[str, Any], path, "set"),
+        buses=_each(document["buses"], BusSpec, path, "buses"),
+        nodes=_each(document["nodes"], NodeSpec, path, "nodes"),
+        messages=_each(document["messages"], MessageSpec, path, "messages"),
+    )
+    _check(deployment)
+    return deployment
+
+
+def _each(table: dict[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+
+
+def _check(d: Deployment) -> None:
+    """Names that have to exist, numbers that have to differ. Raises ScenarioError."""
+    numbers: dict[int, str] = {}
+    homes: dict[str, str] = {}
+    for name, node in d.nodes.items():
+        if node.number in numbers:
+            raise ScenarioError(
+                f"number {node.number} is {numbers[node.number]}'s already",
+                d.place("nodes", name, "number"),
+            )
+        numbers[node.number] = name
+        for component in node.components:
+            if component in homes:
+                raise ScenarioError(
+                    f"{component} lives in {homes[component]} already",
+                    d.place("nodes", name, "components"),
+                )
+            homes[component] = name
+        for peer in node.requires:
+            _known(peer, d.nodes, "node", d.place("nodes", name, "requires"))
+    for name, message in d.messages.items():
+        _known(message.bus, d.buses, "bus", d.place("messages", name, "bus"))
+    if d.sync:
+        _known(d.sync, d.nodes, "node", d.place("sync"))
+
+
+def _known(name: str, table: dict[str, Any], what: str, place: str) -> None:
+    if name not in table:
+        raise ScenarioError(f"no {what} {name!r}; there are: {', '.join(sorted(table))}", place)
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML text."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    return repr(value)

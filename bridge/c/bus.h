@@ -3,6 +3,10 @@
  * BUS_SOCKET  a raw AF_CAN socket, read and written in the tick (non-blocking)
  * BUS_RING    rings that other threads fill and empty: python-can interfaces, Zenoh
  * BUS_MEMORY  rings between nodes of one process: the twin
+ *
+ * Clocks: a BUS_SOCKET reads CLOCK_REALTIME and CLOCK_MONOTONIC once each time it begins to drain
+ * its queue, because the kernel's stamps are wall time; sending on it and on a BUS_RING reads
+ * pace_now(). A BUS_MEMORY reads none: frame->t_ns is the caller's.
  */
 #ifndef BRIDGE_BUS_H
 #define BRIDGE_BUS_H
@@ -12,6 +16,27 @@
 
 enum { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
 enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
+
+/* Which frames a ring gives (a socket has its filters in the kernel): those with
+ * (id & mask) == (accept.id & mask) and of that format. Error frames always. */
+typedef struct {
+    uint32_t id, mask;
+    uint32_t extended;      /* 1: 29-bit identifiers, 0: 11-bit */
+    uint32_t reserved;
+} accept_t;
+
+/* What was on the bus, read by other threads at any time (each number for itself). Bits include
+ * inter-frame space and the stuff bits that random data has on average, one in 30; those of a CAN
+ * FD frame's data phase apart. The last second is the sum of the last ten slots of 100 ms that are
+ * over: slot n % TRAFFIC_SLOTS, valid while number[] = n = t_ns / 100 ms. */
+enum { TRAFFIC_SLOTS = 16, TRAFFIC_SLOT_NS = 100000000 };
+typedef struct {
+    int64_t frames, error_frames;
+    double bits, data_bits;
+    int64_t number[TRAFFIC_SLOTS];
+    int64_t slot_frames[TRAFFIC_SLOTS];
+    double slot_bits[TRAFFIC_SLOTS], slot_data_bits[TRAFFIC_SLOTS];
+} traffic_t;
 
 typedef struct {
     int32_t kind;
@@ -24,15 +49,41 @@ typedef struct {
     int32_t state;          /* BUS_ACTIVE ... from error frames and errors of the socket */
     int32_t last_errno;
     uint32_t number;        /* of the bus in its node */
-    uint32_t reserved;
+    uint32_t overflow;      /* BUS_SOCKET: SO_RXQ_OVFL as last seen */
+    int64_t restarts;       /* after bus-off, and after the interface was down */
+    int32_t tx_errors, rx_errors;   /* error counters of the controller, from error frames that have them */
+    const accept_t *accepts;    /* BUS_RING, BUS_MEMORY; NULL: all */
+    int64_t n_accepts;
+    traffic_t *traffic;     /* every frame, both ways; or NULL */
+    int64_t offset_ns;      /* CLOCK_MONOTONIC - CLOCK_REALTIME when this drain began */
+    int64_t empty_ns;       /* before its queue was last found empty; CLOCK_MONOTONIC */
+    int64_t clock_steps;    /* times the wall clock was set (by 1 ms or more) */
+    int32_t draining;       /* a frame has come since the queue was last empty */
+    int32_t stepped;        /* in this drain, or the one before */
 } bus_t;
+
+/* What a BUS_SOCKET needs of its socket: arrival stamps and the count of lost frames. 0 or errno. */
+API int32_t bus_prepare(int32_t fd);
 
 /* The next frame that has arrived: 1 and *frame (t_ns: arrival; kernel time stamp on a socket,
  * put on CLOCK_MONOTONIC), or 0: none. Error frames are counted, change `state`, and are logged,
- * but not given. Never blocks. */
+ * but not given. Never blocks. If the wall clock was set since a frame arrived, its t_ns is bounded
+ * by when the queue was last empty and by now. */
 API int32_t bus_receive(bus_t *bus, frame_t *frame);
 
-/* Hand over a frame: 0, or an errno. Sets frame->t_ns and logs it. Never blocks. */
+/* Hand over a frame: 0, or an errno (EINVAL: a length no CAN frame has; ENETDOWN; ENOBUFS: queue
+ * full, also that of a ring; ...). Sets frame->t_ns (not on a BUS_MEMORY), and logs what was handed
+ * over. A bus with error frames of its own may send them (FRAME_ERROR). Never blocks. */
 API int32_t bus_send(bus_t *bus, frame_t *frame);
+
+/* Adds a frame to what was on the bus. */
+API void traffic_add(traffic_t *traffic, const frame_t *frame);
+
+/* Receives from n (at most 16) BUS_SOCKETs, logging what comes, until *stop != 0 (looked at every
+ * timeout_ms, and after each batch). Blocks: a thread of its own. 0, or an errno of poll(). */
+API int32_t bus_log_run(bus_t *const *buses, int64_t n, const volatile int32_t *stop, int32_t timeout_ms);
+
+/* 0: bus_t, 1: accept_t, 2: traffic_t, 3: journal_t; else 0 */
+API size_t bus_sizes(int32_t which);
 
 #endif

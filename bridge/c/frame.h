@@ -3,11 +3,12 @@
  * A frame is a CAN frame (id as in linux/can.h, up to 64 bytes) or a message of another network
  * (id: the message's number in the deployment, up to FRAME_DATA bytes). Time is CLOCK_MONOTONIC.
  * A ring has one writer and one reader, which may be different threads; it never blocks, never
- * allocates, and counts what did not fit.
+ * allocates, and counts what did not fit. In a ring `sequence` is the number of the frame, from 0.
  */
 #ifndef BRIDGE_FRAME_H
 #define BRIDGE_FRAME_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #if defined(_WIN32)
@@ -43,5 +44,7 @@ typedef struct {
 
 API int32_t ring_put(ring_t *ring, const frame_t *frame);   /* 1, or 0: full */
 API int32_t ring_get(ring_t *ring, frame_t *frame);         /* 1, or 0: empty */
+
+API size_t frame_sizes(int32_t which);      /* 0: frame_t, 1: ring_t; else 0 */
 
 #endif

@@ -2,11 +2,13 @@
  *
  * What was written is in the page cache: it survives the death of the process (SIGKILL). The
  * mapping is made and pre-faulted by Python; writing is a memcpy and one store. A full journal
- * counts and drops. All rows begin at byte 64 of the mapping.
+ * counts and drops. All rows begin at byte 64 of the mapping; behind the last of `capacity` rows
+ * stands, for readers only, what a row is made of (bridge/journal.py). One writer.
  */
 #ifndef BRIDGE_JOURNAL_H
 #define BRIDGE_JOURNAL_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 typedef struct {            /* the first 64 bytes of the file */
@@ -15,7 +17,8 @@ typedef struct {            /* the first 64 bytes of the file */
     uint64_t capacity;      /* rows */
     uint64_t rows;          /* written; moved after the row is there */
     uint64_t dropped;
-    uint64_t reserved[3];
+    uint64_t description;   /* bytes of text behind the rows */
+    uint64_t reserved[2];
 } journal_t;
 
 /* The place of the next row, to be filled and then committed; NULL when full (counted). */

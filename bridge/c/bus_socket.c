@@ -1,0 +1,213 @@
+/* bus_socket.c: frames to and from a raw AF_CAN socket; see bus.h */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <string.h>
+
+#include "bus_socket.h"
+#include "pace.h"
+
+#ifdef __linux__
+#include <linux/can.h>
+#include <sys/socket.h>
+#include <sys/uio.h>
+#include <time.h>
+
+#ifndef SO_RXQ_OVFL
+#define SO_RXQ_OVFL 40
+#endif
+
+enum { SECOND = 1000000000, STEP = 1000000 };
+
+int32_t bus_prepare(int32_t fd)
+{
+    const int on = 1;
+
+    if (setsockopt(fd, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on) < 0 ||
+        setsockopt(fd, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on) < 0)
+        return errno;
+    return 0;
+}
+
+/* Where wall time stands, once a drain. Read between two monotonic times: right to half of what
+ * the three calls take. */
+static void begin_drain(bus_t *bus)
+{
+    struct timespec wall;
+    int64_t before = pace_now(), offset, change;
+
+    clock_gettime(CLOCK_REALTIME, &wall);
+    offset = before + (pace_now() - before) / 2 - ((int64_t)wall.tv_sec * SECOND + wall.tv_nsec);
+    change = offset - bus->offset_ns;
+    if (bus->offset_ns && (change >= STEP || change <= -STEP)) {
+        bus->clock_steps++;
+        bus->stepped = 2;       /* frames stamped before the step may come in this drain only; */
+    } else if (bus->stepped) {  /* one more, because it may have begun just before the step */
+        bus->stepped--;
+    }
+    bus->offset_ns = offset;
+    bus->draining = 1;
+}
+
+static int64_t arrival(bus_t *bus, int64_t wall_ns)
+{
+    int64_t t = wall_ns + bus->offset_ns;
+    int64_t now;
+
+    if (!wall_ns)
+        return pace_now();
+    if (bus->stepped) {
+        now = pace_now();
+        t = t < bus->empty_ns ? bus->empty_ns : t > now ? now : t;
+    }
+    return t;
+}
+
+/* The control messages: stamp in wall time (0: none), and the count of lost frames. */
+static int64_t read_control(bus_t *bus, struct msghdr *message)
+{
+    int64_t wall_ns = 0;
+    struct cmsghdr *c;
+    struct timespec stamp;
+    uint32_t lost;
+
+    for (c = CMSG_FIRSTHDR(message); c; c = CMSG_NXTHDR(message, c)) {
+        if (c->cmsg_level != SOL_SOCKET)
+            continue;
+        if (c->cmsg_type == SO_TIMESTAMPNS) {
+            memcpy(&stamp, CMSG_DATA(c), sizeof stamp);
+            wall_ns = (int64_t)stamp.tv_sec * SECOND + stamp.tv_nsec;
+        } else if (c->cmsg_type == SO_RXQ_OVFL) {
+            memcpy(&lost, CMSG_DATA(c), sizeof lost);
+            bus->overruns += (uint32_t)(lost - bus->overflow);
+            bus->overflow = lost;
+        }
+    }
+    return wall_ns;
+}
+
+static void unpack(frame_t *frame, const struct canfd_frame *raw, int fd)
+{
+    uint32_t mask = raw->can_id & CAN_EFF_FLAG ? CAN_EFF_MASK : CAN_SFF_MASK;
+
+    memset(frame, 0, sizeof *frame);
+    if (raw->can_id & CAN_ERR_FLAG)
+        mask = CAN_ERR_MASK;
+    frame->id = raw->can_id & mask;
+    if (raw->can_id & CAN_ERR_FLAG)
+        frame->flags = FRAME_ERROR;
+    else
+        frame->flags = (uint8_t)((raw->can_id & CAN_EFF_FLAG ? FRAME_EXTENDED : 0) |
+                                 (raw->can_id & CAN_RTR_FLAG ? FRAME_REMOTE : 0));
+    if (fd)
+        frame->flags |= (uint8_t)(FRAME_FD | (raw->flags & CANFD_BRS ? FRAME_BRS : 0) |
+                                  (raw->flags & CANFD_ESI ? FRAME_ESI : 0));
+    frame->length = raw->len <= CANFD_MAX_DLEN ? raw->len : CANFD_MAX_DLEN;
+    if (!(frame->flags & FRAME_REMOTE))
+        memcpy(frame->data, raw->data, frame->length);
+}
+
+/* recvmsg() said errno: 1: try again, 0: nothing there. */
+static int trouble(bus_t *bus, int64_t before)
+{
+    if (errno == EINTR)
+        return 1;
+    if (errno == EAGAIN || errno == EWOULDBLOCK) {
+        bus->empty_ns = before;
+        bus->draining = 0;
+        return 0;
+    }
+    bus->last_errno = errno;
+    if (errno == ENETDOWN || errno == ENODEV || errno == ENXIO) {
+        bus->state = BUS_DOWN;
+        return 1;               /* the socket told it once; frames may wait behind it */
+    }
+    return 0;
+}
+
+int socket_next(bus_t *bus, frame_t *frame)
+{
+    struct canfd_frame raw;
+    union { char bytes[128]; struct cmsghdr align; } control;
+    struct iovec part = { &raw, sizeof raw };
+    struct msghdr message;
+    int64_t before = bus->draining ? 0 : pace_now();
+    ssize_t n;
+    int tries = 4;
+
+    for (; tries > 0; tries--) {
+        memset(&message, 0, sizeof message);
+        message.msg_iov = &part;
+        message.msg_iovlen = 1;
+        message.msg_control = control.bytes;
+        message.msg_controllen = sizeof control.bytes;
+        n = recvmsg(bus->fd, &message, MSG_DONTWAIT);
+        if (n == CAN_MTU || n == CANFD_MTU) {
+            if (!bus->draining)
+                begin_drain(bus);
+            unpack(frame, &raw, n == CANFD_MTU);
+            frame->t_ns = arrival(bus, read_control(bus, &message));
+            return 1;
+        }
+        if (n < 0 && !trouble(bus, before ? before : pace_now()))
+            return 0;
+    }
+    return 0;
+}
+
+/* Lengths that a frame can have: 0 to 8, and for CAN FD 12, 16, 20, 24, 32, 48, 64. */
+static int possible(const frame_t *frame)
+{
+    uint16_t n = frame->length;
+
+    if (n <= 8)
+        return 1;
+    if (!(frame->flags & FRAME_FD) || n > 64)
+        return 0;
+    return n <= 24 ? n % 4 == 0 : n == 32 || n == 48 || n == 64;
+}
+
+int32_t socket_send(const bus_t *bus, const frame_t *frame)
+{
+    struct canfd_frame raw;
+    int fd = (frame->flags & FRAME_FD) != 0;
+
+    if (!possible(frame))
+        return EINVAL;
+    memset(&raw, 0, sizeof raw);
+    raw.can_id = frame->id | (frame->flags & FRAME_EXTENDED ? CAN_EFF_FLAG : 0) |
+                 (frame->flags & FRAME_REMOTE && !fd ? CAN_RTR_FLAG : 0) |
+                 (frame->flags & FRAME_ERROR ? CAN_ERR_FLAG : 0);
+    raw.len = (uint8_t)frame->length;
+    if (fd)
+        raw.flags = (uint8_t)((frame->flags & FRAME_BRS ? CANFD_BRS : 0) |
+                              (frame->flags & FRAME_ESI ? CANFD_ESI : 0));
+    memcpy(raw.data, frame->data, frame->length);
+    while (send(bus->fd, &raw, fd ? CANFD_MTU : CAN_MTU, MSG_DONTWAIT) < 0)
+        if (errno != EINTR)
+            return errno;
+    return 0;
+}
+
+#else
+
+int32_t bus_prepare(int32_t fd)
+{
+    (void)fd;
+    return ENOSYS;
+}
+
+int socket_next(bus_t *bus, frame_t *frame)
+{
+    (void)frame;
+    bus->last_errno = ENOSYS;
+    return 0;
+}
+
+int32_t socket_send(const bus_t *bus, const frame_t *frame)
+{
+    (void)bus;
+    (void)frame;
+    return ENOSYS;
+}
+
+#endif

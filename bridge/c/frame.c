@@ -1,0 +1,36 @@
+/* frame.c: see frame.h */
+#include "frame.h"
+
+int32_t ring_put(ring_t *ring, const frame_t *frame)
+{
+    uint64_t head = __atomic_load_n(&ring->head, __ATOMIC_RELAXED);
+    uint64_t tail = __atomic_load_n(&ring->tail, __ATOMIC_ACQUIRE);
+    frame_t *place;
+
+    if (head - tail >= (uint64_t)ring->capacity) {
+        __atomic_store_n(&ring->dropped, ring->dropped + 1, __ATOMIC_RELAXED);
+        return 0;
+    }
+    place = &ring->frames[head & (uint64_t)(ring->capacity - 1)];
+    *place = *frame;
+    place->sequence = (uint32_t)head;
+    __atomic_store_n(&ring->head, head + 1, __ATOMIC_RELEASE);
+    return 1;
+}
+
+int32_t ring_get(ring_t *ring, frame_t *frame)
+{
+    uint64_t tail = __atomic_load_n(&ring->tail, __ATOMIC_RELAXED);
+    uint64_t head = __atomic_load_n(&ring->head, __ATOMIC_ACQUIRE);
+
+    if (head == tail)
+        return 0;
+    *frame = ring->frames[tail & (uint64_t)(ring->capacity - 1)];
+    __atomic_store_n(&ring->tail, tail + 1, __ATOMIC_RELEASE);
+    return 1;
+}
+
+size_t frame_sizes(int32_t which)
+{
+    return which == 0 ? sizeof(frame_t) : which == 1 ? sizeof(ring_t) : 0;
+}

@@ -1,0 +1,235 @@
+"""``bus.h``: a bus as the tick sees it, the state of it, and what was on it in the last second."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import lru_cache
+from typing import Self, final
+
+import numpy as np
+
+from bridge.journal import Journal, JournalStruct
+from bridge.native.frame import Frame, Ring, RingStruct
+from bridge.native.library import library
+from cosim.errors import CosimError
+
+SLOTS, SLOT_NS = 16, 100_000_000
+
+
+class Kind(IntEnum):
+    """``BUS_SOCKET`` and so on: what is behind a bus."""
+
+    SOCKET = 1
+    RING = 2
+    MEMORY = 3
+
+
+class State(IntEnum):
+    """``BUS_ACTIVE`` and so on: of the controller, DOWN of the interface."""
+
+    ACTIVE = 0
+    WARNING = 1
+    PASSIVE = 2
+    OFF = 3
+    DOWN = 4
+
+
+@final
+class Accept(c.Structure):
+    """Frames of one format with (id & mask) equal to this one's (`accept_t`)."""
+
+    _fields_ = (
+        ("id", c.c_uint32),
+        ("mask", c.c_uint32),
+        ("extended", c.c_uint32),
+        ("reserved", c.c_uint32),
+    )
+
+
+@final
+class Traffic(c.Structure):
+    """What was on a bus, both ways (`traffic_t`); may be read while it is written."""
+
+    _fields_ = (
+        ("frames", c.c_int64),
+        ("error_frames", c.c_int64),
+        ("bits", c.c_double),
+        ("data_bits", c.c_double),
+        ("number", c.c_int64 * SLOTS),
+        ("slot_frames", c.c_int64 * SLOTS),
+        ("slot_bits", c.c_double * SLOTS),
+        ("slot_data_bits", c.c_double * SLOTS),
+    )
+
+    def last_second(self, now_ns: int) -> Rate:
+        """Frames and bits in the ten slots of 100 ms before the one of `now_ns` (monotonic)."""
+        number = np.array(self.number)
+        there = (number >= now_ns // SLOT_NS - 10) & (number < now_ns // SLOT_NS)
+        return Rate(
+            int(np.array(self.slot_frames)[there].sum()),
+            float(np.array(self.slot_bits)[there].sum()),
+            float(np.array(self.slot_data_bits)[there].sum()),
+        )
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Of a bus in one second: frames, bits at the nominal rate, bits of CAN FD data phases.
+
+    Bits contain inter-frame space and the stuff bits of random data (one in 30), not those of the
+    frames that were there.
+    """
+
+    frames: int
+    bits: float
+    data_bits: float
+
+    def load(self, bitrate: float, data_bitrate: float | None = None) -> float:
+        """Part of the second the bus was taken; rates in bit/s."""
+        return self.bits / bitrate + self.data_bits / (data_bitrate or bitrate)
+
+
+class BusStruct(c.Structure):
+    """``bus_t``."""
+
+    _fields_ = (
+        ("kind", c.c_int32),
+        ("fd", c.c_int32),
+        ("rx", c.POINTER(RingStruct)),
+        ("tx", c.POINTER(RingStruct)),
+        ("log", c.POINTER(JournalStruct)),
+        ("received", c.c_int64),
+        ("sent", c.c_int64),
+        ("send_failed", c.c_int64),
+        ("overruns", c.c_int64),
+        ("error_frames", c.c_int64),
+        ("state", c.c_int32),
+        ("last_errno", c.c_int32),
+        ("number", c.c_uint32),
+        ("overflow", c.c_uint32),
+        ("restarts", c.c_int64),
+        ("tx_errors", c.c_int32),
+        ("rx_errors", c.c_int32),
+        ("accepts", c.POINTER(Accept)),
+        ("n_accepts", c.c_int64),
+        ("traffic", c.POINTER(Traffic)),
+        ("offset_ns", c.c_int64),
+        ("empty_ns", c.c_int64),
+        ("clock_steps", c.c_int64),
+        ("draining", c.c_int32),
+        ("stepped", c.c_int32),
+    )
+
+
+@final
+class Bus:
+    """A `bus_t` with what it points to. `struct` is for C, the methods are for Python.
+
+    `log`: a journal of rows as `frame_dtype` makes them, for every frame both ways, or None.
+    """
+
+    def __init__(self, kind: Kind, number: int, log: Journal | None) -> None:
+        self.traffic = Traffic()
+        self.struct = BusStruct(kind=kind, fd=-1, number=number)
+        self.struct.traffic = c.pointer(self.traffic)
+        self.rx: Ring | None = None
+        self.tx: Ring | None = None
+        self.log = log
+        self._accepts: c.Array[Accept] | None = None
+        if log is not None:
+            self.struct.log = c.pointer(log.struct)
+
+    @classmethod
+    def of_socket(cls, descriptor: int, number: int = 0, log: Journal | None = None) -> Self:
+        """A raw AF_CAN socket (`bridge.can.socket.open_socket`), which stays the caller's.
+
+        Raises CosimError where the kernel gives no arrival stamps.
+        """
+        error = _declared().bus_prepare(descriptor)
+        if error:
+            raise CosimError(f"socket {descriptor}: no arrival stamps (errno {error})")
+        bus = cls(Kind.SOCKET, number, log)
+        bus.struct.fd = descriptor
+        return bus
+
+    @classmethod
+    def of_rings(
+        cls, rx: Ring, tx: Ring, number: int = 0, log: Journal | None = None, *,
+        wake: int = -1, accepts: Sequence[Accept] | None = None, kind: Kind = Kind.RING,
+    ) -> Self:  # fmt: skip
+        """Rings to and from other threads, or (MEMORY) other nodes of this process.
+
+        `wake`: a descriptor written to after each frame sent; -1: none. `accepts`: which frames
+        are received; None: all.
+        """
+        bus = cls(kind, number, log)
+        bus.rx, bus.tx = rx, tx
+        bus.struct.fd = wake
+        bus.struct.rx, bus.struct.tx = c.pointer(rx.struct), c.pointer(tx.struct)
+        if accepts is not None:
+            bus._accepts = (Accept * len(accepts))(*accepts)
+            bus.struct.accepts, bus.struct.n_accepts = bus._accepts, len(accepts)
+        return bus
+
+    @property
+    def state(self) -> State:
+        """Of controller and interface, as far as frames and errors told."""
+        return State(self.struct.state)
+
+    def receive(self, frame: Frame) -> bool:
+        """The next frame that has arrived, into `frame`; False: none."""
+        return bool(_declared().bus_receive(c.byref(self.struct), c.byref(frame)))
+
+    def drain(self) -> list[Frame]:
+        """All frames that have arrived."""
+        frames = [Frame()]
+        while self.receive(frames[-1]):
+            frames.append(Frame())
+        return frames[:-1]
+
+    def send(self, frame: Frame) -> int:
+        """Hand over a frame; 0, or an errno (counted). Sets its `t_ns`, not on a MEMORY bus."""
+        return int(_declared().bus_send(c.byref(self.struct), c.byref(frame)))
+
+
+def log_run(buses: Sequence[Bus], stop: c.c_int32, timeout_ms: int = 50) -> None:
+    """Log what arrives at buses of sockets until `stop` is not zero; blocks, the GIL released.
+
+    Raises OSError where waiting for the sockets fails.
+    """
+    pointers = (c.POINTER(BusStruct) * len(buses))(*[c.pointer(b.struct) for b in buses])
+    error = _declared().bus_log_run(pointers, len(buses), c.byref(stop), timeout_ms)
+    if error:
+        raise OSError(error, "the logger cannot wait for its buses")
+
+
+def traffic_add(traffic: Traffic, frame: Frame) -> None:
+    """Count a frame as one that was on the bus."""
+    _declared().traffic_add(c.byref(traffic), c.byref(frame))
+
+
+def sizes(which: int) -> int:
+    """What C takes for the size of: 0 `bus_t`, 1 `accept_t`, 2 `traffic_t`, 3 `journal_t`."""
+    return int(_declared().bus_sizes(which))
+
+
+@lru_cache(maxsize=1)
+def _declared() -> c.CDLL:
+    lib = library()
+    for function in (lib.bus_receive, lib.bus_send):
+        function.argtypes = (c.POINTER(BusStruct), c.POINTER(Frame))
+        function.restype = c.c_int32
+    lib.bus_prepare.argtypes = (c.c_int32,)
+    lib.bus_prepare.restype = c.c_int32
+    lib.traffic_add.argtypes = (c.POINTER(Traffic), c.POINTER(Frame))
+    lib.traffic_add.restype = None
+    lib.bus_log_run.argtypes = (
+        c.POINTER(c.POINTER(BusStruct)), c.c_int64, c.POINTER(c.c_int32), c.c_int32,
+    )  # fmt: skip
+    lib.bus_log_run.restype = c.c_int32
+    lib.bus_sizes.argtypes = (c.c_int32,)
+    lib.bus_sizes.restype = c.c_size_t
+    return lib

@@ -7,7 +7,7 @@
  * Sampled: outputs as of t_k; the state of t_k + h waits in z_next, theta_hat_next.
  *
  * Included once a model, after it said what its variables are:
- *     NETWORKED  1: neighbours (xi_in, w, age, lambda, age_max), 0: one arm alone
+ *     NETWORKED  1: neighbours (xi_in, w, age, lambda, age_max, age_fade), 0: one arm alone
  *     GRAVITY    1: two parameters of gravity in theta_hat (theta_g, gravity), 0: none
  */
 #ifndef ADAPTIVE_LAW_H
@@ -43,11 +43,18 @@ static inline int any_stale(const Model *x) {
     return stale;
 }
 
-/* lambda sum_j w_j (xi - xi_in_j) of joint i, without the edges that are stale. */
+/* w_j; of a stale edge falling to 0 within age_fade. */
+static inline double weight(const Model *x, int j) {
+    if (!is_stale(x, j)) return x->w[j];
+    const double late = x->age[j] - x->age_max;
+    return late < x->age_fade ? (1.0 - late / x->age_fade) * x->w[j] : 0.0;
+}
+
+/* lambda sum_j w_j (xi - xi_in_j) of joint i. */
 static inline double coupling(const Model *x, int i, double xi) {
     double consensus = 0.0;
     for (int j = 0; j < NEIGHBOURS; j++)
-        consensus += (is_stale(x, j) ? 0.0 : x->w[j]) * (xi - x->xi_in[j][i]);
+        consensus += weight(x, j) * (xi - x->xi_in[j][i]);
     return x->lambda * consensus;
 }
 #else

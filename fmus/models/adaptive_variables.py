@@ -43,7 +43,7 @@ def _outputs(n: int, gravity: bool) -> tuple[Variable, ...]:
     network = ("xi_in", "w", "age") if n else ()
     gains = (
         *("K", "alpha", "lambda_M", "lambda_c", "tau_max"),
-        *(("lambda", "age_max") if n else ()),
+        *(("lambda", "age_max", "age_fade") if n else ()),
         *(("theta_g", "gravity") if gravity else ()),
     )
     return (
@@ -130,6 +130,13 @@ def _coupling() -> tuple[Variable, ...]:
     return (
         Variable("lambda", "parameter", (), "1/s", 2.0, "Coupling gain", minimum=0.0),
         Variable("age_max", "parameter", (), "s", _UNLIMITED, "Age beyond which xi_in is stale"),
+        Variable(
+            "age_fade",
+            "parameter",
+            unit="s",
+            description="Time in which the weight of a stale edge falls to 0",
+            minimum=0.0,
+        ),
     )
 
 

@@ -30,8 +30,9 @@ theta_min, theta_max: theta_hat is clipped to these bounds after each Euler step
 theta lies between them this takes nothing from dV/dt <= -sᵀ K s: Gamma is diagonal, so clipping an
 entry only shrinks its term (theta_hat_i - theta_i)² / (2 Gamma_i) of V.
 
-age, age_max: an edge with w_j > 0 whose signal is older than age_max is stale. While there is one,
-its weight counts as 0 and theta_hat stands still; z goes on, so the arm stays manipulable.
+age, age_max, age_fade: an edge with w_j > 0 whose signal is older than age_max is stale. While
+there is one theta_hat stands still, and its weight falls linearly, from w_j at age_max to 0 at
+age_max + age_fade (at once with age_fade = 0); z goes on, so the arm stays manipulable.
 
 lambda_c > 0 (Remark 3): K = lambda_c M_hat(q), the inertia as estimated; K itself is not used.
 That is one regressor, in torque and adaptation::
@@ -197,12 +198,14 @@ class Teleoperation:
         return outputs, z + h * dz, theta_hat
 
     def _coupling(self, xi: Array, network: list[Array]) -> tuple[Array, bool]:
-        """(lambda Σ_j w_j (xi - xi_in_j) without the stale edges, whether any is stale)."""
+        """(lambda Σ_j w_j (xi - xi_in_j), stale edges faded, whether any is stale)."""
         if not network:
             return np.zeros(2), False
         xi_in, w, age = network  # (n, 2), (n,), (n,)
+        late, fade = age - self._x["age_max"], self._x["age_fade"]  # s
         stale = (w > 0) & (age > self._x["age_max"])
-        return self._x["lambda"] * (np.where(stale, 0.0, w) @ (xi - xi_in)), bool(stale.any())
+        left = np.where(late < fade, 1 - late / (fade or 1.0), 0.0)  # of the weight, (n,)
+        return self._x["lambda"] * (np.where(stale, left * w, w) @ (xi - xi_in)), bool(stale.any())
 
     def _regressor(self, q: Array, dq: Array, z: Array, dz: Array) -> Array:
         """Y of what adapts, (2, p)."""

@@ -164,6 +164,31 @@ def test_an_edge_without_weight_may_be_as_old_as_it_likes(make: Make) -> None:
     assert not np.array_equal(old[0]["theta_hat"], old[1]["theta_hat"])
 
 
+@settings(deadline=None)
+@given(seed=seed, part=st.floats(1e-3, 1.5))
+def test_the_weight_of_a_stale_edge_falls_linearly_and_nothing_adapts_meanwhile(
+    make: Make, seed: int, part: float
+) -> None:
+    """1 at age_max, 0 at age_max + age_fade and beyond; the other edge keeps its weight."""
+    rng = np.random.default_rng(seed)
+    gains, u = estimate(rng), {**moving(rng), **received(rng, 2)}
+    fading = arrays(age_max=0.5, age_fade=0.2)
+    old = two_steps(make(2), {**gains, **fading}, {**u, "age": np.array([0.5 + part * 0.2, 0.1])})
+    faded = {**u, "w": u["w"] * [max(0.0, 1 - part), 1.0]}
+    expected = two_steps(make(2), {**gains, **arrays(Gamma=np.zeros(3))}, faded)
+    for a, b in zip(old, expected, strict=True):
+        assert all(np.allclose(a[name], b[name], rtol=1e-10, atol=1e-10) for name in a)
+
+
+def test_a_fade_changes_nothing_up_to_age_max(make: Make) -> None:
+    rng = np.random.default_rng(9)
+    gains, u = estimate(rng), {**moving(rng), **received(rng, 2), "age": np.array([0.5, 0.3])}
+    free = two_steps(make(2), gains, u)
+    watched = two_steps(make(2), {**gains, **arrays(age_max=0.5, age_fade=0.2)}, u)
+    for a, b in zip(free, watched, strict=True):
+        assert all(np.array_equal(a[name], b[name]) for name in a)
+
+
 # --- gravity ---------------------------------------------------------------------------------
 
 

@@ -16,7 +16,7 @@ from fmus.models import planar2r
 from fmus.source import scalars
 
 #: Limits that are out of reach by default.
-WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0)}
+WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0), "age_fade": (0.1, 1.0)}
 #: A small change, and one that crosses a limit.
 CHANGES = {"real": (0.01, 0.95), "integer": (1.0,), "boolean": ()}
 POINTS = 40

@@ -85,7 +85,11 @@ def estimate_values(rng: np.random.Generator, p: int) -> Values:
 
 
 def network_values(rng: np.random.Generator) -> Values:
-    return {"lambda": np.array(rng.uniform(0, 3)), "age_max": np.array(rng.choice([1.5, 1e9]))}
+    return {
+        "lambda": np.array(rng.uniform(0, 3)),
+        "age_max": np.array(rng.choice([1.5, 1e9])),
+        "age_fade": np.array(rng.choice([0.0, 0.75])),
+    }
 
 
 def gravity_values(rng: np.random.Generator) -> Values:

@@ -1,0 +1,185 @@
+/* hear.c: what a node makes of the frames that reach it; see node.h. */
+#include "node.h"
+
+#include <string.h>
+
+enum { NMT_ID = 0x000, ESTOP_ID = 0x001 };
+
+/* Nominal time of sending of sample j: slots are kept, so this is when it was sampled. */
+static int64_t sampled(const reception_t *r, int64_t j)
+{
+    return j * r->period_ns + r->offset_ns;
+}
+
+/* The sample whose nominal time is the last at or before t. */
+static int64_t expected(const reception_t *r, int64_t t)
+{
+    int64_t j = (t - r->offset_ns) / r->period_ns;
+    return j < 0 ? 0 : j;
+}
+
+/* When it was sent, by its time stamp (us, so many bits), near its nominal time. */
+static int64_t sent_at(const reception_t *r, const header_t *header, int64_t nominal)
+{
+    if (r->time_bits <= 0) return nominal;
+    const int64_t us = nominal / 1000;
+    const uint64_t span = r->time_bits >= 32 ? 0x100000000u : (uint64_t)1 << r->time_bits;
+    int64_t step = (int64_t)(((uint64_t)header->t_us - (uint64_t)us) & (span - 1));
+    if (step >= (int64_t)(span / 2)) step -= (int64_t)span;
+    return (us + step) * 1000;
+}
+
+/* Values of a sender that does not run yet: what its receivers start from. */
+static void preview(node_t *n, reception_t *r)
+{
+    r->previewed = 1;
+    for (int32_t i = 0; i < n->n_inlets; i++) {
+        const inlet_t *in = n->inlets + i;
+        if (in->reception != r || in->drive) continue;
+        for (int32_t k = 0; k < in->count; k++)
+            n->signals[in->target + k] = in->gain * r->values[in->first + k] + in->offset;
+    }
+}
+
+static int32_t runs(const reception_t *r, const header_t *header)
+{
+    if (r->message->status < 0) return 1;
+    const int32_t life = (int32_t)(header->status & STATUS_LIFE);
+    return life != LIFE_UNCONFIGURED && life != LIFE_INACTIVE;
+}
+
+static int32_t refused(reception_t *r, const frame_t *frame, header_t *header)
+{
+    const int32_t result = message_decode(r->message, frame, r->values, header);
+    switch (result) {
+    case DECODE_OK: break;
+    case DECODE_LENGTH: r->receiver->length++; return 1;
+    case DECODE_CRC: r->receiver->crc++; return 1;
+    case DECODE_INVALID: r->receiver->invalid++; return 1;
+    default: r->receiver->range++; return 1;
+    }
+    if (r->message->status >= 0 && header->status & STATUS_SIMULATED && !r->accept_simulated) {
+        r->receiver->simulated++;
+        return 1;
+    }
+    return 0;
+}
+
+static void sample(node_t *n, reception_t *r, const frame_t *frame)
+{
+    header_t header;
+    memset(&header, 0, sizeof header);
+    if (refused(r, frame, &header)) return;
+    const int64_t t = frame->t_ns - n->start_ns;
+    r->status = (int32_t)header.status;
+    if (!runs(r, &header)) {
+        if (n->slot == n->first) preview(n, r);
+        return;
+    }
+    if (n->start_ns == 0 && n->clock == CLOCK_WALL) return;
+    int64_t j = receiver_accept(r->receiver, &header, t, expected(r, t));
+    if (r->message->e2e == E2E_NONE) {
+        j = expected(r, t);
+        if (j <= r->newest) j = r->newest + 1;
+    }
+    if (j < 0) return;
+    const int64_t sent = sent_at(r, &header, sampled(r, j));
+    r->transit_ns = t - sent;
+    if (r->max_age_ns > 0 && r->transit_ns > r->max_age_ns) {
+        r->receiver->stale++;
+        return;
+    }
+    if (j > r->newest) {
+        r->newest = j;
+        r->arrival_ns = t;
+    }
+    for (int32_t i = 0; i < n->n_inlets; i++)
+        if (n->inlets[i].reception == r)
+            delay_put(n->inlets[i].delay, j, j * r->period_ns, t < j * r->period_ns ? j * r->period_ns : t,
+                      r->values + n->inlets[i].first);
+}
+
+static int32_t command_of(int32_t nmt)
+{
+    switch (nmt) {
+    case NMT_START: return COMMAND_START;
+    case NMT_STOP: return COMMAND_STOP;
+    case NMT_ARM: return COMMAND_ARM;
+    case NMT_RESET: return COMMAND_RESET;
+    default: return COMMAND_NONE;
+    }
+}
+
+static void managed(node_t *n, const frame_t *frame)
+{
+    double v[NMT_VALUES];
+    header_t header;
+    if (message_decode(n->nmt, frame, v, &header) != DECODE_OK) return;
+    if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
+    const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
+    if (command == COMMAND_START && n->start_ns == 0) n->start_ns = frame->t_ns + 100000000;
+    if (command != COMMAND_NONE) n->life.command = command;
+}
+
+static int32_t heartbeat(node_t *n, const frame_t *frame, int64_t t)
+{
+    for (int32_t i = 0; i < n->n_peers; i++) {
+        double v[HEARTBEAT_VALUES];
+        header_t header;
+        if (n->peer_messages[i]->id != frame->id) continue;
+        if (message_decode(n->peer_messages[i], frame, v, &header) == DECODE_OK)
+            n->life.now |= peer_heartbeat(n->peers + i, (int32_t)v[HEARTBEAT_LIFE],
+                                          (uint32_t)v[HEARTBEAT_BOOTS], t);
+        return 1;
+    }
+    return 0;
+}
+
+static void synced(node_t *n, const frame_t *frame, int64_t t)
+{
+    double v[1];
+    header_t header;
+    if (message_decode(n->sync, frame, v, &header) != DECODE_OK) return;
+    const int32_t counter = (int32_t)v[0];
+    if (n->sync_last > 0) {
+        const int32_t gap = (counter - n->sync_last + 240) % 240;
+        if (gap > 1) n->syncs_lost += gap - 1;
+    }
+    n->sync_last = counter;
+    n->syncs_received++;
+    watchdog_feed(&n->sync_watchdog, t);
+}
+
+static void dispatch(node_t *n, const frame_t *frame)
+{
+    const int64_t t = n->start_ns ? frame->t_ns - n->start_ns : 0;
+    for (int32_t i = 0; i < n->n_receptions; i++) {
+        reception_t *r = n->receptions + i;
+        if (r->bus != frame->bus || r->message->id != frame->id ||
+            (r->message->flags ^ frame->flags) & FRAME_EXTENDED)
+            continue;
+        sample(n, r, frame);
+        return;
+    }
+    if (n->estop && frame->id == n->estop->id) n->life.now |= WHY_ESTOP;
+    else if (n->nmt && frame->id == n->nmt->id) managed(n, frame);
+    else if (n->sync && frame->id == n->sync->id) synced(n, frame, t);
+    else if (!heartbeat(n, frame, t)) n->unknown++;
+}
+
+void node_hear(node_t *n, int64_t limit_ns)
+{
+    frame_t frame;
+    for (int32_t b = 0; b < n->n_buses; b++) {
+        for (;;) {
+            if (!n->has_pending[b]) n->has_pending[b] = bus_receive(n->buses + b, n->pending + b);
+            if (!n->has_pending[b]) break;
+            if (n->start_ns && n->pending[b].t_ns - n->start_ns > limit_ns) break;
+            n->has_pending[b] = 0;
+            n->pending[b].bus = (uint8_t)b;
+            if (n->faults) faults_put(n->faults, n->pending + b, n->start_ns);
+            else dispatch(n, n->pending + b);
+        }
+    }
+    while (n->faults && faults_get(n->faults, &frame, n->start_ns + limit_ns)) dispatch(n, &frame);
+}

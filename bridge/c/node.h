@@ -1,0 +1,186 @@
+/* node.h: one node's slot, on whatever clock.
+ *
+ * A slot: drain the buses, step the life cycle, run one tick of the plan (whose gates are inlets and
+ * outlets), write a row of the journal. Nothing here allocates, prints or waits; waiting is
+ * node_live's, between slots. All times named *_ns are relative to the start of the run, except
+ * start_ns and deadlines of pace.h.
+ */
+#ifndef BRIDGE_NODE_H
+#define BRIDGE_NODE_H
+
+#include <stddef.h>
+
+#include "bus.h"
+#include "delay.h"
+#include "faults.h"
+#include "journal.h"
+#include "message.h"
+#include "pace.h"
+#include "safety.h"
+
+enum { CLOCK_WALL = 1, CLOCK_SIMULATED = 2, CLOCK_REPLAY = 3 };
+/* Bits of a row. */
+enum { ROW_BURST = 1 /* a missed slot, done late */ };
+/* What node_live returns; positive: of engine_run. */
+enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2 };
+/* Values of heartbeats and NMT, in this order. */
+enum { HEARTBEAT_LIFE, HEARTBEAT_WHY, HEARTBEAT_BOOTS, HEARTBEAT_ARMED, HEARTBEAT_VALUES };
+enum { NMT_COMMAND, NMT_NODE, NMT_VALUES };
+enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
+
+struct node;
+
+/* Decoded samples of one message, by sequence number: what a replay reads. */
+typedef struct {
+    int64_t first, count, capacity;
+    int32_t width, reserved;
+    double *values;         /* capacity rows */
+    uint8_t *there;         /* capacity */
+} history_t;
+
+/* A message this node hears. */
+typedef struct {
+    const message_t *message;
+    receiver_t *receiver;
+    double *values;         /* decoded, `width` */
+    int32_t width, bus;
+    int64_t period_ns;      /* of the sender */
+    int64_t offset_ns;      /* phase of the sender: nominal time of sample j is j*period + offset */
+    int64_t max_age_ns;     /* by its time stamp: older is dropped; 0: any */
+    int64_t newest, arrival_ns; /* accepted last; -1: none */
+    int32_t status;         /* of the last frame */
+    int32_t time_bits;      /* of the time stamp, 0: none */
+    int32_t accept_simulated, previewed;
+    int64_t transit_ns;     /* what the network took, of the newest */
+    history_t *history;     /* of its sender: replay; else NULL */
+} reception_t;
+
+typedef struct {
+    struct node *node;
+    reception_t *reception;
+    delay_t *delay;
+    int32_t first, count;   /* of the message's values */
+    int64_t target;         /* into signals */
+    double gain, offset;
+    int64_t age;            /* signal that gets the time since the last arrival, s; -1: none */
+    int64_t stop_ns;        /* silence that stops the node; 0: never */
+    int64_t period;         /* ticks of the receiver */
+    drive_t *drive;         /* between this and the plant; or NULL */
+    int64_t q, dq;          /* of the plant, for the drive: signals */
+    double *command;        /* (count,): drive: what was received */
+    int64_t held, newest;   /* of this tick */
+    int64_t last_newest;
+    int64_t heard_ns;       /* when the newest arrived, by slots: staleness is deterministic */
+} inlet_t;
+
+typedef struct {
+    struct node *node;
+    const message_t *message;
+    int32_t width, bus;
+    const int64_t *sources; /* signals, one a value */
+    double *values;         /* sent */
+    int64_t every, hit_ticks;   /* hits between two messages; ticks of a hit */
+    guard_t *guard;         /* or NULL */
+    int32_t guarded, joints;    /* first value of the torque, how many */
+    int64_t q, dq;          /* signals for the guard; -1: none */
+    drive_t *drive;         /* measures what is sent; or NULL */
+    int32_t measured_q, measured_dq;    /* first values of position, velocity; -1: none */
+    double *decoded;        /* as the receivers see them */
+    history_t *history;     /* filled with what was sent: replay; else NULL */
+    int64_t sent, saturated;
+} outlet_t;
+
+typedef struct node {
+    void *engine;           /* engine_t */
+    int32_t (*run)(void *engine, int64_t ticks);
+    double *signals;
+    double **record;        /* &engine->record */
+    int64_t *record_row;    /* &engine->row */
+    int64_t n_signals;
+    int64_t *engine_tick;   /* &engine->tick */
+
+    int32_t clock, number;
+    int64_t h_ns, phase_ns; /* length of a slot */
+    double h;
+    int64_t slot, first, slots; /* next, of this life, end of the run */
+    int64_t start_ns;       /* CLOCK_MONOTONIC of t = 0; 0: not known yet */
+    int64_t now_ns;         /* of this slot */
+    int64_t overrun_ns;     /* later than this is a fault */
+    int32_t command, quit;  /* from outside: COMMAND_..., or stop at once */
+    int32_t simulated, result;
+
+    bus_t *buses;
+    reception_t *receptions;
+    inlet_t *inlets;
+    outlet_t *outlets;
+    peer_t *peers;
+    faults_t *faults;       /* or NULL */
+    int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers, n_gates;
+    life_t life;
+
+    const message_t *heartbeat, *sync, *nmt, *estop;    /* of this node; NULL: none */
+    int64_t heartbeat_slots, sync_slots;
+    uint32_t boots, sync_count;
+    int64_t syncs_received, syncs_lost;
+    int32_t sync_last, heartbeat_bus;
+    watchdog_t sync_watchdog;
+
+    journal_t *journal;
+    int64_t inlet_offset, outlet_offset, signals_offset;    /* into a row */
+    const char *replayed;   /* CLOCK_REPLAY: rows of the recording */
+    int64_t replayed_rows, row_size, replay_row;
+
+    histogram_t late, receive, work;
+    int64_t missed, bursts, spin_ns;
+    int64_t send_ns;        /* spent sending in this slot */
+    int64_t start_commands;
+    int64_t unknown;        /* frames nobody here listens to */
+    frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
+    int32_t *has_pending;
+    const message_t **peer_messages;    /* heartbeats, one a peer */
+} node_t;
+
+/* Begins every row of the journal; then inlets, outlets, signals. */
+typedef struct {
+    int64_t slot, deadline_ns, woke_ns, received_ns, done_ns, send_ns;
+    int32_t state, command;
+    uint32_t now, reasons;
+    uint32_t guard, flags;
+    double scale;
+} row_t;
+
+typedef struct { int64_t held, newest, age_ns, transit_ns; } inlet_row_t;
+
+/* The gates: `pass` of engine gates. */
+API int32_t inlet_pass(void *context, int64_t tick, double *signals);
+API int32_t outlet_pass(void *context, int64_t tick, double *signals);
+
+/* Frames that have arrived by limit_ns (relative): checked, decoded, put into delay lines. hear.c */
+void node_hear(node_t *n, int64_t limit_ns);
+/* What a node says besides its outlets. */
+void node_heartbeat(node_t *n, int64_t now_ns);
+void node_preview(node_t *n, int64_t now_ns);
+void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
+
+/* One slot, with what has arrived by limit_ns (relative). Returns the engine's result. */
+int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags);
+
+/* Wall clock: from configured to finished. Waits for COMMAND_START with start_ns set (or NMT start),
+ * then slot by slot until the end, a stop, or `quit`. */
+API int32_t node_live(node_t *n);
+
+/* Emulated drives: on and enabled. node_live does it at the start. */
+API void node_enable(node_t *n, int64_t now_ns);
+
+/* Simulated clock: all nodes to the end, the next deadline first; frames take frame_ns on their bus,
+ * one after the other. `routes`: for each node and bus the number of the shared network, or -1. */
+API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time)(const frame_t *, double, double),
+                           const double *bitrates, int32_t n_networks, const int32_t *routes,
+                           int32_t n_routes);
+
+/* Replay: all nodes along their recordings. *stuck: the node that waits for a sample nobody sends. */
+API int32_t nodes_replay(node_t **nodes, int32_t n_nodes, int32_t *stuck);
+
+API size_t node_sizes(int32_t which);
+
+#endif

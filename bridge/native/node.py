@@ -1,0 +1,213 @@
+"""``node.h``: a node's slot, on three clocks."""
+
+from __future__ import annotations
+
+import ctypes as c
+from functools import lru_cache
+
+from bridge.journal import JournalStruct
+from bridge.native import faults, message, safety
+from bridge.native.bus import BusStruct
+from bridge.native.delay import Delay
+from bridge.native.frame import Frame
+from bridge.native.library import library
+from bridge.native.pace import Histogram
+
+WALL, SIMULATED, REPLAY = 1, 2, 3
+BURST = 1  # flag of a row: a missed slot, done late
+FINISHED, STOPPED, NEVER_STARTED = 0, -1, -2
+
+Doubles = c.POINTER(c.c_double)
+
+
+class History(c.Structure):
+    """``history_t``."""
+
+    _fields_ = (
+        ("first", c.c_int64),
+        ("count", c.c_int64),
+        ("capacity", c.c_int64),
+        ("width", c.c_int32),
+        ("reserved", c.c_int32),
+        ("values", c.c_void_p),
+        ("there", c.c_void_p),
+    )
+
+
+class Reception(c.Structure):
+    """``reception_t``."""
+
+    _fields_ = (
+        ("message", c.POINTER(message.Message)),
+        ("receiver", c.POINTER(message.Receiver)),
+        ("values", c.c_void_p),
+        ("width", c.c_int32),
+        ("bus", c.c_int32),
+        ("period_ns", c.c_int64),
+        ("offset_ns", c.c_int64),
+        ("max_age_ns", c.c_int64),
+        ("newest", c.c_int64),
+        ("arrival_ns", c.c_int64),
+        ("status", c.c_int32),
+        ("time_bits", c.c_int32),
+        ("accept_simulated", c.c_int32),
+        ("previewed", c.c_int32),
+        ("transit_ns", c.c_int64),
+        ("history", c.POINTER(History)),
+    )
+
+
+class Inlet(c.Structure):
+    """``inlet_t``."""
+
+    _fields_ = (
+        ("node", c.c_void_p),
+        ("reception", c.POINTER(Reception)),
+        ("delay", c.POINTER(Delay)),
+        ("first", c.c_int32),
+        ("count", c.c_int32),
+        ("target", c.c_int64),
+        ("gain", c.c_double),
+        ("offset", c.c_double),
+        ("age", c.c_int64),
+        ("stop_ns", c.c_int64),
+        ("period", c.c_int64),
+        ("drive", c.POINTER(safety.Drive)),
+        ("q", c.c_int64),
+        ("dq", c.c_int64),
+        ("command", c.c_void_p),
+        ("held", c.c_int64),
+        ("newest", c.c_int64),
+        ("last_newest", c.c_int64),
+        ("heard_ns", c.c_int64),
+    )
+
+
+class Outlet(c.Structure):
+    """``outlet_t``."""
+
+    _fields_ = (
+        ("node", c.c_void_p),
+        ("message", c.POINTER(message.Message)),
+        ("width", c.c_int32),
+        ("bus", c.c_int32),
+        ("sources", c.c_void_p),
+        ("values", c.c_void_p),
+        ("every", c.c_int64),
+        ("hit_ticks", c.c_int64),
+        ("guard", c.POINTER(safety.Guard)),
+        ("guarded", c.c_int32),
+        ("joints", c.c_int32),
+        ("q", c.c_int64),
+        ("dq", c.c_int64),
+        ("drive", c.POINTER(safety.Drive)),
+        ("measured_q", c.c_int32),
+        ("measured_dq", c.c_int32),
+        ("decoded", c.c_void_p),
+        ("history", c.POINTER(History)),
+        ("sent", c.c_int64),
+        ("saturated", c.c_int64),
+    )
+
+
+class Node(c.Structure):
+    """``node_t``."""
+
+    _fields_ = (
+        ("engine", c.c_void_p),
+        ("run", c.c_void_p),
+        ("signals", c.c_void_p),
+        ("record", c.c_void_p),
+        ("record_row", c.c_void_p),
+        ("n_signals", c.c_int64),
+        ("engine_tick", c.c_void_p),
+        ("clock", c.c_int32),
+        ("number", c.c_int32),
+        ("h_ns", c.c_int64),
+        ("phase_ns", c.c_int64),
+        ("h", c.c_double),
+        ("slot", c.c_int64),
+        ("first", c.c_int64),
+        ("slots", c.c_int64),
+        ("start_ns", c.c_int64),
+        ("now_ns", c.c_int64),
+        ("overrun_ns", c.c_int64),
+        ("command", c.c_int32),
+        ("quit", c.c_int32),
+        ("simulated", c.c_int32),
+        ("result", c.c_int32),
+        ("buses", c.c_void_p),
+        ("receptions", c.c_void_p),
+        ("inlets", c.c_void_p),
+        ("outlets", c.c_void_p),
+        ("peers", c.c_void_p),
+        ("faults", c.POINTER(faults.Faults)),
+        ("n_buses", c.c_int32),
+        ("n_receptions", c.c_int32),
+        ("n_inlets", c.c_int32),
+        ("n_outlets", c.c_int32),
+        ("n_peers", c.c_int32),
+        ("n_gates", c.c_int32),
+        ("life", safety.Life),
+        ("heartbeat", c.POINTER(message.Message)),
+        ("sync", c.POINTER(message.Message)),
+        ("nmt", c.POINTER(message.Message)),
+        ("estop", c.POINTER(message.Message)),
+        ("heartbeat_slots", c.c_int64),
+        ("sync_slots", c.c_int64),
+        ("boots", c.c_uint32),
+        ("sync_count", c.c_uint32),
+        ("syncs_received", c.c_int64),
+        ("syncs_lost", c.c_int64),
+        ("sync_last", c.c_int32),
+        ("heartbeat_bus", c.c_int32),
+        ("sync_watchdog", safety.Watchdog),
+        ("journal", c.POINTER(JournalStruct)),
+        ("inlet_offset", c.c_int64),
+        ("outlet_offset", c.c_int64),
+        ("signals_offset", c.c_int64),
+        ("replayed", c.c_void_p),
+        ("replayed_rows", c.c_int64),
+        ("row_size", c.c_int64),
+        ("replay_row", c.c_int64),
+        ("late", Histogram),
+        ("receive", Histogram),
+        ("work", Histogram),
+        ("missed", c.c_int64),
+        ("bursts", c.c_int64),
+        ("spin_ns", c.c_int64),
+        ("send_ns", c.c_int64),
+        ("start_commands", c.c_int64),
+        ("unknown", c.c_int64),
+        ("pending", c.POINTER(Frame)),
+        ("has_pending", c.c_void_p),
+        ("peer_messages", c.c_void_p),
+    )
+
+
+STRUCTS: tuple[type[c.Structure], ...] = (History, Reception, Inlet, Outlet, Node)
+
+
+@lru_cache(maxsize=1)
+def functions() -> c.CDLL:
+    """The library with the functions of ``node.h`` declared. Raises CosimError without it."""
+    found = library()
+    node, i32 = c.POINTER(Node), c.c_int32
+    found.node_live.argtypes, found.node_live.restype = (node,), i32
+    found.node_enable.argtypes, found.node_enable.restype = (node, c.c_int64), None
+    found.nodes_replay.argtypes = (c.c_void_p, i32, c.POINTER(i32))
+    found.nodes_replay.restype = i32
+    found.nodes_simulate.argtypes = (
+        *(c.c_void_p, i32, c.c_void_p, c.c_void_p),
+        *(i32, c.c_void_p, i32),
+    )
+    found.nodes_simulate.restype = i32
+    found.node_sizes.argtypes, found.node_sizes.restype = (i32,), c.c_size_t
+    return found
+
+
+def address(name: str) -> int:
+    """Of a function of the library."""
+    value = c.cast(getattr(library(), name), c.c_void_p).value
+    assert value is not None
+    return value

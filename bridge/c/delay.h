@@ -1,22 +1,30 @@
 /* delay.h: the configured latency of a link, at its receiving side, on top of what the network takes.
  *
- * The same laws, seeds and semantics as cosim.links: delays are drawn before the run by Python
- * (`delays`, s; not finite: lost). Samples come in with their number j, arrival a_j and the time
- * s_j at which they were nominally sent; what the network took is d_j = a_j - s_j >= 0.
+ * The same laws, seeds and semantics as cosim.links: delays T are drawn before the run by Python
+ * (`delays`, s; not finite: lost). Samples come in with their number j, their arrival a_j and the
+ * time s_j at which they were nominally sent; what the network took is d_j = a_j - s_j (below 0: 0).
+ * A link then does what its table would do with the delays T + d:
  *
- *   DELAY_NONE     the newest sample that has arrived
+ *   DELAY_NONE     the newest sample that was put, whatever `now`
  *   DELAY_SIGNAL   delays[row], T at reception: the sample nearest to now - T - d, d of the newest
- *   DELAY_LAST     delays[j], T at sending: arrives at a_j + T_j; the newest arrival wins
+ *                  that has arrived; if it is missing, the next older one. Can go back to -1.
+ *   DELAY_LAST     delays[j], T at sending: arrives at a_j + T_j; the newest arrival wins, and of
+ *                  two in one base tick the later sent
  *   DELAY_STAMP    as LAST, but what was sent no later than what is held is ignored
- *   DELAY_FIFO     as LAST, but nothing arrives before what was sent before it
- *   DELAY_PLAYOUT  plays the newest sent at or before now - buffer whose a_j + T_j has passed
+ *   DELAY_FIFO     as LAST, but nothing arrives before what was sent before it. What the network
+ *                  lost is not waited for; what it overtook is ignored.
+ *   DELAY_PLAYOUT  plays the newest sent at or before now - buffer if its a_j + T_j has passed, else
+ *                  holds
  *
- * With d = 0 (arrival = nominal time of sending) and looks at nominal times it gives the rows of
- * cosim.links exactly; that is its test.
+ * Time is counted in base ticks as the tables do, so that it is exact for any h: sample j is sent at
+ * tick period*j, row r looks at tick look*r, and only d is in ns. With d = 0 the rows are those of
+ * cosim.links exactly; that is its test. But for DELAY_NONE what counts is the nominal time of a
+ * look, not when it was done: a late node holds what it would have held in time.
  */
 #ifndef BRIDGE_DELAY_H
 #define BRIDGE_DELAY_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "frame.h"
@@ -25,35 +33,57 @@ enum { DELAY_NONE, DELAY_SIGNAL, DELAY_LAST, DELAY_STAMP, DELAY_FIFO, DELAY_PLAY
 
 typedef struct {
     int64_t sequence;       /* -1: empty */
-    int64_t sent_ns, arrival_ns;    /* relative to the start of the run */
-    int64_t due_ns;         /* when it gets through (LAST, STAMP, FIFO, PLAYOUT) */
+    int64_t sent_ns, arrival_ns;    /* as they were given */
+    int64_t due;            /* base tick in which it gets through; SIGNAL: in which it arrived */
 } sample_t;
 
 typedef struct {
+    int64_t due, sequence;
+} waiting_t;
+
+typedef struct {
     int32_t kind, width;
+    int32_t period, look;   /* of the sender, of the receiver, base ticks */
+    double h;               /* s, base tick */
+    double buffer;          /* s, PLAYOUT */
+    int64_t phase_ns;       /* of the receiver's slots, less that of the sender's */
     const double *delays;   /* s: by row (SIGNAL), by sequence (others); NULL: none */
-    int64_t n_delays;
-    int64_t period_ns, h_ns;    /* of the sender, of the base tick */
-    int64_t look_ns;        /* of the receiver */
-    int64_t buffer_ns;      /* PLAYOUT */
+    int64_t n_delays;       /* after the last they begin again: a constant needs one */
     int64_t capacity;       /* samples kept, a power of two */
-    sample_t *samples;      /* slot sequence % capacity */
-    double *values;         /* capacity rows of `width` */
-    int64_t newest;         /* sequence, -1: none */
+    sample_t *samples;      /* (capacity,), slot sequence % capacity */
+    double *values;         /* (capacity + 1, width); the last row is what is held */
+    waiting_t *queue;       /* (capacity,), a heap: the earliest due on top */
+    int64_t n_queue;
+    int64_t newest;         /* sequence put, -1: none */
+    int64_t visible;        /* SIGNAL: the newest that has arrived, -1: none */
+    int64_t network_ns;     /* SIGNAL: what the network took for that one */
+    int64_t last_due;       /* FIFO: of the newest */
     int64_t held;           /* sequence given last, -1: none */
+    sample_t given;         /* what is held; its age is now - given.sent_ns */
     int64_t lost;           /* by law */
-    int64_t reserved[4];    /* carries of the semantics */
+    int64_t ignored;        /* put twice, too old to keep, or (FIFO) overtaken */
+    int64_t forgotten;      /* gone before it was due or wanted: capacity too small */
+    int64_t reserved[2];
 } delay_t;
 
-/* A sample that has arrived. Times relative to the start of the run. */
+/* Empty, nothing held, nothing counted. Before the first sample. */
+API void delay_reset(delay_t *d);
+/* A sample that has arrived. Times relative to the start of the run, ns. */
 API void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns,
                    const double *values);
-/* The sequence number held at look `row` (now_ns: its nominal time), -1: none yet. Its values are
- * delay_values(d, sequence). */
+/* The sequence number held at look `row`, -1: none yet (the initial value holds). Rows ascend.
+ * Its values are delay_values(d, sequence). now_ns, the look's nominal time, is not looked at. */
 API int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns);
+/* Hold this one, whatever the law says (replay): 1, or 0: it is not there (yet, or any more). */
+API int32_t delay_hold(delay_t *d, int64_t sequence);
+/* Bytes of sample_t, waiting_t, delay_t. */
+API size_t delay_sizes(int32_t which);
+
+/* What is held stays there when its slot is used again; any other only while it is kept. */
 static inline const double *delay_values(const delay_t *d, int64_t sequence)
 {
-    return d->values + (sequence & (d->capacity - 1)) * d->width;
+    const int64_t row = sequence == d->held ? d->capacity : sequence & (d->capacity - 1);
+    return d->values + row * d->width;
 }
 
 #endif

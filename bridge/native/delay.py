@@ -1,0 +1,161 @@
+"""``delay.h``: a link's configured latency at its receiving side. See there for the semantics."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.native.library import library
+from cosim.errors import PlanError
+
+NONE, SIGNAL, LAST, STAMP, FIFO, PLAYOUT = range(6)
+FloatArray = NDArray[np.float64]
+
+
+@final
+class Sample(c.Structure):
+    """A sample that is kept (`sample_t`)."""
+
+    _fields_ = (
+        ("sequence", c.c_int64),
+        ("sent_ns", c.c_int64),
+        ("arrival_ns", c.c_int64),
+        ("due", c.c_int64),
+    )
+
+
+@final
+class Waiting(c.Structure):
+    """A sample on its way (`waiting_t`)."""
+
+    _fields_ = (("due", c.c_int64), ("sequence", c.c_int64))
+
+
+@final
+class Delay(c.Structure):
+    """`delay_t`; the arrays it points to belong to a :class:`DelayLine`."""
+
+    _fields_ = (
+        ("kind", c.c_int32),
+        ("width", c.c_int32),
+        ("period", c.c_int32),
+        ("look", c.c_int32),
+        ("h", c.c_double),
+        ("buffer", c.c_double),
+        ("phase_ns", c.c_int64),
+        ("delays", c.c_void_p),
+        ("n_delays", c.c_int64),
+        ("capacity", c.c_int64),
+        ("samples", c.c_void_p),
+        ("values", c.c_void_p),
+        ("queue", c.c_void_p),
+        ("n_queue", c.c_int64),
+        ("newest", c.c_int64),
+        ("visible", c.c_int64),
+        ("network_ns", c.c_int64),
+        ("last_due", c.c_int64),
+        ("held", c.c_int64),
+        ("given", Sample),
+        ("lost", c.c_int64),
+        ("ignored", c.c_int64),
+        ("forgotten", c.c_int64),
+        ("reserved", c.c_int64 * 2),
+    )
+
+
+@final
+class DelayLine:
+    """A `delay_t` and the memory behind it.
+
+    `width`: values of a sample; `period`, `look`: of sender and receiver, base ticks of `h` (s);
+    `delays`: s, by look (SIGNAL) or by sample; `buffer`: s (PLAYOUT); `phase_ns`: of the
+    receiver's slots less that of the sender's. Raises PlanError for a `capacity` (samples) that
+    is no power of two, and where there is nothing to send or to look at.
+    """
+
+    def __init__(
+        self,
+        kind: int,
+        width: int,
+        period: int,
+        look: int,
+        h: float,
+        capacity: int,
+        delays: FloatArray | Sequence[float] = (),
+        buffer: float = 0.0,
+        phase_ns: int = 0,
+    ) -> None:
+        if capacity < 1 or capacity & (capacity - 1):
+            raise PlanError(f"a delay line of {capacity} samples; expected a power of two")
+        if min(width, period, look) < 1 or not h > 0:
+            raise PlanError(
+                f"a delay line of {width} values, every {period} and {look} ticks of {h} s;"
+                " expected more than 0 of each"
+            )
+        self._delays = np.ascontiguousarray(delays, dtype=np.float64)
+        self._samples = (Sample * capacity)()
+        self._queue = (Waiting * capacity)()
+        self._values = np.zeros((capacity + 1, width))
+        self.struct = Delay(kind=kind, width=width, period=period, look=look, h=h)
+        self.struct.buffer, self.struct.phase_ns = buffer, phase_ns
+        self.struct.delays, self.struct.n_delays = self._delays.ctypes.data, self._delays.size
+        self.struct.capacity = capacity
+        self.struct.samples = c.addressof(self._samples)
+        self.struct.queue = c.addressof(self._queue)
+        self.struct.values = self._values.ctypes.data
+        self._library = _declared()
+        self.reset()
+
+    @property
+    def address(self) -> int:
+        """Of the `delay_t`, valid as long as this lives."""
+        return c.addressof(self.struct)
+
+    def reset(self) -> None:
+        """Empty, nothing held, nothing counted."""
+        self._library.delay_reset(c.byref(self.struct))
+
+    def put(self, sequence: int, sent_ns: int, arrival_ns: int, values: Sequence[float]) -> None:
+        """A sample (width,) that has arrived; times are ns since the start of the run."""
+        row = (c.c_double * self.struct.width)(*values)
+        self._library.delay_put(c.byref(self.struct), sequence, sent_ns, arrival_ns, row)
+
+    def take(self, row: int, now_ns: int = 0) -> int:
+        """The sequence number held at look `row`, -1: none yet. Rows ascend."""
+        return int(self._library.delay_take(c.byref(self.struct), row, now_ns))
+
+    def hold(self, sequence: int) -> bool:
+        """Hold this one, whatever the law says; False: it is not there (yet, or any more)."""
+        return bool(self._library.delay_hold(c.byref(self.struct), sequence))
+
+    def values(self) -> FloatArray:
+        """What is held, (width,), a copy; without a meaning while nothing is."""
+        held: FloatArray = self._values[-1].copy()
+        return held
+
+
+def sizes(which: int) -> int:
+    """What C takes for the size of a struct: 0 `sample_t`, 1 `waiting_t`, 2 `delay_t`."""
+    return int(_declared().delay_sizes(which))
+
+
+@lru_cache(maxsize=1)
+def _declared() -> c.CDLL:
+    lib = library()
+    line = c.POINTER(Delay)
+    lib.delay_reset.argtypes = (line,)
+    lib.delay_reset.restype = None
+    lib.delay_put.argtypes = (line, c.c_int64, c.c_int64, c.c_int64, c.POINTER(c.c_double))
+    lib.delay_put.restype = None
+    lib.delay_take.argtypes = (line, c.c_int64, c.c_int64)
+    lib.delay_take.restype = c.c_int64
+    lib.delay_hold.argtypes = (line, c.c_int64)
+    lib.delay_hold.restype = c.c_int32
+    lib.delay_sizes.argtypes = (c.c_int32,)
+    lib.delay_sizes.restype = c.c_size_t
+    return lib

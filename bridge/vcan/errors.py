@@ -1,0 +1,15 @@
+"""What keeps a command from getting a kernel with CAN."""
+
+from __future__ import annotations
+
+from cosim.errors import CosimError
+
+
+class VcanError(CosimError, RuntimeError):
+    """There is no kernel with CAN to be had, or it did not start.
+
+    The exit code is the one that ``env`` and ``timeout`` use for their own failures: those of
+    the command stay apart.
+    """
+
+    exit_code = 125

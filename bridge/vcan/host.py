@@ -1,0 +1,33 @@
+"""One command on the host's own kernel, in a network of its own with vcan interfaces."""
+
+from __future__ import annotations
+
+import signal
+
+from bridge.vcan import supervise
+from bridge.vcan.abilities import own_network
+from bridge.vcan.guest import Request
+
+_SCRIPT = """
+ip link set lo up || exit 125
+i=0
+while [ $i -lt $0 ]; do
+    ip link add dev vcan$i type vcan && ip link set vcan$i mtu 72 up || exit 125
+    i=$((i + 1))
+done
+command -v "$1" >/dev/null || { echo "error: $1: not found" >&2; exit 127; }
+exec "$@"
+"""
+
+
+def run(request: Request) -> int:
+    """The command's exit status; in the watcher (`supervise`)."""
+    script = ["sh", "-c", _SCRIPT, str(request.buses), *request.command]
+    process = supervise.started([*own_network(), *script], start_new_session=True)
+
+    def tell(number: signal.Signals) -> None:
+        process.send_signal(number)
+
+    cause = supervise.attend(process, request.timeout, tell)
+    status = supervise.as_status(process.returncode)
+    return supervise.status_of(cause, status) or 0

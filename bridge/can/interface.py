@@ -19,7 +19,7 @@ from can.cli import add_bus_arguments
 from can.util import load_config
 
 from bridge.can.health import BusHealth, bus_health
-from bridge.can.multicast import MulticastBus
+from bridge.can.multicast import open_group
 from bridge.can.ringed import RingedInterface
 from bridge.can.socket import BusError, open_socket
 from bridge.journal import Journal
@@ -98,7 +98,7 @@ def configuration(spec: BusSpec) -> dict[str, Any]:
 
 
 def parse_spec(name: str, arguments: Sequence[str], prefix: str | None = None) -> BusSpec:
-    """A bus from python-can's command-line options (``-i``, ``-c``, ``--fd``, ``--bus-kwargs`` ...).
+    """A bus from python-can's command-line options (``-i``, ``-c``, ``--fd`` and so on).
 
     Raises BusError for what python-can's parser does not take.
     """
@@ -174,23 +174,17 @@ class InterfaceAttachment:
 
 def _open(spec: BusSpec, config: Mapping[str, Any]) -> can.BusABC:
     arguments = {key: value for key, value in config.items() if key != "interface"}
+    reasons = (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError)
     try:
         if config["interface"] == "udp_multicast" and ":" not in str(config.get("channel") or ""):
-            return MulticastBus(**{**arguments, "local": spec.local})
+            return open_group(**{**arguments, "local": spec.local})
         if config["interface"] == "udp_multicast" and spec.local:
             raise BusError(
                 f"udp_multicast {config['channel']}: an IPv6 group does not stay on the loopback "
                 "interface; expected an IPv4 group, or local = false"
             )
         return can.Bus(**config)
-    except (
-        can.CanError,
-        OSError,
-        ValueError,
-        TypeError,
-        ImportError,
-        NotImplementedError,
-    ) as error:
+    except reasons as error:
         raise BusError(f"bus {spec.name} ({config['interface']}): {error}") from error
 
 

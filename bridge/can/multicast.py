@@ -28,35 +28,49 @@ LARGEST = 4096
 _ALL, _RCVBUFFORCE, _RXQ_OVFL = 49, 33, 40
 
 
+def open_group(
+    channel: str | None = None,
+    port: int = PORT,
+    *,
+    local: bool = True,
+    fd: bool = True,
+    hop_limit: int | None = None,
+    **options: Any,
+) -> MulticastBus:
+    """A bus on an IPv4 group: on the loopback interface (`local`), or where the routes lead.
+
+    Options have python-can's names. Raises BusError where the group cannot be joined.
+    """
+    address = (channel or GROUP, int(port))
+    interface = _interface(local)
+    receiver = _receiver(address, interface, local)
+    try:
+        sender = _sender(interface, (0 if local else 1) if hop_limit is None else hop_limit, local)
+    except OSError as error:
+        receiver.close()
+        raise BusError(f"udp_multicast {address[0]}: {error.strerror}") from error
+    return MulticastBus(address, receiver, sender, fd, options)
+
+
 @final
 class MulticastBus(can.BusABC):
-    """An IPv4 group: on the loopback interface (`local`), or where the routes lead.
-
-    `lost`: packets that arrived and were dropped because the queue was full.
-    """
+    """What `open_group` opens. `lost`: packets dropped on arrival because the queue was full."""
 
     def __init__(
         self,
-        channel: str | None = None,
-        port: int = PORT,
-        *,
-        local: bool = True,
-        fd: bool = True,
-        hop_limit: int | None = None,
-        **options: Any,
+        address: tuple[str, int],
+        receiver: socket.socket,
+        sender: socket.socket,
+        fd: bool,
+        options: dict[str, Any],
     ) -> None:
-        group = channel or GROUP
         self.lost = 0
-        self._to = (group, int(port))
-        self._fd = fd
+        self._to, self._fd = address, fd
+        self._in, self._out = receiver, sender
+        self._own = sender.getsockname()[1]
         self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
-        self.channel_info = f"udp_multicast {group}:{port}" + (" (loopback)" if local else "")
-        hops = (0 if local else 1) if hop_limit is None else int(hop_limit)
-        interface = _interface(local)
-        self._in = _receiver(group, int(port), interface, local)
-        self._out = _sender(interface, hops, local)
-        self._own = self._out.getsockname()[1]
-        super().__init__(group, **options)
+        self.channel_info = f"udp_multicast {address[0]}:{address[1]}"
+        super().__init__(address[0], **options)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self._in.settimeout(timeout)
@@ -90,7 +104,7 @@ class MulticastBus(can.BusABC):
             self._out.settimeout(timeout)
             self._out.sendto(pack_message(msg), self._to)
         except OSError as error:
-            raise can.CanOperationError(error.strerror, error.errno) from error
+            raise can.CanOperationError(str(error), error.errno) from error
 
     def fileno(self) -> int:
         """Of the socket that frames arrive at."""
@@ -113,10 +127,10 @@ def _interface(local: bool) -> bytes:
     return struct.pack("=4si", socket.inet_aton("127.0.0.1"), index)
 
 
-def _receiver(group: str, port: int, interface: bytes, local: bool) -> socket.socket:
+def _receiver(address: tuple[str, int], interface: bytes, local: bool) -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        address = socket.inet_aton(group)
+        group = socket.inet_aton(address[0])
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
@@ -125,11 +139,11 @@ def _receiver(group: str, port: int, interface: bytes, local: bool) -> socket.so
             sock.setsockopt(socket.IPPROTO_IP, _ALL, 0)
             with contextlib.suppress(PermissionError):
                 sock.setsockopt(socket.SOL_SOCKET, _RCVBUFFORCE, RECEIVE_BUFFER)
-        sock.bind((group, port))
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, address + interface)
+        sock.bind(address)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + interface)
     except OSError as error:
         sock.close()
-        raise BusError(_why(group, port, local, error)) from error
+        raise BusError(_why(address, local, error)) from error
     return sock
 
 
@@ -142,8 +156,9 @@ def _sender(interface: bytes, hops: int, local: bool) -> socket.socket:
     return sock
 
 
-def _why(group: str, port: int, local: bool, error: OSError) -> str:
-    found = f"udp_multicast {group}:{port}: {error.strerror or error}"
+def _why(address: tuple[str, int], local: bool, error: OSError) -> str:
+    group = address[0]
+    found = f"udp_multicast {group}:{address[1]}: {error.strerror or error}"
     if ":" in group:
         return f'{found}; expected an IPv4 group such as "{GROUP}": IPv6 groups leave this machine'
     if local:

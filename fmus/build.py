@@ -33,6 +33,7 @@ __all__ = [
     "find",
     "pack",
     "shipped",
+    "versions",
 ]
 
 VERSIONS: tuple[Version, ...] = ("2.0", "3.0")
@@ -91,7 +92,7 @@ def build(
     `platforms`: of :data:`fmus.toolchain.PLATFORMS`; default the host's. Raises FmuError for an
     unknown version or a missing source, fmus.toolchain.ToolchainError from the compiler.
     """
-    _check(version)
+    _check(model, version)
     return pack(model, version, out_dir, compile_model(model, platforms))
 
 
@@ -103,7 +104,7 @@ def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> lis
     return [
         pack(model, version, out_dir, binaries)
         for model, binaries in zip(chosen, compiled, strict=True)
-        for version in VERSIONS
+        for version in versions(model)
     ]
 
 
@@ -120,14 +121,14 @@ def find(model: Model, version: Version) -> Path:
     declaration and sources. Raises as :func:`build` does, and FmuError where the cache cannot be
     written.
     """
-    _check(version)
+    _check(model, version)
     name = file_name(model, version)
     if _is_of(_BUILT / name, model):
         return _BUILT / name
     folder = cache(model)
     if not _is_of(folder / name, model):
         binaries = compile_model(model)
-        for each in VERSIONS:
+        for each in versions(model):
             pack(model, each, folder, binaries)
     return folder / name
 
@@ -167,7 +168,11 @@ def compile_model(model: Model, platforms: Sequence[str] | None = None) -> dict[
 def pack(
     model: Model, version: Version, out_dir: Path | str, binaries: Mapping[str, bytes]
 ) -> Path:
-    """Write the archive of one version around compiled `binaries`, by platform; return its path."""
+    """Write the archive of one version around compiled `binaries`, by platform; return its path.
+
+    Raises FmuError for a version the model cannot be packed for.
+    """
+    _check(model, version)
     entries = {
         "modelDescription.xml": model_description(model, version),
         "documentation/index.html": _documentation(model, version),
@@ -187,9 +192,17 @@ def pack(
     return target
 
 
-def _check(version: str) -> None:
-    if version not in VERSIONS:
-        raise FmuError(f"FMI version is {version!r}; expected one of {', '.join(VERSIONS)}")
+def versions(model: Model) -> tuple[Version, ...]:
+    """The FMI versions `model` can be packed for: FMI 2.0 has no clocks."""
+    return ("3.0",) if model.clock else VERSIONS
+
+
+def _check(model: Model, version: str) -> None:
+    known = versions(model)
+    if version not in known:
+        clock = f"{model.identifier} has a clock; " if model.clock and version == "2.0" else ""
+        expected = "one of " * (len(known) > 1) + ", ".join(known)
+        raise FmuError(f"{clock}FMI version is {version!r}; expected {expected}")
 
 
 def _write(files: Mapping[str, str], folder: Path) -> list[Path]:
@@ -258,7 +271,7 @@ def _documentation(model: Model, version: Version) -> str:
 <body>
 <h1>{model.identifier}</h1>
 <p>{html.escape(model.description)}. FMI {version} for co-simulation, {model.kind},
-default step {model.step:g} s.</p>
+{"clock every" if model.clock else "default step"} {model.step:g} s.</p>
 <pre>
 {text}
 </pre>

@@ -15,9 +15,10 @@ from typing import Annotated
 
 import typer
 
-from cosim.errors import CosimError, ScenarioError
-from fmus.build import SHIPPED, VERSIONS, Version, compile_model, pack, shipped
-from fmus.model import Model
+from cosim.errors import CosimError, ScenarioError, UnitError
+from cosim.units import quantity
+from fmus.build import SHIPPED, VERSIONS, Version, compile_model, pack, shipped, versions
+from fmus.model import Model, clocked
 from fmus.toolchain import PLATFORMS
 
 app = typer.Typer(
@@ -52,18 +53,22 @@ def build(
     sizes: Annotated[
         list[str] | None, typer.Option("--set", help="A size of the model, as neighbours=3.")
     ] = None,
+    clock: Annotated[
+        str,
+        typer.Option(help="Make sampled models partitions of a clock, as '5 ms' (FMI 3.0 only)."),
+    ] = "",
 ) -> None:
     """Build FMUs with sources, for this machine or for others."""
-    versions, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
+    asked, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
     classes = [name for name in models or [] if ":" in name]
     for name in classes:
         from fmus.python import build_class
 
         typer.echo(f"{build_class(name, out)}  FMI 2.0, with Python inside")
     named = [name for name in models or [] if name not in classes]
-    for model in _models(named, given) if named or not classes else []:
+    for model in _clocked(_models(named, given), clock) if named or not classes else []:
         binaries = compile_model(model, targets)
-        for version in versions:
+        for version in (v for v in asked if v in versions(model) or fmi != "both"):
             path = pack(model, version, out, binaries)
             typer.echo(f"{path}  FMI {version}, {', '.join(binaries)}")
 
@@ -132,6 +137,16 @@ def _model(module: ModuleType, sizes: dict[str, int]) -> Model:
     if not isinstance(model, Model):
         raise ScenarioError(f"{module.__name__}.model() gives a {type(model).__name__}, no Model")
     return model
+
+
+def _clocked(models: list[Model], interval: str) -> list[Model]:
+    if not interval:
+        return models
+    try:
+        seconds = quantity(interval, "s")
+    except UnitError as error:
+        raise ScenarioError(str(error), "--clock") from None
+    return [clocked(model, seconds) for model in models]
 
 
 def _versions(fmi: str) -> tuple[Version, ...]:

@@ -1,7 +1,7 @@
 """``modelDescription.xml`` of FMI 3.0.2 (clauses 2.4 and 4.3).
 
-Arrays are arrays. A value reference is the place of a variable in the declaration; the last one is
-the time.
+Arrays are arrays. A value reference is the place of a variable in the declaration; then comes the
+time, and last the clock of a model that has one.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def describe(model: Model) -> Element:
     root = Element("fmiModelDescription", fmiVersion="3.0", modelName=model.identifier)
     root.set("instantiationToken", token(model))
     identify(root, model)
-    SubElement(
+    interface = SubElement(
         root,
         "CoSimulation",
         modelIdentifier=model.identifier,
@@ -40,6 +40,8 @@ def describe(model: Model) -> Element:
         canGetAndSetFMUState="true",
         canSerializeFMUState="true",
     )
+    if model.clock:
+        interface.set("hasEventMode", "true")
     units(root, model)
     categories(root)
     experiment(root, model)
@@ -56,6 +58,8 @@ def _variables(listed: Element, model: Model) -> None:
         element.attrib |= {"valueReference": str(reference)} | attributes(variable, model)
         if variable.type == "real":
             element.set("unit", variable.unit)
+        if model.clock and variable.causality != "parameter":
+            element.set("clocks", str(len(model.variables) + 1))
         limits(element, variable)
         if has_start(variable):
             element.set("start", " ".join(as_text(variable, variable.starts)))
@@ -64,12 +68,20 @@ def _variables(listed: Element, model: Model) -> None:
     time = SubElement(listed, "Float64", name="time", valueReference=str(len(model.variables)))
     time.attrib |= {"description": "Time", "causality": "independent", "variability": "continuous"}
     time.set("unit", "s")
+    if model.clock:
+        clock = SubElement(
+            listed, "Clock", name="clock", valueReference=str(len(model.variables) + 1)
+        )
+        clock.attrib |= {"description": "Each tick is a step", "causality": "input"}
+        clock.attrib |= {"variability": "discrete", "intervalVariability": "constant"}
+        clock.set("intervalDecimal", repr(model.clock))
 
 
 def _structure(structure: Element, model: Model) -> None:
     """Outputs and initial unknowns, by value reference."""
     reference = {variable.name: n for n, variable in enumerate(model.variables)}
-    for tag, unknowns in (("Output", outputs(model)), ("InitialUnknown", initial_unknowns(model))):
+    initial = [] if model.clock else initial_unknowns(model)  # not expected of clocked variables
+    for tag, unknowns in (("Output", outputs(model)), ("InitialUnknown", initial)):
         for variable, knowns in unknowns:
             element = SubElement(structure, tag, valueReference=str(reference[variable.name]))
             element.attrib |= dependencies(reference[name] for name in knowns)

@@ -7,11 +7,12 @@ value references its variables.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import prod
+from dataclasses import dataclass, field, replace
+from math import isfinite, prod
 from typing import Literal
 
 from cosim.component import Kind, Parameter, Port
+from cosim.errors import FmuError
 
 Causality = Literal["parameter", "input", "output", "local"]
 
@@ -72,7 +73,7 @@ class Model:
     `identifier` is the FMI modelIdentifier (a C name, the file stem of the FMU); `sources` are C
     files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds
     ``model_initial`` and ``model_step``. `documentation` is plain text with the equations, for the
-    page inside the FMU.
+    page inside the FMU. `clock`: the interval (s) of the clock that its FMU has, 0 for none.
     """
 
     identifier: str
@@ -84,6 +85,7 @@ class Model:
     step: float = 1e-3  # s, default communication step
     terminals: tuple[Terminal, ...] = field(default=())
     documentation: str = ""
+    clock: float = 0.0
 
     def inputs(self) -> tuple[Port, ...]:
         """Input ports, in order."""
@@ -105,3 +107,19 @@ class Model:
 def _port(variable: Variable) -> Port:
     default = variable.starts if variable.causality == "input" else ()
     return Port(variable.name, variable.shape, variable.unit, variable.description, default)
+
+
+def clocked(model: Model, interval: float) -> Model:
+    """`model` as the partition of a clock that ticks every `interval` s, for FMI 3.0: NAME_clocked.
+
+    Its inputs and outputs are clocked, its step is a tick (FMI 3.0.2 §2.2.8). Raises FmuError for a
+    continuous model, or an interval that is no positive number.
+    """
+    if model.kind != "sampled":
+        raise FmuError(f"{model.identifier} is {model.kind}; expected a sampled model for a clock")
+    if not (isfinite(interval) and interval > 0.0):
+        raise FmuError(f"{model.identifier}: the clock's interval is {interval:g} s; expected > 0")
+    if any(v.name == "clock" for v in model.variables):
+        raise FmuError(f"{model.identifier}.clock: declared; a clocked model has one of that name")
+    name = f"{model.identifier}_clocked"
+    return replace(model, identifier=name, clock=interval, step=interval)

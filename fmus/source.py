@@ -24,9 +24,11 @@ from fmus.model import Model, Variable
 _FOLDER = Path(__file__).parent / "c"
 #: The generic layer: what every library consists of besides the model.
 _GENERIC = (
+    "clock.c",
     "fmi2.c",
     "fmi2_refused.c",
     "fmi3.c",
+    "fmi3_events.c",
     "fmi3_refused.c",
     "instance.c",
     "kernel.c",
@@ -161,8 +163,10 @@ def _header(model: Model, token: str) -> str:
 #define INSTANTIATION_TOKEN "{token}"
 #define LAYOUT UINT64_C(0x{_layout(model)})
 
+#define CLOCK_INTERVAL {_number(model.clock)} /* s, of a model with a clock */
+
 enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size}, \
-N_INPUT_RANGES = {len(_inputs(model))} }};
+N_INPUT_RANGES = {len(_inputs(model))}, IS_CLOCKED = {int(model.clock > 0.0)} }};
 
 typedef struct {{
 {members}}} Model;

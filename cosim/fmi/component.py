@@ -214,8 +214,7 @@ class FmuComponent:
     def initial(self, u: Values) -> Outputs:
         """Outputs in Initialization Mode for inputs `u`."""
         for name, value in u.items():
-            if self._when(self.groups[name]) != "clocked":  # no clock ticks yet
-                self._set(self.groups[name], value)
+            self._set(self.groups[name], value)
         return self._outputs()
 
     def _outputs(self) -> dict[str, np.ndarray[Any, Any]]:

@@ -1,17 +1,17 @@
 /* fmi3.c - FMI 3.0.2 for co-simulation: the entry points.
  *
- * In which state what may be called: clauses 2.3 and 4.2.1. There is no event mode, no
- * configuration mode and no intermediate update. A value reference is the place of a variable in
- * the declaration, N_VARIABLES is the time; arrays are row-major.
+ * In which state what may be called: clauses 2.3 and 4.2.1. There is no configuration mode and no
+ * intermediate update; Event Mode and the clock are in fmi3_events.c. A value reference is the place
+ * of a variable in the declaration, N_VARIABLES is the time; arrays are row-major.
  */
 #include "fmi3.h"
 
 #include "instance.h"
 
 enum {
-    ANY = INSTANTIATED | INITIALIZATION | STEPPING | TERMINATED,
-    READ = INITIALIZATION | STEPPING | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING
+    ANY = INSTANTIATED | INITIALIZATION | STEPPING | EVENTS | TERMINATED,
+    READ = INITIALIZATION | STEPPING | EVENTS | TERMINATED,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENTS
 };
 
 /* --- life cycle --------------------------------------------------------------------------- */
@@ -51,10 +51,13 @@ fmi3Instance fmi3InstantiateCoSimulation(
     (void)earlyReturnAllowed;          /* allowed, never done */
     (void)requiredIntermediateVariables, (void)nRequiredIntermediateVariables;
     (void)intermediateUpdate; /* none provided */
-    return instantiate(instanceName, token, loggingOn, environment, logMessage,
-                       eventModeUsed ? "this FMU has no event mode: eventModeUsed must be false"
+    Instance *x = instantiate(
+        instanceName, token, loggingOn, environment, logMessage,
+        eventModeUsed && !IS_CLOCKED ? "this FMU has no event mode: eventModeUsed must be false"
                                      : NULL,
-                       "fmi3InstantiateCoSimulation");
+        "fmi3InstantiateCoSimulation");
+    if (x != NULL) x->clock.used = eventModeUsed;
+    return x;
 }
 
 fmi3Instance fmi3InstantiateModelExchange(
@@ -97,7 +100,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance x) {
 }
 
 fmi3Status fmi3Terminate(fmi3Instance x) {
-    if (!legal(x, STEPPING, "fmi3Terminate")) return fmi3Error;
+    if (!legal(x, STEPPING | EVENTS, "fmi3Terminate")) return fmi3Error;
     return (fmi3Status)terminate(x);
 }
 
@@ -114,6 +117,10 @@ static inline int has(fmi3ValueReference reference, unsigned need) {
 
 static int refuse_reference(const Instance *x, const char *function, fmi3ValueReference reference,
                             unsigned need) {
+    if (IS_CLOCKED && reference == CLOCK_REFERENCE) {
+        refuse(x, function, "value reference %d is the clock", CLOCK_REFERENCE);
+        return 0;
+    }
     if (reference > N_VARIABLES) {
         refuse(x, function, "there is no value reference %lu, the last is %d",
                (unsigned long)reference, N_VARIABLES);
@@ -149,17 +156,26 @@ static int may_get(Instance *x, const fmi3ValueReference vr[], size_t n, const v
                    size_t nValues, unsigned type, const char *function) {
     if (!legal(x, READ, function)) return 0;
     if (!fit(x, vr, n, values, nValues, type, function)) return 0;
-    if (!x->stale || x->mode != INITIALIZATION) return 1;
+    if (!x->stale || !(x->mode & (INITIALIZATION | EVENTS))) return 1;
+    if (x->mode == EVENT) return clock_evaluate(x, function) == STATUS_OK;
     for (size_t i = 0; i < n; i++)
         if (has(vr[i], IS_CALCULATED)) return settle(x, function) == STATUS_OK;
     return 1;
 }
 
+/* Inputs are clocked: where the importer ticks, they are set while the clock is active. */
+static int between_ticks(const Instance *x, const char *function) {
+    if (!x->clock.used || x->clock.active || !(x->mode & (STEPPING | EVENTS))) return 1;
+    refuse(x, function, "inputs are clocked: set them in Event Mode, after fmi3SetClock");
+    return 0;
+}
+
 static int may_set(Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
                    size_t nValues, unsigned type, const char *function) {
     if (!legal(x, WRITE, function)) return 0;
-    const unsigned need = type | (x->mode == STEPPING ? SET_IN_STEPS : SET_AT_START);
+    const unsigned need = type | (x->mode & (STEPPING | EVENTS) ? SET_IN_STEPS : SET_AT_START);
     if (!fit(x, vr, n, values, nValues, need, function)) return 0;
+    if (IS_CLOCKED && n > 0 && !between_ticks(x, function)) return 0;
     x->stale |= x->mode != STEPPING;
     return 1;
 }

@@ -1,8 +1,8 @@
 /* fmi3_refused.c - functions of FMI 3.0.2 this FMU has, but not what they are for.
  *
- * No types but Float64, Int32 and Boolean, no clocks, events, configuration or derivatives, neither
- * model exchange nor scheduled execution: the model description says so, and a call is refused
- * in every mode with a sentence.
+ * No types but Float64, Int32 and Boolean (and Clock, see fmi3_events.c), no configuration or
+ * derivatives, neither model exchange nor scheduled execution: the model description says so, and a
+ * call is refused in every mode with a sentence.
  */
 #include "fmi3.h"
 #include "instance.h"
@@ -25,8 +25,8 @@ static fmi3Status none(const Instance *x, unsigned modes, size_t n, const char *
 }
 
 enum {
-    READ = INITIALIZATION | STEPPING | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING
+    READ = INITIALIZATION | STEPPING | EVENTS | TERMINATED,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENTS
 };
 
 #define NO_VALUES(T)                                                                      \
@@ -56,16 +56,6 @@ fmi3Status fmi3GetBinary(fmi3Instance x, const fmi3ValueReference vr[], size_t n
 fmi3Status fmi3SetBinary(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                          const size_t sizes[], const fmi3Binary values[], size_t nValues) {
     return none(x, WRITE, n + nValues, "Binary", "fmi3SetBinary");
-}
-
-fmi3Status fmi3GetClock(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                        fmi3Clock values[]) {
-    return none(x, READ, n, "Clock", "fmi3GetClock");
-}
-
-fmi3Status fmi3SetClock(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                        const fmi3Clock values[]) {
-    return none(x, WRITE, n, "Clock", "fmi3SetClock");
 }
 
 /* --- dependencies and derivatives ----------------------------------------------------------- */
@@ -105,11 +95,9 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance x, const fmi3ValueReference vr[
     return refused(x, "fmi3GetOutputDerivatives", NO_DERIVATIVES);
 }
 
-/* --- configuration mode, events and clocks -------------------------------------------------- */
+/* --- configuration mode ---------------------------------------------------------------------- */
 
 static const char NO_CONFIGURATION[] = "this FMU has no structural parameters";
-static const char NO_EVENTS[] = "this FMU has no event mode";
-static const char NO_CLOCKS[] = "this FMU has no clocks";
 
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance x) {
     return refused(x, "fmi3EnterConfigurationMode", NO_CONFIGURATION);
@@ -117,66 +105,6 @@ fmi3Status fmi3EnterConfigurationMode(fmi3Instance x) {
 
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance x) {
     return refused(x, "fmi3ExitConfigurationMode", NO_CONFIGURATION);
-}
-
-fmi3Status fmi3EnterEventMode(fmi3Instance x) {
-    return refused(x, "fmi3EnterEventMode", NO_EVENTS);
-}
-
-fmi3Status fmi3EnterStepMode(fmi3Instance x) { return refused(x, "fmi3EnterStepMode", NO_EVENTS); }
-
-fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance x) {
-    return refused(x, "fmi3EvaluateDiscreteStates", NO_EVENTS);
-}
-
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesNeedUpdate,
-                                    fmi3Boolean *terminateSimulation,
-                                    fmi3Boolean *nominalsOfContinuousStatesChanged,
-                                    fmi3Boolean *valuesOfContinuousStatesChanged,
-                                    fmi3Boolean *nextEventTimeDefined,
-                                    fmi3Float64 *nextEventTime) {
-    return refused(x, "fmi3UpdateDiscreteStates", NO_EVENTS);
-}
-
-fmi3Status fmi3GetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                  fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
-    return refused(x, "fmi3GetIntervalDecimal", NO_CLOCKS);
-}
-
-fmi3Status fmi3GetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                   fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-                                   fmi3IntervalQualifier qualifiers[]) {
-    return refused(x, "fmi3GetIntervalFraction", NO_CLOCKS);
-}
-
-fmi3Status fmi3GetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                               fmi3Float64 shifts[]) {
-    return refused(x, "fmi3GetShiftDecimal", NO_CLOCKS);
-}
-
-fmi3Status fmi3GetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
-    return refused(x, "fmi3GetShiftFraction", NO_CLOCKS);
-}
-
-fmi3Status fmi3SetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                  const fmi3Float64 intervals[]) {
-    return refused(x, "fmi3SetIntervalDecimal", NO_CLOCKS);
-}
-
-fmi3Status fmi3SetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                   const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    return refused(x, "fmi3SetIntervalFraction", NO_CLOCKS);
-}
-
-fmi3Status fmi3SetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                               const fmi3Float64 shifts[]) {
-    return refused(x, "fmi3SetShiftDecimal", NO_CLOCKS);
-}
-
-fmi3Status fmi3SetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    return refused(x, "fmi3SetShiftFraction", NO_CLOCKS);
 }
 
 /* --- model exchange and scheduled execution ------------------------------------------------- */

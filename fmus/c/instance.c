@@ -26,7 +26,8 @@ static const struct {
              {INITIALIZATION, "Initialization Mode"},
              {STEPPING, "Step Mode"},
              {STEP_FAILED, "Step Failed"},
-             {TERMINATED, "Terminated"}};
+             {TERMINATED, "Terminated"},
+             {EVENT, "Event Mode"}};
 enum { N_MODES = sizeof MODES / sizeof MODES[0] };
 
 /* --- logging ------------------------------------------------------------------------------ */
@@ -57,7 +58,7 @@ Status refuse(const Instance *x, const char *function, const char *format, ...) 
     return STATUS_ERROR;
 }
 
-static Status discard(const Instance *x, const char *function, const char *format, ...) {
+Status discard(const Instance *x, const char *function, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     tell(x, STATUS_DISCARD, LOG_DISCARD, function, format, arguments);
@@ -132,6 +133,8 @@ static void go_to_start(Instance *x) {
     x->start_time = 0.0;
     x->stop_time = INFINITY;
     x->stale = 1;
+    x->clock.active = 0;
+    x->clock.count = 0.0;
     x->mode = INSTANTIATED;
 }
 
@@ -219,7 +222,7 @@ Status settle(Instance *x, const char *function) {
 
 Status exit_initialization(Instance *x, const char *function) {
     if (settle(x, function) != STATUS_OK) return STATUS_ERROR;
-    x->mode = STEPPING;
+    x->mode = x->clock.used ? EVENT : STEPPING;
     note(x, function, "%s initialised at t = %g s", MODEL_IDENTIFIER, x->x.values[TIME]);
     return STATUS_OK;
 }
@@ -247,6 +250,19 @@ static unsigned find_not_finite(const double *values) {
     return N_SCALARS;
 }
 
+Status check_inputs(const Instance *x, double t, const char *function) {
+    const double *values = x->x.values;
+    const unsigned bad = find_not_finite(values);
+    if (bad == N_SCALARS) return STATUS_OK;
+    return discard(x, function, "input %s is %g at t = %g s, expected a finite number",
+                   scalar_names[bad], values[bad], t);
+}
+
+static Status step_once(Instance *x, double t, double h, const char *function) {
+    const char *why = model_step(&x->x.model, t, h);
+    return why == NULL ? STATUS_OK : discard(x, function, "at t = %g s %s", t, why);
+}
+
 Status do_step(Instance *x, double t, double h, const char *function) {
     double *values = x->x.values;
     const double close = 1e-6 * h + 1e-12 * fabs(t); /* importers may have rounded */
@@ -258,12 +274,9 @@ Status do_step(Instance *x, double t, double h, const char *function) {
     if (t + h > x->stop_time + close)
         return refuse(x, function, "the step ends at %.17g s, after the stop time %.17g s", t + h,
                       x->stop_time);
-    const unsigned bad = find_not_finite(values);
-    if (bad < N_SCALARS)
-        return discard(x, function, "input %s is %g at t = %g s, expected a finite number",
-                       scalar_names[bad], values[bad], t);
-    const char *why = model_step(&x->x.model, t, h);
-    if (why != NULL) return discard(x, function, "at t = %g s %s", t, why);
-    values[TIME] = t + h;
-    return STATUS_OK;
+    Status status = check_inputs(x, t, function);
+    if (status == STATUS_OK)
+        status = IS_CLOCKED ? step_clocked(x, t, h, function) : step_once(x, t, h, function);
+    if (status == STATUS_OK) values[TIME] = t + h;
+    return status;
 }

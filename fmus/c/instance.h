@@ -23,13 +23,28 @@ enum {
     INITIALIZATION = 2,
     STEPPING = 4,    /* 2.0: stepComplete, 3.0: Step Mode */
     STEP_FAILED = 8, /* 2.0 only: fmi2DoStep returned fmi2Discard */
-    TERMINATED = 16
+    TERMINATED = 16,
+    EVENT = 32, /* 3.0, of a model with a clock: Event Mode */
+    EVENTS = IS_CLOCKED ? EVENT : 0
 };
 
 /* Log categories, bits. */
 enum { LOG_EVENTS = 1, LOG_WARNING = 2, LOG_DISCARD = 4, LOG_ERROR = 8, LOG_ALL = 15 };
 
-enum { TIME = N_SCALARS }; /* index of the time in Instance.x.values */
+enum {
+    TIME = N_SCALARS,                  /* index of the time in Instance.x.values */
+    N_STORED = N_SCALARS + 1,          /* values and the time */
+    N_BEFORE = IS_CLOCKED ? N_STORED : 1,
+    CLOCK_REFERENCE = N_VARIABLES + 1 /* FMI 3.0 value reference, after the time */
+};
+
+/* The clock of a model that has one, see clock.c. */
+typedef struct {
+    unsigned used;           /* the importer ticks, in Event Mode; else steps do */
+    unsigned active;         /* between its tick and the update of the discrete states */
+    double count;            /* ticks until now */
+    double before[N_BEFORE]; /* values before the tick that is active */
+} Clock;
 
 typedef struct Instance Instance;
 typedef void AnyFunction(void);
@@ -46,8 +61,9 @@ struct Instance {
     char *name;
     union {
         Model model;
-        double values[N_SCALARS + 1]; /* and the time, s */
+        double values[N_STORED]; /* and the time, s */
     } x;
+    Clock clock;
 };
 
 typedef struct Snapshot Snapshot;
@@ -61,6 +77,8 @@ void instance_free(Instance *x);
 
 /* Log a sentence "function: ..." and return STATUS_ERROR. `x` may be NULL: nothing is logged. */
 Status refuse(const Instance *x, const char *function, const char *format, ...);
+/* The same for STATUS_DISCARD. */
+Status discard(const Instance *x, const char *function, const char *format, ...);
 /* Say why a variable of `access` cannot be used as `need` says; `type` is its type's name. */
 Status refuse_access(const Instance *x, const char *function, const char *name, const char *type,
                      unsigned access, unsigned need);
@@ -84,6 +102,20 @@ Status settle(Instance *x, const char *function);
 
 /* One communication step h (s) from t (s). */
 Status do_step(Instance *x, double t, double h, const char *function);
+
+/* STATUS_DISCARD after a logged sentence where an input is not finite at t (s). */
+Status check_inputs(const Instance *x, double t, const char *function);
+
+/* --- clock.c: models with a clock ---------------------------------------------------------- */
+
+/* Tick: now, or after a logged sentence not at all. */
+Status clock_activate(Instance *x, const char *function);
+/* What follows from the inputs at the tick that is active; may be called repeatedly. */
+Status clock_evaluate(Instance *x, const char *function);
+/* The tick is over: what was evaluated stays. */
+Status clock_update(Instance *x, const char *function);
+/* A communication step h (s) from t (s): its ticks, or whether the importer has given them. */
+Status step_clocked(Instance *x, double t, double h, const char *function);
 
 /* --- state.c ------------------------------------------------------------------------------ */
 

@@ -7,6 +7,8 @@
  *    12  u32  number of values   32  f64  start time, s
  *    16  u64  layout of Model    40  f64  stop time, s (infinite: none)
  *    48  f64  values in the order of the declaration, then the time
+ *             of a model with a clock then: ticks, 1 where it is active, 1 where the importer
+ *             ticks, and values and time before the tick
  *   end  u32  CRC-32 (IEEE 802.3) of everything before
  */
 #include <stdlib.h>
@@ -16,7 +18,12 @@
 
 #define MARK UINT64_C(0x554d466d69736f63) /* "cosimFMU" as bytes */
 
-enum { FORMAT = 1, HEADER = 48, N_VALUES = N_SCALARS + 1, SIZE = HEADER + 8 * N_VALUES + 4 };
+enum {
+    FORMAT = 1,
+    HEADER = 48,
+    N_VALUES = N_STORED + (IS_CLOCKED ? 3 + N_STORED : 0),
+    SIZE = HEADER + 8 * N_VALUES + 4
+};
 
 struct Snapshot {
     uint64_t mark; /* tells a saved state from another pointer */
@@ -57,6 +64,22 @@ static uint32_t crc32(const unsigned char *bytes, size_t n) {
     return ~crc;
 }
 
+static void clock_to(double *values, const Clock *clock) {
+    if (!IS_CLOCKED) return;
+    values[0] = clock->count;
+    values[1] = clock->active;
+    values[2] = clock->used;
+    memcpy(values + 3, clock->before, sizeof clock->before);
+}
+
+static void clock_from(const double *values, Clock *clock) {
+    if (!IS_CLOCKED) return;
+    clock->count = values[0];
+    clock->active = values[1] != 0.0;
+    clock->used = values[2] != 0.0;
+    memcpy(clock->before, values + 3, sizeof clock->before);
+}
+
 static int known(const Instance *x, const void *state, const char *function) {
     if (state != NULL && ((const Snapshot *)state)->mark == MARK) return 1;
     refuse(x, function, "the state is %s", state == NULL ? "null" : "none saved by this FMU");
@@ -83,7 +106,8 @@ Status state_save(const Instance *x, void **state, const char *function) {
     y->stale = (uint32_t)x->stale;
     y->start_time = x->start_time;
     y->stop_time = x->stop_time;
-    memcpy(y->values, x->x.values, sizeof y->values);
+    memcpy(y->values, x->x.values, sizeof x->x.values);
+    clock_to(y->values + (IS_CLOCKED ? N_STORED : 0), &x->clock);
     *state = y;
     return STATUS_OK;
 }
@@ -94,7 +118,8 @@ Status state_restore(Instance *x, const Snapshot *state, const char *function) {
     x->stale = (int)state->stale;
     x->start_time = state->start_time;
     x->stop_time = state->stop_time;
-    memcpy(x->x.values, state->values, sizeof state->values);
+    memcpy(x->x.values, state->values, sizeof x->x.values);
+    clock_from(state->values + (IS_CLOCKED ? N_STORED : 0), &x->clock);
     return STATUS_OK;
 }
 
@@ -162,7 +187,7 @@ Status state_read(const Instance *x, const unsigned char bytes[], size_t size, v
                   const char *function) {
     if (!readable(x, bytes, size, function)) return STATUS_ERROR;
     const uint32_t mode = (uint32_t)take(bytes + 24, 4);
-    if (mode == 0 || mode > TERMINATED || (mode & (mode - 1)))
+    if (mode == 0 || mode > (EVENTS ? EVENT : TERMINATED) || (mode & (mode - 1)))
         return refuse(x, function, "the serialised state has mode %lu", (unsigned long)mode);
     Snapshot *y = room(x, state, function);
     if (y == NULL) return STATUS_ERROR;

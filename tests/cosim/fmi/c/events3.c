@@ -14,7 +14,7 @@ enum { CLOCK = 1, SAMPLED_IN, DISCRETE_IN, SAMPLED = 10, TICKS, CHANGES, BELLS, 
 
 typedef struct {
     double time, clocked, discrete, sampled, ticks, changes, bells, integral, calls, half;
-    bool events, early, in_event, ticking, changed, returned;
+    bool events, early, started, in_event, ticking, changed, returned;
     int updates;
 } fmu_t;
 
@@ -38,7 +38,7 @@ FMI int fmi3EnterInitializationMode(void *x, bool a, double b, double c, bool d,
 }
 FMI int fmi3ExitInitializationMode(fmu_t *x)
 {
-    x->in_event = x->events;
+    x->started = true, x->in_event = x->events;
     return 0;
 }
 FMI int fmi3EnterEventMode(fmu_t *x)
@@ -92,7 +92,7 @@ FMI int fmi3SetFloat64(fmu_t *x, const uint32_t *r, size_t n, const double *v, s
     (void)m;
     for (size_t i = 0; i < n; i++)
         if (r[i] == SAMPLED_IN) {
-            if (!x->in_event || !x->ticking) return 3;
+            if (x->started && (!x->in_event || !x->ticking)) return 3;
             x->clocked = v[i];
         } else if (r[i] == DISCRETE_IN) {
             x->changed = true, x->discrete = v[i];

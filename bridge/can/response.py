@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from bridge.can.timing import TimingError
 
@@ -87,7 +88,7 @@ def responses(
     Raises TimingError where two streams have the same rank: nothing then decides between them.
     """
     ordered = sorted(streams, key=lambda s: s.rank)
-    for a, b in zip(ordered, ordered[1:], strict=False):
+    for a, b in pairwise(ordered):
         if a.rank == b.rank:
             raise TimingError(f"found the priority of {a.name} at {b.name}, expected different")
     return tuple(_response(ordered, i, bit_ns, errors) for i in range(len(ordered)))

@@ -1,0 +1,209 @@
+"""Load: of messages and of logs; C and NumPy say what Python says."""
+
+from __future__ import annotations
+
+import ctypes
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bridge.can.arbitration import Request, arbitrate, rank
+from bridge.can.load import kind_of, log_bits, log_times, measured, planned
+from bridge.can.timing import INTERMISSION, Bits, BusTiming, Kind, TimingError, frame_bits
+from bridge.native import load as native
+from bridge.native.frame import Flags, Frame
+from tests.bridge.can.test_timing import frames
+
+MEGABIT = BusTiming(1e6)
+FAST = BusTiming(1e6, 5e6, True)
+Drawn = tuple[int, bytes, Kind, int]
+
+
+def flags_of(kind: Kind) -> int:
+    names = {"extended": Flags.EXTENDED, "fd": Flags.FD, "brs": Flags.BRS}
+    names |= {"remote": Flags.REMOTE, "esi": Flags.ESI}
+    return sum(int(flag) for name, flag in names.items() if getattr(kind, name))
+
+
+def native_frame(drawn: Drawn) -> Frame:
+    identifier, data, kind, dlc = drawn
+    frame = Frame.of(identifier, data, flags_of(kind))
+    frame.length = dlc
+    return frame
+
+
+def test_structs_are_those_of_c() -> None:
+    structs = [native.Bits, native.Request, native.ArbiterStruct, Frame]
+    assert [native.sizes(i) for i in range(4)] == [ctypes.sizeof(s) for s in structs]
+    assert native.sizes(4) == 0
+
+
+@settings(max_examples=300, deadline=None)
+@given(frames(), st.sampled_from([1e6, 5e5, 125e3, 83333.3]), st.sampled_from([None, 2e6, 8e6]))
+def test_c_has_the_bits_and_times_of_python(
+    drawn: Drawn, bitrate: float, data_bitrate: float | None
+) -> None:
+    frame, bits = native_frame(drawn), frame_bits(*drawn)
+    timing = BusTiming(bitrate, data_bitrate)
+    assert native.frame_bits_exact(frame) == bits
+    assert native.frame_time_ns(frame, timing) == timing.time_ns(bits)
+    kind = drawn[2]
+    assert native.frame_rank(frame) == rank(drawn[0], kind.extended, kind.remote)
+    assert kind_of(frame.flags) == kind
+
+
+def test_what_is_no_can_frame_takes_no_time() -> None:
+    for frame in (
+        Frame.of(1, bytes(9)),
+        Frame.of(1, bytes(65), Flags.FD),
+        Frame.of(1, b"", Flags.FD | Flags.REMOTE),
+        Frame.of(1, b"", Flags.ERROR),
+    ):
+        assert native.frame_bits_exact(frame) == (0, 0)
+        assert native.frame_time_ns(frame, MEGABIT) == 0
+        assert not native.Arbiter(MEGABIT).put(frame, 0, 0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(frames(), min_size=1, max_size=30))
+def test_numpy_has_the_bits_of_python(drawn: list[Drawn]) -> None:
+    data = np.full((len(drawn), 64), 0xA5, np.uint8)  # what is beyond the length does not count
+    for row, (_, payload, _, _) in zip(data, drawn, strict=True):
+        row[: len(payload)] = np.frombuffer(payload, np.uint8)
+    found = log_bits(
+        np.array([d[0] for d in drawn], np.uint32),
+        np.array([flags_of(d[2]) | Flags.SENT for d in drawn], np.uint8),
+        np.array([d[3] for d in drawn], np.uint16),
+        data,
+    )
+    expected = [frame_bits(*d) for d in drawn]
+    assert [Bits(*map(int, row)) for row in found] == expected
+    assert log_times(found, FAST).tolist() == [FAST.time_ns(b) for b in expected]
+
+
+def test_lengths_between_and_error_frames_in_a_log() -> None:
+    ids, data = np.array([1, 2], np.uint32), np.full((2, 64), 0xFF, np.uint8)
+    flags = np.array([Flags.FD, Flags.ERROR], np.uint8)
+    bits = log_bits(ids, flags, np.array([9, 8], np.uint16), data)
+    assert bits.tolist() == [[*frame_bits(1, b"\xff" * 9, Kind(fd=True))], [0, 0]]
+    assert log_bits(ids[:0], flags[:0], ids[:0].astype(np.uint16), data[:0]).shape == (0, 2)
+
+
+def test_planned_load_is_the_sum_over_messages() -> None:
+    kind = Kind()
+    share = planned([(8, kind, 1e-3), (8, kind, 1e-3)], MEGABIT)
+    assert (share.best, share.worst) == pytest.approx((0.222, 0.27))
+    assert share.best < share.mean < share.worst
+    # the budget of one FD bus: 4 nodes with 64 bytes at 1 kHz, SYNC and 10 Hz heartbeats
+    fd = Kind(fd=True, brs=True)
+    all_ = [(64, fd, 1e-3)] * 4 + [(1, kind, 1e-3)] + [(1, kind, 0.1)] * 4
+    assert planned(all_, FAST).worst == pytest.approx(0.743, abs=0.001)
+
+
+def slow_busy(starts: list[int], ends: list[int], a: int, b: int) -> int:
+    return sum(max(0, min(e, b) - max(s, a)) for s, e in zip(starts, ends, strict=True))
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 900), st.integers(1, 60)), min_size=1, max_size=20),
+    st.integers(1, 300),
+)
+def test_the_load_of_a_log_is_that_of_its_busiest_window(
+    log: list[tuple[int, int]], window: int
+) -> None:
+    starts, ends = [s for s, _ in log], [s + d for s, d in log]
+    found = measured(np.array(ends), np.array([d for _, d in log]), window)
+    each = {a: slow_busy(starts, ends, a, a + window) for a in range(-window, 1000)}
+    assert found.peak == max(each.values()) / window
+    assert each[found.peak_ns] == max(each.values())
+    first, last = min(starts), max(ends)
+    assert found.mean == pytest.approx(sum(d for _, d in log) / (last - first))
+    edges = [*range(first, last, window), last]
+    tiled = [slow_busy(starts, ends, a, b) / (b - a) for a, b in pairwise(edges)]
+    assert found.windows.tolist() == pytest.approx(tiled)
+
+
+def test_a_log_that_no_bus_can_have_carried_is_noticed() -> None:
+    ends = np.arange(1, 1001, dtype=np.int64) * 100_000
+    assert measured(ends, np.full(1000, 90_000)).possible
+    assert not measured(ends, np.full(1000, 135_000)).possible
+    hour = measured(ends + 3_600_000_000_000_000, np.full(1000, 90_000))
+    assert hour.peak == pytest.approx(0.9)
+    with pytest.raises(TimingError, match="window of 0 ns"):
+        measured(ends, np.full(1000, 1), 0)
+    with pytest.raises(TimingError, match="found 0 frames"):
+        measured(ends[:0], ends[:0])
+
+
+def test_bits_that_arbitrate() -> None:
+    order = [
+        rank(0x100), rank(0x100, remote=True), rank(0x100 << 18, True),
+        rank(0x100 << 18, True, True), rank((0x100 << 18) + 1, True), rank(0x101),
+    ]  # fmt: skip
+    assert order == sorted(order)
+    assert len(set(order)) == len(order)
+
+
+@st.composite
+def traffic(draw: st.DrawFn) -> list[tuple[int, Drawn, int]]:
+    count = draw(st.integers(1, 12))
+    times = sorted(draw(st.lists(st.integers(0, 2_000_000), min_size=count, max_size=count)))
+    return [(t, draw(frames()), draw(st.integers(0, 3))) for t in times]
+
+
+@settings(max_examples=100, deadline=None)
+@given(traffic(), st.booleans(), st.integers(5_000, 400_000))
+def test_an_arbiter_sends_what_the_reference_sends(
+    handed: list[tuple[int, Drawn, int]], fifo: bool, every: int
+) -> None:
+    """However often it is asked: all at the end, and in steps of `every` ns."""
+    requests = []
+    for at, (identifier, data, kind, dlc), node in handed:
+        duration = FAST.time_ns(frame_bits(identifier, data, kind, dlc))
+        requests.append(Request(at, rank(identifier, kind.extended, kind.remote), duration, node))
+    gap = FAST.time_ns(Bits(INTERMISSION))
+    expected = [
+        (s.end - gap, s.request.rank, s.request.node) for s in arbitrate(requests, fifo=fifo)
+    ]
+    assert run(handed, fifo, None) == expected
+    assert run(handed, fifo, every) == expected
+
+
+def run(
+    handed: list[tuple[int, Drawn, int]], fifo: bool, every: int | None
+) -> list[tuple[int, int, int]]:
+    arbiter, frame = native.Arbiter(FAST, 16, fifo=fifo), Frame()
+    out: list[tuple[int, int, int]] = []
+
+    def take(now: int) -> None:
+        while (node := arbiter.next(now, frame)) is not None:
+            assert frame.t_ns <= now
+            out.append((frame.t_ns, native.frame_rank(frame), node))
+
+    now = 0
+    for at, drawn, node in handed:
+        while every and now + every <= at:
+            now += every
+            take(now)
+        assert arbiter.put(native_frame(drawn), node, at)
+    while (due := arbiter.due()) != native.NEVER:
+        take(due)
+        if out and arbiter.due() == due:
+            take(due + 1)
+    assert arbiter.struct.sent == len(handed) == len(out)
+    return out
+
+
+def test_a_full_arbiter_counts() -> None:
+    arbiter = native.Arbiter(MEGABIT, 2)
+    assert [arbiter.put(Frame.of(i), i, 0) for i in range(3)] == [True, True, False]
+    assert arbiter.struct.dropped == 1
+    frame = Frame()
+    assert arbiter.next(0, frame) is None  # somebody may still ask at 0
+    assert arbiter.due() == (native.frame_time_ns(Frame.of(0), MEGABIT) - 3000)
+    assert [arbiter.next(10**6, frame), frame.id] == [0, 0]
+    assert arbiter.struct.busy_ns == native.frame_time_ns(Frame.of(0), MEGABIT)

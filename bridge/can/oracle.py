@@ -1,0 +1,99 @@
+"""The codec in C against cantools: bytes, values and checksums of the same vectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from bridge.can.codec import Codec, Vector
+from bridge.can.dbc import Reference
+from bridge.can.layout import CodecError, LayoutError, Signal
+from bridge.native.message import Decoded, Header, Kind
+
+
+def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
+    """Raise CodecError where C and cantools differ; the message names message and signal.
+
+    Compared are: the bytes without the CRC, the CRC, and what C reads of bytes that cantools made.
+    """
+    if not codec.layout.source:
+        raise LayoutError(
+            f"{codec.layout.place} is of no DBC file: there is nothing to compare with"
+        )
+    reference = Reference(codec.layout)
+    for number, values in enumerate(vectors):
+        header = Header(counter=37 * number + 11, status=73 * number + 5, t_us=number * 999_999_937)
+        found = codec.frame(values, header).payload
+        raw = _raw(codec, reference, values, header, found)
+        _same_bytes(codec, reference, found, reference.encode(raw))
+        _same_crc(codec, reference, found)
+        _same_values(codec, reference, found)
+
+
+def _raw(
+    codec: Codec, reference: Reference, values: Vector, header: Header, found: bytes
+) -> dict[str, float]:
+    """Every signal's raw value as it should be, by cantools' own conversion of what is in range."""
+    layout = codec.layout
+    raw = reference.initial()
+    for signal, value in zip(codec.signals, values.tolist(), strict=True):
+        low, high = signal.raw_range
+        if not math.isfinite(value) and signal.invalid is not None:
+            raw[signal.name] = math.nan if signal.kind is Kind.FLOAT else signal.invalid
+        else:
+            held = value if math.isfinite(value) else 0.0
+            raw[signal.name] = min(max(reference.raw(signal.name, held), low), high)
+    for part, number in ((layout.status, header.status), (layout.time, header.t_us)):
+        if part is not None:
+            raw[part.name] = int(number / part.scale) & (1 << part.length) - 1
+    if layout.counter is not None and layout.crc is not None:
+        raw[layout.counter.name] = header.counter & (1 << layout.counter.length) - 1
+        raw[layout.crc.name] = int.from_bytes(found[: layout.crc.length // 8], "little")
+    return raw
+
+
+def _same_bytes(codec: Codec, reference: Reference, found: bytes, expected: bytes) -> None:
+    if found == expected:
+        return
+    theirs = reference.decode(expected, scaling=False)
+    for name, value in reference.decode(found, scaling=False).items():
+        if _text(value) != _text(theirs[name]):
+            raise CodecError(
+                f"{codec.layout.place}: signal {name}: encoded as raw {value}; cantools: "
+                f"{theirs[name]}"
+            )
+    raise CodecError(f"{codec.layout.place}: encoded as {found.hex()}; cantools: {expected.hex()}")
+
+
+def _same_crc(codec: Codec, reference: Reference, found: bytes) -> None:
+    layout = codec.layout
+    if layout.crc is None:
+        return
+    ours, theirs = int.from_bytes(found[: layout.crc.length // 8], "little"), reference.crc(found)
+    if ours != theirs:
+        raise CodecError(
+            f"{layout.place}: {layout.profile.name} CRC {ours:#x}; cantools: {theirs:#x}"
+        )
+
+
+def _same_values(codec: Codec, reference: Reference, data: bytes) -> None:
+    result, values, _ = codec.decode(data)
+    theirs, raw = (reference.decode(data, scaling=scaling) for scaling in (True, False))
+    usable = all(_usable(signal, raw[signal.name]) for signal in codec.signals)
+    if (result is Decoded.OK) != usable:
+        raise CodecError(f"{codec.layout.place}: {data.hex()} is decoded as {result.name}")
+    for signal, value in zip(codec.signals, values, strict=True):
+        if usable and float(theirs[signal.name]) != value:
+            raise CodecError(
+                f"{codec.layout.place}: signal {signal.name}: decoded as {value!r}; cantools: "
+                f"{theirs[signal.name]!r}"
+            )
+
+
+def _usable(signal: Signal, raw: float) -> bool:
+    low, high = signal.raw_range
+    return low <= raw <= high
+
+
+def _text(value: float) -> str:
+    return "nan" if math.isnan(value) else repr(value)

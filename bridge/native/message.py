@@ -1,0 +1,190 @@
+"""``message.h``: tables of fields, encoding, protection, counters, as ctypes sees them."""
+
+from __future__ import annotations
+
+import ctypes as c
+from enum import IntEnum
+from functools import lru_cache
+from typing import Any
+
+from bridge.native.frame import Frame
+from bridge.native.library import library
+
+FIELDS = 256  # the most values a message may have (MESSAGE_FIELDS)
+
+
+class Kind(IntEnum):
+    """``FIELD_``: how the bits of a field are read."""
+
+    UNSIGNED = 0
+    SIGNED = 1
+    FLOAT = 2
+
+
+class Profile(IntEnum):
+    """``E2E_``: the AUTOSAR profile that protects a message."""
+
+    NONE = 0
+    P02 = 2
+    P04 = 4
+    P05 = 5
+
+    @property
+    def counter_bits(self) -> int:
+        """Bits of its counter."""
+        return {Profile.NONE: 0, Profile.P02: 4, Profile.P04: 16, Profile.P05: 8}[self]
+
+    @property
+    def header(self) -> int:
+        """Bytes it needs at the start of the data."""
+        return {Profile.NONE: 0, Profile.P02: 2, Profile.P04: 12, Profile.P05: 3}[self]
+
+
+class Decoded(IntEnum):
+    """``DECODE_``: what became of a received message."""
+
+    OK = 0
+    LENGTH = 1
+    CRC = 2
+    INVALID = 3
+    RANGE = 4
+
+
+class Received(IntEnum):
+    """``RECEIVE_``: why a counter was not accepted."""
+
+    REPEATED = -1
+    OLDER = -2
+    WRONG = -3
+
+
+class Field(c.Structure):
+    """``field_t``."""
+
+    _fields_ = (
+        ("start", c.c_uint16),
+        ("length", c.c_uint8),
+        ("motorola", c.c_uint8),
+        ("kind", c.c_uint8),
+        ("has_invalid", c.c_uint8),
+        ("reserved", c.c_uint16),
+        ("scale", c.c_double),
+        ("offset", c.c_double),
+        ("low", c.c_int64),
+        ("high", c.c_int64),
+        ("invalid", c.c_int64),
+    )
+
+
+class Message(c.Structure):
+    """``message_t``."""
+
+    _fields_ = (
+        ("id", c.c_uint32),
+        ("length", c.c_uint16),
+        ("flags", c.c_uint8),
+        ("e2e", c.c_uint8),
+        ("data_ids", c.c_uint8 * 16),
+        ("n_fields", c.c_int32),
+        ("status", c.c_int32),
+        ("time", c.c_int32),
+        ("fields", c.POINTER(Field)),
+        ("header", c.POINTER(Field)),
+        ("fill", c.c_uint8 * 64),
+    )
+
+
+class Header(c.Structure):
+    """``header_t``: counter, status byte, time stamp in us; how many values did not fit."""
+
+    _fields_ = (
+        ("counter", c.c_uint32),
+        ("status", c.c_uint32),
+        ("t_us", c.c_uint32),
+        ("saturated", c.c_uint32),
+    )
+
+
+class Receiver(c.Structure):
+    """``receiver_t``: make it with :func:`receiver`."""
+
+    _fields_ = (
+        *((name, c.c_int64) for name in ("ok", "lost", "repeated", "reordered", "wrong_sequence")),
+        *(
+            (name, c.c_int64)
+            for name in ("crc", "length", "invalid", "range", "simulated", "stale")
+        ),
+        *((name, c.c_int64) for name in ("sequence", "arrival_ns", "period_ns")),
+        ("counter_bits", c.c_int32),
+        ("maximum_gap", c.c_int32),
+        ("origin_ns", c.c_int64),
+        ("older", c.c_int64),
+    )
+
+    def accept(self, counter: int, t_ns: int, expected: int) -> int:
+        """The sequence number of a frame that arrived at `t_ns`, or one of :class:`Received`."""
+        header = Header(counter=counter)
+        return int(_declared().receiver_accept(c.byref(self), c.byref(header), t_ns, expected))
+
+
+def receiver(period_ns: int, profile: Profile, maximum_gap: int = 0) -> Receiver:
+    """A receiver that has seen nothing yet. `period_ns`: the sender's; `maximum_gap`: 0 is any."""
+    return Receiver(
+        sequence=-1,
+        period_ns=period_ns,
+        counter_bits=profile.counter_bits,
+        maximum_gap=maximum_gap,
+    )
+
+
+def encode(message: Message, values: Any, header: Header, frame: Frame) -> None:
+    """Fill id, flags, length and data of `frame`. `values`: a ctypes or float64 array's pointer."""
+    _declared().message_encode(c.byref(message), values, c.byref(header), c.byref(frame))
+
+
+def decode(message: Message, frame: Frame, values: Any, header: Header) -> Decoded:
+    """Fill `values` and `header` from `frame`; when not OK, `values` is as it was."""
+    return Decoded(
+        _declared().message_decode(c.byref(message), c.byref(frame), values, c.byref(header))
+    )
+
+
+def protect(profile: Profile, data_ids: bytes, counter: int, data: bytes) -> bytes:
+    """`data` with the header of the profile written over its first bytes. `data_ids`: 16 bytes."""
+    buffer = (c.c_uint8 * len(data)).from_buffer_copy(data)
+    _declared().e2e_protect(profile, data_ids, counter, buffer, len(data))
+    return bytes(buffer)
+
+
+def check(profile: Profile, data_ids: bytes, data: bytes) -> tuple[Decoded, int]:
+    """Whether length and CRC are right, and the counter. `data_ids`: 16 bytes."""
+    counter = c.c_uint32()
+    result = _declared().e2e_check(profile, data_ids, data, len(data), c.byref(counter))
+    return Decoded(result), counter.value
+
+
+def sizes(which: int) -> int:
+    """What C takes for a struct: 0 is `field_t`, then `message_t`, `header_t`, `receiver_t`."""
+    return int(_declared().message_sizes(which))
+
+
+@lru_cache(maxsize=1)
+def _declared() -> c.CDLL:
+    lib = library()
+    lib.message_encode.argtypes = (
+        *(c.POINTER(Message), c.c_void_p, c.POINTER(Header), c.POINTER(Frame)),
+    )
+    lib.message_encode.restype = None
+    lib.message_decode.argtypes = (
+        *(c.POINTER(Message), c.POINTER(Frame), c.c_void_p, c.POINTER(Header)),
+    )
+    lib.message_decode.restype = c.c_int32
+    lib.e2e_protect.argtypes = (c.c_int32, c.c_char_p, c.c_uint32, c.c_void_p, c.c_int32)
+    lib.e2e_protect.restype = None
+    lib.e2e_check.argtypes = (*(c.c_int32, c.c_char_p, c.c_char_p, c.c_int32, c.c_void_p),)
+    lib.e2e_check.restype = c.c_int32
+    lib.receiver_accept.argtypes = (c.POINTER(Receiver), c.POINTER(Header), c.c_int64, c.c_int64)
+    lib.receiver_accept.restype = c.c_int64
+    lib.message_sizes.argtypes = (c.c_int32,)
+    lib.message_sizes.restype = c.c_size_t
+    return lib

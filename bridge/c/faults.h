@@ -1,39 +1,75 @@
 /* faults.h: faults on purpose, in frames as they come in, before anything is checked.
  *
- * A rule holds from t0 to t1 (ns since the start) for frames whose id, masked, fits. Seeded:
- * every rule has its own generator (SplitMix64), asked once a frame that fits.
+ * A rule holds from t0 to t1 (ns since the start, t1 not included) for frames whose id, masked, fits.
+ * Rules are applied in order, each to what the one before made of the frame; the time that counts is
+ * the arrival. Seeded: every rule has its own generator (SplitMix64), asked once a frame that fits,
+ * whatever other rules do; what else it needs for that frame (how long, which bits) is drawn from
+ * that one number. Before the start (start_ns <= 0) nothing is touched.
+ *
+ * Every frame that was changed is a row of `journal`, with what it was: the ground truth against
+ * which a receiver's checks are held.
  */
 #ifndef BRIDGE_FAULTS_H
 #define BRIDGE_FAULTS_H
 
-#include "frame.h"
+#include <stddef.h>
 
-enum { FAULT_DROP, FAULT_BURST /* drop `count` in a row */, FAULT_DELAY /* by `a` to `b` s, in order */,
-       FAULT_JITTER /* by `a` to `b` s, may overtake */, FAULT_DUPLICATE, FAULT_REORDER /* with the next */,
-       FAULT_CORRUPT /* flip `count` bits of the data */ };
+#include "frame.h"
+#include "journal.h"
+
+enum { FAULT_DROP, FAULT_BURST /* drop `count` in a row */,
+       FAULT_DELAY /* by `a` to `b` s; what fits stays in order */,
+       FAULT_JITTER /* by `a` to `b` s, may overtake */,
+       FAULT_DUPLICATE /* `count` more, each `a` to `b` s after the first */,
+       FAULT_REORDER /* after the next that fits; after `b` s if none comes */,
+       FAULT_CORRUPT /* flip `count` different bits of the data */ };
+
+enum { FAULT_EXTENDED = 0x40000000 };   /* in id and mask of a rule: a 29-bit identifier */
 
 typedef struct {
     int32_t kind, count;
     int64_t t0_ns, t1_ns;
-    uint32_t id, mask;
+    uint32_t id, mask;      /* fits: ((id of the frame | FAULT_EXTENDED if it is) ^ id) & mask == 0 */
+    int32_t bus, reserved;  /* -1: every bus */
     double probability, a, b;
     uint64_t random;        /* state of the generator */
     int64_t left;           /* of a burst */
+    int64_t last_ns;        /* DELAY: when the last one gets through */
+    int64_t asked;          /* frames that fit */
     int64_t hits;           /* frames it did something to */
 } fault_t;
 
 typedef struct {
+    int64_t t_ns;           /* arrival, since the start */
+    int64_t through_ns;     /* when it gets through; REORDER: at the latest; dropped: -1 */
+    uint32_t id, sequence;  /* of the frame; in its ring or log */
+    uint32_t crc;           /* CRC-32 of the data as it was */
+    uint32_t crc_after;     /* as it went on; dropped: 0 */
+    int32_t rule;           /* the first that did something */
+    uint32_t kinds;         /* bits 1 << FAULT_... of all that did */
+    uint16_t length;
+    uint8_t flags, bus;
+    int32_t copies;         /* that went on; 0: dropped */
+    uint8_t data[64];       /* as it was, the first 64 bytes */
+} injected_t;
+
+typedef struct {
     fault_t *rules;
     int64_t n_rules;
-    frame_t *waiting;       /* capacity; held back, sorted by t_ns (when they get through) */
-    int64_t n_waiting, capacity;
-    int64_t injected;       /* frames changed in any way */
-    int64_t corrupted;
+    frame_t *waiting;       /* a circle of `capacity`, sorted by t_ns (when they get through) */
+    int64_t first, n_waiting, capacity; /* capacity: a power of two */
+    journal_t *journal;     /* of injected_t; or NULL */
+    int64_t frames;         /* put in */
+    int64_t injected;       /* changed in any way */
+    int64_t dropped, corrupted;
+    int64_t overflow;       /* lost because too many waited: not on purpose */
 } faults_t;
 
 /* Takes a frame in; what comes out (none, one, more) waits inside. t_ns is the arrival. */
 API void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns);
 /* The next that gets through by now: 1 and *frame with its new t_ns, or 0. */
 API int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns);
+/* Bytes of fault_t, injected_t, faults_t. */
+API size_t faults_sizes(int32_t which);
 
 #endif

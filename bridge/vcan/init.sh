@@ -82,16 +82,17 @@ b stty raw -echo -opost clocal <&7
 b stty raw -echo -opost clocal <&8
 b stty -echo clocal </dev/ttyS2
 b mkfifo /dev/vcan-out /dev/vcan-err || fail "no pipes"
-b cat /dev/vcan-out >&7 &
+# By their file, not by b(): the process ids are to be those of the programs.
+"$busybox" cat /dev/vcan-out >&7 &
 out=$!
-b cat /dev/vcan-err >&8 &
+"$busybox" cat /dev/vcan-err >&8 &
 err=$!
 listen </dev/ttyS2 7>&- 8>&- &
-# Not in the background, where a shell has its children ignore SIGINT; not by b(), whose errors
-# would be written among those of the command.
+# Not in the background, where a shell has its children ignore SIGINT; in a subshell, so that what
+# this shell says of its end is not written among the errors of the command.
 # shellcheck disable=SC2016
-"$busybox" setsid "$busybox" sh -c 'echo $$ >/dev/vcan-session; . "$0"' "$run/command" \
-    </dev/null >/dev/vcan-out 2>/dev/vcan-err 7>&- 8>&-
+(exec "$busybox" setsid "$busybox" sh -c 'echo $$ >/dev/vcan-session; . "$0"' "$run/command" \
+    </dev/null >/dev/vcan-out 2>/dev/vcan-err 7>&- 8>&-)
 status=$?
 end_all_but "$out" "$err" 2>/dev/null
 wait "$out" "$err"

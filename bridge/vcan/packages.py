@@ -62,7 +62,7 @@ def obtain() -> Parts:
     Raises VcanError when apt is missing or refuses.
     """
     if missing():
-        with _locked(cache() / "lock"):
+        with locked():
             for name in missing():
                 _download(name, cache() / name)
     linux, busybox = (cache() / name / file for name, file in PACKAGES.items())
@@ -81,7 +81,9 @@ def _modules(package: Path) -> Iterator[tuple[Path, str]]:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def locked() -> Iterator[None]:
+    """Only one launcher at a time is in here; the cache folder is made. Raises VcanError."""
+    path = cache() / "lock"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("w")

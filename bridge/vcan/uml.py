@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
@@ -24,16 +25,27 @@ def run(request: Request) -> int:
     """The command's exit status; in the watcher (`supervise`). Raises VcanError."""
     parts = packages.obtain()
     memory = memory_folder(bytes_of(request.memory))
-    folder = Path(tempfile.mkdtemp(prefix="run-", dir=packages.cache()))
-    try:
+    with ExitStack() as stack:
+        folder = _folder(stack)
         guest.write(folder, request, parts)
         cause = _boot(folder, request, parts, memory)
         status = supervise.status_of(cause, _status(folder))
         if status is None:
             raise VcanError(f"the guest ended without a result; it said:\n{_console(folder)}")
         return status
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _folder(stack: ExitStack) -> Path:
+    """A new folder in the cache, removed at the end; removes those whose launcher was killed."""
+    with packages.locked():
+        for old in packages.cache().glob("run-*"):
+            with suppress(OSError), (old / "lock").open("w") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(old, ignore_errors=True)
+        folder = Path(tempfile.mkdtemp(prefix="run-", dir=packages.cache()))
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        fcntl.flock(stack.enter_context((folder / "lock").open("w")), fcntl.LOCK_EX)
+    return folder
 
 
 def _boot(

@@ -7,13 +7,19 @@ node's own tick: the greatest common period of its components.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import gcd
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bridge.deploy import Deployment, MessageSpec, NodeSpec
+from cosim.engine import Engine
 from cosim.errors import ScenarioError
 from cosim.plan import Gate, Link, Plan, Slot, Step, Wire, compile_plan
+
+Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +86,12 @@ class NodePlan:
         return self.plan.ticks
 
 
-def cut(plan: Plan, deployment: Deployment) -> dict[str, NodePlan]:
-    """The nodes' plans, by name. Raises ScenarioError where the deployment does not fit."""
+def cut(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan]:
+    """The nodes' plans, by name. Raises ScenarioError where the deployment does not fit.
+
+    `start`: the signal vector of the whole plan once it is initialized, (n_signals,): what inputs
+    hold that come from other nodes before anything has come (:func:`start_values`).
+    """
     if plan.algorithm != "sampled":
         raise ScenarioError(
             f'algorithm = "{plan.algorithm}" cannot be cut into nodes; expected "sampled"',
@@ -93,9 +103,16 @@ def cut(plan: Plan, deployment: Deployment) -> dict[str, NodePlan]:
     crossing = [e for e in edges if homes[e.source.component] != homes[e.target.component]]
     _all_carried(crossing, carriers, deployment)
     return {
-        name: _node(name, spec, plan, deployment, crossing, carriers)
+        name: _node(name, spec, plan, deployment, crossing, carriers, start)
         for name, spec in deployment.nodes.items()
     }
+
+
+def start_values(plan: Plan) -> Vector:
+    """The signal vector (n_signals,) of a plan at its start. Its components are used up by it."""
+    with Engine(plan) as engine:
+        engine.initialize()
+        return engine.signals.copy()
 
 
 def _homes(plan: Plan, d: Deployment) -> dict[str, str]:
@@ -161,8 +178,10 @@ def _node(
     d: Deployment,
     crossing: Sequence[Wire | Link],
     carriers: Mapping[str, tuple[str, int]],
+    start: Vector,
 ) -> NodePlan:
-    here = [c for c in plan.components if c.name in spec.components]
+    remote = {_whole(e.target) for e in crossing}
+    here = [_started(c, remote, start) for c in plan.components if c.name in spec.components]
     ticks = gcd(*(c.period for c in here))
     steps, moved = _steps(here, ticks)
     outlets = [
@@ -195,6 +214,16 @@ def _node(
         gates=gates.values(),
     )
     return NodePlan(name, found, ticks, tuple(inlets), tuple(outlets))
+
+
+def _started(step: Step, remote: Collection[str], start: Vector) -> Step:
+    """With what inputs from other nodes hold at the start."""
+    given = {
+        s.port: tuple(start[s.start : s.start + s.size].tolist())
+        for s in step.inputs
+        if s.name in remote
+    }
+    return replace(step, start={**step.start, **given})
 
 
 def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]]:

@@ -122,14 +122,17 @@ class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One message: outputs of one component, on one bus, every `period` (default: every hit).
 
-    `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1.
-    `name`: of the message in the DBC file, if it is not the key.
+    `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1,
+    or as `signals` says. `name`: of the message in the DBC file, if it is not the key.
+    `max_age`: by its time stamp, older ones are dropped; 0: any.
     """
 
     bus: str
     carries: tuple[str, ...]
     name: str = ""
+    signals: tuple[str, ...] = ()
     period: Number | None = None
+    max_age: Number = 0.0
 
 
 class Deployment(msgspec.Struct, frozen=True):

@@ -29,6 +29,12 @@ static int64_t sent_at(const reception_t *r, const header_t *header, int64_t nom
     return (us + step) * 1000;
 }
 
+/* Whether t = 0 is known. */
+static int32_t started(const node_t *n)
+{
+    return n->clock != CLOCK_WALL || n->start_ns != 0;
+}
+
 /* Values of a sender that does not run yet: what its receivers start from. */
 static void preview(node_t *n, reception_t *r)
 {
@@ -76,7 +82,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         if (n->slot == n->first) preview(n, r);
         return;
     }
-    if (n->start_ns == 0 && n->clock == CLOCK_WALL) return;
+    if (!started(n)) return;
     int64_t j = receiver_accept(r->receiver, &header, t, expected(r, t));
     if (r->message->e2e == E2E_NONE) {
         j = expected(r, t);
@@ -95,8 +101,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     }
     for (int32_t i = 0; i < n->n_inlets; i++)
         if (n->inlets[i].reception == r)
-            delay_put(n->inlets[i].delay, j, j * r->period_ns, t < j * r->period_ns ? j * r->period_ns : t,
-                      r->values + n->inlets[i].first);
+            delay_put(n->inlets[i].delay, j, sampled(r, j), t, r->values + n->inlets[i].first);
 }
 
 static int32_t command_of(int32_t nmt)
@@ -152,7 +157,7 @@ static void synced(node_t *n, const frame_t *frame, int64_t t)
 
 static void dispatch(node_t *n, const frame_t *frame)
 {
-    const int64_t t = n->start_ns ? frame->t_ns - n->start_ns : 0;
+    const int64_t t = started(n) ? frame->t_ns - n->start_ns : 0;
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
         if (r->bus != frame->bus || r->message->id != frame->id ||
@@ -174,7 +179,7 @@ void node_hear(node_t *n, int64_t limit_ns)
         for (;;) {
             if (!n->has_pending[b]) n->has_pending[b] = bus_receive(n->buses + b, n->pending + b);
             if (!n->has_pending[b]) break;
-            if (n->start_ns && n->pending[b].t_ns - n->start_ns > limit_ns) break;
+            if (started(n) && n->pending[b].t_ns - n->start_ns > limit_ns) break;
             n->has_pending[b] = 0;
             n->pending[b].bus = (uint8_t)b;
             if (n->faults) faults_put(n->faults, n->pending + b, n->start_ns);

@@ -1,0 +1,229 @@
+"""A recorded run again, offline: every node computes its slots, from what its journal says it held.
+
+Nothing but the sequence numbers held and the events of the life cycle is taken from the recording
+(and, for messages whose sender was not recorded, their values): so every signal of every node comes
+out the same to the last bit, or something was altered.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.journal import Journal
+from bridge.native import node as native
+from bridge.native.safety import State
+from bridge.system import System
+from bridge.wiring import Rows, Wired
+from cosim.errors import RunError, ScenarioError
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first place where a replay is not its recording: `found` here, `recorded` there."""
+
+    node: str
+    slot: int
+    t: float
+    signal: str
+    recorded: float
+    found: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.node}, slot {self.slot} (t = {self.t:.6g} s): {self.signal} = "
+            f"{self.found!r}, recorded {self.recorded!r}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a replay found: slots by node, the greatest difference, and the first one if any."""
+
+    slots: Mapping[str, int]
+    greatest: float
+    first: Difference | None
+    alone: tuple[str, ...]  # messages taken from the recording, their senders being unknown
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """One life of a node: its rows, and which node of the system it was."""
+
+    node: str
+    rows: Rows
+
+
+def replay(system: System, recorded: Mapping[str, Rows], folder: Path) -> Replay:
+    """Compute the recorded lives again, into journals in `folder`, and compare every bit.
+
+    `recorded`: rows by the name of a life: the node's, and ``NODE.2`` ... where it was started
+    again. Raises ScenarioError where rows are not those of this system, RunError where the replay
+    cannot go on.
+    """
+    lives = {life: Recorded(life.partition(".")[0], rows) for life, rows in recorded.items()}
+    histories = _histories(system, lives)
+    with ExitStack() as stack:
+        wired = {
+            life: _wire(stack, system, life, found, histories, folder)
+            for life, found in lives.items()
+        }
+        _run(wired)
+        found = {life: w.journal.rows for life, w in wired.items()}
+        differences = [d for life in lives for d in _compare(system, life, lives[life], found[life])]
+        greatest = max((_greatest(lives[life].rows, found[life]) for life in lives), default=0.0)
+        found.clear()
+    first = min(differences, key=lambda d: d.t, default=None)
+    nodes = {r.node for r in lives.values()}
+    alone = {m for n in nodes for m in system.heard_by(n) if system.messages[m].node not in nodes}
+    return Replay(
+        {life: len(r.rows) for life, r in lives.items()}, greatest, first, tuple(sorted(alone))
+    )
+
+
+def load(folder: Path) -> dict[str, Rows]:
+    """The journals of a run folder by life. Raises ScenarioError where there are none."""
+    found = {p.stem: Journal.open(p) for p in sorted(folder.glob("*.journal"))}
+    if not found:
+        raise ScenarioError("no journals (*.journal) of nodes", str(folder))
+    return {life: rows for life, rows in found.items() if len(rows)}
+
+
+# ---- histories: what was sent, by sequence number -------------------------------------------
+
+
+class _History:
+    """Memory for all samples of one message."""
+
+    def __init__(self, width: int, capacity: int) -> None:
+        self.values = np.zeros((capacity, width))
+        self.there = np.zeros(capacity, np.uint8)
+        self.struct = native.History(
+            first=0,
+            capacity=capacity,
+            width=width,
+            values=self.values.ctypes.data,
+            there=self.there.ctypes.data,
+        )
+
+
+def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, _History]:
+    there = {r.node for r in lives.values()}
+    return {
+        name: _History(m.outlet.width, system.plan.ticks // m.outlet.ticks + 8)
+        for name, m in system.messages.items()
+        if m.node in there
+    }
+
+
+def _wire(
+    stack: ExitStack,
+    system: System,
+    life: str,
+    recorded: Recorded,
+    histories: Mapping[str, _History],
+    folder: Path,
+) -> Wired:
+    rows = recorded.rows
+    node = Wired(system, recorded.node, {}, folder / f"{life}.journal", native.REPLAY)
+    if rows.dtype != node.journal.rows.dtype:
+        node.journal.close()
+        raise ScenarioError(
+            f"{life} was recorded with other signals than this scenario and deployment have",
+            str(system.deployment.path),
+        )
+    stack.enter_context(node)
+    s = node.struct
+    s.replayed, s.replayed_rows = rows.ctypes.data, len(rows)
+    s.slot = s.first = int(rows["slot"][0])
+    s.life.state, s.life.armed = State.ACTIVE, 1
+    for i, message in enumerate(system.heard_by(recorded.node)):
+        if message in histories:
+            node._made[i].history = c.pointer(histories[message].struct)
+    for i, outlet in enumerate(node.plan.outlets):
+        node.outlets[i].history = c.pointer(histories[outlet.message].struct)
+    _begin(node, rows)
+    native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
+    return node
+
+
+def _begin(node: Wired, rows: Rows) -> None:
+    """Inputs from other nodes hold at the start what they held when it was recorded."""
+    signals: NDArray[np.float64] = rows["signals"][0]
+    for i, inlet in enumerate(node.plan.inlets):
+        entry = node.inlets[i]
+        entry.heard_ns = node.struct.slot * node.struct.h_ns
+        if not entry.drive:
+            part = slice(inlet.target.start, inlet.target.start + inlet.target.size)
+            node.engine.signals[part] = signals[part]
+
+
+def _run(wired: Mapping[str, Wired]) -> None:
+    nodes = list(wired.values())
+    pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes))
+    stuck = c.c_int32(-1)
+    result = native.functions().nodes_replay(pointers, len(nodes), c.byref(stuck))
+    if not result:
+        return
+    life, node = list(wired.items())[stuck.value]
+    if result > 0:
+        error = node.engine.failure(result)
+        error.add_note(f"in the replay of {life}")
+        raise error
+    raise RunError(
+        f"replay: {life} waits at slot {node.struct.slot} for a sample that nobody sent; "
+        "a journal is missing or was altered"
+    )
+
+
+# ---- comparison -----------------------------------------------------------------------------
+
+
+def _columns(system: System, node: str) -> list[tuple[str, str, int]]:
+    """(name, field, index) of everything that is compared."""
+    plan = system.nodes[node]
+    signals = [
+        (name, "signals", s.start + i)
+        for step in plan.plan.components
+        for s in (*step.inputs, *step.outputs)
+        for i, name in enumerate(s.scalars())
+    ]
+    sent = [name for o in plan.outlets for p in o.parts for name in p.scalars()]
+    return [*signals, *((f"sent {name}", "sent", i) for i, name in enumerate(sent))]
+
+
+def _compare(system: System, life: str, recorded: Recorded, found: Rows) -> list[Difference]:
+    """The first difference of a life, if there is one."""
+    n = min(len(recorded.rows), len(found))
+    first: tuple[int, Difference] | None = None
+    h = system.nodes[recorded.node].h
+    for name, field, i in _columns(system, recorded.node):
+        a, b = recorded.rows[field][:n, i], found[field][:n, i]
+        other = np.flatnonzero(_bits(a) != _bits(b))
+        if other.size and (first is None or other[0] < first[0]):
+            k = int(other[0])
+            slot = int(recorded.rows["slot"][k])
+            d = Difference(life, slot, slot * h, name, float(a[k]), float(b[k]))
+            first = (k, d)
+    return [] if first is None else [first[1]]
+
+
+def _bits(values: NDArray[Any]) -> NDArray[np.int64]:
+    found: NDArray[np.int64] = np.ascontiguousarray(values).view(np.int64)
+    return found
+
+
+def _greatest(recorded: Rows, found: Rows) -> float:
+    n = min(len(recorded), len(found))
+    parts: Sequence[float] = [
+        float(np.nanmax(np.abs(recorded[f][:n] - found[f][:n]), initial=0.0))
+        for f in ("signals", "sent")
+    ]
+    return max(parts)

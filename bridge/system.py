@@ -1,0 +1,179 @@
+"""A scenario under a deployment: the nodes' plans, and the messages between them with their codecs.
+
+Everybody who has to agree makes it from the same two files: each node, the twin, the replay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from bridge import deploy
+from bridge.can import dbc
+from bridge.can.codec import Codec, verify
+from bridge.can.layout import Layout, find
+from bridge.cut import NodePlan, Outlet, cut, start_values
+from bridge.deploy import Deployment, NodeSpec
+from bridge.native.message import Message
+from cosim.assemble import assemble
+from cosim.errors import ScenarioError
+from cosim.plan import Plan
+from cosim.scenario import Scenario
+from cosim.scenario import load as load_scenario
+
+
+class Encoding(Protocol):
+    """What a message is made of bytes by: a :class:`bridge.can.codec.Codec`, or one of Zenoh."""
+
+    @property
+    def message(self) -> Message:
+        """The C struct, alive as long as this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """A message of the deployment: who sends it when, and how it is encoded.
+
+    `offset_ns`: the sender's phase; `period_ns`: between two samples.
+    """
+
+    name: str
+    bus: str
+    node: str
+    outlet: Outlet
+    encoding: Encoding
+    period_ns: int
+    offset_ns: int
+    max_age_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A bus's messages besides the deployment's: heartbeats by node number, SYNC, NMT, e-stop."""
+
+    heartbeats: Mapping[int, Encoding]
+    sync: Encoding | None
+    nmt: Encoding | None
+    estop: Encoding | None
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """Scenario, deployment, the whole plan and those of the nodes, messages and services by bus."""
+
+    scenario: Scenario
+    deployment: Deployment
+    plan: Plan
+    nodes: Mapping[str, NodePlan]
+    messages: Mapping[str, Carried]
+    services: Mapping[str, Service]
+
+    def buses_of(self, node: str) -> tuple[str, ...]:
+        """The buses a node sends or hears on, in the order of the deployment."""
+        plan = self.nodes[node]
+        used = {o.bus for o in plan.outlets} | {self.messages[i.message].bus for i in plan.inlets}
+        return tuple(name for name in self.deployment.buses if name in used)
+
+    def heard_by(self, node: str) -> tuple[str, ...]:
+        """Messages a node receives, sorted."""
+        return tuple(sorted({i.message for i in self.nodes[node].inlets}))
+
+    def peers_of(self, node: str) -> tuple[str, ...]:
+        """Nodes on a bus of its own, or that it requires."""
+        here = set(self.buses_of(node))
+        return tuple(
+            other
+            for other in self.deployment.nodes
+            if other != node and here & set(self.buses_of(other))
+        )
+
+
+def load_system(scenario: Path, deployment: str, settings: Sequence[str] = ()) -> System:
+    """Read both files, assemble and cut. Raises ScenarioError, FmuError, PlanError, CosimError.
+
+    `settings`: ``path=value``; those that begin with ``deploy.`` change the deployment.
+    """
+    ours = [s.removeprefix("deploy.") for s in settings if s.startswith("deploy.")]
+    theirs = [s for s in settings if not s.startswith("deploy.")]
+    found = deploy.load(deploy.find(scenario, deployment), ours)
+    return make_system(load_scenario(scenario, [*found.settings(), *theirs]), found)
+
+
+def make_system(scenario: Scenario, deployment: Deployment) -> System:
+    """Assemble and cut what has been read."""
+    start = start_values(assemble(scenario))
+    plan = assemble(scenario)
+    nodes = cut(plan, deployment, start)
+    layouts = {
+        name: dbc.load(deployment.file(bus.dbc))
+        for name, bus in deployment.buses.items()
+        if bus.kind == "can"
+    }
+    messages = {
+        outlet.message: _carried(outlet, name, nodes[name], plan, deployment, layouts)
+        for name in deployment.nodes
+        for outlet in nodes[name].outlets
+    }
+    services = {
+        bus: _service(found, deployment.nodes.values()) for bus, found in layouts.items()
+    }
+    return System(scenario, deployment, plan, nodes, messages, services)
+
+
+def _carried(
+    outlet: Outlet,
+    node: str,
+    cut_plan: NodePlan,
+    plan: Plan,
+    d: Deployment,
+    layouts: Mapping[str, Sequence[Layout]],
+) -> Carried:
+    spec = d.messages[outlet.message]
+    place = d.place("messages", outlet.message)
+    layout = find(layouts[spec.bus], spec.name or outlet.message)
+    names = spec.signals or _signals(outlet)
+    if len(names) != outlet.width:
+        raise ScenarioError(f"{len(names)} signals for {outlet.width} values", f"{place}.signals")
+    codec = Codec(layout, names)
+    verify(codec)
+    return Carried(
+        name=outlet.message,
+        bus=spec.bus,
+        node=node,
+        outlet=outlet,
+        encoding=codec,
+        period_ns=round(outlet.ticks * plan.h * 1e9),
+        offset_ns=round(d.seconds(d.nodes[node].phase, "nodes", node, "phase") * 1e9),
+        max_age_ns=round(d.seconds(spec.max_age, "messages", outlet.message, "max_age") * 1e9),
+    )
+
+
+def _signals(outlet: Outlet) -> list[str]:
+    """``q1, q2, dq1, dq2`` for the ports q and dq of two entries each; a scalar by its name."""
+    names: list[str] = []
+    for part in outlet.parts:
+        if part.shape:
+            names += [f"{part.port}{i + 1}" for i in range(part.size)]
+        else:
+            names.append(part.port)
+    return names
+
+
+def _service(layouts: Sequence[Layout], nodes: Iterable[NodeSpec]) -> Service:
+    there = {layout.name for layout in layouts}
+
+    def codec(name: str, *signals: str) -> Encoding | None:
+        return Codec(find(layouts, name), signals) if name in there else None
+
+    beats = {
+        n.number: codec(f"HEARTBEAT_{n.number}", "state", "reasons", "boots", "armed")
+        for n in nodes
+    }
+    return Service(
+        heartbeats={number: beat for number, beat in beats.items() if beat is not None},
+        sync=codec("SYNC", "counter"),
+        nmt=codec("NMT", "command", "node"),
+        estop=codec("ESTOP", "node", "reasons"),
+    )

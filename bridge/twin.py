@@ -1,0 +1,92 @@
+"""The twin: a deployment on a simulated clock, in one process, before anything real is touched.
+
+The nodes, codecs, guards, drives and delay lines are those of the rehearsal; only the clock and the
+buses are not: the next deadline is always on time, and a frame takes what its bits take.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from bridge.native import node as native
+from bridge.native.bus import Bus, Kind
+from bridge.native.frame import Ring
+from bridge.native.safety import State
+from bridge.system import System
+from bridge.wiring import Wired
+from cosim.errors import RunError
+
+#: Frames that may wait at a node between two of its slots.
+RING = 1024
+
+
+def simulate(
+    system: System, folder: Path, progress: Callable[[int, int], None] = lambda done, all_: None
+) -> dict[str, Path]:
+    """Run the twin into journals ``FOLDER/NODE.journal``; returns them by node.
+
+    Raises RunError where a component fails or a guard stops the run.
+    """
+    paths = {name: folder / f"{name}.journal" for name in system.nodes}
+    with ExitStack() as stack:
+        wired = {
+            name: stack.enter_context(
+                Wired(system, name, _buses(system, name), path, native.SIMULATED)
+            )
+            for name, path in paths.items()
+        }
+        for node in wired.values():
+            node.struct.life.state, node.struct.life.armed = State.ACTIVE, 1
+            native.functions().node_enable(c.byref(node.struct), 0)
+        _run(system, wired, progress)
+    return paths
+
+
+def _buses(system: System, node: str) -> dict[str, Bus]:
+    return {
+        name: Bus.of_rings(Ring(RING), Ring(RING), number, kind=Kind.MEMORY)
+        for number, name in enumerate(system.buses_of(node))
+    }
+
+
+def _run(
+    system: System, wired: Mapping[str, Wired], progress: Callable[[int, int], None]
+) -> None:
+    """All nodes to the end, in parts of the run for `progress`."""
+    networks = list(system.deployment.buses)
+    width = max(len(system.buses_of(name)) for name in wired)
+    routes = np.full((len(wired), width), -1, dtype=np.int32)
+    for i, name in enumerate(wired):
+        for b, bus in enumerate(system.buses_of(name)):
+            routes[i, b] = networks.index(bus)
+    rates = np.array(
+        [[b.bitrate, b.data_bitrate] for b in system.deployment.buses.values()], dtype=np.float64
+    )
+    pointers = (c.c_void_p * len(wired))(*(c.addressof(w.struct) for w in wired.values()))
+    result = native.functions().nodes_simulate(
+        pointers,
+        len(wired),
+        native.address("frame_time_ns"),
+        rates.ctypes.data,
+        len(networks),
+        routes.ctypes.data,
+        width,
+    )
+    if result:
+        raise _failed(wired, result)
+    progress(system.plan.ticks, system.plan.ticks)
+
+
+def _failed(wired: Mapping[str, Wired], result: int) -> BaseException:
+    """The error of the node that stopped."""
+    for name, node in wired.items():
+        if node.struct.result:
+            error = node.engine.failure(node.struct.result)
+            error.add_note(f"in node {name}")
+            return error
+    return RunError(f"the twin stopped with {result}")

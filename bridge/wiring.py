@@ -1,0 +1,382 @@
+"""A node's C struct, made of its plan, its deployment, its buses and the clock it runs on.
+
+What a node is does not depend on the clock; what is behind its inlets and buses does. Everything C
+points to is kept alive by :class:`Wired`.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge import drives, safety
+from bridge.cut import Inlet, NodePlan, Outlet
+from bridge.deploy import DriveSpec, GuardSpec, StaleSpec
+from bridge.journal import Journal
+from bridge.latency import delays_for, newest_for
+from bridge.native import message as messages
+from bridge.native import node as native
+from bridge.native.bus import Bus, BusStruct
+from bridge.native.delay import DelayLine
+from bridge.native.frame import Frame
+from bridge.system import Carried, System
+from cosim import native as engine_native
+from cosim.engine import Engine
+from cosim.errors import ScenarioError
+from cosim.plan import Slot
+
+Rows = NDArray[np.void]
+
+
+def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
+    """A row of a node's journal (``row_t`` and what follows), one a slot."""
+    head = ("slot", "deadline_ns", "woke_ns", "received_ns", "done_ns", "send_ns")
+    inlet: Any = [(name, "<i8") for name in ("held", "newest", "age_ns", "transit_ns")]
+    width = sum(o.width for o in plan.outlets)
+    fields: list[Any] = [(name, "<i8") for name in head]
+    fields += [("state", "<i4"), ("command", "<i4")]
+    fields += [(name, "<u4") for name in ("now", "reasons", "guard", "flags")]
+    fields += [
+        ("scale", "<f8"),
+        ("inlets", inlet, (len(plan.inlets),)),
+        ("sent", "<f8", (width,)),
+        ("signals", "<f8", (plan.plan.n_signals,)),
+    ]
+    return np.dtype(fields)
+
+
+@final
+class Wired:
+    """A node ready to run: `struct` for C, `engine` initialized, `journal` open.
+
+    `buses`: by name, those of :meth:`System.buses_of`; none for a replay. `clock`: WALL, SIMULATED
+    or REPLAY of :mod:`bridge.native.node`. Use as a context manager: FMUs are freed at the end.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        name: str,
+        buses: Mapping[str, Bus],
+        journal: Path,
+        clock: int,
+        *,
+        boots: int = 0,
+        real: bool = False,
+    ) -> None:
+        self.system, self.name = system, name
+        self.plan = system.nodes[name]
+        self.spec = system.deployment.nodes[name]
+        self.real = real  # whether what it says may move real drives
+        self._alive: list[Any] = []
+        self._buses = [buses[b] for b in system.buses_of(name)] if buses else []
+        self._names = system.buses_of(name)
+        self.struct = native.Node(clock=clock, number=self.spec.number, boots=boots)
+        self.receivers: dict[str, messages.Receiver] = {}
+        self.lines: dict[str, DelayLine] = {}
+        self.guards: dict[str, safety.TorqueGuard] = {}
+        self.drive: drives.Drive | None = None
+        self._gates: dict[str, tuple[int, int]] = {}
+        self._time()
+        self._bind_buses()
+        self._receptions = self._make_receptions()
+        self._bind_outlets(self._bind_inlets())
+        self._bind_peers()
+        self.journal = Journal.create(journal, row_dtype(self.plan), self.plan.slots + 8)
+        self.struct.journal = c.cast(self.journal.address, type(self.struct.journal))
+        self._offsets()
+        self.engine = Engine(self.plan.plan, gates=self._gates)
+
+    def __enter__(self) -> Wired:
+        self.engine.initialize()
+        self.engine.prepare(self.plan.slots)
+        state, s = self.engine.state, self.struct
+        s.engine, s.signals = c.addressof(state), self.engine.signals.ctypes.data
+        s.run = engine_native.address(engine_native.library().engine_run)
+        kind = engine_native.EngineState
+        s.record = s.engine + kind.record.offset
+        s.record_row = s.engine + kind.row.offset
+        s.engine_tick = s.engine + kind.tick.offset
+        s.n_signals = self.plan.plan.n_signals
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.engine.close()
+        self.journal.close()
+
+    # ---- time, buses, peers ------------------------------------------------------------------
+
+    def _time(self) -> None:
+        d, s = self.system.deployment, self.struct
+        place = ("nodes", self.name)
+        s.h, s.h_ns = self.plan.h, round(self.plan.h * 1e9)
+        s.phase_ns = round(d.seconds(self.spec.phase, *place, "phase") * 1e9)
+        s.slots = self.plan.slots
+        s.overrun_ns = round(d.seconds(self.spec.overrun, *place, "overrun") * 1e9)
+        s.simulated = not self.real
+        s.life = safety.LifeSpec(self.spec.ramp).build(self.plan.h, d.place(*place))
+        beat = d.seconds(self.spec.heartbeat, *place, "heartbeat")
+        s.heartbeat_slots = max(1, round(beat / self.plan.h)) if beat > 0 else 0
+        if d.sync == self.name:
+            s.sync_slots = 1
+
+    def _bind_buses(self) -> None:
+        n = len(self._buses)
+        structs = (BusStruct * max(1, n))()
+        for i, bus in enumerate(self._buses):
+            structs[i] = bus.struct
+            structs[i].number = i
+            bus.struct = structs[i]
+        pending, has = (Frame * max(1, n))(), (c.c_int32 * max(1, n))()
+        self.struct.buses, self.struct.n_buses = c.addressof(structs), n
+        self.struct.pending, self.struct.has_pending = pending, c.addressof(has)
+        self._alive += [structs, pending, has]
+
+    def _bind_peers(self) -> None:
+        d, s = self.system.deployment, self.struct
+        services = [self.system.services[b] for b in self._names if b in self.system.services]
+        if not services:
+            return
+        beats = {n: beat for service in services for n, beat in service.heartbeats.items()}
+        for field in ("sync", "nmt", "estop"):
+            found = next((e for e in (getattr(x, field) for x in services) if e), None)
+            if found is not None:
+                setattr(s, field, c.pointer(found.message))
+        if self.spec.number in beats:
+            s.heartbeat = c.pointer(beats[self.spec.number].message)
+        within = d.seconds(self.spec.within, "nodes", self.name, "within")
+        known = [p for p in self.system.peers_of(self.name) if d.nodes[p].number in beats]
+        peers = (safety.Peer * max(1, len(known)))()
+        pointers = (c.c_void_p * max(1, len(known)))()
+        for i, other in enumerate(known):
+            number = d.nodes[other].number
+            required = other in self.spec.requires
+            peers[i] = safety.PeerSpec(number, within, required).build(0)
+            pointers[i] = c.addressof(beats[number].message)
+        s.peers, s.n_peers = c.addressof(peers), len(known)
+        s.peer_messages = c.addressof(pointers)
+        self.peers = dict(zip(known, peers, strict=False))
+        self._alive += [peers, pointers, beats, services]
+
+    # ---- receiving ---------------------------------------------------------------------------
+
+    def _make_receptions(self) -> dict[str, int]:
+        """Number of each message heard; they are bound to the struct."""
+        heard = self.system.heard_by(self.name)
+        made = (native.Reception * max(1, len(heard)))()
+        for i, name in enumerate(heard):
+            self._reception(made[i], self.system.messages[name])
+        self.struct.receptions, self.struct.n_receptions = c.addressof(made), len(heard)
+        self._made = made
+        self._alive.append(made)
+        return {name: i for i, name in enumerate(heard)}
+
+    def _reception(self, r: native.Reception, carried: Carried) -> None:
+        message = carried.encoding.message
+        receiver = messages.receiver(carried.period_ns, messages.Profile(message.e2e))
+        values = np.zeros(carried.outlet.width)
+        r.message, r.receiver = c.pointer(message), c.pointer(receiver)
+        r.values, r.width = values.ctypes.data, values.size
+        r.bus = self._names.index(carried.bus)
+        r.period_ns, r.offset_ns = carried.period_ns, carried.offset_ns
+        r.max_age_ns = carried.max_age_ns
+        r.newest = r.arrival_ns = -1
+        r.time_bits = message.header[message.time].length if message.time >= 0 else 0
+        r.accept_simulated = not self.real
+        self.receivers[carried.name] = receiver
+        self._alive += [receiver, values]
+
+    def _bind_inlets(self) -> drives.Drive | None:
+        """Bound to the struct; the emulated drive, if the node has one."""
+        inlets = (native.Inlet * max(1, len(self.plan.inlets)))()
+        for i, inlet in enumerate(self.plan.inlets):
+            carried = self.system.messages[inlet.message]
+            line = self._line(inlet, carried)
+            self.lines[inlet.target.name] = line
+            entry = native.Inlet(
+                node=c.addressof(self.struct),
+                reception=c.pointer(self._made[self._receptions[inlet.message]]),
+                delay=c.pointer(line.struct),
+                first=inlet.first,
+                count=inlet.target.size,
+                target=inlet.target.start,
+                gain=inlet.gain,
+                offset=inlet.offset,
+                period=inlet.ticks // self.plan.ticks,
+                held=-1,
+                newest=-1,
+                last_newest=-1,
+            )
+            self._stale(entry, inlet)
+            self._drive(entry, inlet)
+            inlets[i] = entry
+            self._gates[inlet.gate] = (
+                native.address("inlet_pass"),
+                c.addressof(inlets) + i * c.sizeof(native.Inlet),
+            )
+        self.inlets = inlets
+        self.struct.inlets, self.struct.n_inlets = c.addressof(inlets), len(self.plan.inlets)
+        return self.drive
+
+    def _line(self, inlet: Inlet, carried: Carried) -> DelayLine:
+        plan, sent = self.system.plan, carried.outlet.ticks
+        if inlet.link is not None and self.system.deployment.latency:
+            spec = delays_for(inlet.link, plan.ticks, carried.outlet.period)
+        else:
+            edge = inlet.link or _Edge(inlet.source, inlet.target)
+            spec = newest_for(edge, sent, inlet.ticks, plan.h)
+        return spec.line(self.struct.phase_ns - carried.offset_ns)
+
+    def _stale(self, entry: native.Inlet, inlet: Inlet) -> None:
+        d = self.system.deployment
+        name = f"{inlet.component}.{inlet.target.port}"
+        spec = self.spec.stale.get(name, StaleSpec())
+        place = ("nodes", self.name, "stale", name)
+        entry.age = -1
+        entry.stop_ns = round(d.seconds(spec.stop, *place, "stop") * 1e9)
+        if spec.age:
+            port, _, index = spec.age.rstrip("]").partition("[")
+            slot = self._slot(inlet.component, port, d.place(*place, "age"))
+            entry.age = slot.start + int(index or 0)
+
+    def _slot(self, component: str, port: str, place: str) -> Slot:
+        slots = self.plan.plan.slots()
+        if f"{component}.{port}" not in slots:
+            raise ScenarioError(f"{component} has no {port!r}", place)
+        return slots[f"{component}.{port}"]
+
+    def _drive(self, entry: native.Inlet, inlet: Inlet) -> None:
+        spec, d = self.spec.drive, self.system.deployment
+        entry.q = entry.dq = -1
+        if spec is None or inlet.target.port != spec.port:
+            return
+        place = d.place("nodes", self.name, "drive")
+        joints = inlet.target.size
+        self.drive = emulated(spec).build(joints, inlet.ticks * self.system.plan.h, place)
+        command = np.zeros(joints)
+        entry.drive = c.pointer(self.drive.struct)
+        entry.command = command.ctypes.data
+        entry.q = self._slot(inlet.component, spec.q, place).start
+        entry.dq = self._slot(inlet.component, spec.dq, place).start
+        self._alive.append(command)
+
+    # ---- sending -----------------------------------------------------------------------------
+
+    def _bind_outlets(self, drive: drives.Drive | None) -> None:
+        outlets = (native.Outlet * max(1, len(self.plan.outlets)))()
+        for i, outlet in enumerate(self.plan.outlets):
+            carried = self.system.messages[outlet.message]
+            sources = np.array(
+                [p.start + k for p in outlet.parts for k in range(p.size)], dtype=np.int64
+            )
+            values = np.zeros(outlet.width)
+            entry = native.Outlet(
+                node=c.addressof(self.struct),
+                message=c.pointer(carried.encoding.message),
+                width=outlet.width,
+                bus=self._names.index(outlet.bus),
+                sources=sources.ctypes.data,
+                values=values.ctypes.data,
+                every=outlet.period,
+                hit_ticks=outlet.ticks // outlet.period // self.plan.ticks,
+                q=-1,
+                dq=-1,
+                measured_q=-1,
+                measured_dq=-1,
+            )
+            self._guard(entry, outlet)
+            self._measured(entry, outlet, drive)
+            outlets[i] = entry
+            self._gates[outlet.gate] = (
+                native.address("outlet_pass"),
+                c.addressof(outlets) + i * c.sizeof(native.Outlet),
+            )
+            self._alive += [sources, values, carried.encoding]
+        self.outlets = outlets
+        self.struct.outlets, self.struct.n_outlets = c.addressof(outlets), len(self.plan.outlets)
+
+    def _guard(self, entry: native.Outlet, outlet: Outlet) -> None:
+        spec, d = self.spec.guard, self.system.deployment
+        first = _first(outlet, spec.port if spec else "")
+        if spec is None or first < 0:
+            return
+        part = next(p for p in outlet.parts if p.port == spec.port)
+        place = d.place("nodes", self.name, "guard")
+        period = outlet.ticks // outlet.period * self.system.plan.h
+        guard = limits(spec).build(part.size, period, place)
+        entry.guard, entry.guarded, entry.joints = c.pointer(guard.struct), first, part.size
+        slots = self.plan.plan.slots()
+        for field, port in (("q", spec.q), ("dq", spec.dq)):
+            slot = slots.get(f"{outlet.component}.{port}")
+            if slot is not None and slot.size == part.size:
+                setattr(entry, field, slot.start)
+        self.guards[outlet.message] = guard
+        self._alive.append(guard)
+
+    def _measured(
+        self, entry: native.Outlet, outlet: Outlet, drive: drives.Drive | None
+    ) -> None:
+        if drive is None or self.spec.drive is None:
+            return
+        entry.measured_q = _first(outlet, self.spec.drive.q)
+        entry.measured_dq = _first(outlet, self.spec.drive.dq)
+        entry.drive = c.pointer(drive.struct)
+
+    def _offsets(self) -> None:
+        fields = row_dtype(self.plan).fields
+        assert fields is not None
+        self.struct.row_size = row_dtype(self.plan).itemsize
+        self.struct.inlet_offset = fields["inlets"][1]
+        self.struct.outlet_offset = fields["sent"][1]
+        self.struct.signals_offset = fields["signals"][1]
+
+
+class _Edge:
+    """Two slots, as :func:`newest_for` wants them."""
+
+    def __init__(self, source: Slot, target: Slot) -> None:
+        self.source, self.target = source, target
+
+
+def limits(spec: GuardSpec) -> safety.GuardSpec:
+    """A deployment's guard as :mod:`bridge.safety` takes it."""
+    return safety.GuardSpec(
+        tau_max=_listed(spec.tau_max),
+        rate_max=_listed(spec.rate_max),
+        q_low=_listed(spec.q_low),
+        q_high=_listed(spec.q_high),
+        dq_max=_listed(spec.dq_max),
+        power_max=_listed(spec.power_max),
+        q_jump=_listed(spec.q_jump),
+        brake=spec.brake,
+        stops=spec.stops,
+    )
+
+
+def emulated(spec: DriveSpec) -> drives.DriveSpec:
+    """A deployment's drive as :mod:`bridge.drives` takes it: what is said, else its defaults."""
+    said = {
+        name: _listed(getattr(spec, name))
+        for name in ("tau_max", "lag", "watchdog", "damping", "q_lsb", "dq_lsb", "tau_lsb")
+        if getattr(spec, name) is not None
+    }
+    return drives.DriveSpec(**said)
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _first(outlet: Outlet, port: str) -> int:
+    """Place of a port's first value in a message, -1: it is not in it."""
+    first = 0
+    for part in outlet.parts:
+        if part.port == port:
+            return first
+        first += part.size
+    return -1

@@ -104,16 +104,17 @@ class RingedInterface:
 
 def to_frame(message: can.Message, t_ns: int) -> Frame:
     """A python-can message that arrived at `t_ns` (monotonic)."""
+    remote = message.is_remote_frame and not message.is_fd  # CAN FD has none
     flags = (
         (Flags.FD if message.is_fd else 0)
         | (Flags.BRS if message.bitrate_switch else 0)
         | (Flags.ESI if message.error_state_indicator else 0)
-        | (Flags.REMOTE if message.is_remote_frame else 0)
+        | (Flags.REMOTE if remote else 0)
         | (Flags.EXTENDED if message.is_extended_id and not message.is_error_frame else 0)
         | (Flags.ERROR if message.is_error_frame else 0)
     )
     frame = Frame.of(message.arbitration_id, bytes(message.data), flags, t_ns)
-    if message.is_remote_frame:
+    if remote:
         frame.length = message.dlc
     return frame
 

@@ -1,4 +1,4 @@
-"""Journals: what is written is there, also when the writer was killed; what is not one is refused."""
+"""What is written to a journal is there, after SIGKILL too; what is not a journal is refused."""
 
 import ctypes
 import os

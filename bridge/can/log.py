@@ -1,0 +1,263 @@
+"""Logs of buses: journals of frames put together, written and read as others write and read them.
+
+candump text (`.log`, can-utils) is written here; BLF, ASC and MF4 (with asammdf) by python-can.
+Times inside are ns of the monotonic clock of the machine; `wall_ns` (CLOCK_REALTIME minus
+CLOCK_MONOTONIC, ns) puts them on the wall in a file.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.can.ringed import to_frame, to_message
+from bridge.native.frame import Flags, Frame, frame_dtype
+from cosim.errors import CosimError
+
+ERROR_FLAG = 0x20000000
+"""CAN_ERR_FLAG of linux/can.h, as candump text has it."""
+_FORMAT = Flags.FD | Flags.REMOTE | Flags.EXTENDED | Flags.ERROR
+_CANDUMP = re.compile(r"\((\d+)\.(\d{1,9})\)\s+(\S+)\s+([0-9A-Fa-f]{3,8})#(#?)(\S*)(?:\s+[RT])?\s*")
+_OTHER = (".asc", ".blf", ".mf4")
+
+
+class LogError(CosimError, ValueError):
+    """A log that cannot be read or written; the message says where."""
+
+
+@dataclass(frozen=True)
+class FrameLog:
+    """Frames of some buses. `rows`: (n,), fields of `frame_dtype()`; `bus` counts in `buses`."""
+
+    rows: NDArray[np.void]
+    buses: tuple[str, ...]
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames one by one, in order; for a replay."""
+        for row in self.rows:
+            yield frame_of(row)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A frame that was on a bus: when, which source sent it (-1: none of them), who has it."""
+
+    t_ns: int
+    sender: int
+    sources: set[int]
+
+
+def frame_of(row: np.void) -> Frame:
+    """A row of a log as a frame."""
+    length = min(int(row["length"]), row["data"].size)
+    data = row["data"][:length].tobytes()
+    return Frame.of(int(row["id"]), data, int(row["flags"]), int(row["t_ns"]))
+
+
+def merge(
+    sources: Sequence[FrameLog], window_ns: int = 10**9, tolerance_ns: int = 10**6
+) -> FrameLog:
+    """What was on the buses, by time: each frame once, though its sender and its receivers have it.
+
+    Buses of the same name are the same bus. A received row is the copy of the oldest equal frame
+    (identifier, format, data) that this source does not have yet and that is no older than
+    `window_ns`; `tolerance_ns` is how far a receiver's stamp may lie before the sender's. Of a
+    frame with a sender among the sources, the time is the sender's.
+    """
+    names = tuple(dict.fromkeys(name for source in sources for name in source.buses))
+    parts = [_renumbered(source, names) for source in sources]
+    rows = np.concatenate(parts) if parts else np.zeros(0, frame_dtype())
+    origin = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    order = np.lexsort((rows["flags"] & Flags.SENT == 0, rows["t_ns"]))
+    waiting: dict[tuple[object, ...], deque[tuple[int, _Seen]]] = {}
+    kept: list[int] = []
+    for index in order:
+        row, source = rows[index], int(origin[index])
+        same = waiting.setdefault(_key(row), deque())
+        while same and same[0][1].t_ns < row["t_ns"] - window_ns:
+            same.popleft()
+        _sort_in(same, kept, int(index), source, row, tolerance_ns)
+    result = rows[np.array(kept, np.int64)]
+    return FrameLog(result[np.argsort(result["t_ns"], kind="stable")], names)
+
+
+def _sort_in(
+    same: deque[tuple[int, _Seen]],
+    kept: list[int],
+    index: int,
+    source: int,
+    row: np.void,
+    tolerance_ns: int,
+) -> None:
+    """A row is a copy of one of `same`, equal ones before it, or a frame of its own."""
+    sent, t = bool(row["flags"] & Flags.SENT), int(row["t_ns"])
+    for place, (_, seen) in enumerate(same):
+        if source in seen.sources or (sent and (seen.sender >= 0 or t > seen.t_ns + tolerance_ns)):
+            continue
+        seen.sources.add(source)
+        if sent:
+            kept[same[place][0]] = index
+            same[place] = (same[place][0], _Seen(seen.t_ns, source, seen.sources))
+        return
+    kept.append(index)
+    same.append((len(kept) - 1, _Seen(t, source if sent else -1, {source})))
+
+
+def _key(row: np.void) -> tuple[object, ...]:
+    data = row["data"][: row["length"]].tobytes()
+    return int(row["bus"]), int(row["id"]), int(row["flags"]) & _FORMAT, int(row["length"]), data
+
+
+def _renumbered(source: FrameLog, names: tuple[str, ...]) -> NDArray[np.void]:
+    numbers = np.array([names.index(name) for name in source.buses], np.uint8)
+    rows = _cut(source.rows)
+    if len(rows) and rows["bus"].max() >= len(numbers):
+        found = int(rows["bus"].max())
+        raise LogError(f"a log with a frame of bus {found}; expected one of {len(numbers)} buses")
+    rows["bus"] = numbers[rows["bus"]] if len(rows) else 0
+    return rows
+
+
+def write_log(log: FrameLog, path: Path | str, wall_ns: int = 0) -> None:
+    """Write candump text (`.log`), `.blf`, `.asc` or `.mf4`, by the suffix.
+
+    Raises LogError for another suffix, and for .mf4 without asammdf.
+    """
+    path = Path(path)
+    if path.suffix == ".log":
+        path.write_text("".join(f"{line}\n" for line in candump_lines(log, wall_ns)))
+    elif path.suffix in _OTHER:
+        _write_other(log, path, wall_ns)
+    else:
+        raise LogError(f"{path}: no log format; expected .log, {', '.join(_OTHER)}")
+
+
+def candump_lines(log: FrameLog, wall_ns: int = 0) -> Iterator[str]:
+    """``(sec.usec) vcan0 1A0#0102``, CAN FD ``1A0##10102``: what `candump -L` prints."""
+    for frame, bus in zip(log.frames(), log.rows["bus"], strict=True):
+        seconds, us = divmod((frame.t_ns + wall_ns) // 1000, 1_000_000)
+        yield f"({seconds}.{us:06d}) {log.buses[bus]} {_candump(frame)}"
+
+
+def _candump(frame: Frame) -> str:
+    if frame.flags & Flags.ERROR:
+        name = f"{frame.id | ERROR_FLAG:08X}"
+    else:
+        name = f"{frame.id:08X}" if frame.flags & Flags.EXTENDED else f"{frame.id:03X}"
+    if frame.flags & Flags.REMOTE:
+        return f"{name}#R{frame.length or ''}"
+    data = frame.payload.hex().upper()
+    if frame.flags & Flags.FD:
+        bits = (1 if frame.flags & Flags.BRS else 0) | (2 if frame.flags & Flags.ESI else 0)
+        return f"{name}##{bits}{data}"
+    return f"{name}#{data}"
+
+
+def _write_other(log: FrameLog, path: Path, wall_ns: int) -> None:
+    """Channels are numbers there: that of the bus."""
+    try:
+        with can.Logger(path) as writer:
+            for frame, bus in zip(log.frames(), log.rows["bus"], strict=True):
+                writer(to_message(frame, (frame.t_ns + wall_ns) / 1e9, int(bus)))
+    except (NotImplementedError, ImportError) as error:
+        raise LogError(f"{path}: {error}; pip install 'cosim-bridge[mf4]'") from error
+
+
+def read_log(path: Path | str, wall_ns: int = 0) -> FrameLog:
+    """A log in one of the formats of `write_log`; times minus `wall_ns`.
+
+    Raises LogError for what is none (file and line).
+    """
+    path = Path(path)
+    if path.suffix in _OTHER:
+        return _read_other(path, wall_ns)
+    names: dict[str, int] = {}
+    frames: list[Frame] = []
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: {error}; expected candump text") from error
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        found = _CANDUMP.fullmatch(line)
+        if not found:
+            raise LogError(f"{path}:{number}: {line!r}; expected (seconds) bus id#data")
+        try:
+            frame = _parsed(found)
+        except ValueError as error:
+            raise LogError(f"{path}:{number}: {line!r}: {error}") from error
+        frame.t_ns -= wall_ns
+        frame.bus = names.setdefault(found[3], len(names))
+        frames.append(frame)
+    return FrameLog(rows_of(frames), tuple(names))
+
+
+def _parsed(found: re.Match[str]) -> Frame:
+    t_ns = int(found[1]) * 10**9 + int(found[2].ljust(9, "0"))
+    name, text = found[4], found[6]
+    flags = Flags.EXTENDED if len(name) > 3 else Flags(0)
+    identifier = int(name, 16)
+    if len(name) == 8 and identifier & ERROR_FLAG:
+        flags, identifier = Flags.ERROR, identifier & ~ERROR_FLAG
+    if found[5]:
+        bits = int(text[:1], 16)
+        flags |= Flags.FD | (Flags.BRS if bits & 1 else 0) | (Flags.ESI if bits & 2 else 0)
+        text = text[1:]
+    elif text[:1] in ("R", "r"):
+        frame = Frame.of(identifier, b"", flags | Flags.REMOTE, t_ns)
+        frame.length = int(text[1:] or "0", 16)
+        return frame
+    data = bytes.fromhex(text.replace(".", ""))
+    if len(data) > (64 if found[5] else 8):
+        raise ValueError(f"{len(data)} bytes")
+    return Frame.of(identifier, data, flags, t_ns)
+
+
+def _read_other(path: Path, wall_ns: int) -> FrameLog:
+    names: dict[str, int] = {}
+    frames = []
+    try:
+        with can.LogReader(path) as reader:
+            for message in reader:
+                frame = to_frame(message, round(message.timestamp * 1e9) - wall_ns)
+                frame.bus = names.setdefault(_channel(message), len(names))
+                frame.flags |= 0 if message.is_rx else Flags.SENT
+                frames.append(frame)
+    except (NotImplementedError, ImportError) as error:
+        raise LogError(f"{path}: {error}; pip install 'cosim-bridge[mf4]'") from error
+    except (OSError, ValueError, struct.error, can.CanError) as error:
+        raise LogError(f"{path}: {error}; expected a {path.suffix} log") from error
+    return FrameLog(rows_of(frames), tuple(names))
+
+
+def _channel(message: can.Message) -> str:
+    channel: Any = message.channel
+    return channel if isinstance(channel, str) else f"can{channel or 0}"
+
+
+def rows_of(frames: Iterable[Frame]) -> NDArray[np.void]:
+    """Frames as rows of a log, (n,), numbered in this order; data beyond 64 bytes is cut off."""
+    whole = b"".join(bytes(frame) for frame in frames)
+    rows = _cut(np.frombuffer(whole, frame_dtype(232), len(whole) // 256))
+    rows["sequence"] = np.arange(len(rows))
+    return rows
+
+
+def _cut(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """A copy with 64 bytes of data a row, whatever the journal had."""
+    result = np.zeros(len(rows), frame_dtype())
+    for name in ("t_ns", "id", "flags", "bus", "length", "sequence"):
+        result[name] = rows[name]
+    width = min(rows["data"].shape[1], 64)
+    result["data"][:, :width] = rows["data"][:, :width]
+    return result

@@ -128,7 +128,7 @@ static uint64_t float_bits(const field_t *f, double value, header_t *header)
         header->saturated++;
         if (f->has_invalid)
             return f->length == 32 ? 0x7FC00000u : (uint64_t)0x7FF8 << 48;
-        raw = -f->offset / f->scale;
+        raw = (0.0 - f->offset) / f->scale;
     } else if (raw < low || raw > high) {
         header->saturated++;
     }

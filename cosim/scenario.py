@@ -208,7 +208,11 @@ def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """A TOML file, parsed. Raises ScenarioError."""
+    """A TOML file, parsed; an SSP in the same words. Raises ScenarioError."""
+    if path.suffix == ".ssp":
+        from cosim.ssp.document import document
+
+        return document(path)
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

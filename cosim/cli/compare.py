@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def compare(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
     controllers: Annotated[
         str, typer.Option(metavar="LIST", help="Names of controllers, e.g. paper,pd; or all.")
     ] = "",

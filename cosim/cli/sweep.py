@@ -34,6 +34,9 @@ def sweep(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with what is in the folder.")
     ] = False,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Go on, and make runs that failed again.")
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Go on even if the scenario has changed.")
     ] = False,
@@ -58,7 +61,7 @@ def sweep(
     with _progress(quiet) as progress:
         try:
             table = drive.sweep(
-                loaded, folder, opened, resume=resume, force=force, limit=limit,
+                loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
                 begun=lambda b: progress.begin(b, loaded.title), done=progress.done,
                 stopping=lambda: typer.echo(
                     "stopping: waiting for the runs that are under way (Ctrl-C again: not)",
@@ -120,6 +123,7 @@ class Progress:
         same = begun.points - begun.runs
         text = f"{begun.points} points" + (f", {same} of them twice" if same else "")
         text += f"; {begun.found} there already" if begun.found else ""
+        text += f", {begun.again} of them failed" if begun.again else ""
         typer.echo(f"{text}; {begun.todo} to run")
         if begun.changed:
             typer.echo(f"the study has changed: {begun.others} rows here are not part of it now")

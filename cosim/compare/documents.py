@@ -20,7 +20,7 @@ from cosim.compare.variants import Controller, LinkLaw, Operator, Role, Selectio
 from cosim.connect import unknown
 from cosim.errors import CosimError, ScenarioError
 from cosim.plan import Plan
-from cosim.scenario import Scenario, build
+from cosim.scenario import Scenario, build, read_document
 from cosim.settings import change
 
 Document = dict[str, Any]
@@ -61,7 +61,8 @@ def read_base(path: Path, variants: Variants, settings: Sequence[str] = ()) -> B
 
     Raises ScenarioError, also where a role names a component that the scenario has not.
     """
-    document = read_toml(path, "a scenario file")
+    ssp = path.suffix == ".ssp"
+    document = read_document(path) if ssp else read_toml(path, "a scenario file")
     for number, setting in enumerate(variants.settings):
         try:
             change(document, setting)
@@ -159,7 +160,9 @@ def _control(document: Document, controller: Controller, variants: Variants) -> 
         made["inputs"] = {port: _end(role, source) for port, source in side.inputs.items()}
         components[role.controller] = {k: v for k, v in made.items() if v is not None}
         driven = {port: _end(role, source) for port, source in side.drives.items()}
-        components[role.arm]["inputs"] = components[role.arm].get("inputs", {}) | driven
+        wired = components[role.arm].get("inputs", {}).items()  # by port, or entry by entry
+        kept = {port: wire for port, wire in wired if port.partition("[")[0] not in driven}
+        components[role.arm]["inputs"] = kept | driven
 
 
 def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Document]:

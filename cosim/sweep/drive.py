@@ -34,7 +34,7 @@ class Begun:
     """What is to be done: `points` of the study, which are `runs` different ones, `found` there.
 
     `todo`: runs this time; `changed`: the folder was begun with another study; `others`: rows in it
-    that this study does not have.
+    that this study does not have; `again`: of those found, the runs that failed and are made again.
     """
 
     points: int
@@ -43,6 +43,7 @@ class Begun:
     todo: int
     changed: bool
     others: int
+    again: int = 0
 
 
 def sweep(
@@ -51,6 +52,7 @@ def sweep(
     opened: Opened,
     *,
     resume: bool = False,
+    retry: bool = False,
     force: bool = False,
     limit: int | None = None,
     begun: Callable[[Begun], None] = lambda begun: None,
@@ -59,6 +61,7 @@ def sweep(
 ) -> Table:
     """Run what `folder` does not have yet, at most `limit` runs; the table of all there is.
 
+    With `retry`, which goes on as `resume` does, runs that failed count as not there.
     `opened` opens the workers (see :mod:`cosim.sweep.workers`). `begun` is called once, `done` with
     every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs that are out
     have ended (at a second Ctrl-C, at once). Raises CosimError for a study that cannot be run, and
@@ -72,14 +75,15 @@ def sweep(
     figures.check(study, [axis.name for axis in study.axes], units)
     fingerprint = _fingerprint(study.scenario, plan)
     with stores.locked(folder):
-        changed = _claim(study, folder, fingerprint, resume=resume, force=force)
+        changed = _claim(study, folder, fingerprint, resume=resume or retry, force=force)
         with Store(folder, units) as store:
             wanted = {point.run: point for point in points(study, fingerprint)}
-            missing = [point for run, point in wanted.items() if run not in store.done]
-            todo = missing[:limit]
-            found = len(wanted) - len(missing)
+            again = store.failed & set(wanted) if retry else set[str]()
+            there = store.done - again
+            todo = [point for run, point in wanted.items() if run not in there][:limit]
+            found = len(store.done & set(wanted))
             others = len(store.done) - found
-            begun(Begun(total, len(wanted), found, len(todo), changed, others))
+            begun(Begun(total, len(wanted), found, len(todo), changed, others, len(again)))
             _run(opened, common, todo, store, done, stopping)
         return _table(study, folder, fingerprint, units, total)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -22,7 +21,7 @@ from cosim.errors import CosimError, RunError, ScenarioError
 from cosim.failures import sentence
 from cosim.plan import Plan
 from cosim.record import Column, Run
-from cosim.scenario import Scenario, build
+from cosim.scenario import Scenario, build, read_document
 from cosim.settings import change
 from cosim.simulate import columns, simulate
 from cosim.sweep.axes import Cell
@@ -67,10 +66,7 @@ def job(study: Study, keep: Path | None) -> Job:
     Raises ScenarioError.
     """
     path = study.scenario
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+    document = read_document(path)
     metrics = document.setdefault("metrics", {})
     for name, table in study.metrics.items():
         if name in metrics:

@@ -1,5 +1,7 @@
 """The folder of a sweep: every row that was ever measured, once, whatever ends the process.
 
+A run that failed may be made again: its newest row counts, the old one stays where it is.
+
 ``journal.jsonl`` takes each row as it comes, in one write. When it is long, and at the end, its
 rows become ``results/part-NNNNN.parquet`` by one rename, and it is emptied. A process may be
 killed between any two of these: a torn last line is not a row, and rows that are in a part already
@@ -35,7 +37,8 @@ Record = dict[str, Any]
 class Store:
     """Rows in a folder; use as a context manager. One process at a time.
 
-    `done`: names of the runs that are there. `units`: of the measures, for the parts' metadata.
+    `done`: names of the runs that are there; `failed`: of these, those whose newest row has a
+    reason. `units`: of the measures, for the parts' metadata.
     """
 
     def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
@@ -44,12 +47,14 @@ class Store:
         self._rows: list[Record] = []
         try:
             (folder / RESULTS).mkdir(parents=True, exist_ok=True)
-            stored = {run for part in parts(folder) for run in _runs(part)}
-            self._rows = [row for row in self._read() if row["run"] not in stored]
+            ends = {run: end for part in parts(folder) for run, end in _ends(part)}
+            self._rows = [row for row in self._read() if ends.get(row["run"]) != _end(row)]
             self._rewrite()
         except OSError as error:
             raise RunError(f"cannot use {folder}: {reason(error)}") from error
-        self.done = stored | {row["run"] for row in self._rows}
+        ends |= {row["run"]: _end(row) for row in self._rows}
+        self.done = set(ends)
+        self.failed = {run for run, (why, _) in ends.items() if why}
 
     def __enter__(self) -> Store:
         return self
@@ -74,7 +79,8 @@ class Store:
         except OSError as error:
             raise RunError(f"cannot write {self._journal}: {reason(error)}") from error
         self.done.add(row.run)
-        self._rows.append(record)
+        (self.failed.add if row.reason else self.failed.discard)(row.run)
+        self._rows = [each for each in self._rows if each["run"] != row.run] + [record]
         if len(self._rows) >= PART_ROWS:
             self.flush()
 
@@ -92,18 +98,16 @@ class Store:
         self._rows = []
 
     def _read(self) -> Iterator[Record]:
-        """Rows of the journal, as far as it is whole; a row that is there twice counts once."""
-        if not self._journal.exists():
-            return
-        seen = set[str]()
-        for line in self._journal.read_bytes().split(b"\n")[:-1]:
+        """Rows of the journal, as far as it is whole; of each run the newest."""
+        found: dict[str, Record] = {}
+        lines = self._journal.read_bytes().split(b"\n")[:-1] if self._journal.exists() else []
+        for line in lines:
             try:
                 row = json.loads(line)
             except ValueError:
-                return
-            if row["run"] not in seen:
-                seen.add(row["run"])
-                yield row
+                break
+            found[row["run"]] = row
+        yield from found.values()
 
     def _rewrite(self) -> None:
         """Leave in the journal what belongs there, and open it."""
@@ -113,7 +117,7 @@ class Store:
 
 
 def rows(folder: Path) -> dict[str, Record]:
-    """Every row of a sweep by the name of its run, flat: axes, measures and the fixed columns."""
+    """The newest row of every run by its name, flat: axes, measures and the fixed columns."""
     found: dict[str, Record] = {}
     for part in parts(folder):
         for row in _table(part).to_pylist():
@@ -126,9 +130,14 @@ def parts(folder: Path) -> list[Path]:
     return sorted((folder / RESULTS).glob("part-*.parquet"))
 
 
-def _runs(part: Path) -> list[str]:
-    runs: list[str] = _table(part, ["run"]).column("run").to_pylist()
-    return runs
+def _ends(part: Path) -> Iterator[tuple[str, tuple[str, float]]]:
+    for row in _table(part, ["run", "reason", "wall"]).to_pylist():
+        yield row["run"], _end(row)
+
+
+def _end(row: Record) -> tuple[str, float]:
+    """What tells two rows of one run apart: how it ended, and after how long."""
+    return row["reason"], row["wall"]
 
 
 def _table(part: Path, names: list[str] | None = None) -> Any:

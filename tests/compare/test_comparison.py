@@ -7,12 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.compare.comparison import Comparison
+from cosim.assemble import assemble
+from cosim.compare.comparison import Comparison, compare
+from cosim.compare.documents import check, read_base
 from cosim.compare.measure import Outcome, Recorded
 from cosim.compare.rows import rows
 from cosim.compare.sameness import Tables
 from cosim.links.storage import load_table
-from tests.compare.parts import SMALL, VARIANTS, compared, push, written
+from cosim.scenario import build
+from cosim.ssp.export import write
+from tests.compare.parts import SMALL, VARIANTS, compared, loaded, push, written
 
 #: t(|q_1 - q_h| < 0.05), s, and ‖τ_h‖₂, N.m.√s, of an independent simulation whose delays come
 #: from another generator: operator 10/5, T = 0.3 + U[0, 0.9] s redrawn every 30 ms.
@@ -218,3 +222,16 @@ def test_a_column_that_cannot_be_evaluated_is_a_reason(tmp_path: Path) -> None:
     text = SMALL.replace('kind = "norm"', 'kind = "error"\ntarget = [1.0, 2.0, 3.0]')
     (outcome,) = compared(written(tmp_path, text)).outcomes
     assert "master.tau_h has size 2" in outcome.verdict.reason
+
+
+def test_the_scenario_may_be_a_system_of_another_tool(tmp_path: Path) -> None:
+    """What is compared over an exported scenario is what is compared over the scenario."""
+    path = written(tmp_path, SMALL)
+    variants, base = loaded(path)
+    read = build(base.document, base.path)
+    write(read, assemble(read), tmp_path / "arms.ssp")
+    again = read_base(tmp_path / "arms.ssp", variants)
+    chosen = variants.select((), (), ())
+    check(again, variants, chosen)
+    found, expected = (compare(b, variants, chosen, (0,), jobs=1) for b in (again, base))
+    assert [o.numbers for o in found.outcomes] == [o.numbers for o in expected.outcomes]

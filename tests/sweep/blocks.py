@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from time import sleep
 
 from cosim.component import Parameter
@@ -10,7 +11,8 @@ from tests.cosim import blocks
 
 
 class Trap(blocks.Gain):
-    """Sampled: y = gain * u; from 1 s on, what `how` says: nothing, an exception, the end."""
+    """Sampled: y = gain * u; from 1 s on, what `how` says: nothing, an exception, the end, an
+    exception as long as there is no file ``mended``."""
 
     parameters = (
         Parameter("gain", (1.0,)),
@@ -28,6 +30,8 @@ class Trap(blocks.Gain):
             raise ZeroDivisionError("one over nothing")
         if t >= 1.0 and self.how == 2:
             os._exit(3)
+        if t >= 1.0 and self.how == 3 and not Path("mended").exists():
+            raise ZeroDivisionError("not mended yet")
         if t == 0.0:
             sleep(self.wait)
         return {"y": self.gain * float(u["u"])}

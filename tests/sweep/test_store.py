@@ -43,6 +43,38 @@ def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
     assert pq.read_schema(part).field("e").metadata == {b"unit": b"rad"}
 
 
+def failed(i: int, wall: float) -> Row:
+    return Row(f"run{i}", {"K": float(i)}, (), False, "no memory", nan, wall)
+
+
+@pytest.mark.parametrize("flushed", [False, True])
+def test_a_run_that_failed_may_be_made_again(tmp_path: Path, flushed: bool) -> None:
+    with Store(tmp_path, {}) as store:
+        store.append(failed(1, 0.25))
+        store.append(made(2, e=0.5))
+        if flushed:
+            store.flush()
+        assert (store.done, store.failed) == ({"run1", "run2"}, {"run1"})
+        store.append(failed(1, 0.75))
+        assert store.failed == {"run1"}
+        store.append(made(1, e=0.1))
+        assert store.failed == set()
+    with Store(tmp_path, {}) as store:
+        assert (store.done, store.failed) == ({"run1", "run2"}, set())
+    found = rows(tmp_path)
+    assert (found["run1"]["e"], found["run2"]["e"], len(found)) == (0.1, 0.5, 2)
+
+
+def test_killed_after_a_second_try_its_row_counts(tmp_path: Path) -> None:
+    with Store(tmp_path, {}) as store:
+        store.append(failed(1, 0.25))
+    store = Store(tmp_path, {})
+    store.append(made(1, e=0.1))  # and no end: the journal has it, the part has the old one
+    with Store(tmp_path, {}) as again:
+        assert (again.done, again.failed) == ({"run1"}, set())
+    assert rows(tmp_path)["run1"]["e"] == 0.1
+
+
 def test_parts_are_only_ever_added(tmp_path: Path) -> None:
     filled(tmp_path, range(3))
     before = [p.read_bytes() for p in parts(tmp_path)]

@@ -11,8 +11,11 @@ from time import sleep
 import pyarrow.parquet as pq
 import pytest
 
+from cosim.assemble import assemble
+from cosim.ssp.export import write
 from tests.cli.command import Command
 from tests.sweep.studies import SCENARIO, STUDY, journal, started, written
+from tests.system.runs import CONFIG, scenario, teleoperation
 
 GRID = STUDY + "values = [1, 10, 150, 205, 1500]\n"
 FIGURES = """
@@ -39,6 +42,17 @@ kind = "points"
 x = "gain"
 y = "rest.rmse"
 z = "rest.settle_s"
+"""
+
+ARMS = """
+scenario = "FILE"
+settings = ["run.stop='2 s'"]
+[vary.K]
+path = "components.master_control.parameters.K"
+values = [8, 16]
+[metrics.last]
+kind = "norm"
+of = ["master.tau_h"]
 """
 
 
@@ -106,6 +120,41 @@ def test_a_study_grows_and_what_is_there_stays(cosim: Command, tmp_path: Path) -
     rows = dataset(tmp_path / "here")
     assert len(rows) == len({r["run"] for r in rows}) == 7
     assert {repr(row) for row in first} <= {repr(row) for row in rows}  # NaN is NaN
+
+
+def test_runs_that_failed_are_made_again_if_asked_for(cosim: Command, tmp_path: Path) -> None:
+    study = written(tmp_path, STUDY.replace('.gain"', '.how"') + "values = [0, 1, 3]\n")
+    flags = ("--workers", "threads", "--out", "here", "--no-plot")
+    assert "2 failed" in cosim("sweep", study, *flags).err
+    (tmp_path / "mended").touch()
+    assert "3 there already; 0 to run" in cosim("sweep", study, *flags, "--resume").out
+    done = cosim("sweep", study, *flags, "--retry", "--limit", 2)
+    assert "3 points; 3 there already, 2 of them failed; 2 to run" in done.out
+    found = {r["gain"]: r for r in table(tmp_path / "here")}
+    assert found[0]["stable"]
+    assert found[3]["stable"]
+    assert found[3]["rest"] == found[0]["rest"]
+    assert "one over nothing" in found[1]["reason"]
+    rows = dataset(tmp_path / "here")
+    assert len(rows) == 5
+    assert len({r["run"] for r in rows}) == 3
+    assert "1 of them failed; 1 to run" in cosim("sweep", study, *flags, "--retry").out
+
+
+def test_a_sweep_of_a_system_of_another_tool(cosim: Command, tmp_path: Path) -> None:
+    """The exported scenario gives what the scenario gives."""
+    read = scenario(teleoperation(stop=2.0))
+    (tmp_path / "arms.toml").write_text(CONFIG.read_text(encoding="utf-8"), encoding="utf-8")
+    write(read, assemble(read), tmp_path / "arms.ssp")
+    rows = []
+    for name in ("arms.toml", "arms.ssp"):
+        (tmp_path / "study.toml").write_text(ARMS.replace("FILE", name), encoding="utf-8")
+        cosim("sweep", "study.toml", "--workers", "threads", "--out", name[5:], "--no-plot")
+        rows.append(table(tmp_path / name[5:]))
+    for one, other in zip(*rows, strict=True):
+        assert not one["reason"]
+        assert one["last"] == other["last"]
+    assert rows[0][0]["last"] != rows[0][1]["last"]
 
 
 def test_another_scenario_is_another_sweep(cosim: Command, tmp_path: Path) -> None:

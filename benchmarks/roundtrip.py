@@ -7,7 +7,8 @@ Both ends are of one kind; the kinds run a block each, in turns. Ours encodes, p
 decodes; the others copy bytes. Where there is no such interface the script starts itself again
 under the launcher, which gives it a kernel with SocketCAN (`python -m bridge.vcan run`). In
 User-Mode Linux a system call costs some 15 us and reading a clock is one, elsewhere it takes
-0.03 us: ratios from there are of system calls. Nothing else should run meanwhile.
+0.03 us: ratios from there are of system calls. `--channel pair` sends the same frames through a
+pair of UNIX sockets of this kernel, without CAN. Nothing else should run meanwhile.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -42,6 +45,8 @@ FLOOR, PEER = "raw socket in C", "python-can"
 #: Name -> what its functions in roundtrip.c begin with.
 IN_C = {FLOOR: "raw", "raw in C, stamped, until empty": "stamped", "our bus, with codec": "bridge"}
 RUNNERS = (*IN_C, PEER)
+#: A channel that is none: a pair of UNIX sockets, which any kernel has. Not for python-can.
+PAIR = "pair"
 FRAMES = {"8 bytes": 8, "64 bytes, CAN FD": 64}
 SHOWN = ("p50", "p99", "p999", "maximum")
 PATIENCE = 1.0  # s, for a frame
@@ -100,12 +105,24 @@ def in_python_can(end: str, bus: can.BusABC, size: int, n: int) -> list[int]:
     return taken
 
 
-def attached(name: str, channel: str, receives: int) -> Any:
-    """A socket, or a bus of python-can."""
-    if name != PEER:
-        return opened(channel, receives)
-    filters = [can.typechecking.CanFilter(can_id=receives, can_mask=0x7FF, extended=False)]
-    return can.Bus(interface="socketcan", channel=channel, fd=True, can_filters=filters)
+@contextmanager
+def attached(name: str, channel: str) -> Iterator[tuple[Any, Any]]:
+    """The ends of echo and ping: sockets, or buses of python-can. Both are open from here on."""
+    there: Any
+    here: Any
+    if channel == PAIR:
+        there, here = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    elif name == PEER:
+        there, here = (
+            can.Bus(interface="socketcan", channel=channel, fd=True, can_filters=[
+                can.typechecking.CanFilter(can_id=receives, can_mask=0x7FF, extended=False)
+            ])
+            for receives in (PING, ECHO)
+        )  # fmt: skip
+    else:
+        there, here = opened(channel, PING), opened(channel, ECHO)
+    with there, here:
+        yield there, here
 
 
 # ---- measuring -----------------------------------------------------------------------------------
@@ -120,8 +137,8 @@ def block(name: str, channel: str, size: int, n: int, lib: c.CDLL) -> dict[str, 
             return in_python_can(which, at, size, n + warm)
         return in_c(which, name, at, size, n + warm, lib)
 
-    with attached(name, channel, PING) as there, attached(name, channel, ECHO) as here:
-        echo = os.fork()  # both are open: no frame is lost
+    with attached(name, channel) as (there, here):
+        echo = os.fork()
         if echo == 0:
             status = 1
             try:
@@ -142,7 +159,8 @@ def block(name: str, channel: str, size: int, n: int, lib: c.CDLL) -> dict[str, 
 def measure(channel: str, blocks: int, n: int, path: Path) -> list[dict[str, Any]]:
     """Everybody, in turns."""
     lib = loaded(path)
-    cases = [(frame, name) for frame in FRAMES for name in RUNNERS]
+    runners = IN_C if channel == PAIR else RUNNERS
+    cases = [(frame, name) for frame in FRAMES for name in runners]
     found: dict[tuple[str, str], list[dict[str, Any]]] = {case: [] for case in cases}
     for _ in range(blocks):
         for frame, name in cases:
@@ -192,7 +210,7 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument("--json", type=Path, metavar="FILE", help="write all numbers here")
     found.add_argument("--blocks", type=int, default=7, help="blocks of each (default 7)")
     found.add_argument("--count", type=int, default=4000, help="round trips of a block")
-    found.add_argument("--channel", default="vcan0", help="CAN interface (default vcan0)")
+    found.add_argument("--channel", default="vcan0", help="CAN interface; pair: no CAN")
     found.add_argument("--launcher", default="", help="command that gives a kernel with SocketCAN")
     found.add_argument("--built", type=Path, help=argparse.SUPPRESS)
     return found
@@ -206,7 +224,7 @@ def main() -> None:
             [ROOT / "benchmarks/c/roundtrip.c"], Path(folder, "roundtrip.so"),
             include=[ROOT / "bridge/c"],
         )  # fmt: skip
-        if not has(options.channel):
+        if options.channel != PAIR and not has(options.channel):
             if options.built:
                 sys.exit(f"{options.channel}: found no such interface under the launcher either")
             sys.exit(relaunched(options.launcher, sys.argv[1:], path))
@@ -215,8 +233,15 @@ def main() -> None:
     print(report(rows))
     print(f"reading a clock takes {clock_cost() * 1e-3:.2f} us here")
     if options.json:
-        facts = {"machine": tables.machine(), "clock_ns": clock_cost(), "python-can": can.__version__, "blocks": blocks,
-                 "count": n, "rows": rows}  # fmt: skip
+        facts = {
+            "machine": tables.machine(),
+            "python-can": can.__version__,
+            "channel": options.channel,
+            "clock_ns": clock_cost(),
+            "blocks": blocks,
+            "count": n,
+            "rows": rows,
+        }
         options.json.write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 

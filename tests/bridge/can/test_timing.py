@@ -147,6 +147,35 @@ def test_the_mean_is_that_of_random_frames(kind: Kind) -> None:
     assert np.mean(some) == pytest.approx(fixed.total, abs=0.15)
 
 
+@pytest.mark.parametrize(
+    ("frame", "bits"),
+    [
+        ("4FB#F0CB0FFF", 83),
+        ("14C4664A#", 69),
+        ("735#F0", 59),
+        ("0F029D14#61", 77),
+        ("0D0#00FFF00F00230FFF", 122),
+        ("000E8A26#", 73),
+        ("1AC#FF", 60),
+        ("1BEAC3B0#F0", 79),
+        ("7B1#FF", 58),
+        ("05D03ACD#0F", 77),
+        ("263#", 48),
+        ("0B8EDE31#FF00F0D100F0F0F0", 136),
+        ("000#", 53),
+        ("000#0000000000000000", 127),
+        ("7FF#FFFFFFFFFFFFFFFF", 126),
+        ("00000000#0000000000000000", 150),
+        ("1FFFFFFF#FFFFFFFFFFFFFFFF", 149),
+    ],
+)
+def test_what_canbusload_counts(frame: str, bits: int) -> None:
+    """``canbusload -e`` of can-utils, data frames: it counts data in remote ones, too."""
+    identifier, data = frame.split("#")
+    kind = Kind(extended=len(identifier) == 8)
+    assert frame_bits(int(identifier, 16), bytes.fromhex(data), kind) == Bits(bits)
+
+
 def test_fd_frames_grow_to_the_next_length() -> None:
     assert [padded(n, True) for n in (8, 9, 13, 25, 33, 49, 64)] == [8, 12, 16, 32, 48, 64, 64]
     assert frame_bits(1, b"\xaa" * 9, FD) == frame_bits(1, b"\xaa" * 9 + bytes(3), FD)

@@ -157,6 +157,18 @@ def lateness(
     )
 
 
+def of_journal(rows: NDArray[np.void], period_ns: int) -> Lateness:
+    """The report of a node's journal (``row_t`` of ``bridge/c/node.h``), one life of it.
+
+    There a slot has `done_ns`, when all was sent, and `send_ns`, what sending took.
+    """
+    done = rows["done_ns"]
+    return lateness(
+        rows["deadline_ns"], rows["woke_ns"], period_ns,
+        received=rows["received_ns"], stepped=done - rows["send_ns"], sent=done,
+    )  # fmt: skip
+
+
 def _bins(late: Array) -> tuple[tuple[int, int], ...]:
     limits = edges()
     counts, _ = np.histogram(np.clip(late, 0, limits[-1] - 1), limits)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.lateness import Lateness, Spread, draw, lateness
+from bridge.lateness import Lateness, Spread, draw, lateness, of_journal
 from cosim.errors import CosimError, RunError
 
 MS = 1_000_000
@@ -62,6 +62,19 @@ def test_parts_that_were_not_kept_are_left_out() -> None:
     assert list(found.parts) == ["receive"]
     assert found.rows()[1][0] == "lateness"
     assert len(found.rows()) == 4
+
+
+def test_a_journal_says_what_sending_took() -> None:
+    names = ("deadline_ns", "woke_ns", "received_ns", "done_ns", "send_ns")
+    rows = np.zeros(3, np.dtype([(name, "<i8") for name in names]))
+    rows["deadline_ns"] = 100 * np.arange(3)
+    rows["woke_ns"] = rows["deadline_ns"] + 7
+    rows["received_ns"] = rows["woke_ns"] + 10
+    rows["done_ns"] = rows["received_ns"] + 25
+    rows["send_ns"] = 5
+    found = of_journal(rows, 100)
+    assert (found.late.p50, found.missed) == (7, 0)
+    assert {k: v.p50 for k, v in found.parts.items()} == {"receive": 10, "step": 20, "send": 5}
 
 
 def test_text_and_json() -> None:

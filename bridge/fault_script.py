@@ -1,0 +1,210 @@
+"""What a fault script says, ready to be done: rules for C, and events for a supervisor.
+
+Faults of frames act where a node receives (``bridge/c/faults.h``): :meth:`FaultScript.frames_for`.
+Faults of processes and buses are a list of events that whoever supervises the nodes carries out:
+:meth:`FaultScript.process_events`. Times count from the start of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from hashlib import sha256
+from math import isinf
+from pathlib import Path
+from typing import Literal
+
+from bridge.native import faults as native
+from bridge.native.faults import Fault, Injector
+from cosim.errors import ScenarioError
+
+Action = Literal[
+    "kill", "start", "freeze", "thaw", "bus-down", "bus-up", "babble", "hush", "clock-jump"
+]
+OF_BUSES = ("bus-down", "bus-up", "babble", "hush")
+KINDS = {
+    "drop": native.DROP,
+    "sync-loss": native.DROP,
+    "burst": native.BURST,
+    "delay": native.DELAY,
+    "jitter": native.JITTER,
+    "duplicate": native.DUPLICATE,
+    "reorder": native.REORDER,
+    "corrupt": native.CORRUPT,
+}
+EXTENDED = 0x80000000  # in identifiers given to this module, as in linux/can.h
+_ALL_BITS = 0x1FFFFFFF | native.EXTENDED
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFault:
+    """A fault of frames; `index`: of its table, `t0`, `t1`: s, `a`, `b`: least and greatest (s).
+
+    `nodes`: who receives; `messages`: patterns of names, or identifiers; `bus`: "" for all.
+    """
+
+    index: int
+    kind: str
+    nodes: tuple[str, ...]
+    messages: tuple[str | int, ...]
+    bus: str
+    t0: float
+    t1: float
+    probability: float
+    count: int
+    a: float
+    b: float
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something to be done to a process or a bus `t` s after the start; `index`: of its table.
+
+    `target`: a node or a bus. `id`, `rate` (frames/s), `length` (bytes): of a babbling peer;
+    `by`: s, of a clock that jumps.
+    """
+
+    t: float
+    action: Action
+    target: str
+    index: int
+    id: int = 0
+    rate: float = 0.0
+    length: int = 0
+    by: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class NodeFaults:
+    """The rules of one node, ready for C: `indices[i]` is the table that rule i comes from."""
+
+    injector: Injector
+    indices: tuple[int, ...]
+
+    def hits(self) -> dict[int, int]:
+        """Frames each table did something to here, by its index."""
+        found = dict.fromkeys(self.indices, 0)
+        for index, hits in zip(self.indices, self.injector.hits(), strict=True):
+            found[index] += hits
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class FaultScript:
+    """A script, as :func:`bridge.faults.load` reads it."""
+
+    path: Path
+    title: str
+    seed: int
+    frames: tuple[FrameFault, ...]
+    events: tuple[Event, ...]
+
+    def place(self, index: int, key: str) -> str:
+        """Where something is said: ``FILE at fault.0.node``."""
+        return f"{self.path} at fault.{index}.{key}"
+
+    def frames_for(
+        self,
+        node: str,
+        ids: Mapping[str, int],
+        buses: Mapping[str, int] | None = None,
+        *,
+        journal: int | None = None,
+        capacity: int = 1024,
+    ) -> NodeFaults | None:
+        """What happens to frames as `node` receives them; None: nothing.
+
+        `ids`: identifiers of what it hears, by name (bit 31: a 29-bit one), SYNC among them;
+        `buses`: their numbers in the node; `journal`: address of a journal of INJECTED rows;
+        `capacity`: frames that wait at once. What the node does not know is passed over; see
+        :meth:`check`.
+        """
+        numbers = buses or {}
+        rules, indices = [], []
+        for fault in self.frames:
+            if not _named(node, fault.nodes) or (fault.bus and fault.bus not in numbers):
+                continue
+            for name, identifier, mask in _matching(fault.messages, ids):
+                rule = _rule(fault, identifier, mask, self._random(fault, node, name))
+                rule.bus = numbers[fault.bus] if fault.bus else -1
+                rules.append(rule)
+                indices.append(fault.index)
+        if not rules:
+            return None
+        return NodeFaults(Injector(rules, capacity, journal), tuple(indices))
+
+    def process_events(
+        self, nodes: Sequence[str] = (), buses: Sequence[str] = ()
+    ) -> tuple[Event, ...]:
+        """Events in the order of time; ``"*"`` stands for each of `nodes` or `buses`."""
+        found: list[Event] = []
+        for event in self.events:
+            every = buses if event.action in OF_BUSES else nodes
+            targets = every if event.target == "*" else (event.target,)
+            found += [replace(event, target=target) for target in targets]
+        return tuple(sorted(found, key=lambda e: (e.t, e.index, e.target)))
+
+    def check(self, nodes: Sequence[str], buses: Sequence[str], messages: Sequence[str]) -> None:
+        """Refuse names that are none of these. Raises ScenarioError naming the place."""
+        for fault in self.frames:
+            for node in fault.nodes:
+                _known(node, nodes, "node", self.place(fault.index, "node"))
+            for message in fault.messages:
+                if isinstance(message, str):
+                    _known(message, messages, "message", self.place(fault.index, "message"))
+            if fault.bus:
+                _known(fault.bus, buses, "bus", self.place(fault.index, "bus"))
+        for event in self.events:
+            what, names = ("bus", buses) if event.action in OF_BUSES else ("node", nodes)
+            _known(event.target, names, what, self.place(event.index, what))
+
+    def _random(self, fault: FrameFault, node: str, message: str) -> int:
+        """The state a rule's generator starts from, by seed, table, node and message."""
+        text = f"{self.seed}\0{fault.index}\0{node}\0{message}"
+        return int.from_bytes(sha256(text.encode()).digest()[:8], "little")
+
+
+def _named(node: str, nodes: Sequence[str]) -> bool:
+    return "*" in nodes or node in nodes
+
+
+def _matching(
+    messages: Sequence[str | int], ids: Mapping[str, int]
+) -> Iterator[tuple[str, int, int]]:
+    """Name, identifier and mask of every rule that stands for these messages, each once."""
+    if "*" in messages:
+        yield "*", 0, 0
+        return
+    found: dict[int, str] = {m: f"{m:#x}" for m in messages if isinstance(m, int)}
+    for name in sorted(ids):
+        if any(isinstance(m, str) and fnmatchcase(name, m) for m in messages):
+            found[ids[name]] = name
+    for identifier, name in found.items():
+        long = identifier & EXTENDED or identifier > 0x7FF
+        number = identifier & 0x1FFFFFFF | (native.EXTENDED if long else 0)
+        yield name, number, _ALL_BITS
+
+
+def _rule(fault: FrameFault, identifier: int, mask: int, random: int) -> Fault:
+    return Fault(
+        kind=KINDS[fault.kind],
+        count=fault.count,
+        t0_ns=round(fault.t0 * 1e9),
+        t1_ns=native.FOREVER if isinf(fault.t1) else round(fault.t1 * 1e9),
+        id=identifier,
+        mask=mask,
+        probability=fault.probability,
+        a=fault.a,
+        b=fault.b,
+        random=random,
+    )
+
+
+def _known(name: str, names: Sequence[str], what: str, place: str) -> None:
+    if any(fnmatchcase(n, name) for n in names):
+        return
+    near = get_close_matches(name, names, 1)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise ScenarioError(f"no {what} {name!r}; there are: {', '.join(sorted(names))}{hint}", place)

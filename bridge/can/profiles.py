@@ -211,9 +211,7 @@ def _of_node(layouts: tuple[Layout, ...], part: Part, node: int, path: str) -> L
         raise ScenarioError(str(error), path) from None
     if "{node}" in part.message:
         return found
-    return replace(
-        found, name=f"{found.name}_{node}", identifier=found.identifier + part.step * node
-    )
+    return replace(found, identifier=found.identifier + part.step * node)
 
 
 def _part(table: dict[str, Any], place: str) -> Part:

@@ -127,7 +127,7 @@ def cyclictest(hz: int, seconds: float, priority: int) -> dict[str, Any]:
     late = [1000 * int(us) for us, n in thread["histogram"].items() for _ in range(n)]
     late += [1000 * thread["max"]] * (thread["cycles"] - len(late))  # beyond the histogram
     spread = Spread.of(late)
-    missed = sum(ns > 10**9 // hz for ns in late)
+    missed = sum(ns >= 10**9 // hz for ns in late)
     bins = [[ns, late.count(ns)] for ns in sorted(set(late))]
     values = {key: getattr(spread, key) for key in ("count", "minimum", "mean", *SHOWN)}
     return {"period_ns": 10**9 // hz, "missed": missed, "late": values, "bins": bins}

@@ -68,7 +68,7 @@ class Spread:
 class Lateness:
     """The report: `late`, `period` between waking up, `parts` of a slot; all ns.
 
-    `missed`: slots that woke later than one period after their deadline. `bins`: (lower edge, ns,
+    `missed`: slots that woke a period after their deadline, or later (as ``bridge/c/run.c`` counts). `bins`: (lower edge, ns,
     count) of the bins of ``pace.h`` that are not empty, ascending.
     """
 
@@ -145,7 +145,7 @@ def lateness(
     between = np.diff(columns["woke"])
     return Lateness(
         period_ns=period_ns,
-        missed=int(np.count_nonzero(late > period_ns)),
+        missed=int(np.count_nonzero(late >= period_ns)),
         late=Spread.of(late, "lateness"),
         period=Spread.of(between, "period") if len(between) else None,
         parts={

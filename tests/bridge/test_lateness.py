@@ -46,13 +46,14 @@ def test_against_numpy_and_nothing_is_lost(late: list[int]) -> None:
     for q, value in ((0.5, found.late.p50), (0.99, found.late.p99), (0.999, found.late.p999)):
         assert value == np.quantile(late, q, method="inverted_cdf")
     assert sum(n for _, n in found.bins) == len(late)
-    assert found.missed == sum(x > MS for x in late)
+    assert found.missed == sum(x >= MS for x in late)
     drawn = [line.split() for line in found.histogram().splitlines()]
     assert sum(int(line[2]) for line in drawn) == len(late)
 
 
-def test_one_slot_late_by_exactly_a_period_is_not_missed() -> None:
-    found = report([MS])
+def test_a_slot_late_by_a_period_is_missed() -> None:
+    assert report([MS]).missed == 1
+    found = report([MS - 1])
     assert (found.missed, found.period) == (0, None)
     assert "1 slots, 0 missed (0 %)" in found.text()
 

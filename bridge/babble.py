@@ -58,7 +58,7 @@ def _flags(identifier: int, length: int) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """0 and a line that says how many frames were sent; 2 for a bus that cannot be opened."""
+    """0, a line when it begins and one with what was sent; 2: the bus cannot be opened."""
     given, rest = _parser().parse_known_args(arguments)
     try:
         attachment = attach(parse_spec("babble", rest), accepts=())
@@ -68,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     frames = None if given.seconds is None else round(given.seconds * given.rate)
     try:
         with _stopped_by_signals() as stop:
+            sys.stdout.write(f"sending {given.id:#x} {given.rate:g} times a second\n")
+            sys.stdout.flush()
             done = babble(attachment.bus, given.id, given.rate, given.length, frames, stop)
     finally:
         attachment.close()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from bridge import deploy
 from bridge.campaign import load_campaign
 from bridge.fault_script import Event
 from bridge.faults import SPECS, build, load
@@ -218,6 +219,13 @@ def test_there_is_a_script_of_every_kind():
         assert kinds == {run.script.removesuffix(".toml")}
         assert found.frames or found.events
         assert found.title and load(FOLDER / run.script) == found
+
+
+def test_the_scripts_name_what_the_deployment_has():
+    campaign = load_campaign(FOLDER / "campaign.toml")
+    d = deploy.load(deploy.find(campaign.scenario, campaign.deploy))
+    for _, found in campaign.runs:
+        found.check(list(d.nodes), list(d.buses), [*d.messages, "SYNC"])
 
 
 @pytest.mark.parametrize(

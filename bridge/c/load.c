@@ -7,24 +7,55 @@
 
 typedef struct {
     uint32_t crc;           /* CRC-15 of what was sent, stuff bits apart */
-    int32_t value, run;     /* last bit sent, how often in a row */
+    uint32_t state;         /* 5 * last bit + how often it was sent in a row - 1 */
     int32_t count;          /* bits sent, stuff bits included */
 } wire_t;
 
-/* `width` lowest bits of a value, most significant first. A stuff bit goes out with the bit after. */
+/* Four bits further: stuff bits << 4 | next state, from state and value (stuffing.py: table(4)). A
+ * stuff bit counts with the bit after it. */
+static const uint8_t STUFFED[10][16] = {
+    { 0x04, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x07, 0x02, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x08 },
+    { 0x10, 0x16, 0x00, 0x06, 0x01, 0x05, 0x00, 0x07, 0x02, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x08 },
+    { 0x11, 0x15, 0x10, 0x17, 0x01, 0x05, 0x00, 0x07, 0x02, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x08 },
+    { 0x12, 0x15, 0x10, 0x16, 0x11, 0x15, 0x10, 0x18, 0x02, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x08 },
+    { 0x13, 0x15, 0x10, 0x16, 0x11, 0x15, 0x10, 0x17, 0x12, 0x15, 0x10, 0x16, 0x11, 0x15, 0x10, 0x19 },
+    { 0x03, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x07, 0x02, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x09 },
+    { 0x03, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x07, 0x02, 0x05, 0x00, 0x06, 0x01, 0x05, 0x11, 0x15 },
+    { 0x03, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x07, 0x02, 0x05, 0x00, 0x06, 0x12, 0x15, 0x10, 0x16 },
+    { 0x03, 0x05, 0x00, 0x06, 0x01, 0x05, 0x00, 0x07, 0x13, 0x15, 0x10, 0x16, 0x11, 0x15, 0x10, 0x17 },
+    { 0x14, 0x15, 0x10, 0x16, 0x11, 0x15, 0x10, 0x17, 0x12, 0x15, 0x10, 0x16, 0x11, 0x15, 0x10, 0x18 },
+};
+static const uint16_t CRC15[16] = {     /* of four bits, polynomial 0x4599 */
+    0x0000, 0x4599, 0x4EAB, 0x0B32, 0x58CF, 0x1D56, 0x1664, 0x53FD,
+    0x7407, 0x319E, 0x3AAC, 0x7F35, 0x2CC8, 0x6951, 0x6263, 0x27FA
+};
+
+/* `width` lowest bits of a value, most significant first. */
 static void wire_send(wire_t *w, uint32_t value, int32_t width)
 {
     for (int32_t i = width - 1; i >= 0; i--) {
-        int32_t bit = (int32_t)(value >> i & 1u);
-        if (w->run == 5) {
-            w->value = !w->value;
-            w->run = 1;
+        uint32_t bit = value >> i & 1u, last = w->state / 5, run = w->state % 5 + 1;
+        if (run == 5) {
+            last = !last;
+            run = 1;
             w->count++;
         }
-        w->run = bit == w->value ? w->run + 1 : 1;
-        w->value = bit;
-        w->count++;
-        w->crc = (w->crc << 1 & 0x7FFFu) ^ ((w->crc >> 14 ^ (uint32_t)bit) & 1u ? 0x4599u : 0u);
+        w->state = 5 * bit + (bit == last ? run : 0);
+        w->crc = (w->crc << 1 & 0x7FFFu) ^ (0x4599u & (0u - (w->crc >> 14 ^ bit)));
+    }
+    w->count += width;
+}
+
+/* Bytes; the CRC is kept up for classic frames only: that of an FD frame has a fixed length. */
+static void wire_data(wire_t *w, const uint8_t *data, int32_t bytes, int32_t classic)
+{
+    for (int32_t i = 0; i < 2 * bytes; i++) {
+        uint32_t value = data[i / 2] >> (i & 1 ? 0 : 4) & 15u;
+        uint32_t entry = STUFFED[w->state][value];
+        w->state = entry & 15u;
+        w->count += 4 + (int32_t)(entry >> 4);
+        if (classic)
+            w->crc = (w->crc << 4 & 0x7FFFu) ^ CRC15[(w->crc >> 11 ^ value) & 15u];
     }
 }
 
@@ -73,8 +104,9 @@ static void send_header(wire_t *w, const frame_t *f)
 
 void frame_bits_exact(const frame_t *f, bits_t *bits)
 {
-    wire_t w = { 0, 1, 1, 0 };
     int32_t length = padded(f), fd = f->flags & FRAME_FD, early;
+    wire_t w = { 0, 5, 0 };
+    static const uint8_t zeros[64];
     bits->nominal = bits->data = 0;
     if (length < 0)
         return;
@@ -83,11 +115,13 @@ void frame_bits_exact(const frame_t *f, bits_t *bits)
     if (fd)
         wire_send(&w, (f->flags & FRAME_ESI) != 0, 1);
     wire_send(&w, code(length), 4);
-    for (int32_t i = 0; i < length && !(f->flags & FRAME_REMOTE); i++)
-        wire_send(&w, i < f->length ? f->data[i] : 0u, 8);
+    if (!(f->flags & FRAME_REMOTE)) {
+        wire_data(&w, f->data, f->length, !fd);
+        wire_data(&w, zeros, length - f->length, !fd);
+    }
     if (!fd) {
         wire_send(&w, w.crc, 15);
-        bits->nominal = w.count + (w.run == 5) + 13;
+        bits->nominal = w.count + (w.state % 5 == 4) + 13;
         return;
     }
     bits->data = w.count - early + (length <= 16 ? 27 : 32) + 1;

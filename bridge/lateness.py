@@ -68,8 +68,8 @@ class Spread:
 class Lateness:
     """The report: `late`, `period` between waking up, `parts` of a slot; all ns.
 
-    `missed`: slots that woke a period after their deadline, or later (as ``bridge/c/run.c`` counts). `bins`: (lower edge, ns,
-    count) of the bins of ``pace.h`` that are not empty, ascending.
+    `missed`: slots that woke a period late or more, as ``bridge/c/run.c`` counts them. `bins`:
+    (lower edge, ns, count) of the bins of ``pace.h`` that are not empty, ascending.
     """
 
     period_ns: int

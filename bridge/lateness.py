@@ -201,9 +201,9 @@ def draw(reports: Mapping[str, Lateness], path: str | Path) -> Path:
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams["font.size"] = 8.5
-        figure = Figure(figsize=(7.2, 3.6), dpi=150, layout="constrained")
+        figure = Figure(figsize=(7.2, 3.6), dpi=150)
         canvas: Any = FigureCanvasAgg(figure)  # partly untyped
-        _plot(figure.add_subplot(), reports)
+        _plot(figure.add_axes((0.08, 0.13, 0.9, 0.84)), reports)
         canvas.print_png(image, metadata={"Software": None})
     try:
         Path(path).write_bytes(image.getvalue())

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.lateness import Lateness, Spread, draw, lateness, of_journal
@@ -40,6 +40,7 @@ def test_known_values() -> None:
     assert found.period.mean == pytest.approx(MS + (2 * MS - 7_000) / 999)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.integers(-MS, 10**10), min_size=1, max_size=200))
 def test_against_numpy_and_nothing_is_lost(late: list[int]) -> None:
     found = report(late)
@@ -102,12 +103,14 @@ def test_spread_of_one() -> None:
     assert Spread.of([3]) == Spread(1, 3, 3.0, 0.0, 3, 3, 3, 3)
 
 
-@pytest.mark.parametrize("worst", [90_000, 30 * MS, 10**12])
+@pytest.mark.parametrize("worst", [90_000, 10**12])
 def test_a_figure(tmp_path: Path, worst: int) -> None:
     reports = {"one": report([20_000] * 100 + [worst]), "two": report([-5, 0, 31_000])}
-    path = draw(reports, tmp_path / "late.png")
-    assert path.read_bytes()[:4] == b"\x89PNG"
-    with pytest.raises(RunError, match=r"late\.png"):
-        draw(reports, tmp_path / "missing" / "late.png")
+    assert draw(reports, tmp_path / "late.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_figure_that_cannot_be(tmp_path: Path) -> None:
     with pytest.raises(CosimError, match="no reports"):
-        draw({}, path)
+        draw({}, tmp_path / "late.png")
+    with pytest.raises(RunError, match=r"late\.png"):
+        draw({"one": report([0])}, tmp_path / "missing" / "late.png")

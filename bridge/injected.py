@@ -1,0 +1,54 @@
+"""The record of injected faults, held against what receivers accepted.
+
+A frame that was corrupted has to be refused by its receiver's checks. Its sequence number is known:
+the record has the data as it was, hence the counter, and when it came. No such number may be among
+those accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.links.laws import IntArray
+
+Rows = NDArray[np.void]
+
+
+def changed(rows: Rows, identifier: int) -> Rows:
+    """Of a record (INJECTED rows) the frames with this identifier that went on with other data."""
+    found: Any = rows[
+        (rows["id"] == identifier) & (rows["copies"] > 0) & (rows["crc"] != rows["crc_after"])
+    ]
+    return found  # type: ignore[no-any-return]
+
+
+def sequences(
+    rows: Rows,
+    counter: Callable[[bytes], int],
+    bits: int,
+    period_ns: int,
+    offset_ns: int = 0,
+) -> IntArray:
+    """The sequence number of each frame, (rows,): the last before its arrival with its counter.
+
+    `counter`: of the data of a frame as it was, `bits` long; samples are sent every `period_ns`,
+    the first at `offset_ns`. It holds for frames that took less than 2^bits periods.
+    """
+    span = 1 << bits
+    expected = (rows["t_ns"] - offset_ns) // period_ns
+    counters = [counter(bytes(row["data"][: row["length"]])) for row in rows]
+    found: IntArray = expected - (expected - np.array(counters, dtype=np.int64)) % span
+    return found
+
+
+def undetected(corrupted: IntArray, accepted: Iterable[int]) -> list[int]:
+    """Sequence numbers of corrupted frames that a receiver accepted all the same, ascending.
+
+    A campaign passes where there is none. (A frame of which an intact copy was received as well
+    shows up here; scripts that corrupt and duplicate the same message cannot be judged this way.)
+    """
+    return sorted(set(corrupted.tolist()) & set(accepted))

@@ -1,0 +1,58 @@
+"""Needs a kernel with CAN: ``python -m bridge.vcan run -- python -m pytest tests/vcan``.
+
+A run that does not name this folder leaves it out; ``tests/bridge/test_vcan_launcher.py`` (slow)
+runs all of it on such a kernel, and asserts that nothing was skipped.
+"""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from tests.vcan.peers import call
+
+HERE = Path(__file__).resolve().parent
+_NUMBERS = count()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave these tests out unless somebody asks for them, and then run them or fail."""
+    start = config.invocation_params.dir
+    asked = [(start / argument.partition("::")[0]).resolve() for argument in config.args]
+    if not any(path.is_relative_to(HERE) for path in asked):
+        return True
+    if "vcan0" not in (name for _, name in socket.if_nameindex()):
+        pytest.exit(f"no vcan0 here: {__doc__.partition(chr(10))[0]}", returncode=4)
+    return None
+
+
+def _reset(bus: str) -> None:
+    call("ip", "link", "set", bus, "down")
+    call("tc", "qdisc", "del", "dev", bus, "root", check=False)
+    call("ip", "link", "set", bus, "mtu", "72", "up")
+
+
+@pytest.fixture
+def vcan() -> Iterator[tuple[str, str]]:
+    """Two buses, vcan0 and vcan1: up, for CAN FD, without queueing discipline or gateway rules."""
+    buses = ("vcan0", "vcan1")
+    for bus in buses:
+        _reset(bus)
+    yield buses
+    call("cangw", "-F", check=False)
+    for bus in buses:
+        _reset(bus)
+
+
+@pytest.fixture
+def fresh_bus() -> Iterator[str]:
+    """A bus that nobody has seen before."""
+    bus = f"vcan{100 + next(_NUMBERS)}"
+    call("ip", "link", "add", "dev", bus, "type", "vcan")
+    call("ip", "link", "set", bus, "mtu", "72", "up")
+    yield bus
+    call("ip", "link", "del", "dev", bus, check=False)

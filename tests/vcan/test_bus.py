@@ -209,7 +209,7 @@ def test_canplayer_plays_what_we_write(
 def test_what_is_wrong_with_an_interface_is_said(vcan: tuple[str, str]) -> None:
     with pytest.raises(BusError, match=r"vcan9: no such network interface; there are .*vcan0"):
         open_socket("vcan9")
-    with pytest.raises(BusError, match="lo: not a CAN interface; there are .*vcan0"):
+    with pytest.raises(BusError, match=r"lo: not a CAN interface; there are .*vcan0"):
         open_socket("lo")
     with pytest.raises(BusError, match="513 filters; the kernel takes 512"):
         open_socket(vcan[0], accepts=[Accept(1, 1, 0)] * 513)

@@ -1,6 +1,8 @@
 """Buses that need no kernel: rings in memory, and python-can's virtual interface."""
 
 import ctypes
+import errno
+import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -257,3 +259,12 @@ def test_counters_of_an_interface(tmp_path):
     assert (found.sent, found.send_errors, found.send_dropped) == (20, 3, 4)
     assert interface_counters("vcan1", table) is None
     assert interface_counters("vcan0", tmp_path / "none") is None
+
+
+def test_a_kernel_without_can_is_said_with_what_helps(monkeypatch):
+    def refuses(*_):
+        raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+
+    monkeypatch.setattr(socket, "socket", refuses)
+    with pytest.raises(BusError, match=r"can0: .*`python -m bridge.vcan run -- .*udp_multicast"):
+        attach(BusSpec("a", "socketcan", "can0"))

@@ -192,7 +192,7 @@ static int32_t float_value(const field_t *f, uint64_t bits, double *value)
 static void put_header(const message_t *m, int32_t number, uint32_t value, uint8_t *data)
 {
     const field_t *f = &m->header[number];
-    put_bits(f, data, (uint64_t)((double)value / f->scale) & mask_of(f->length));
+    put_bits(f, data, (uint64_t)((double)value / f->scale));
 }
 
 static uint32_t get_header(const message_t *m, int32_t number, const uint8_t *data)

@@ -16,7 +16,7 @@ LIFE = dict(enumerate(STATES))
 NIBBLE = ("ESTOP", "SATURATED", "STALE", "SIMULATED")
 NMT = {1: "START", 2: "STOP", 128: "ARM", 129: "RESET"}
 # Data ID lists of Profile 2: entry c of the message numbered i (1 to 255) is i ^ (the sum of STEPS
-# over the bits of c), so two messages of a file differ in every entry. The steps are chosen such that
+# over the bits of c), so two messages of a file differ in every entry. The steps are chosen so that
 # counter, data ID and CRC together still are a code of distance 4 (docs/can.md): in an 8-byte frame
 # any three wrong bits are seen, those of the counter too. With entries at random they are not.
 STEPS = (0xF5, 0xC5, 0xA5, 0x65)

@@ -1,0 +1,136 @@
+"""Counters unwrapped: lost, repeated, overtaken, late, silent; never a wrong number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bridge.native.message import Profile, Received, receiver
+
+PERIOD = 5_000_000  # ns
+PROFILES = st.sampled_from([Profile.P02, Profile.P05, Profile.P04])
+
+
+def counted(r) -> tuple[int, ...]:
+    return r.ok, r.lost, r.repeated, r.reordered, r.wrong_sequence
+
+
+def test_in_order():
+    r = receiver(PERIOD, Profile.P02)
+    found = [r.accept(k & 15, k * PERIOD, k) for k in range(100)]
+    assert found == list(range(100)) and counted(r) == (100, 0, 0, 0, 0)
+    assert (r.sequence, r.arrival_ns) == (99, 99 * PERIOD)
+
+
+def test_what_is_lost_repeated_and_overtaken():
+    r = receiver(PERIOD, Profile.P05)
+    order = [10, 11, 11, 14, 13, 12, 14, 15, 300]
+    now = [10, 11, 11.2, 14, 14.1, 14.2, 14.3, 15, 300]
+    found = [r.accept(k & 255, int(t * PERIOD), round(t)) for k, t in zip(order, now, strict=True)]
+    assert found == [10, 11, -1, 14, -2, -2, -1, 15, 300]
+    assert counted(r) == (5, 2 + 284, 2, 2, 0)
+    assert r.older == 14
+
+
+def test_the_number_of_an_older_one_is_told():
+    r = receiver(PERIOD, Profile.P02)
+    for k in (30, 33):
+        r.accept(k & 15, k * PERIOD, k)
+    assert r.accept(31 & 15, 33 * PERIOD + 1, 33) == Received.OLDER
+    assert r.older == 31
+
+
+def test_a_late_node_catches_up_in_one_burst():
+    """Twelve periods of nothing, then twelve frames at once: with a 4-bit counter."""
+    r = receiver(PERIOD, Profile.P02, maximum_gap=20)
+    for k in range(50):
+        r.accept(k & 15, k * PERIOD, k)
+    found = [r.accept(k & 15, 61 * PERIOD + k, 61) for k in range(50, 62)]
+    assert found == list(range(50, 62))
+    assert r.accept(62 & 15, 62 * PERIOD, 62) == 62
+
+
+def test_a_jump_of_the_counter_is_not_believed_until_there_was_silence():
+    r = receiver(PERIOD, Profile.P05, maximum_gap=20)
+    for k in range(10):
+        r.accept(k, k * PERIOD, k)
+    jumped = [r.accept(k + 50, k * PERIOD, k + 50) for k in range(10, 33)]
+    assert jumped[:20] == [Received.WRONG] * 20 and r.wrong_sequence == 20
+    assert jumped[20:] == [80, 81, 82]  # more than 20 periods since sample 9: `expected` counts
+
+
+def test_counting_anew_needs_a_new_receiver():
+    r = receiver(PERIOD, Profile.P05, maximum_gap=20)
+    for k in range(1000, 1010):
+        r.accept(k & 255, k * PERIOD, k)
+    r.sequence = -1
+    assert r.accept(0, 1011 * PERIOD, 0) == 0
+
+
+def test_the_first_of_all_is_not_negative():
+    for counter in range(16):
+        r = receiver(PERIOD, Profile.P02)
+        assert r.accept(counter, 0, 0) == counter
+
+
+def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tuple[int, int]]:
+    """(arrival, number), in order of arrival: delays up to 0.7 M periods, stalls with bursts."""
+    base = random.uniform(0, 3 * PERIOD)
+    worst = 0.7 * M * PERIOD
+    kinds = random.choice([0.3, 1.5, 0.5 * M], size=n, p=[0.8, 0.15, 0.05])
+    delays = np.minimum(random.uniform(0, 1, n) * kinds * PERIOD, worst)
+    sent = np.arange(n) * PERIOD * (1 + drift)
+    for start in random.integers(0, n, size=n // 60):  # nothing gets through, then all at once
+        length = random.integers(1, int(0.6 * M))
+        stalled = slice(start, start + length)
+        end = sent[start] + length * PERIOD
+        delays[stalled] = np.maximum(delays[stalled], end - sent[stalled])
+        delays[stalled] = np.minimum(delays[stalled], worst)
+    arrival = (base + sent + delays).astype(np.int64)
+    return sorted(zip(arrival.tolist(), range(n), strict=True))
+
+
+@given(
+    PROFILES, st.integers(0, 2**32 - 1), st.floats(-1e-4, 1e-4), st.floats(0, 0.6), st.booleans()
+)
+@settings(max_examples=80, deadline=None)
+def test_never_a_wrong_number(profile, seed, drift, loss, limited):
+    """Whatever is lost (silences included), repeated, late or overtaken; clocks 100 ppm apart."""
+    random, M = np.random.default_rng(seed), 2 ** min(profile.counter_bits, 8)
+    gap = M if limited else 0
+    r = receiver(PERIOD, profile, gap)
+    arrived = [x for x in times(random, 400, M, drift) if random.random() >= loss]
+    for start in random.integers(0, 400, size=2):  # silences
+        arrived = [x for x in arrived if not start <= x[1] < start + 3 * M // 2]
+    again = [(t + int(random.integers(0, 2 * PERIOD)), k) for t, k in arrived[::7]]
+    offset = random.uniform(-0.1, 0.1) * M  # of the clocks, periods
+    last, taken = -1, []
+    for t, k in sorted(arrived + again):
+        expected = round(t / PERIOD + offset)
+        found = r.accept(k % 2**profile.counter_bits, t, max(0, expected))
+        if found >= 0:
+            assert found == k > last
+            last = k
+            taken.append(k)
+        elif found == Received.REPEATED:
+            assert k == last == r.older
+        elif found == Received.OLDER:
+            assert k == r.older < last
+        else:
+            assert limited and k > last + gap
+    assert r.ok == len(taken)
+    assert r.ok + r.lost == (taken[-1] - taken[0] + 1 if taken else 0)
+    assert counted(r)[0] + sum(counted(r)[2:]) == len(arrived) + len(again)
+
+
+@pytest.mark.parametrize("bits", [4, 8, 16])
+def test_minutes_of_drift(bits):
+    """A sender 200 ppm fast or slow, for five minutes; every fifth frame arrives."""
+    profile = {4: Profile.P02, 8: Profile.P05, 16: Profile.P04}[bits]
+    for drift in (2e-4, -2e-4):
+        r = receiver(PERIOD, profile)
+        for k in range(0, 60_000, 5):
+            t = int(k * PERIOD * (1 + drift))
+            assert r.accept(k & (1 << bits) - 1, t, t // PERIOD) == k

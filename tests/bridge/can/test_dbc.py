@@ -1,0 +1,186 @@
+"""The files that are shipped, other readers of them, and what is wrong with others."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bridge.can import dbc
+from bridge.can.codec import Codec
+from bridge.can.layout import LayoutError
+from bridge.native.frame import Flags
+from bridge.native.message import Profile
+from tests.bridge.can.layouts import CONFIGS, LINKS, layout, layouts
+
+NODES = range(1, 9)
+
+
+def test_files_are_as_generated():
+    spec = importlib.util.spec_from_file_location("generate", CONFIGS / "generate.py")
+    assert spec is not None and spec.loader is not None
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    for name, text in generate.files().items():
+        assert (CONFIGS / name).read_text() == text, f"{name}: run configs/can/generate.py"
+
+
+@pytest.mark.parametrize("file", LINKS)
+def test_identifiers_stay_out_of_what_canopen_takes(file):
+    """CiA 301 predefined set of nodes 1 to 31: PDOs, SDOs, heartbeats keep their places."""
+    taken = {base + n for base in range(0x180, 0x680, 0x80) for n in range(1, 32)}
+    for found in layouts(file):
+        assert found.identifier < 0x780 and found.identifier not in taken
+        assert not found.flags & Flags.EXTENDED
+    names = {found.name: found.identifier for found in layouts(file)}
+    assert (names["NMT"], names["ESTOP"], names["SYNC"]) == (0, 1, 0x80)
+    assert [names[f"HEARTBEAT_{n}"] - 0x700 for n in NODES] == list(NODES)
+    assert [names[f"EMCY_{n}"] - 0x80 for n in NODES] == list(NODES)
+
+
+@pytest.mark.parametrize(("file", "joints"), [("link_fd.dbc", 7), ("link_fd2.dbc", 2)])
+def test_fd_frames(file, joints):
+    link, state = layout(file, "LINK_3"), layout(file, "STATE_3")
+    assert link.length == state.length == 8 + 8 * joints
+    names = [f"{port}{i + 1}" for port in ("tau", "xi") for i in range(joints)]
+    assert [s.name for s in link.signals] == names
+    assert link.flags == Flags.FD | Flags.BRS and link.profile is Profile.P05
+    assert {s.unit for s in state.signals} == {"rad", "rad/s"}
+    assert {s.scale for s in link.signals} == {2.0**-20}
+    assert link.period == 0.001 and layout(file, "HEARTBEAT_1").flags == 0
+
+
+@pytest.mark.parametrize(("file", "joints"), [("link.dbc", 7), ("link2.dbc", 2)])
+def test_classic_frames(file, joints):
+    for port in ("tau", "xi", "q", "dq"):
+        own = [x for x in layouts(file) if x.name.endswith("_5") and x.period == 0.005]
+        signals = [s for x in own for s in x.signals if s.name.rstrip("1234567") == port]
+        assert [s.name for s in signals] == [f"{port}{i + 1}" for i in range(joints)]
+        assert all(x.length == 8 and x.profile is Profile.P02 for x in own)
+        assert all(np.log2(s.scale) % 1 == 0 and s.invalid == -(2**15) for s in signals)
+
+
+@pytest.mark.parametrize("file", LINKS)
+def test_data_ids_tell_messages_apart(file):
+    lists = [list(x.data_ids) for x in layouts(file) if x.profile is Profile.P02]
+    assert all(len(set(column)) == len(lists) for column in zip(*lists, strict=True))
+    assert all(len(set(ids)) == 16 for ids in lists)
+    numbers = [x.data_ids[:2] for x in layouts(file) if x.profile is Profile.P05]
+    assert len(set(numbers)) == len(numbers)
+
+
+@pytest.mark.parametrize("file", [*LINKS, "drives.dbc"])
+def test_canmatrix_reads_the_same(file):
+    formats = pytest.importorskip("canmatrix.formats")
+    logging.getLogger("canmatrix").setLevel(logging.ERROR)
+    matrix = formats.loadp_flat(str(CONFIGS / file))
+    frames = {frame.name: frame for frame in matrix.frames}
+    assert not matrix.load_errors
+    for found in layouts(file):
+        frame = frames[found.name]
+        assert (frame.arbitration_id.id, frame.size) == (found.identifier, found.length)
+        assert frame.is_fd == bool(found.flags & Flags.FD)
+        for signal in found.signals:
+            other = frame.signal_by_name(signal.name)
+            assert float(other.factor) == signal.scale and other.size == signal.length
+            assert other.is_float == (signal.kind == 2) and other.unit == signal.unit
+
+
+def candump(found, data: bytes) -> str:
+    if not found.flags & Flags.FD:
+        return f"  vcan0  {found.identifier:03X}   [{len(data)}]  {data.hex(' ').upper()}"
+    return f"  vcan0  {found.identifier:03X}  [{len(data):02d}]  {data.hex(' ').upper()}"
+
+
+def test_candump_and_cantools_decode():
+    """What `candump vcan0 | cantools decode link_fd.dbc` shows."""
+    fd, heart = layout("link_fd.dbc", "LINK_2"), layout("link_fd.dbc", "HEARTBEAT_2")
+    values = np.arange(14) * 2.0**-3
+    values[3] = np.nan
+    lines = [
+        candump(fd, Codec(fd).encode(values, status=2 + 8 + 128, t_us=123456)),
+        candump(heart, Codec(heart, ["state", "armed", "reasons"]).encode([4, 0, 0x12], status=64)),
+    ]
+    command = [sys.executable, "-m", "cantools", "decode", str(CONFIGS / "link_fd.dbc")]
+    done = subprocess.run(
+        command, input="\n".join(lines), capture_output=True, text=True, check=True
+    )
+    shown = done.stdout
+    for expected in ("LINK_2(", "status: ACTIVE_ARMED_SIMULATED", "t_us: 123456 us",
+                     "tau2: 0.125 N.m", "tau4: INVALID", "xi7: 1.625 rad/s", "HEARTBEAT_2(", "state: FAULT",
+                     "reasons: 18", "status: STALE"):  # fmt: skip
+        assert expected in shown, shown
+
+
+HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: A\n'
+SIGNALS = ' SG_ crc : 0|8@1+ (1,0) [0|0] "" A\n SG_ counter : 8|4@1+ (1,0) [0|0] "" A\n'
+ATTRIBUTES = """
+BA_DEF_ BO_ "E2EProfile" ENUM "None","P02","P05","P11";
+BA_DEF_ BO_ "E2EDataId" STRING ;
+BA_DEF_DEF_ "E2EProfile" "None";
+BA_DEF_DEF_ "E2EDataId" "";
+"""
+
+
+def bo(identifier: int, name: str, body: str = SIGNALS) -> str:
+    return f"BO_ {identifier} {name}: 8 A\n{body}\n"
+
+
+def ba(identifier: int, profile: int, ids: str | None) -> str:
+    text = f'BA_ "E2EProfile" BO_ {identifier} {profile};\n'
+    return text + (f'BA_ "E2EDataId" BO_ {identifier} "{ids}";\n' if ids is not None else "")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("nonsense", "not a DBC file that can be used"),
+        (bo(5, "X") + bo(5, "Y"), "X and Y have the same identifier 0x5"),
+        (bo(5, "X") + bo(6, "X"), "X and X have the same name"),
+        (bo(5, "X") + ATTRIBUTES + ba(5, 1, None), "X is protected by P02: E2EDataId ''; exp"),
+        (bo(5, "X") + ATTRIBUTES + ba(5, 1, "12G4" * 8), "E2EDataId '12G4.*expected 32 hexa"),
+        (bo(5, "X") + ATTRIBUTES + ba(5, 2, "1234"), "no signal crc at bit 0 of 16 bits"),
+        (bo(5, "X", "") + ATTRIBUTES + ba(5, 1, "00" * 16), "no signal crc at bit 0 of 8 bits"),
+        (bo(5, "X") + ATTRIBUTES + ba(5, 3, "00"), "E2EProfile 'P11'; expected one of None, P02"),
+        (bo(5, "X") + bo(6, "Y") + ATTRIBUTES + ba(5, 1, "01" * 16) + ba(6, 1, "01" * 16),
+         "X and Y have the same E2EDataId"),
+        (bo(5, "X", ' SG_ a : 60|8@1+ (1,0) [0|0] "" A\n'), "not a DBC file that can be used"),
+    ],
+)  # fmt: skip
+def test_files_that_are_refused(text, complaint, tmp_path, caplog):
+    path = tmp_path / "wrong.dbc"
+    path.write_text(HEAD + text if text != "nonsense" else text)
+    with pytest.raises(LayoutError, match=complaint) as error:
+        dbc.load(path)
+    assert str(path) in str(error.value)
+
+
+def test_a_file_that_is_missing(tmp_path):
+    with pytest.raises(LayoutError, match=r"none\.dbc"):
+        dbc.load(tmp_path / "none.dbc")
+
+
+def test_a_foreign_file_needs_no_attribute(tmp_path):
+    path = tmp_path / "own.dbc"
+    mux = ' SG_ m M : 0|8@1+ (1,0) [0|0] "" A\n SG_ a m0 : 8|8@1- (1,0) [0|0] "" A\n'
+    path.write_text(HEAD + bo(5, "X") + bo(2147483654, "E") + bo(7, "M", mux))
+    one, extended, multiplexed = dbc.load(path)
+    assert one.profile is Profile.NONE and [s.name for s in one.signals] == ["crc", "counter"]
+    assert extended.flags == Flags.EXTENDED and extended.identifier == 6
+    assert [s.name for s in multiplexed.signals] == ["m"]  # of multiplexed signals, the selector
+    assert Codec(one).encode([7, 3]).hex() == "0703000000000000"
+
+
+def test_what_drives_make_of_zero():
+    """An MIT drive's own code of 0 N.m is 2047: it truncates. We round: 2048, half an LSB up."""
+    codec = Codec(layout("drives.dbc", "MIT_COMMAND_1"), ["tau1"])
+    data = codec.encode([0.0])
+    assert data.hex() == "8000800000000800"
+    assert int((0.0 + 54.0) / 108.0 * 4095) == 2047
+    assert codec.decode(data)[1][0] == pytest.approx(54 / 4095)
+    torque = Codec(layout("drives.dbc", "ODRIVE_SET_INPUT_TORQUE_1"))
+    assert torque.encode([-1.5]).hex() == "0000c0bf00000000"

@@ -80,6 +80,18 @@ class System:
         """Messages a node receives, sorted."""
         return tuple(sorted({i.message for i in self.nodes[node].inlets}))
 
+    def identifiers(self, node: str) -> dict[str, int]:
+        """Identifiers of everything a node hears, by the message's name."""
+        found = {name: self.messages[name].encoding.message.id for name in self.heard_by(node)}
+        for bus in self.buses_of(node):
+            service = self.services.get(bus)
+            if service is None:
+                continue
+            found |= {f"HEARTBEAT_{n}": e.message.id for n, e in service.heartbeats.items()}
+            named = {"SYNC": service.sync, "NMT": service.nmt, "ESTOP": service.estop}
+            found |= {name: e.message.id for name, e in named.items() if e is not None}
+        return found
+
     def peers_of(self, node: str) -> tuple[str, ...]:
         """Nodes on a bus of its own, or that it requires."""
         here = set(self.buses_of(node))

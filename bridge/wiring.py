@@ -88,6 +88,7 @@ class Wired:
         self._bind_outlets(self._bind_inlets())
         self._bind_peers()
         self.journal = Journal.create(journal, row_dtype(self.plan), self.plan.slots + 8)
+        self._journals = [self.journal]
         self.struct.journal = c.cast(self.journal.address, type(self.struct.journal))
         self._offsets()
         self.engine = Engine(self.plan.plan, gates=self._gates)
@@ -107,7 +108,12 @@ class Wired:
 
     def __exit__(self, *_: object) -> None:
         self.engine.close()
-        self.journal.close()
+        for journal in self._journals:
+            journal.close()
+
+    def keep(self, journal: Journal) -> None:
+        """Another journal C writes into: closed with this."""
+        self._journals.append(journal)
 
     # ---- time, buses, peers ------------------------------------------------------------------
 

@@ -18,11 +18,12 @@ static int64_t expected(const reception_t *r, int64_t t)
     return j < 0 ? 0 : j;
 }
 
-/* When it was sent, by its time stamp (us, so many bits), near its nominal time. */
-static int64_t sent_at(const reception_t *r, const header_t *header, int64_t nominal)
+/* When it was sent, by its time stamp (us, so many bits), near its arrival; without one: that. The
+ * counter is unwrapped by this time, so a frame may be as late as it likes. */
+static int64_t sent_at(const reception_t *r, const header_t *header, int64_t arrival)
 {
-    if (r->time_bits <= 0) return nominal;
-    const int64_t us = nominal / 1000;
+    if (r->time_bits <= 0) return arrival;
+    const int64_t us = arrival / 1000;
     const uint64_t span = r->time_bits >= 32 ? 0x100000000u : (uint64_t)1 << r->time_bits;
     int64_t step = (int64_t)(((uint64_t)header->t_us - (uint64_t)us) & (span - 1));
     if (step >= (int64_t)(span / 2)) step -= (int64_t)span;
@@ -83,14 +84,14 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         return;
     }
     if (!started(n)) return;
-    int64_t j = receiver_accept(r->receiver, &header, t, expected(r, t));
+    const int64_t sent = sent_at(r, &header, t);
+    int64_t j = receiver_accept(r->receiver, &header, sent, expected(r, sent));
     if (r->message->e2e == E2E_NONE) {
         j = expected(r, t);
         if (j <= r->newest) j = r->newest + 1;
     }
     if (j < 0) return;
-    const int64_t sent = sent_at(r, &header, sampled(r, j));
-    r->transit_ns = t - sent;
+    r->transit_ns = t - (r->time_bits > 0 ? sent : sampled(r, j));
     if (r->max_age_ns > 0 && r->transit_ns > r->max_age_ns) {
         r->receiver->stale++;
         return;

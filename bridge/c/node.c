@@ -112,7 +112,7 @@ static void remember(outlet_t *o, const frame_t *frame, int64_t sequence)
         h->there[i] = 1;
 }
 
-static void say(outlet_t *o, int64_t sequence, int64_t now_ns)
+void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
 {
     node_t *n = o->node;
     frame_t frame;
@@ -138,7 +138,7 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
 
     gather(o, signals);
     if (hit % o->every) return 0;
-    say(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
+    node_say(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
     if (n->clock == CLOCK_WALL) n->send_ns += pace_now() - began;
     return 0;
 }
@@ -165,7 +165,7 @@ void node_preview(node_t *n, int64_t now_ns)
         outlet_t *o = n->outlets + i;
         for (int32_t k = 0; k < o->width; k++) o->values[k] = n->signals[o->sources[k]];
         if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
-        say(o, 0, now_ns);
+        node_say(o, 0, now_ns);
         o->sent = 0;
     }
 }

@@ -160,6 +160,7 @@ void node_hear(node_t *n, int64_t limit_ns);
 /* What a node says besides its outlets. */
 void node_heartbeat(node_t *n, int64_t now_ns);
 void node_preview(node_t *n, int64_t now_ns);
+void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
 void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
 
 /* One slot, with what has arrived by limit_ns (relative). Returns the engine's result. */

@@ -67,6 +67,31 @@ static void begin(node_t *n)
     node_enable(n, n->slot * n->h_ns);
 }
 
+/* A component has failed: nothing can be computed any more, so the last torque is let down in the
+ * life cycle's ramp, slot by slot, and the others are told. */
+static void let_down(node_t *n)
+{
+    double last[8][32];
+    const int32_t outlets = n->n_outlets < 8 ? n->n_outlets : 8;
+    for (int32_t i = 0; i < outlets; i++)
+        for (int32_t k = 0; n->outlets[i].guard && k < n->outlets[i].joints && k < 32; k++)
+            last[i][k] = n->outlets[i].values[n->outlets[i].guarded + k];
+    n->life.now |= WHY_COMPONENT;
+    do {
+        const int64_t deadline = n->start_ns + n->phase_ns + ++n->slot * n->h_ns;
+        if (pace_now() < deadline) pace_wait(deadline, 0, &n->quit);
+        life_step(&n->life);
+        for (int32_t i = 0; i < outlets; i++) {
+            outlet_t *o = n->outlets + i;
+            if (!o->guard || n->slot / o->hit_ticks % o->every) continue;
+            for (int32_t k = 0; k < o->joints && k < 32; k++)
+                o->values[o->guarded + k] = last[i][k] * n->life.scale;
+            node_say(o, n->slot / o->hit_ticks / o->every, pace_now() - n->start_ns);
+        }
+        node_heartbeat(n, pace_now() - n->start_ns);
+    } while (n->life.state == LIFE_STOPPING && !*(volatile int32_t *)&n->quit);
+}
+
 API int32_t node_live(node_t *n)
 {
     const int32_t waited = wait_for_start(n);
@@ -88,7 +113,10 @@ API int32_t node_live(node_t *n)
             if (n->overrun_ns > 0 && late > n->overrun_ns) n->life.now |= WHY_OVERRUN;
         }
         const int32_t result = node_slot(n, limit, woke - n->start_ns, flags);
-        if (result) return result;
+        if (result) {
+            let_down(n);
+            return result;
+        }
         histogram_add(&n->work, pace_now() - woke);
         if (n->life.state == LIFE_INACTIVE) break; /* a stop, at the end of its ramp */
     }

@@ -1,0 +1,280 @@
+"""One node as a process: configure, wait for the start, tick in C, report.
+
+``python -m bridge.node`` is what a rehearsal starts; ``cosim node`` runs the same for one node alone.
+Commands come as lines of JSON, ``{"command": "start", "start_ns": …}``, events go out the same way.
+What computes and sends is C without the GIL (``bridge/c/run.c``); Python's threads wait.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from bridge.attach import attached
+from bridge.can.interface import Attachment
+from bridge.fault_script import FaultScript, NodeFaults
+from bridge.faults import load
+from bridge.grants import Realtime
+from bridge.journal import Journal
+from bridge.native import node as native
+from bridge.native.faults import INJECTED
+from bridge.native.safety import Command, State
+from bridge.realtime import enter, verdict, warm_up
+from bridge.safety import explain
+from bridge.system import System, load_system
+from bridge.wiring import Wired
+from cosim.clock import monotonic_ns
+from cosim.errors import CosimError
+
+Say = Callable[[Mapping[str, Any]], None]
+ENDS = {
+    native.FINISHED: "finished",
+    native.STOPPED: "stopped",
+    native.NEVER_STARTED: "never started",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a node is run: `life` names its files, `real`: it may move real drives.
+
+    `warm_up`: s of self-test before it is ready; `script`: faults on purpose.
+    """
+
+    name: str
+    life: str
+    folder: Path
+    boots: int = 0
+    real: bool = False
+    warm_up: float = 0.2
+    realtime: bool = True
+    script: FaultScript | None = None
+
+
+class Control:
+    """What others may tell a running node; callable from any thread."""
+
+    def __init__(self, struct: native.Node) -> None:
+        self._struct = struct
+        self._asked = False
+
+    def start(self, start_ns: int) -> None:
+        """Be at t = 0 at this time of the monotonic clock."""
+        self._struct.start_ns = start_ns
+        self._struct.command = Command.START
+
+    def stop(self) -> None:
+        """Ramp down and stop; asked a second time, at once."""
+        if self._asked or not self._struct.start_ns:
+            self._struct.quit = 1
+        self._asked = True
+        self._struct.command = Command.STOP
+
+    def quit(self) -> None:
+        """Stop at once, without a ramp."""
+        self._struct.quit = 1
+
+
+def run_node(
+    system: System,
+    options: Options,
+    say: Say,
+    listen: Callable[[Control], None] = lambda control: None,
+) -> dict[str, Any]:
+    """Run one node from configuring to its end, and return its report.
+
+    `say` gets events; `listen` is called in a thread of its own with the control of the node, and
+    tells it what others want. Raises CosimError where it cannot be configured.
+    """
+    journal = options.folder / f"{options.life}.journal"
+    with attached(system, options.name, options.folder, options.life) as buses:
+        wired = Wired(
+            system,
+            options.name,
+            {name: a.bus for name, a in buses.items()},
+            journal,
+            native.WALL,
+            boots=options.boots,
+            real=options.real,
+        )
+        with wired:
+            return _configured(wired, buses, options, say, listen)
+
+
+def _configured(
+    wired: Wired,
+    buses: Mapping[str, Attachment],
+    options: Options,
+    say: Say,
+    listen: Callable[[Control], None],
+) -> dict[str, Any]:
+    d, struct = wired.system.deployment, wired.struct
+    faults = _faults(wired, options, list(buses))
+    if faults is not None:
+        struct.faults = c.pointer(faults.injector.struct)
+    struct.first = max([1, *(s.period for s in wired.plan.plan.components)])
+    control = Control(struct)
+    mode = "enforce" if d.enforce else "ask"
+    wanted = Realtime(
+        mode=mode,  # type: ignore[arg-type]
+        priority=wired.spec.priority if options.realtime else 0,
+        cpus=() if wired.spec.cpu is None else (wired.spec.cpu,),
+    )
+    with _signals(control), enter(wanted) as granted:
+        warm = warm_up(struct.h_ns, options.warm_up) if options.warm_up > 0 else None
+        warning = verdict(warm, wanted.mode) if warm else ""
+        say(
+            {
+                "event": "ready",
+                "refused": [f"{i.name}: {i.said}" for i in granted.refused],
+                "warning": warning,
+            }
+        )
+        thread = threading.Thread(target=listen, args=(control,), name="control", daemon=True)
+        thread.start()
+        result = native.functions().node_live(c.byref(struct))
+        facts = granted.facts()
+    return _report(wired, buses, options, result, facts, warning, faults)
+
+
+def _faults(wired: Wired, options: Options, buses: Sequence[str]) -> NodeFaults | None:
+    """What a script does to frames this node receives; what it did is in ``LIFE.faults``."""
+    if options.script is None:
+        return None
+    journal = Journal.create(options.folder / f"{options.life}.faults", INJECTED, 100_000)
+    wired.keep(journal)
+    return options.script.frames_for(
+        options.name,
+        wired.system.identifiers(options.name),
+        {name: i for i, name in enumerate(buses)},
+        journal=journal.address,
+    )
+
+
+@contextmanager
+def _signals(control: Control) -> Iterator[None]:
+    """SIGINT and SIGTERM stop the node, from a thread: the main one is in C."""
+    wanted = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, wanted)
+    ended = threading.Event()
+
+    def wait() -> None:
+        while not ended.is_set():
+            if signal.sigtimedwait(wanted, 0.2) is not None:
+                control.stop()
+
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _report(
+    wired: Wired,
+    buses: Mapping[str, Attachment],
+    options: Options,
+    result: int,
+    granted: Mapping[str, Any],
+    warning: str,
+    faults: NodeFaults | None,
+) -> dict[str, Any]:
+    s = wired.struct
+    error = ""
+    if result > 0:
+        error = str(wired.engine.failure(result))
+    return {
+        "node": options.name,
+        "life": options.life,
+        "boots": options.boots,
+        "end": ENDS.get(result, "failed"),
+        "error": error,
+        "state": State(s.life.state).name.lower(),
+        "reasons": explain(s.life.reasons) if s.life.reasons else "",
+        "first_slot": int(s.first),
+        "slots": int(s.slot - s.first),
+        "missed": int(s.missed),
+        "start_ns": int(s.start_ns),
+        "granted": dict(granted),
+        "warning": warning,
+        "syncs": {"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
+        "unknown_frames": int(s.unknown),
+        "messages": {name: _counts(r) for name, r in wired.receivers.items()},
+        "guards": {name: g.trips() for name, g in wired.guards.items()},
+        "drive_faults": int(wired.drive.struct.faults) if wired.drive else 0,
+        "buses": {name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
+        "journal_dropped": wired.journal.dropped,
+        "injected": faults.hits() if faults else {},
+    }
+
+
+def _counts(receiver: Any) -> dict[str, int]:
+    names = ("ok", "lost", "repeated", "reordered", "wrong_sequence", "crc", "length")
+    return {n: int(getattr(receiver, n)) for n in (*names, "invalid", "range", "simulated", "stale")}
+
+
+# ---- as a process ---------------------------------------------------------------------------
+
+
+def listen_to(stream: IO[str]) -> Callable[[Control], None]:
+    """Commands from lines of JSON; when they end, whoever started this node is gone: it stops."""
+
+    def listen(control: Control) -> None:
+        for line in stream:
+            message = json.loads(line)
+            if message["command"] == "start":
+                control.start(message["start_ns"])
+            elif message["command"] == "stop":
+                control.stop()
+            elif message["command"] == "quit":
+                control.quit()
+        control.stop()
+
+    return listen
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The process a rehearsal starts: one argument, JSON. Returns the exit code."""
+    given = json.loads(arguments[0])
+    stdout = sys.stdout
+
+    def say(event: Mapping[str, Any]) -> None:
+        stdout.write(json.dumps(event) + "\n")
+        stdout.flush()
+
+    try:
+        system = load_system(Path(given["scenario"]), given["deployment"], given["settings"])
+        script = load(Path(given["script"])) if given.get("script") else None
+        options = Options(
+            name=given["node"],
+            life=given["life"],
+            folder=Path(given["folder"]),
+            boots=given["boots"],
+            warm_up=given["warm_up"],
+            realtime=given["realtime"],
+            real=given["real"],
+            script=script,
+        )
+        report = run_node(system, options, say, listen_to(sys.stdin))
+    except CosimError as error:
+        say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
+        return error.exit_code
+    path = Path(given["folder"]) / f"{given['life']}.json"
+    path.write_text(json.dumps(report, indent=2, default=str) + "\n", encoding="utf-8")
+    say({"event": "done", "end": report["end"], "state": report["state"], "error": report["error"]})
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,156 @@
+"""A node's process as its supervisor sees it: events by lines, commands by lines."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+from cosim.errors import RunError
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Everything a node's process is told on its command line."""
+
+    scenario: Path
+    deployment: Path
+    settings: tuple[str, ...]
+    node: str
+    life: str
+    folder: Path
+    boots: int = 0
+    warm_up: float = 0.2
+    realtime: bool = True
+    real: bool = False
+    script: str = ""
+
+    def text(self) -> str:
+        """As JSON."""
+        names = ("node", "life", "boots", "warm_up", "realtime", "real", "script")
+        return json.dumps(
+            {
+                **{name: getattr(self, name) for name in names},
+                "scenario": str(self.scenario),
+                "deployment": str(self.deployment),
+                "settings": list(self.settings),
+                "folder": str(self.folder),
+            }
+        )
+
+
+@final
+class Process:
+    """One life of a node. What it writes on standard error is kept in ``FOLDER/LIFE.err``."""
+
+    def __init__(self, start: Start) -> None:
+        self.start = start
+        self.errors = start.folder / f"{start.life}.err"
+        self.events: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
+        self.ready: Mapping[str, Any] | None = None
+        self.done: Mapping[str, Any] | None = None
+        self.failed: Mapping[str, Any] | None = None
+        with self.errors.open("wb") as errors:
+            self._popen = subprocess.Popen(
+                [sys.executable, "-m", "bridge.node", start.text()],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                start_new_session=True,  # Ctrl-C is the supervisor's to handle
+            )
+        self._thread = threading.Thread(target=self._read, name=start.life, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        assert self._popen.stdout is not None
+        for line in self._popen.stdout:
+            try:
+                self.events.put(json.loads(line))
+            except ValueError:
+                continue  # somebody's component printed something
+        self.events.put(None)
+
+    def poll(self) -> None:
+        """Take in the events that have come."""
+        while not self.events.empty():
+            event = self.events.get()
+            if event is None:
+                continue
+            match event.get("event"):
+                case "ready":
+                    self.ready = event
+                case "done":
+                    self.done = event
+                case "failed":
+                    self.failed = event
+
+    def tell(self, command: str, **values: int) -> None:
+        """A command; a process that is gone does not hear it."""
+        assert self._popen.stdin is not None
+        try:
+            self._popen.stdin.write(json.dumps({"command": command, **values}) + "\n")
+            self._popen.stdin.flush()
+        except (BrokenPipeError, ValueError):
+            return
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """SIGKILL, SIGSTOP and so on, to this process only."""
+        if self._popen.poll() is None:
+            os.kill(self._popen.pid, number)
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._popen.pid
+
+    @property
+    def code(self) -> int | None:
+        """Its exit code; None: it runs."""
+        return self._popen.poll()
+
+    def wait(self, seconds: float) -> int | None:
+        """Its exit code once it has ended, within so long; else None."""
+        try:
+            return self._popen.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def end(self, seconds: float = 3.0) -> None:
+        """Whatever it does, it ends: asked, then told, then killed."""
+        if self.code is None:
+            self.send_signal(signal.SIGCONT)
+            self.tell("quit")
+            if self.wait(seconds) is None:
+                self.send_signal(signal.SIGKILL)
+                self.wait(seconds)
+        self._thread.join(1.0)
+        self.poll()
+        for stream in (self._popen.stdin, self._popen.stdout):
+            if stream is not None:
+                stream.close()
+
+    def reason(self) -> str:
+        """Why it ended too early, as far as it said."""
+        if self.failed:
+            return str(self.failed["error"])
+        text = self.errors.read_text(encoding="utf-8", errors="replace").strip()
+        last = f": {text.splitlines()[-1]}" if text else ""
+        code = self.code
+        if code is not None and code < 0:
+            return f"killed by {signal.Signals(-code).name}{last}"
+        return f"exit code {code}{last}"
+
+    def check(self) -> None:
+        """Raise RunError if it has ended although it should not have."""
+        self.poll()
+        if self.failed or (self.code is not None and not self.done):
+            raise RunError(f"node {self.start.life}: {self.reason()}")

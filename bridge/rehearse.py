@@ -1,0 +1,203 @@
+"""A rehearsal: one process a node on the wall clock, started together, watched, and collected.
+
+What is left behind is in the run folder whatever happens: journals survive the death of who writes
+them, and a node that is killed is a line of the report.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import final
+
+from bridge.process import Process, Start
+from bridge.system import System
+from cosim.clock import monotonic_ns, sleep
+from cosim.errors import Interrupted, RunError
+
+#: Names in a run folder.
+NODES = "nodes"
+#: s until all nodes have to be ready, and between two looks at them.
+PATIENCE, LOOK = 60.0, 0.05
+#: s from the last node's being ready to t = 0.
+LEAD = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something done to a rehearsal at `t` (s): see :mod:`bridge.faults`."""
+
+    t: float
+    what: str
+    do: Callable[[Rehearsal], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a rehearsal is run; `real`: its nodes may move real drives."""
+
+    scenario: Path
+    deployment: Path
+    changes: tuple[str, ...] = ()
+    warm_up: float = 0.2
+    realtime: bool = True
+    real: bool = False
+    script: str = ""
+    events: Sequence[Event] = ()
+    nodes: tuple[str, ...] = ()  # those started here; empty: all
+
+
+@dataclass(slots=True)
+class Ended:
+    """What came of a rehearsal: lives in the order they were started, and what was noticed."""
+
+    lives: list[Process] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    start_ns: int = 0
+    interrupted: bool = False
+
+
+@final
+class Rehearsal:
+    """The processes of a rehearsal. Use as a context manager: nothing is left running."""
+
+    def __init__(self, system: System, settings: Settings, folder: Path) -> None:
+        self.system, self.settings, self.folder = system, settings, folder
+        self.ended = Ended()
+        self.current: dict[str, Process] = {}
+        self.expected: set[str] = set()  # nodes whose end is part of the plan
+        self._stack = ExitStack()
+        (folder / NODES).mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Rehearsal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def start_node(self, name: str) -> Process:
+        """Start a node's process; a second life of it is called ``NAME.2``."""
+        lives = sum(p.start.node == name for p in self.ended.lives)
+        s = self.settings
+        process = Process(
+            Start(
+                s.scenario,
+                s.deployment,
+                s.changes,
+                name,
+                name if not lives else f"{name}.{lives + 1}",
+                self.folder / NODES,
+                boots=lives + 1,
+                warm_up=s.warm_up if not lives else 0.0,
+                realtime=s.realtime,
+                real=s.real,
+                script=s.script,
+            )
+        )
+        self._stack.callback(process.end)
+        self.ended.lives.append(process)
+        self.current[name] = process
+        return process
+
+    # ---- the run -----------------------------------------------------------------------------
+
+    def run(self, progress: Callable[[float, float], None] = lambda t, end: None) -> Ended:
+        """Start all nodes, wait for their end, and return what came of it.
+
+        `progress` is called with (t, end), s. Raises RunError where a node cannot be configured or
+        ends on its own; Ctrl-C stops all nodes safely and becomes Interrupted.
+        """
+        for name in self.settings.nodes or tuple(self.system.nodes):
+            self.start_node(name)
+        self._all_ready()
+        self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
+        for process in self.current.values():
+            process.tell("start", start_ns=self.ended.start_ns)
+        try:
+            self._watch(progress)
+        except KeyboardInterrupt:
+            self.stop()
+            self.ended.interrupted = True
+            raise Interrupted(self.t, str(self.folder)) from None
+        return self.ended
+
+    @property
+    def t(self) -> float:
+        """Time of the run, s."""
+        return (monotonic_ns() - self.ended.start_ns) * 1e-9
+
+    def _all_ready(self) -> None:
+        end = monotonic_ns() + round(PATIENCE * 1e9)
+        waiting = dict(self.current)
+        while waiting:
+            for name, process in list(waiting.items()):
+                process.check()
+                if process.ready:
+                    del waiting[name]
+            if monotonic_ns() > end:
+                raise RunError(f"{', '.join(waiting)}: not ready after {PATIENCE:g} s")
+            sleep(LOOK)
+
+    def _watch(self, progress: Callable[[float, float], None]) -> None:
+        length = self.system.plan.ticks * self.system.plan.h
+        events = sorted(self.settings.events, key=lambda e: e.t)
+        while any(p.code is None for p in self.current.values()):
+            while events and events[0].t <= self.t:
+                event = events.pop(0)
+                self.ended.notes.append(f"t = {self.t:.3f} s: {event.what}")
+                event.do(self)
+            self._look()
+            progress(min(max(self.t, 0.0), length), length)
+            if self.t > length + 10.0:
+                raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
+            next_ = events[0].t - self.t if events else LOOK
+            sleep(min(LOOK, max(next_, 0.001)))
+        for process in self.current.values():
+            process.poll()
+
+    def _look(self) -> None:
+        """Notice nodes that have ended; one whose end nobody planned stops the others."""
+        for name, process in list(self.current.items()):
+            process.poll()
+            if process.code is None or name in self.expected:
+                continue
+            if process.done and process.done["end"] == "finished":
+                continue
+            self.expected.add(name)
+            why = process.done["error"] or process.done["end"] if process.done else process.reason()
+            self.ended.notes.append(f"t = {self.t:.3f} s: node {name} has ended: {why}")
+            for other in self.current.values():
+                if other is not process:
+                    self.expected.add(other.start.node)
+                    other.tell("stop")
+
+    def stop(self) -> None:
+        """Safe stop of all nodes, and wait for it."""
+        for process in self.current.values():
+            process.tell("stop")
+        for process in self.current.values():
+            process.wait(3.0)
+
+    # ---- what a script may do to it ----------------------------------------------------------
+
+    def kill(self, name: str) -> None:
+        """SIGKILL, which is part of the plan."""
+        self.expected.add(name)
+        self.current[name].send_signal(signal.SIGKILL)
+
+    def freeze(self, name: str) -> None:
+        """SIGSTOP."""
+        self.current[name].send_signal(signal.SIGSTOP)
+
+    def thaw(self, name: str) -> None:
+        """SIGCONT."""
+        self.current[name].send_signal(signal.SIGCONT)
+
+    def restart(self, name: str) -> None:
+        """A new life of a node that has ended, which joins the run."""
+        self.expected.discard(name)
+        process = self.start_node(name)
+        process.tell("start", start_ns=self.ended.start_ns)

@@ -11,8 +11,9 @@ C transmission time, T period, J jitter of queueing, B = max C of lower prioriti
 
 E(t) is what errors cost: each an error frame of at most 31 bits and the frame again (section 5).
 Every node is taken to send its most urgent frame first; a node that sends in the order of
-queueing (many USB adapters, the default queue of Linux) can take longer. Offsets are not used:
-any two messages may be queued at the same instant. All numbers are integers, ns.
+queueing (many USB adapters, the default queue of Linux) can take longer. Instances of a message are
+queued in their order. Offsets are not used: any two messages may be queued at the same instant.
+All numbers are integers, ns.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 import ctypes
 import errno
 import socket
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -105,6 +106,25 @@ def test_a_ring_is_a_bounded_queue(operations: list[bytes | None], capacity: int
                 assert (frame.payload, frame.sequence) == (model.pop(0), taken)
                 taken += 1
         assert (len(ring), ring.dropped) == (len(model), dropped)
+
+
+def test_a_ring_between_two_threads_loses_nothing_it_does_not_count():
+    """One thread writes as quickly as it can, one reads; 16 places."""
+    ring, n, found = Ring(16), 20_000, []
+
+    def write() -> None:
+        for frame in numbered(n):
+            ring.put(frame)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    frame = Frame()
+    while writer.is_alive() or len(ring):
+        while ring.get(frame):
+            found.append(int.from_bytes(frame.payload, "little"))
+    writer.join()
+    assert found == sorted(set(found))
+    assert len(found) + ring.dropped == n
 
 
 @pytest.mark.parametrize("capacity", [0, 3, -4])

@@ -77,13 +77,18 @@ def child(how: str) -> dict[str, Any]:
     return found
 
 
+@pytest.fixture(scope="module")
+def privileged() -> dict[str, Any]:
+    return child("as it is")
+
+
 def granted(found: dict[str, Any]) -> dict[str, bool]:
     return {item["name"]: item["granted"] for item in found["facts"]["items"]}
 
 
 @LINUX
-def test_what_is_granted_is_so_and_is_given_back() -> None:
-    found = child("as it is")
+def test_what_is_granted_is_so_and_is_given_back(privileged: dict[str, Any]) -> None:
+    found = privileged
     yes, inside = granted(found), found["inside"]
     assert list(yes) == NAMES
     assert found["after"] == found["last"] == found["before"]
@@ -98,8 +103,8 @@ def test_what_is_granted_is_so_and_is_given_back() -> None:
 
 
 @LINUX
-def test_threads_started_later_are_not_real_time_ones() -> None:
-    assert child("as it is")["thread"]["policy"] == os.SCHED_OTHER
+def test_threads_started_later_are_not_real_time_ones(privileged: dict[str, Any]) -> None:
+    assert privileged["thread"]["policy"] == os.SCHED_OTHER
 
 
 @LINUX

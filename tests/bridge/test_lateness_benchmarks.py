@@ -46,6 +46,7 @@ def test_roundtrip_through_a_pair_of_sockets(tmp_path: Path) -> None:
     assert said.count("\n") == 9
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(Path("/sys/class/net/vcan0").exists(), reason="there is one")
 def test_a_launcher_without_an_interface_is_said(tmp_path: Path) -> None:
     command = [sys.executable, str(FOLDER / "roundtrip.py"), "--quick", "--launcher"]

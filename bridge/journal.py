@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import ctypes as c
+import errno
 import mmap
 import os
 import sys
@@ -155,6 +156,9 @@ def _new_file(path: Path, size: int) -> mmap.mmap:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
         try:
             if sys.platform == "linux":
+                disk = os.fstatvfs(descriptor)
+                if size > disk.f_bavail * disk.f_frsize:  # said before it is tried block by block
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                 os.posix_fallocate(descriptor, 0, size)
                 flags = mmap.MAP_SHARED | mmap.MAP_POPULATE
                 return mmap.mmap(descriptor, size, flags)
@@ -164,6 +168,8 @@ def _new_file(path: Path, size: int) -> mmap.mmap:
         finally:
             os.close(descriptor)
     except OSError as error:
+        if error.errno == errno.ENOSPC:
+            path.unlink(missing_ok=True)
         raise JournalError(f"{path}: no journal of {size} bytes: {error.strerror}") from error
 
 

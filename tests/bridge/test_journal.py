@@ -102,6 +102,7 @@ def test_everything_committed_survives_sigkill(tmp_path: Path):
 def test_no_room_is_an_error_at_once(tmp_path: Path):
     with pytest.raises(JournalError, match=r"no journal of \d+ bytes"):
         Journal.create(tmp_path / "j", ROW, 1 << 50)
+    assert not (tmp_path / "j").exists()
     with pytest.raises(JournalError, match="No such file"):
         Journal.create(tmp_path / "nowhere" / "j", ROW, 1)
     with pytest.raises(JournalError, match="expected one row"):

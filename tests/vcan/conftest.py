@@ -30,22 +30,21 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None
 
 
-def _reset(bus: str) -> None:
-    call("ip", "link", "set", bus, "down")
-    call("tc", "qdisc", "del", "dev", bus, "root", check=False)
-    call("ip", "link", "set", bus, "mtu", "72", "up")
+def _up(buses: tuple[str, ...]) -> None:
+    lines = (f"link set {bus} down\nlink set {bus} mtu 72 up\n" for bus in buses)
+    call("ip", "-batch", "-", text="".join(lines))
 
 
 @pytest.fixture
 def vcan() -> Iterator[tuple[str, str]]:
     """Two buses, vcan0 and vcan1: up, for CAN FD, without queueing discipline or gateway rules."""
     buses = ("vcan0", "vcan1")
-    for bus in buses:
-        _reset(bus)
+    _up(buses)
     yield buses
     call("cangw", "-F", check=False)
-    for bus in buses:
-        _reset(bus)
+    lines = "".join(f"qdisc del dev {bus} root\n" for bus in buses)
+    call("tc", "-force", "-batch", "-", check=False, text=lines)
+    _up(buses)
 
 
 @pytest.fixture

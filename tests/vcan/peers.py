@@ -66,9 +66,10 @@ def tool(name: str) -> str:
     return found
 
 
-def call(*words: str, check: bool = True) -> str:
-    """Runs a program to its end; its output."""
-    done = subprocess.run([tool(words[0]), *words[1:]], capture_output=True, text=True)
+def call(*words: str, check: bool = True, text: str = "") -> str:
+    """Runs a program to its end, `text` being its input; its output."""
+    command = [tool(words[0]), *words[1:]]
+    done = subprocess.run(command, input=text, capture_output=True, text=True)
     assert not check or done.returncode == 0, f"{' '.join(words)}: {done.stderr}"
     return done.stdout
 

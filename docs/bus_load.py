@@ -76,9 +76,9 @@ identifiers in CANopen's ranges, of signals larger than their field, of watchdog
 COST = """\
 ## What it costs
 
-On two shared cores of a virtual machine, Python 3.11: one frame of 8 bytes 4 µs in Python and 1 µs
-in C through ctypes, one of 64 bytes 10 µs and 2 µs; a log of 10⁶ frames of 8 bytes 0.3 s, of 64
-bytes 1 s, its busiest window another 0.4 s.
+`python benchmarks/bus_load.py` measures it. On two shared cores of a virtual machine, with Python
+3.11: one frame of 8 bytes about 4 µs in Python and 0.3 µs in C, one of 64 bytes 10 µs and 1 µs; a
+log of 10⁶ frames of 8 bytes 0.3 s, of 64 bytes 1 s, its busiest window another 0.4 s.
 """
 
 LOAD_TEXT = {

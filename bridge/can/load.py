@@ -199,6 +199,15 @@ def measured(ends: IntArray, durations: IntArray, window_ns: int = 100_000_000) 
     return Measured(mean_load, float(each[most] / window_ns), int(begins[most]), window_ns, windows)
 
 
+def of_rows(rows: NDArray[np.void], timing: BusTiming, window_ns: int = 100_000_000) -> Measured:
+    """Load of the frames of one bus as a log has them (``bridge.native.frame.frame_dtype``), (N,).
+
+    `t_ns` is taken as the end of a frame. Error frames count as no time.
+    """
+    bits = log_bits(rows["id"], rows["flags"], rows["length"], rows["data"])
+    return measured(rows["t_ns"], log_times(bits, timing), window_ns)
+
+
 class _Busy:
     """How long the bus was busy up to a time, ns: exact, integers."""
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.can.arbitration import Request, arbitrate, rank
-from bridge.can.load import kind_of, log_bits, log_times, measured, planned
+from bridge.can.load import kind_of, log_bits, log_times, measured, of_rows, planned
 from bridge.can.timing import INTERMISSION, Bits, BusTiming, Kind, TimingError, frame_bits
 from bridge.native import load as native
-from bridge.native.frame import Flags, Frame
+from bridge.native.frame import Flags, Frame, frame_dtype
 from tests.bridge.can.test_timing import frames
 
 MEGABIT = BusTiming(1e6)
@@ -137,6 +137,14 @@ def test_a_log_that_no_bus_can_have_carried_is_noticed() -> None:
         measured(ends, np.full(1000, 1), 0)
     with pytest.raises(TimingError, match="found 0 frames"):
         measured(ends[:0], ends[:0])
+
+
+def test_rows_of_a_log_have_a_load() -> None:
+    rows = np.zeros(100, frame_dtype())
+    rows["t_ns"], rows["length"], rows["id"] = np.arange(100) * 1_000_000, 8, 0x123
+    rows["data"][:, :8] = 0x55
+    busy = frame_bits(0x123, b"\x55" * 8).nominal / 1000
+    assert of_rows(rows, MEGABIT, 10_000_000).peak == pytest.approx(busy)
 
 
 def test_bits_that_arbitrate() -> None:

@@ -176,7 +176,7 @@ def test_three_wrong_bits_counter_included_by_trying(name):
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_wrong_bits_anywhere(data):
     file, name = data.draw(
         st.sampled_from([("link2.dbc", "TAU_1"), ("link_fd.dbc", "LINK_1"), ("", "STREAM")])

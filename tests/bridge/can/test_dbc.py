@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import logging
-import subprocess
-import sys
 
+import cantools
 import numpy as np
 import pytest
 
@@ -91,12 +91,13 @@ def test_canmatrix_reads_the_same(file):
 
 
 def candump(found, data: bytes) -> str:
+    """A line of candump (can-utils), as it was seen on a vcan."""
     if not found.flags & Flags.FD:
         return f"  vcan0  {found.identifier:03X}   [{len(data)}]  {data.hex(' ').upper()}"
     return f"  vcan0  {found.identifier:03X}  [{len(data):02d}]  {data.hex(' ').upper()}"
 
 
-def test_candump_and_cantools_decode():
+def test_candump_and_cantools_decode(monkeypatch, capsys):
     """What `candump vcan0 | cantools decode link_fd.dbc` shows."""
     fd, heart = layout("link_fd.dbc", "LINK_2"), layout("link_fd.dbc", "HEARTBEAT_2")
     values = np.arange(14) * 2.0**-3
@@ -105,11 +106,10 @@ def test_candump_and_cantools_decode():
         candump(fd, Codec(fd).encode(values, status=2 + 8 + 128, t_us=123456)),
         candump(heart, Codec(heart, ["state", "armed", "reasons"]).encode([4, 0, 0x12], status=64)),
     ]
-    command = [sys.executable, "-m", "cantools", "decode", str(CONFIGS / "link_fd.dbc")]
-    done = subprocess.run(
-        command, input="\n".join(lines), capture_output=True, text=True, check=True
-    )
-    shown = done.stdout
+    monkeypatch.setattr("sys.argv", ["cantools", "decode", str(CONFIGS / "link_fd.dbc")])
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
+    cantools._main()
+    shown = capsys.readouterr().out
     for expected in ("LINK_2(", "status: ACTIVE_ARMED_SIMULATED", "t_us: 123456 us",
                      "tau2: 0.125 N.m", "tau4: INVALID", "xi7: 1.625 rad/s", "HEARTBEAT_2(",
                      "state: FAULT", "reasons: 18", "status: STALE"):  # fmt: skip

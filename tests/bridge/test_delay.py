@@ -239,7 +239,7 @@ def test_a_constant_network_delays_a_signal_by_just_that(link, late):
 def test_a_receiver_that_stood_still_holds_what_it_would_have_held():
     """All looks of a second at once, after everything has come: the same rows."""
     grid, rng = Grid(5, 5, 0.001), np.random.default_rng(3)
-    T, network = rng.uniform(0.01, 0.1, 400), rng.integers(0, 10**7, 400).tolist()
+    T, network = rng.uniform(0, 0.02, 400), rng.integers(0, 10**7, 400).tolist()
     for kind in (native.LAST, native.STAMP, native.FIFO, native.SIGNAL, native.PLAYOUT):
         on_time, late = (line(kind, grid, T, buffer=0.12) for _ in range(2))
         for j, s, a in (coming := arrivals(grid, network)):

@@ -6,11 +6,12 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from bridge import deploy
 from bridge.campaign import load_campaign
 from bridge.fault_script import Event
-from bridge.faults import SPECS, build, load
+from bridge.faults import SPECS, SyncLossSpec, build, load
 from bridge.native import faults as native
 from bridge.native.frame import Frame
 from cosim.errors import ScenarioError
@@ -248,3 +249,25 @@ def test_a_campaign_that_cannot_be_is_refused(tmp_path, run, message):
     with pytest.raises(ScenarioError) as caught:
         load_campaign(path)
     assert message in str(caught.value)
+
+
+# ---- the page ----
+
+PAGE = (Path(__file__).parents[2] / "docs" / "faults.md").read_text(encoding="utf-8")
+
+
+def test_the_example_on_the_page_is_read():
+    example = PAGE.partition("```toml\n")[2].partition("```")[0]
+    found = build(tomllib.loads(example), Path("faults.md"))
+    assert [f.kind for f in found.frames] == ["drop"]
+    assert [e.action for e in found.events] == ["freeze", "thaw"]
+
+
+@pytest.mark.parametrize("kind", SPECS)
+def test_the_page_has_every_kind_and_its_keys(kind):
+    (row,) = (line for line in PAGE.splitlines() if line.startswith(f"| `{kind}` |"))
+    common = {"kind", "node", "message", "bus", "from", "to", "probability"}
+    process = {"kind"}
+    for field in structs.fields(SPECS[kind]):
+        known = common if issubclass(SPECS[kind], SyncLossSpec) else process
+        assert field.encode_name in known or f"`{field.encode_name}`" in row

@@ -181,7 +181,8 @@ def pack(
     }
     if version == "3.0":
         entries["sources/buildDescription.xml"] = build_description(model, FLAGS)
-        entries["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(model)
+        if model.terminals:
+            entries["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(model)
     content = {name: text.encode() for name, text in entries.items()}
     for platform, binary in binaries.items():
         suffix = toolchain.shared_suffix(platform)
@@ -201,8 +202,7 @@ def _check(model: Model, version: str) -> None:
     known = versions(model)
     if version not in known:
         clock = f"{model.identifier} has a clock; " if model.clock and version == "2.0" else ""
-        expected = "one of " * (len(known) > 1) + ", ".join(known)
-        raise FmuError(f"{clock}FMI version is {version!r}; expected {expected}")
+        raise FmuError(f"{clock}FMI version is {version!r}; expected one of {', '.join(known)}")
 
 
 def _write(files: Mapping[str, str], folder: Path) -> list[Path]:

@@ -41,9 +41,9 @@ def build_description(model: Model, flags: Iterable[str]) -> str:
 
 
 def terminals(model: Model) -> str:
-    """``terminalsAndIcons/terminalsAndIcons.xml`` of FMI 3.0."""
+    """``terminalsAndIcons/terminalsAndIcons.xml`` of FMI 3.0, for a model that has terminals."""
     root = Element("fmiTerminalsAndIcons", fmiVersion="3.0")
-    listed = SubElement(root, "Terminals") if model.terminals else root
+    listed = SubElement(root, "Terminals")
     for terminal in model.terminals:
         element = SubElement(listed, "Terminal", name=terminal.name, matchingRule="bus")
         if terminal.description:

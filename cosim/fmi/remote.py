@@ -15,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -57,6 +56,8 @@ class RemoteInstance:
         self._name, self._timeout, self._scalars = setup.name, options.timeout, scalars
         self._offset = -(-(c.sizeof(native.Log) + room) // 64) * 64
         size = self._offset + 8 * max(1, scalars)
+        from multiprocessing.connection import Connection  # of no use to others, and slow to load
+
         with tempfile.TemporaryFile() as file:
             file.truncate(size)
             self._memory = mmap.mmap(file.fileno(), size)

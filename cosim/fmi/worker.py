@@ -12,7 +12,6 @@ import pickle
 import signal
 import struct
 import sys
-from multiprocessing.connection import Connection
 from typing import Any
 
 from cosim import native
@@ -72,6 +71,8 @@ def _limit(megabytes: int) -> None:
 def main(descriptor: int, size: int, offset: int) -> None:
     """Serve until the other end closes. What the FMU prints goes where errors go."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever steps decides when to stop
+    from multiprocessing.connection import Connection
+
     asked, answers = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)
     os.dup2(2, 1)
     os.close(0)

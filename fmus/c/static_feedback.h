@@ -4,6 +4,7 @@
  *     tau = Y(q, dq, z, dz) theta_hat + feedback,   dtheta_hat = -Gamma Y^T s,   s = dq - z
  *
  * The estimate of t_k + h waits in theta_hat_next; while a torque is at its limit it stands still.
+ * A model includes this once, and says `refer` and `sliding`; its step is here.
  */
 #ifndef STATIC_FEEDBACK_H
 #define STATIC_FEEDBACK_H
@@ -14,13 +15,19 @@
 #include "regressor.h"
 
 typedef struct {
-    double z[2], dz[2], feedback[2]; /* by the law */
+    double z[2], dz[2], feedback[2]; /* by the model */
     double s[2], tau[2], Ys[3];      /* by complete() */
     int saturated;
 } Law;
 
+/* By the model: z, dz and feedback, from inputs and parameters. */
+static void refer(const Model *x, Law *y);
+/* By the model: the output (2,) that is s, whatever it is called there. */
+static double *sliding(Model *x);
+
 /* Everything that follows from z, dz and feedback; NULL, or a sentence why it is no number. */
-static inline const char *complete(const Model *x, const double theta_hat[3], Law *y) {
+static const char *complete(const Model *x, const double theta_hat[3], Law *y) {
+    refer(x, y);
     const Regressor Y = regressor(x->q, x->dq, y->z, y->dz);
     double feedforward[2];
     torque_of(&Y, theta_hat, feedforward);
@@ -38,17 +45,35 @@ static inline const char *complete(const Model *x, const double theta_hat[3], La
     return NULL;
 }
 
-static inline void start_estimate(Model *x) {
+static void give(Model *x, const Law *y) {
+    for (int i = 0; i < 2; i++) {
+        x->tau[i] = y->tau[i];
+        sliding(x)[i] = y->s[i];
+    }
+}
+
+const char *model_initial(Model *x) {
+    Law y;
+    const char *why = complete(x, x->theta_hat, &y);
+    if (why != NULL) return why;
+    give(x, &y);
     for (int i = 0; i < 3; i++) x->theta_hat_next[i] = x->theta_hat[i];
+    return NULL;
 }
 
 /* The estimate of t_k becomes the output, that of t_k + h waits. */
-static inline void advance_estimate(Model *x, const Law *y, double h) {
-    const double advance = y->saturated ? 0.0 : h; /* anti-windup */
+const char *model_step(Model *x, double t, double h) {
+    Law y;
+    (void)t; /* the law does not depend on time */
+    const char *why = complete(x, x->theta_hat_next, &y);
+    if (why != NULL) return why;
+    give(x, &y);
+    const double advance = y.saturated ? 0.0 : h; /* anti-windup */
     for (int i = 0; i < 3; i++) {
         x->theta_hat[i] = x->theta_hat_next[i];
-        x->theta_hat_next[i] -= advance * x->Gamma[i] * y->Ys[i];
+        x->theta_hat_next[i] -= advance * x->Gamma[i] * y.Ys[i];
     }
+    return NULL;
 }
 
 #endif

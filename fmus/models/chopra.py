@@ -19,11 +19,11 @@ limited to ±tau_max; while any joint is at its limit theta_hat stands still (an
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
+from cosim.component import Kind
 from fmus.model import Model, Terminal, Variable
 from fmus.models.arm import (
     DAMPING,
@@ -38,13 +38,12 @@ from fmus.models.arm import (
     rate,
     torque,
 )
-from fmus.models.dynamics import regressor
-from fmus.models.start import Array, copied, given, received, start_values
+from fmus.models.start import Array
+from fmus.models.static_feedback import Law, StaticFeedback
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cosim.component import Outputs, Values
     from fmus.build import Version
     from fmus.kernel import Kernel
 
@@ -113,59 +112,12 @@ def kernel() -> Kernel:
     return Kernel(model())
 
 
-@final
-class Chopra:
-    """The controller in NumPy: the readable reference of the C kernel."""
+def _law(x: Mapping[str, Array], inputs: list[Array]) -> Law:
+    """The equations above for parameters `x`."""
+    q, dq, r_j = inputs  # each (2,)
+    r = dq + x["lambda"] * q
+    return Law(r, -x["lambda"] * q, -x["lambda"] * dq, x["K"] * (r_j - r))
 
-    kind: Kind = "sampled"
 
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self.initialize({})
-
-    def initialize(self, values: Values) -> None:
-        """Go to the start. Raises ScenarioError."""
-        self._x = start_values(self._model, values)  # parameters, and the state theta_hat
-        self._x["theta_hat_next"] = self._x["theta_hat"]
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs for the start value of theta_hat; it does not advance."""
-        outputs, _ = self._law(0.0, received(self.inputs, u), self._x["theta_hat"])
-        return given(outputs)
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h; theta_hat advances to t + h.
-
-        Raises RunError where an input is not finite or the law diverges; nothing changes then.
-        """
-        x, inputs = self._x, received(self.inputs, u, t)
-        outputs, theta_hat_next = self._law(h, inputs, x["theta_hat_next"])
-        given(outputs, t)
-        x["theta_hat"], x["theta_hat_next"] = outputs["theta_hat"], theta_hat_next
-        return outputs
-
-    def _law(
-        self, h: float, inputs: list[Array], theta_hat: Array
-    ) -> tuple[dict[str, Array], Array]:
-        """Outputs for the estimate theta_hat (3,), and the estimate a time h (s) later."""
-        q, dq, r_j = inputs  # each (2,)
-        x = self._x
-        r = dq + x["lambda"] * q
-        Y = regressor(q, dq, -x["lambda"] * q, -x["lambda"] * dq)
-        wanted = Y @ theta_hat + x["K"] * (r_j - r)
-        tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
-        outputs = {"tau": tau, "r": r, "theta_hat": theta_hat}
-        if (tau != wanted).any():
-            return outputs, theta_hat
-        return outputs, theta_hat - h * x["Gamma"] * (Y.T @ r)
-
-    def get_state(self) -> object:
-        """Parameters and state, copied."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+#: The controller in NumPy: the readable reference of the C kernel.
+Chopra = partial(StaticFeedback, model, "r", _law)

@@ -284,3 +284,10 @@ def test_a_library_that_is_no_kernel_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FmuError, match="cannot be loaded as a kernel"):
         kernels.load(output)
     assert ctypes.CDLL(str(output))
+
+
+def test_a_model_without_terminals_has_no_file_of_them(tmp_path: Path) -> None:
+    for each, expected in ((replace(HAND, terminals=()), False), (HAND, True)):
+        with ZipFile(pack(each, "3.0", tmp_path, {})) as archive:
+            names = archive.namelist()
+        assert ("terminalsAndIcons/terminalsAndIcons.xml" in names) is expected

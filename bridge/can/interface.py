@@ -176,7 +176,7 @@ def _open(spec: BusSpec, config: Mapping[str, Any]) -> can.BusABC:
     arguments = {key: value for key, value in config.items() if key != "interface"}
     try:
         if config["interface"] == "udp_multicast" and ":" not in str(config.get("channel") or ""):
-            return open_group(**{**arguments, "local": spec.local})
+            return open_group(**{"fd": spec.fd, **arguments, "local": spec.local})
         if config["interface"] == "udp_multicast" and spec.local:
             raise BusError(
                 f"udp_multicast {config['channel']}: an IPv6 group does not stay on the loopback "

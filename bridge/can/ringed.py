@@ -40,7 +40,7 @@ class RingedInterface:
         self.bus = Bus.of_rings(
             self._rx, self._tx, number, log, wake=self._wake_in, accepts=accepts
         )
-        self._refused, self._fault = 0, ""
+        self._refused, self._fault, self._down = 0, "", False
         self._threads = [
             threading.Thread(target=work, name=f"can {name} {number}", daemon=True)
             for name, work in (("receive", self._receive), ("send", self._send))
@@ -77,6 +77,7 @@ class RingedInterface:
                 self._failed(error)
                 self._stop.wait(_LOOK)
                 continue
+            self._works()
             if isinstance(self._device, MulticastBus) and self._device.lost != lost:
                 self._rx.struct.dropped += self._device.lost - lost
                 lost = self._device.lost
@@ -99,7 +100,15 @@ class RingedInterface:
 
     def _failed(self, error: Exception) -> None:
         self._fault = str(error)
+        self._down = True
         self.bus.struct.state = State.DOWN
+
+    def _works(self) -> None:
+        """Receiving did not fail: what was down is not any more."""
+        if self._down:
+            self._down, self._fault = False, ""
+            self.bus.struct.state = State.ACTIVE
+            self.bus.struct.restarts += 1
 
 
 def to_frame(message: can.Message, t_ns: int) -> Frame:

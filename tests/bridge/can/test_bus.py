@@ -253,19 +253,23 @@ def test_what_a_driver_refuses_is_health_not_an_exception():
         attached.close()
 
 
-def test_a_driver_that_fails_is_a_bus_that_is_down(monkeypatch):
+def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):
     def broken(self, timeout):
         raise can.CanOperationError("unplugged")
 
-    monkeypatch.setattr(can.interfaces.virtual.VirtualBus, "_recv_internal", broken)
-    attached = attach(BusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
-    try:
+    def wait_for(state: State) -> None:
         elapsed = stopwatch()
-        while attached.bus.state != State.DOWN and elapsed() < PATIENCE:
+        while attached.bus.state != state and elapsed() < PATIENCE:
             sleep(0.002)
+
+    with monkeypatch.context() as unplugged:
+        unplugged.setattr(can.interfaces.virtual.VirtualBus, "_recv_internal", broken)
+        attached = attach(BusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
+        wait_for(State.DOWN)
         assert attached.health(0).sentence() == "a: down, unplugged"
-    finally:
-        attached.close()
+    wait_for(State.ACTIVE)
+    assert attached.health(0).sentence() == "a: active, 1 restarts"
+    attached.close()
 
 
 def test_counters_of_an_interface(tmp_path):

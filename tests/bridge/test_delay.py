@@ -17,6 +17,7 @@ from cosim.links.semantics import Packets, Playout, Signal
 from cosim.links.table import DrawnTable
 from cosim.links.traces import Trace
 
+MS = 1_000_000  # ns
 LOOKS = 40
 N = 280  # samples sent by then, at most
 RULES = {
@@ -245,6 +246,25 @@ def test_a_receiver_that_stood_still_holds_what_it_would_have_held():
         for j, s, a in (coming := arrivals(grid, network)):
             late.put(j, s, a, [float(j)])
         assert [late.take(r) for r in range(200)] == drive(on_time, grid, coming, 200)
+
+
+def test_a_signal_over_a_network_that_reorders():
+    """Sample 3 takes 7 ms, all others 1 ms; all are put at once: nothing is held in advance."""
+    d = line(native.SIGNAL, Grid(1, 1, 0.001), [0.001])
+    for j in range(12):
+        d.put(j, j * MS, j * MS + (7 if j == 3 else 1) * MS, [float(j)])
+    # at 5 ms the sample of 3 ms is wanted: not there yet; at 10 ms the newest is still sample 9
+    assert [d.take(r) for r in range(12)] == [-1, -1, 0, 1, 2, 2, 4, 5, 6, 7, 8, 9]
+    assert (d.struct.visible, d.struct.network_ns) == (10, MS)
+
+
+def test_what_was_overtaken_does_not_hold_up_a_fifo():
+    """Sample 1 takes 20 ms and is ignored; sample 3, sent after it, is not as late."""
+    d = line(native.FIFO, Grid(1, 1, 0.001), [0.0])
+    for j, took in ((0, 1), (2, 1), (1, 20), (3, 1)):
+        d.put(j, j * MS, (j + took) * MS, [float(j)])
+    assert [d.take(r) for r in range(6)] == [-1, 0, 0, 2, 3, 3]
+    assert d.struct.ignored == 1
 
 
 # ---- the newest; bounds ----

@@ -6,12 +6,13 @@ static int64_t divided(int64_t a, int64_t b)    /* towards minus infinity, b > 0
     return a / b - (a % b < 0);
 }
 
-/* The number in (p - 3/4 M, p + 1/4 M] whose low bits are the counter. */
+/* The number in (p - 3/4 M, p + 1/4 M] whose low bits are the counter; the least of all, 0 or more,
+ * where that is negative. */
 static int64_t unwrapped(const receiver_t *r, uint32_t counter, int64_t p)
 {
     int64_t M = (int64_t)1 << r->counter_bits, top = p + M / 4;
     int64_t k = top - ((top - (int64_t)counter) & (M - 1));
-    return k < 0 ? k + M : k;
+    return k < 0 ? (int64_t)counter & (M - 1) : k;
 }
 
 static int64_t refused(int64_t *count, int64_t why)

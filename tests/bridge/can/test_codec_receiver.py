@@ -73,6 +73,8 @@ def test_the_first_of_all_is_not_negative():
     for counter in range(16):
         r = receiver(PERIOD, Profile.P02)
         assert r.accept(counter, 0, 0) == counter
+        r = receiver(PERIOD, Profile.P02)
+        assert r.accept(counter, 0, -1000) == counter
 
 
 def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tuple[int, int]]:

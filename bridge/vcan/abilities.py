@@ -86,7 +86,7 @@ def memory_folder(size: int) -> Path:
         found.append(f"{folder}: {problem}")
     raise VcanError(
         f"no folder for the guest's memory: {size / 2**20:.0f} MB and the right to execute were "
-        f"expected; {'; '.join(found)} (--mem, TMPDIR, docker run --shm-size)"
+        f"expected; {'; '.join(found)} (--mem, TMPDIR)"
     )
 
 

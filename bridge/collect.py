@@ -1,0 +1,166 @@
+"""Journals of nodes -> a run folder like that of an offline run, with bus logs and link tables.
+
+Signals stand on the base tick of the scenario: what a node computed in a slot holds until its next
+one, and what a node that has died knew last stays as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.can.log import FrameLog, write_log
+from bridge.cut import NodePlan
+from bridge.journal import Journal
+from bridge.native.frame import Flags
+from bridge.system import System
+from bridge.wiring import Rows
+from cosim.links.statistics import LinkStatistics, statistics
+from cosim.links.storage import TableWriter
+from cosim.plan import Link
+from cosim.record import Recorder, link_file
+from cosim.simulate import columns
+
+#: Base ticks worked on at once.
+CHUNK = 8192
+IntArray = NDArray[np.int64]
+
+
+def lives_of(rows: Mapping[str, Rows], node: str) -> list[str]:
+    """The lives of a node, by their first slots."""
+    lives = [life for life in rows if life.partition(".")[0] == node]
+    return sorted(lives, key=lambda life: int(rows[life]["slot"][0]))
+
+
+def write_trajectories(system: System, rows: Mapping[str, Rows], folder: Path) -> int:
+    """Write ``trajectories.parquet``: outputs and what was received; returns its ticks.
+
+    It ends with the node that got furthest. Raises RunError where the file cannot be written.
+    """
+    plan, scenario = system.plan, system.scenario
+    recorded = columns(plan, scenario.run.record.signals)
+    parts = [
+        (_joined(rows, name), *_places(system, node))
+        for name, node in system.nodes.items()
+        if lives_of(rows, name)
+    ]
+    ticks = min(plan.ticks, max(int(joined[0][-1]) for joined, _, _ in parts) + 1)
+    with Recorder(
+        folder,
+        recorded,
+        h=plan.h,
+        every=scenario.run.record.every,
+        rows_per_chunk=CHUNK,
+        n_signals=plan.n_signals,
+    ) as recorder:
+        for first in range(0, ticks, CHUNK):
+            n = min(CHUNK, ticks - first)
+            buffer = recorder.buffer()
+            buffer[:n] = 0.0
+            for (at, signals), whole, own in parts:
+                index = np.searchsorted(at, np.arange(first, first + n), side="right") - 1
+                buffer[:n, whole] = signals[np.maximum(index, 0)][:, own]
+            recorder.submit(buffer, first, n)
+    return ticks
+
+
+def _joined(rows: Mapping[str, Rows], node: str) -> tuple[IntArray, NDArray[np.float64]]:
+    """(base ticks, signals) of all lives of a node."""
+    lives = [rows[life] for life in lives_of(rows, node)]
+    at = np.concatenate([life["slot"] for life in lives])
+    return at, np.concatenate([life["signals"] for life in lives])
+
+
+def _places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
+    """Places of the node's signals in the whole plan's vector, and in its own."""
+    whole, own = system.plan.slots(), node.plan.slots()
+    pairs = [
+        (whole[name].start + i, slot.start + i)
+        for name, slot in own.items()
+        for i in range(slot.size)
+    ]
+    found = np.array(pairs, dtype=np.int64)
+    return found[:, 0], found[:, 1]
+
+
+# ---- links ----------------------------------------------------------------------------------
+
+
+def held_by(system: System, rows: Mapping[str, Rows], link: Link) -> IntArray | None:
+    """The sent sample a link's receiver held at each of its hits, (hits,); None: not crossing.
+
+    Hits without a row (a node that was dead) hold what was held before, at first -1.
+    """
+    for name, node in system.nodes.items():
+        for i, inlet in enumerate(node.inlets):
+            if inlet.link is None or inlet.link.name != link.name:
+                continue
+            every = inlet.ticks // node.ticks
+            hits = system.plan.ticks // inlet.ticks
+            held = np.full(hits, -1, np.int64)
+            known = np.zeros(hits, bool)
+            for life in lives_of(rows, name):
+                due = rows[life]["slot"] % every == 0
+                at = rows[life]["slot"][due] // every
+                held[at], known[at] = rows[life]["inlets"]["held"][due, i], True
+            last = np.maximum.accumulate(np.where(known, np.arange(hits), 0))
+            period = system.messages[inlet.message].outlet.period
+            return np.where(held[last] < 0, -1, held[last] * period)
+    return None
+
+
+def write_tables(
+    system: System, rows: Mapping[str, Rows], folder: Path
+) -> dict[str, LinkStatistics]:
+    """Store the tables of the links that cross cuts, for replays offline; their statistics."""
+    found: dict[str, LinkStatistics] = {}
+    for link in system.plan.links:
+        held = held_by(system, rows, link)
+        if held is None:
+            continue
+        with TableWriter(link_file(folder, link.name), link.table.facts()) as writer:
+            writer.write(held)
+        found[link.name] = statistics(held, link.table.grid)
+    return found
+
+
+# ---- buses ----------------------------------------------------------------------------------
+
+
+def bus_logs(system: System, nodes: Path) -> dict[str, FrameLog]:
+    """What was on each CAN bus, by time: what nodes sent, and what they heard of others."""
+    logs: dict[str, FrameLog] = {}
+    for name, bus in system.deployment.buses.items():
+        files = sorted(nodes.glob(f"*.{name}.frames"))
+        if bus.kind != "can" or not files:
+            continue
+        parts = [Journal.open(path) for path in files]
+        sent = [p[p["flags"] & Flags.SENT != 0] for p in parts]
+        known = np.unique(np.concatenate([p["id"] for p in sent]))
+        heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(p["id"], known)] for p in parts]
+        foreign = max(heard, key=len)
+        rows = np.concatenate([*sent, foreign])
+        rows["bus"] = 0
+        logs[name] = FrameLog(rows[np.argsort(rows["t_ns"], kind="stable")], (_channel(bus, name),))
+    return logs
+
+
+def _channel(bus: object, name: str) -> str:
+    return getattr(bus, "channel", "") or name
+
+
+def write_bus_logs(
+    logs: Mapping[str, FrameLog], folder: Path, formats: tuple[str, ...], wall_ns: int
+) -> list[Path]:
+    """Write each bus's log as ``FOLDER/BUS.FORMAT`` (log, blf, asc, mf4); returns the files."""
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for name, log in logs.items():
+        for suffix in formats:
+            path = folder / f"{name}.{suffix}"
+            write_log(log, path, wall_ns)
+            paths.append(path)
+    return paths

@@ -1,0 +1,167 @@
+"""What a rehearsal says at its end: lines of text, and the same as data for ``run.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge.can.load import log_bits, seconds
+from bridge.can.log import FrameLog
+from bridge.can.timing import BusTiming
+from bridge.collect import lives_of
+from bridge.lateness import Lateness, lateness
+from bridge.native.node import BURST
+from bridge.native.safety import State
+from bridge.safety import explain, explain_guard
+from bridge.system import System
+from bridge.wiring import Rows
+
+WIDTH = 16
+
+
+def line(label: str, text: str) -> str:
+    """A line of a summary."""
+    return f"{label:<{WIDTH}} {text}"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeReport:
+    """One life of a node: how late it was, how it ended, and what it reported of itself if it did."""
+
+    life: str
+    slots: int
+    lateness: Lateness
+    state: str
+    reasons: str
+    said: Mapping[str, Any]
+
+    def text(self) -> str:
+        """Lateness and end."""
+        late = self.lateness.late
+        us = [f"{v / 1e3:.0f}" for v in (late.p50, late.p99, late.p999, late.maximum)]
+        end = "" if self.state in ("active", "finished") else f"; {self.state}: {self.reasons}"
+        missed = f", {self.lateness.missed} missed" if self.lateness.missed else ""
+        return (
+            f"late p50 {us[0]}, p99 {us[1]}, p99.9 {us[2]}, max {us[3]} us"
+            f" in {self.slots} slots{missed}{end}"
+        )
+
+
+def node_reports(system: System, rows: Mapping[str, Rows], nodes: Path) -> list[NodeReport]:
+    """One a life, in the order of the deployment."""
+    found = []
+    for name, plan in system.nodes.items():
+        for life in lives_of(rows, name):
+            r = rows[life]
+            path = nodes / f"{life}.json"
+            said = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+            late = lateness(
+                r["deadline_ns"], r["woke_ns"], round(plan.h * 1e9), received=r["received_ns"],
+                sent=r["done_ns"], stepped=r["received_ns"],
+            )  # fmt: skip
+            reasons = int(r["reasons"][-1])
+            found.append(
+                NodeReport(
+                    life,
+                    len(r),
+                    late,
+                    State(int(r["state"][-1])).name.lower(),
+                    explain(reasons) if reasons else "",
+                    said,
+                )
+            )
+    return found
+
+
+# ---- ages -----------------------------------------------------------------------------------
+
+
+def age_lines(system: System, rows: Mapping[str, Rows]) -> list[str]:
+    """Configured, real and total age of everything that crosses a cut."""
+    lines = []
+    for name, plan in system.nodes.items():
+        for i, inlet in enumerate(plan.inlets):
+            parts = [rows[life]["inlets"][:, i] for life in lives_of(rows, name)]
+            if not parts:
+                continue
+            r = np.concatenate(parts)
+            heard = r[r["held"] >= 0]
+            if not len(heard):
+                lines.append(line("age", f"never anything  {inlet.source.name} -> {inlet.target.name}"))
+                continue
+            real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
+            configured = "none"
+            if inlet.link is not None and system.deployment.latency:
+                configured = f"{(total - real).mean():.0f} ms"
+            lines.append(
+                line(
+                    "age",
+                    f"configured {configured}, real p50 {np.median(real):.2f} p99 "
+                    f"{np.percentile(real, 99):.2f} ms, total mean {total.mean():.1f} ms  "
+                    f"{inlet.source.name} -> {inlet.target.name}",
+                )
+            )
+    return lines
+
+
+# ---- buses ----------------------------------------------------------------------------------
+
+
+def bus_lines(system: System, logs: Mapping[str, FrameLog]) -> list[str]:
+    """Frames and load of each CAN bus, from the bits of every frame that was logged."""
+    lines = []
+    for name, log in logs.items():
+        if not len(log.rows):
+            continue
+        bus = system.deployment.buses[name]
+        timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
+        r = log.rows
+        bits = log_bits(r["id"], r["flags"], r["length"], r["data"])
+        length = max(float(r["t_ns"][-1] - r["t_ns"][0]) * 1e-9, 1e-3)
+        data_rate = timing.data_bitrate or timing.bitrate
+        times = bits[:, 0] / timing.bitrate + bits[:, 1] / data_rate
+        second = ((r["t_ns"] - r["t_ns"][0]) // 10**9).astype(np.int64)
+        peak = np.bincount(second, weights=times).max(initial=0.0)
+        lines.append(
+            line(
+                f"bus {name}",
+                f"{len(r)} frames, load {times.sum() / length:.1%} (busiest second {peak:.1%}) of "
+                f"{bus.bitrate / 1e6:g}" + (f"/{data_rate / 1e6:g}" if bus.fd else "") + " Mbit/s",
+            )
+        )
+    return lines
+
+
+__all__ = ["BURST", "NodeReport", "age_lines", "bus_lines", "line", "node_reports", "seconds"]
+
+
+# ---- faults ---------------------------------------------------------------------------------
+
+
+def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
+    """What receivers refused and guards did, where anything was."""
+    lines = []
+    for report in reports:
+        for message, counts in report.said.get("messages", {}).items():
+            wrong = {k: v for k, v in counts.items() if v and k != "ok"}
+            if wrong:
+                text = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in wrong.items())
+                lines.append(line("received", f"{report.life}: {message}: {text}"))
+        for message, trips in report.said.get("guards", {}).items():
+            acted = {k: v for k, v in trips.items() if v}
+            if acted:
+                text = ", ".join(f"{k} in {v} ticks" for k, v in acted.items())
+                lines.append(line("guard", f"{report.life}: {message}: {text}"))
+        if report.said.get("drive_faults"):
+            lines.append(line("drive", f"{report.life}: {report.said['drive_faults']} faults"))
+    return lines
+
+
+def guard_words(bits: int) -> str:
+    """Bits of a row in words."""
+    return explain_guard(bits)

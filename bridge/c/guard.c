@@ -60,7 +60,7 @@ static double taken(const guard_t *g, int32_t i, double tau, int beyond, const d
         *bits |= GUARD_VELOCITY;
         if ((v < 0.0 ? -tau : tau) > 0.0) tau = 0.0;
     }
-    if (g->power_max && tau * v > 0.0 && !(tau * v <= g->power_max[i])) {
+    if (g->power_max && !(tau * v <= g->power_max[i])) {
         *bits |= GUARD_POWER;
         tau = clipped(tau, g->power_max[i] / magnitude(v));
     }

@@ -101,7 +101,6 @@ API int32_t life_step(life_t *life)
     raised |= obey(life, raised);
     latch(life, raised);
     if (life->state == LIFE_STOPPING) ramp_down(life);
-    if (life->state == LIFE_FAULT) life->armed = 0;
     life->scale = scale(life);
     return life->state;
 }

@@ -48,6 +48,23 @@ def test_the_current_loop_is_exact_and_what_acts_is_its_mean(
     assert np.isclose(torque, mean, rtol=1e-12, atol=1e-12)
 
 
+@settings(max_examples=100, deadline=None)
+@given(x=st.floats(1e-6, 50))
+def test_the_exponential_is_as_good_as_that_of_libm(x: float) -> None:
+    drive = enabled(replace(SPEC, lag=H / x))
+    drive.step([1.0], True, [0.0], 0)
+    assert np.isclose(drive.tau[0], -expm1(-H / drive.struct.lag), rtol=1e-15, atol=2.3e-16)
+
+
+def test_nothing_of_the_torque_outlives_a_disable() -> None:
+    drive = enabled(replace(SPEC, lag=5e-3))
+    drive.step([4.0], True, [0.0], 0)
+    assert drive.tau[0] > 0
+    drive.request(Request.DISABLE, 0)
+    drive.request(Request.ENABLE, 0)
+    assert drive.step([0.0], True, [0.0], 0)[0] == 0.0
+
+
 def test_ten_steps_are_one_step_of_ten_times_the_length() -> None:
     """The exponential property: what only an exact discretisation has."""
     fine, coarse = (

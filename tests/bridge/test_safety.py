@@ -186,6 +186,19 @@ def test_jump() -> None:
     assert guard.trips()["jump"] == 1
 
 
+def test_a_jump_is_told_once_wherever_it_leads() -> None:
+    guard = GuardSpec(q_jump=0.1).build(1, H)
+    bits = [guard.apply([1.0], [q], [0.0])[1] for q in (0.0, 1e3, 1e3, -5.0, -5.0)]
+    assert bits == [0, GuardBit.JUMP, 0, GuardBit.JUMP, 0]
+
+
+@pytest.mark.parametrize("last", [nan, inf, -inf])
+def test_a_rate_without_a_number_to_count_from_counts_from_zero(last: float) -> None:
+    guard = GuardSpec(tau_max=9.0, rate_max=500.0).build(1, H)
+    guard.last_tau[0] = last
+    assert guard.apply([5.0], None, None)[0][0] == 0.5
+
+
 def test_a_jump_is_seen_across_a_position_that_was_no_number() -> None:
     guard = GuardSpec(q_jump=0.1).build(1, H)
     bits = [guard.apply([1.0], [q], [0.0])[1] for q in (0.0, nan, 3.0)]
@@ -205,7 +218,7 @@ def test_a_ramp_down_is_not_rate_limited_but_the_controller_behind_it_is() -> No
     down = [guard.apply([2.0], None, None, scale)[0][0] for scale in (0.5, 0.25)]
     assert down == [1.0, 0.5]
     assert guard.apply([-2.0], None, None, 0.25)[0][0] == 0.25 * 1.5
-    assert guard.apply([2.0], None, None, 0.0) == (0.0, 0)
+    assert guard.apply([9.0], None, None, 0.0) == (0.0, 0)  # and no rate is told
     assert guard.apply([2.0], None, None)[0][0] == 0.5  # from 0 again
 
 

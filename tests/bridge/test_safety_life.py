@@ -116,12 +116,21 @@ def test_other_reasons_latch_before_the_start_too(why: Why) -> None:
     assert tick(life, Command.RESET) == State.INACTIVE
 
 
-def test_stop_disarms() -> None:
+@pytest.mark.parametrize("command", [Command.STOP, Command.RESET])
+def test_stop_and_reset_disarm(command: Command) -> None:
     life = inactive()
     tick(life, Command.ARM)
-    tick(life, Command.STOP)
+    tick(life, command)
     assert not life.armed
     assert life.reasons == 0
+
+
+def test_a_ramp_overwritten_by_accident_starts_no_higher_than_full() -> None:
+    life = active()
+    tick(life, Command.STOP)
+    life.ramp = 1000
+    tick(life)
+    assert life.scale == 0.75
 
 
 @pytest.mark.parametrize("state", [State.UNCONFIGURED, State.FINISHED])

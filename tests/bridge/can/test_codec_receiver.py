@@ -78,9 +78,9 @@ def test_the_first_of_all_is_not_negative():
 
 
 def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tuple[int, int]]:
-    """(arrival, number), in order of arrival: delays up to 0.7 M periods, stalls with bursts."""
-    base = random.uniform(0, 3 * PERIOD)
-    worst = 0.7 * M * PERIOD
+    """(arrival, number), in order of arrival: 0.6 M periods late at most, stalls with bursts."""
+    base = random.uniform(0, 0.05 * M * PERIOD)
+    worst = 0.55 * M * PERIOD
     kinds = random.choice([0.3, 1.5, 0.5 * M], size=n, p=[0.8, 0.15, 0.05])
     delays = np.minimum(random.uniform(0, 1, n) * kinds * PERIOD, worst)
     sent = np.arange(n) * PERIOD * (1 + drift)
@@ -107,7 +107,7 @@ def test_never_a_wrong_number(profile, seed, drift, loss, limited):
     for start in random.integers(0, 400, size=2):  # silences
         arrived = [x for x in arrived if not start <= x[1] < start + 3 * M // 2]
     again = [(t + int(random.integers(0, 2 * PERIOD)), k) for t, k in arrived[::7]]
-    offset = random.uniform(-0.1, 0.1) * M  # of the clocks, periods
+    offset = random.uniform(-0.1, 0.1) * M  # of the clocks, periods: in all less than 3/4 M
     last, taken = -1, []
     for t, k in sorted(arrived + again):
         expected = round(t / PERIOD + offset)

@@ -1,7 +1,7 @@
 """Links as small FMUs: what ``cosim export --links fmu`` puts between sender and receiver.
 
 The rows of a link's table go into the FMU. A master in which everybody sees the last step (Jacobi)
-then hands the receiver in step k the sample that the link holds at tick k.
+then hands the receiver in step k the sample that the link holds at its hit k.
 """
 
 from __future__ import annotations
@@ -17,33 +17,44 @@ from cosim.scenario import Scenario
 _MODEL = "fmus.models.delay"
 
 
-def build_delays(scenario: Scenario, plan: Plan, folder: Path) -> dict[str, Path]:
+def build_delays(
+    scenario: Scenario, plan: Plan, folder: Path, *, rates: bool = False
+) -> dict[str, Path]:
     """An FMU for each link of a plan, by the link's name, built into `folder`.
 
-    Raises ScenarioError for a link that such an FMU cannot be: one between components with a period
-    of their own, and one without a delay of at least one step.
+    With `rates` it steps as its ends do, which have one period; without, everybody steps in every
+    tick. Raises ScenarioError for other links, and for one without a delay of at least one step.
     """
     make = importlib.import_module(_MODEL).build_link
     found = {}
     for i, link in enumerate(plan.links):
-        _check(scenario, plan, link)
-        rows = link.table.stream(plan.ticks).rows(plan.ticks)
+        _check(scenario, plan, link, rates)
+        period = plan.component(link.target.component).period
+        hits = -(-plan.ticks // period)
+        rows = link.table.stream(hits).rows(hits)
         found[link.name] = make(
             identifier=f"delay_{i + 1}",
             rows=rows.tolist(),
             history=link.table.history,
             width=link.target.size,
             unit=link.target.unit,
-            step=plan.h,
+            step=period * plan.h,
             initial=link.initial,
             folder=folder,
         )
     return found
 
 
-def _check(scenario: Scenario, plan: Plan, link: Link) -> None:
+def _check(scenario: Scenario, plan: Plan, link: Link, rates: bool) -> None:
+    ends = [plan.component(x.component).period for x in (link.source, link.target)]
+    if rates and ends[0] != ends[1]:
+        raise ScenarioError(
+            f"its ends step every {ends[0]} and every {ends[1]} ticks; expected one period, "
+            "which its delay is counted in",
+            scenario.place("links", link.name),
+        )
     for name in (link.source.component, link.target.component):
-        if plan.component(name).period != 1:
+        if not rates and plan.component(name).period != 1:
             raise ScenarioError(
                 f"{name} steps every {plan.component(name).period} ticks; other tools step every "
                 "FMU in every step, so a delay FMU needs components that step in every tick "

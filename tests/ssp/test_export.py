@@ -174,9 +174,47 @@ def test_a_closed_loop_with_its_latency_is_one_fmu(tmp_path: Path) -> None:
         np.testing.assert_array_equal(inside[f"loop.{name.replace('.', '_', 1)}"], ours[name])
 
 
-def test_a_container_steps_all_together(tmp_path: Path) -> None:
-    read = scenario(teleoperation(stop=0.1))
-    with pytest.raises(ScenarioError, match="step at their own period"):
+def multirate(**periods: int) -> Document:
+    """The teleoperator in Jacobi's way, components stepping every so many steps."""
+    document = synchronous(UNIFORM, CONSTANT)
+    for name, period in periods.items():
+        document["components"][name]["period"] = period * STEP
+    return document
+
+
+@pytest.mark.parametrize(
+    "periods",
+    [
+        {"master_control": 4, "slave_control": 4},
+        {"master_control": 8, "slave_control": 8, "slave": 2},
+    ],
+)
+def test_periods_are_containers_in_a_container(tmp_path: Path, periods: dict[str, int]) -> None:
+    read = scenario(multirate(**periods))
+    notes = write_container(read, assemble(read), tmp_path / "loop.fmu")
+    slow = max(periods.values())
+    assert notes == [f"its step is the longest period, {slow * STEP:g} s, or a multiple"]
+    run = {"step": slow * STEP, "stop": 1.0}
+    loop = build({"run": run, "components": {"loop": {"model": "loop.fmu"}}}, tmp_path / "x.toml")
+    ours, inside = recorded(read), recorded(loop)
+    for name in ("master.q[0]", "slave.q[1]", "slave.dq[0]", "master_control.tau[0]"):
+        assert np.ptp(ours[name]) > 0.02
+        found = inside[f"loop.{name.replace('.', '_', 1)}"]
+        np.testing.assert_array_equal(found, ours[name][::slow], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("periods", "message"),
+    [
+        ({"master": 2, "slave": 3}, "every 2 and every 3 ticks; in a container a period is a mul"),
+        ({"master_control": 4}, "its ends step every 4 and every 1 ticks; expected one period"),
+    ],
+)
+def test_periods_that_do_not_nest_are_refused(
+    tmp_path: Path, periods: dict[str, int], message: str
+) -> None:
+    read = scenario(multirate(**periods))
+    with pytest.raises(ScenarioError, match=message):
         write_container(read, assemble(read), tmp_path / "x.fmu")
 
 

@@ -130,9 +130,10 @@ typedef struct node {
     const char *replayed;   /* CLOCK_REPLAY: rows of the recording */
     int64_t replayed_rows, row_size, replay_row;
 
-    histogram_t late, receive, work;
-    int64_t missed, bursts, spin_ns;
-    int64_t send_ns;        /* spent sending in this slot */
+    histogram_t late;
+    int64_t missed, spin_ns;
+    int64_t done_ns;        /* when the last slot was done */
+    int64_t sent_ns;        /* when the last frame of this slot was handed over; 0: none */
     int64_t start_commands;
     int64_t unknown;        /* frames nobody here listens to */
     frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
@@ -142,7 +143,7 @@ typedef struct node {
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
 typedef struct {
-    int64_t slot, deadline_ns, woke_ns, received_ns, done_ns, send_ns;
+    int64_t slot, deadline_ns, woke_ns, received_ns, sent_ns, done_ns;
     int32_t state, command;
     uint32_t now, reasons;
     uint32_t guard, flags;

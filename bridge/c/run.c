@@ -97,9 +97,10 @@ API int32_t node_live(node_t *n)
     const int32_t waited = wait_for_start(n);
     if (waited != LIVE_FINISHED) return waited;
     begin(n);
+    int64_t woke = pace_now();
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
-        int64_t woke = pace_now(), limit;
+        int64_t limit;
         uint32_t flags = 0;
         if (woke < deadline) woke = pace_wait(deadline, n->spin_ns, &n->quit);
         if (*(volatile int32_t *)&n->quit) return LIVE_STOPPED;
@@ -117,7 +118,7 @@ API int32_t node_live(node_t *n)
             let_down(n);
             return result;
         }
-        histogram_add(&n->work, pace_now() - woke);
+        woke = n->done_ns + n->start_ns;
         if (n->life.state == LIFE_INACTIVE) break; /* a stop, at the end of its ramp */
     }
     const int32_t stopped = n->slot < n->slots;

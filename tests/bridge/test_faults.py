@@ -1,59 +1,19 @@
-"""Faults in C: what each kind does, that the seed decides, and that the record is the truth."""
+"""Faults in C: which frames a rule is for, and what each kind does."""
 
 from __future__ import annotations
 
 import ctypes as c
-from zlib import crc32
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.journal import Journal
 from bridge.native import faults as native
-from bridge.native.faults import FOREVER, INJECTED, Fault, Faults, Injector
-from bridge.native.frame import Flags, Frame
+from bridge.native.faults import INJECTED, Fault, Faults, Injector
+from bridge.native.frame import Flags
 from cosim.errors import PlanError
-
-START = 10**12  # of the run, on the clock of the frames
-MS = 1_000_000
-
-
-def rule(kind, **more):
-    said = {"count": 1, "t0_ns": 0, "t1_ns": FOREVER, "bus": -1, "probability": 1.0, "random": 7}
-    return Fault(kind=kind, **{**said, **more})
-
-
-def frame(n, t=None, identifier=0x100, length=8, bus=0, flags=0):
-    """Frame number n; it arrives n ms after the start."""
-    data = bytes((n * 31 + k) % 256 for k in range(length))
-    made = Frame.of(identifier, data, flags, START + (n * MS if t is None else t))
-    made.sequence, made.bus = n, bus
-    return made
-
-
-def through(injector, frames, until=10**11):
-    """Everything that gets through, looked at every millisecond: (ms, number, payload)."""
-    out, coming = [], list(frames)
-    for now in range(START, START + until, MS):
-        while coming and coming[0].t_ns <= now:
-            injector.put(coming.pop(0), START)
-        while (got := injector.get(now)) is not None:
-            assert got.reserved == 0
-            assert now - MS < got.t_ns <= now
-            out.append(((got.t_ns - START) / MS, got.sequence, got.payload))
-        if not coming and injector.struct.n_waiting == 0:
-            return out
-    raise AssertionError("frames still wait")
-
-
-def numbers(out):
-    return [n for _, n, _ in out]
-
-
-def flipped(a, b):
-    return sum((x ^ y).bit_count() for x, y in zip(a, b, strict=True))
+from tests.bridge.injection import MS, START, flipped, frame, numbers, rule, through
 
 
 def test_structs_are_as_c_has_them():
@@ -199,111 +159,3 @@ def test_every_bit_can_be_flipped():
         a, b = (int.from_bytes(x.payload, "little") for x in (sent, got))
         hit.add((a ^ b).bit_length() - 1)
     assert hit == set(range(32))
-
-
-# ---- several rules, seeds, bounds ----
-
-kinds = st.integers(0, 6)
-rules = st.lists(
-    st.builds(
-        rule,
-        kinds,
-        count=st.integers(1, 5),
-        t0_ns=st.integers(0, 30 * MS),
-        t1_ns=st.integers(20 * MS, 90 * MS),
-        probability=st.floats(0, 1),
-        a=st.floats(0, 0.003),
-        b=st.floats(0.003, 0.02),
-        random=st.integers(0, 2**64 - 1),
-    ),
-    max_size=5,
-)
-
-
-def copy(r):
-    return Fault.from_buffer_copy(bytes(r))
-
-
-@settings(max_examples=40, deadline=None)
-@given(rules=rules)
-def test_the_same_seed_does_the_same(rules):
-    frames = [frame(n) for n in range(80)]
-    a, b = (through(Injector([copy(r) for r in rules]), frames) for _ in range(2))
-    assert a == b
-
-
-@settings(max_examples=60, deadline=None)
-@given(rules=rules)
-def test_frames_are_accounted_for(tmp_path_factory, rules):
-    """What went in, less what was dropped, and copies, comes out; the record says the same."""
-    folder = tmp_path_factory.mktemp("journal")
-    with Journal.create(folder / "injected", INJECTED, 100) as journal:
-        injector = Injector(rules, journal=journal.address)
-        frames = [frame(n) for n in range(80)]
-        out = through(injector, frames)
-        rows = journal.rows.copy()
-    s = injector.struct
-    assert (s.frames, s.overflow, s.n_waiting) == (80, 0, 0)
-    assert len(rows) == s.injected
-    copies = {n: 1 for n in range(80)} | {int(r["sequence"]): int(r["copies"]) for r in rows}
-    assert {n: numbers(out).count(n) for n in range(80)} == copies
-    assert sum(n == 0 for n in copies.values()) == s.dropped
-    assert [t for t, _, _ in out] == sorted(t for t, _, _ in out)
-    changed = {int(r["sequence"]) for r in rows if r["copies"] and r["crc"] != r["crc_after"]}
-    assert len(changed) == s.corrupted
-    for r in rows:
-        was = frames[r["sequence"]].payload
-        assert (r["crc"], bytes(r["data"][:8]), r["length"]) == (crc32(was), was, 8)
-        assert r["t_ns"] == r["sequence"] * MS and r["id"] == 0x100
-        assert r["kinds"] >> rules[r["rule"]].kind & 1
-    for _, n, payload in out:
-        assert (payload != frames[n].payload) == (n in changed)
-
-
-def test_a_rule_draws_the_same_whatever_others_do():
-    """The frames hit by a rule do not depend on the rules before it."""
-    second = rule(native.CORRUPT, probability=0.3, random=99)
-    frames = [frame(n) for n in range(100)]
-    alone = through(Injector([copy(second)]), frames)
-    changed = {n for _, n, payload in alone if payload != frames[n].payload}
-    both = through(Injector([rule(native.DROP, probability=0.5), copy(second)]), frames)
-    assert {n for _, n, payload in both if payload != frames[n].payload} == changed & set(
-        numbers(both)
-    )
-
-
-def test_bits_flipped_back_are_no_corruption():
-    """Two rules that flip the same bits leave the frame as it was: not counted as corrupted."""
-    rules = [rule(native.CORRUPT, count=64), rule(native.CORRUPT, count=64)]
-    injector = Injector(rules)
-    sent = frame(1)
-    ((_, _, payload),) = through(injector, [sent])
-    assert payload == sent.payload
-    assert (injector.struct.corrupted, injector.hits()) == (0, (1, 1))
-
-
-def test_too_many_that_wait_are_counted():
-    injector = Injector([rule(native.DELAY, a=1.0, b=1.0)], 16)
-    for n in range(40):
-        injector.put(frame(n), START)
-    assert (injector.struct.overflow, injector.struct.n_waiting) == (24, 16)
-    assert numbers(through(injector, [])) == list(range(16))
-
-
-def test_a_full_record_counts_and_goes_on(tmp_path):
-    with Journal.create(tmp_path / "injected", INJECTED, 5) as journal:
-        injector = Injector([rule(native.DROP)], journal=journal.address)
-        for n in range(9):
-            injector.put(frame(n), START)
-        assert (len(journal), journal.dropped, injector.struct.dropped) == (5, 4, 9)
-
-
-def test_the_generator_is_splitmix64():
-    """The state after n questions: seed + n times the golden gamma (Steele et al., 2014)."""
-    injector = Injector([rule(native.DROP, random=1234567, probability=0.5)])
-    for n in range(5):
-        injector.put(frame(n), START)
-    assert injector.rules[0].random == (1234567 + 5 * 0x9E3779B97F4A7C15) % 2**64
-    first = [6457827717110365317, 3203168211198807973, 9817491932198370423]
-    expected = [n for n, z in enumerate(first) if z >> 63]  # at 0.5 the upper half stays
-    assert [n for n in numbers(through(injector, [])) if n < 3] == expected

@@ -16,6 +16,7 @@ import pytest
 from tests.vcan.peers import call
 
 HERE = Path(__file__).resolve().parent
+COMMAND = "python -m bridge.vcan run -- python -m pytest tests/vcan"
 _NUMBERS = count()
 
 
@@ -26,7 +27,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if not any(path.is_relative_to(HERE) for path in asked):
         return True
     if "vcan0" not in (name for _, name in socket.if_nameindex()):
-        pytest.exit(f"no vcan0 here: {__doc__.partition(chr(10))[0]}", returncode=4)
+        raise pytest.UsageError(f"no vcan0 here; {COMMAND}")
     return None
 
 

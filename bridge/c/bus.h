@@ -56,10 +56,11 @@ typedef struct {
     int64_t n_accepts;
     traffic_t *traffic;     /* every frame, both ways; or NULL */
     int64_t offset_ns;      /* CLOCK_MONOTONIC - CLOCK_REALTIME when this drain began */
-    int64_t empty_ns;       /* before its queue was last found empty; CLOCK_MONOTONIC */
+    int64_t empty_ns;       /* what comes now had not arrived then: the drain before this one began */
     int64_t clock_steps;    /* times the wall clock was set (by 1 ms or more) */
     int32_t draining;       /* a frame has come since the queue was last empty */
     int32_t stepped;        /* in this drain, or the one before */
+    int64_t began_ns;       /* when this drain did; CLOCK_MONOTONIC */
 } bus_t;
 
 /* What a BUS_SOCKET needs of its socket: arrival stamps and the count of lost frames. 0 or errno. */
@@ -68,7 +69,7 @@ API int32_t bus_prepare(int32_t fd);
 /* The next frame that has arrived: 1 and *frame (t_ns: arrival; kernel time stamp on a socket,
  * put on CLOCK_MONOTONIC), or 0: none. Error frames are counted, change `state`, and are logged,
  * but not given. Never blocks. If the wall clock was set since a frame arrived, its t_ns is bounded
- * by when the queue was last empty and by now. */
+ * by when the drain before began and by now. */
 API int32_t bus_receive(bus_t *bus, frame_t *frame);
 
 /* Hand over a frame: 0, or an errno (EINVAL: a length no CAN frame has; ENETDOWN; ENOBUFS: queue

@@ -28,15 +28,15 @@ int32_t bus_prepare(int32_t fd)
     return 0;
 }
 
-/* Where wall time stands, once a drain. Read between two monotonic times: right to half of what
- * the three calls take. */
+/* Where wall time stands, once a drain: right to what reading a clock takes. */
 static void begin_drain(bus_t *bus)
 {
     struct timespec wall;
-    int64_t before = pace_now(), offset, change;
+    int64_t offset, change;
 
     clock_gettime(CLOCK_REALTIME, &wall);
-    offset = before + (pace_now() - before) / 2 - ((int64_t)wall.tv_sec * SECOND + wall.tv_nsec);
+    bus->began_ns = pace_now();
+    offset = bus->began_ns - ((int64_t)wall.tv_sec * SECOND + wall.tv_nsec);
     change = offset - bus->offset_ns;
     if (bus->offset_ns && (change >= STEP || change <= -STEP)) {
         bus->clock_steps++;
@@ -107,12 +107,13 @@ static void unpack(frame_t *frame, const struct canfd_frame *raw, int fd)
 }
 
 /* recvmsg() said errno: 1: try again, 0: nothing there. */
-static int trouble(bus_t *bus, int64_t before)
+static int trouble(bus_t *bus)
 {
     if (errno == EINTR)
         return 1;
     if (errno == EAGAIN || errno == EWOULDBLOCK) {
-        bus->empty_ns = before;
+        if (bus->draining)
+            bus->empty_ns = bus->began_ns;
         bus->draining = 0;
         return 0;
     }
@@ -130,7 +131,6 @@ int socket_next(bus_t *bus, frame_t *frame)
     union { char bytes[128]; struct cmsghdr align; } control;
     struct iovec part = { &raw, sizeof raw };
     struct msghdr message;
-    int64_t before = bus->draining ? 0 : pace_now();
     ssize_t n;
     int tries = 4;
 
@@ -148,7 +148,7 @@ int socket_next(bus_t *bus, frame_t *frame)
             frame->t_ns = arrival(bus, read_control(bus, &message));
             return 1;
         }
-        if (n < 0 && !trouble(bus, before ? before : pace_now()))
+        if (n < 0 && !trouble(bus))
             return 0;
     }
     return 0;

@@ -41,7 +41,9 @@ int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns, int
         return refused(&r->wrong_sequence, RECEIVE_WRONG);
     if (!first)
         r->lost += k - r->sequence - 1;
-    if (silent || t_ns - k * period < origin)
+    if (silent)     /* this one may be late itself: then `expected` is the fastest way known */
+        origin = t_ns - p * period;
+    if (t_ns - k * period < origin)
         origin = t_ns - k * period;
     r->ok++;
     r->sequence = k;

@@ -78,9 +78,9 @@ def test_the_first_of_all_is_not_negative():
 
 
 def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tuple[int, int]]:
-    """(arrival, number), in order of arrival: 0.6 M periods late at most, stalls with bursts."""
+    """(arrival, number), in order of arrival: 0.55 M periods late at most, stalls with bursts."""
     base = random.uniform(0, 0.05 * M * PERIOD)
-    worst = 0.55 * M * PERIOD
+    worst = 0.42 * M * PERIOD  # and two periods more for repeated ones
     kinds = random.choice([0.3, 1.5, 0.5 * M], size=n, p=[0.8, 0.15, 0.05])
     delays = np.minimum(random.uniform(0, 1, n) * kinds * PERIOD, worst)
     sent = np.arange(n) * PERIOD * (1 + drift)

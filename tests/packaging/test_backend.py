@@ -19,6 +19,8 @@ from fmus.toolchain import host_compiler, shared_suffix
 
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = f"cosim/_engine{shared_suffix()}"
+BRIDGE = f"bridge/_bridge{shared_suffix()}"
+ENDINGS = (".py", ".c", ".h", ".md", ".fmu", "py.typed", "/init.sh", ENGINE, BRIDGE)
 PARTS = ("cosim", "fmus", "bridge", "build_backend", "configs")
 FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CONTRIBUTING.md", "CHANGELOG.md")
 
@@ -161,9 +163,7 @@ def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> Non
 def test_a_wheel_holds_nothing_else(wheel: Path) -> None:
     for name in names(wheel):
         assert name.startswith(("cosim/", "fmus/", "bridge/", "cosim_bridge-"))
-        assert name.endswith((".py", ".c", ".h", ".md", ".fmu", "py.typed", ENGINE)) or (
-            ".dist-info/" in name
-        )
+        assert name.endswith(ENDINGS) or ".dist-info/" in name
     assert "cosim/old_module.py" not in names(wheel)
 
 

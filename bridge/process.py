@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -136,7 +137,8 @@ class Process:
         self.poll()
         for stream in (self._popen.stdin, self._popen.stdout):
             if stream is not None:
-                stream.close()
+                with suppress(BrokenPipeError):  # of what was told to a process that had ended
+                    stream.close()
 
     def reason(self) -> str:
         """Why it ended too early, as far as it said."""

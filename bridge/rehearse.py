@@ -78,6 +78,10 @@ class Rehearsal:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
+    def closing(self, do: Callable[[], None]) -> None:
+        """Do this when the rehearsal is left, whatever happens."""
+        self._stack.callback(do)
+
     def start_node(self, name: str) -> Process:
         """Start a node's process; a second life of it is called ``NAME.2``."""
         lives = sum(p.start.node == name for p in self.ended.lives)
@@ -123,6 +127,10 @@ class Rehearsal:
             self.ended.interrupted = True
             raise Interrupted(self.t, str(self.folder)) from None
         return self.ended
+
+    def end(self) -> None:
+        """End all processes; their journals are complete then."""
+        self._stack.close()
 
     @property
     def t(self) -> float:

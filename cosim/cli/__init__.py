@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 a run stopped or a comparison failed, 2 bad input, 130 int
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 
@@ -31,6 +32,15 @@ app.command("compare")(compare.compare)
 app.command("sweep")(sweep.sweep)
 app.command("export")(export.export)
 app.command("new")(new.new)
+
+#: Commands of the bridge, which this package does not know: (module, function) by name.
+BRIDGE = {
+    "rehearse": ("bridge.cli.rehearse", "rehearse"),
+    "node": ("bridge.cli.node", "node"),
+    "replay": ("bridge.cli.replay", "replay"),
+}
+for _name, (_module, _function) in BRIDGE.items():
+    app.command(_name)(getattr(importlib.import_module(_module), _function))
 
 
 def _version(wanted: bool) -> None:

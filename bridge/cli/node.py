@@ -1,0 +1,97 @@
+"""``cosim node``: one node of a deployment alone, on this machine, against whatever is on its bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set
+
+
+def node(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    name: Annotated[str, typer.Option("--node", help="Which node of the deployment.")],
+    deploy: Deploy = "can",
+    set_: Set = None,
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
+    data_bitrate: DataBitrate = None,
+    fd: Fd = None,
+    now: Annotated[
+        bool, typer.Option("--now", help="Start at once; else by NMT start on the bus.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Run folder; runs/… if not given.")] = None,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="Frames may move real drives; asks before it starts.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).
+
+    Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
+    """
+    import json
+
+    from bridge import deploy as deployments
+    from bridge.cli.options import bus_settings, fresh
+    from bridge.node import Control, Options, run_node
+    from bridge.rehearse import NODES
+    from bridge.system import load_system
+    from cosim.clock import monotonic_ns, stamp
+    from cosim.errors import ScenarioError
+
+    path = deployments.find(scenario, deploy)
+    changes = [*(set_ or [])]
+    changes += bus_settings(
+        deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
+    )
+    system = load_system(scenario, str(path), changes)
+    if name not in system.nodes:
+        raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
+    if hardware and not yes:
+        typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
+    folder = out or fresh(Path("runs") / f"{name}-{stamp()}")
+    (folder / NODES).mkdir(parents=True, exist_ok=True)
+
+    def say(event: Mapping[str, Any]) -> None:
+        for text in (*event.get("refused", ()), event.get("warning", "")):
+            if text:
+                typer.echo(f"not granted: {text}", err=True)
+        waiting = "starting" if now else "waiting for NMT start on its bus (Ctrl-C ends)"
+        typer.echo(f"{name}: ready, {waiting}")
+
+    def listen(control: Control) -> None:
+        if now:
+            control.start(monotonic_ns() + 100_000_000)
+
+    report = run_node(
+        system, Options(name, name, folder / NODES, real=hardware, warm_up=1.0), say, listen
+    )
+    text = json.dumps(report, indent=2, default=str) + "\n"
+    (folder / NODES / f"{name}.json").write_text(text, encoding="utf-8")
+    _finish(system, folder, name, changes, report)
+
+
+def _finish(
+    system: Any, folder: Path, name: str, changes: list[str], report: Mapping[str, Any]
+) -> None:
+    from bridge import replay
+    from bridge.outcome import deployed
+    from bridge.rehearse import NODES
+    from bridge.report import node_reports
+    from cosim.record import write_metadata
+    from cosim.simulate import metadata
+
+    facts = {"settings": changes, "node": name}
+    write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, facts))
+    rows = replay.load(folder / NODES) if report["slots"] else {}
+    for r in node_reports(system, rows, folder / NODES):
+        typer.echo(f"{r.life:<16} {r.text()}")
+    typer.echo(f"{'end':<16} {report['end']} {report['reasons']} {report['error']}".rstrip())
+    typer.echo(f"{'run folder':<16} {folder}")
+    if report["end"] != "finished":
+        raise typer.Exit(1)

@@ -1,0 +1,59 @@
+"""Options that several commands of the bridge share, and what they mean for a deployment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cosim.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from bridge.deploy import Deployment
+
+
+def bus_settings(
+    deployment: Deployment,
+    interface: str | None,
+    channels: Sequence[str],
+    bitrate: int | None,
+    data_bitrate: int | None,
+    fd: bool | None,
+) -> list[str]:
+    """``deploy.buses.NAME.KEY=VALUE`` of what was said on the command line for CAN buses.
+
+    `channels`: ``BUS=CHANNEL``, or one channel for the only bus. Raises ScenarioError.
+    """
+    names = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
+    said: list[str] = []
+    for name in names:
+        at = f"deploy.buses.{name}"
+        if interface is not None:
+            said.append(f'{at}.interface="{interface}"')
+            if interface != deployment.buses[name].interface and not channels:
+                said.append(f'{at}.channel="{name}"')
+        if bitrate is not None:
+            said.append(f"{at}.bitrate={bitrate}")
+        if data_bitrate is not None:
+            said.append(f"{at}.data_bitrate={data_bitrate}")
+        if fd is not None:
+            said.append(f"{at}.fd={'true' if fd else 'false'}")
+    for text in channels:
+        bus, equals, channel = text.partition("=")
+        if not equals:
+            bus, channel = (names[0], text) if len(names) == 1 else ("", text)
+        if bus not in names:
+            raise ScenarioError(
+                f"--channel {text}: expected BUS=CHANNEL, with one of {', '.join(names)}"
+            )
+        said.append(f'deploy.buses.{bus}.channel="{channel}"')
+    return said
+
+
+def fresh(folder: Path) -> Path:
+    """`folder`, or with -2, -3, … behind it."""
+    n, path = 1, folder
+    while path.exists():
+        n += 1
+        path = folder.with_name(f"{folder.name}-{n}")
+    return path

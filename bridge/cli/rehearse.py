@@ -1,0 +1,212 @@
+"""``cosim rehearse``: a scenario on the wall clock, one process a node, over real buses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from bridge.outcome import Outcome
+    from bridge.rehearse import Settings
+    from bridge.system import System
+
+Deploy = Annotated[
+    str, typer.Option("--deploy", help="Deployment: a file, or its name in deploy/ beside the scenario.")
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="PATH=VALUE",
+        help="Change a value of the scenario, or of the deployment: deploy.nodes.…; repeatable.",
+    ),
+]
+Interface = Annotated[
+    str | None, typer.Option("--interface", "-i", help="python-can interface of all CAN buses.")
+]
+Channel = Annotated[
+    list[str] | None,
+    typer.Option("--channel", "-c", metavar="BUS=CHANNEL", help="Channel of a bus; repeatable."),
+]
+Bitrate = Annotated[int | None, typer.Option("--bitrate", "-b", help="Bit rate, bit/s.")]
+DataBitrate = Annotated[int | None, typer.Option(help="Bit rate of CAN FD data phases, bit/s.")]
+Fd = Annotated[bool | None, typer.Option("--fd/--no-fd", help="CAN FD or classic CAN.")]
+
+
+def rehearse(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    deploy: Deploy = "can",
+    set_: Set = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of links and topology.")] = None,
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
+    data_bitrate: DataBitrate = None,
+    fd: Fd = None,
+    latency: Annotated[
+        bool, typer.Option("--latency/--no-latency", help="Add the scenario's delays, or not.")
+    ] = True,
+    faults: Annotated[
+        Path | None, typer.Option(metavar="SCRIPT", help="Faults on purpose (see docs/faults.md).")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; runs/… if not given.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")] = False,
+    twin: Annotated[
+        bool, typer.Option("--twin/--no-twin", help="Compare with the simulated twin.")
+    ] = True,
+    log: Annotated[
+        list[str] | None,
+        typer.Option("--log", metavar="FORMAT", help="Bus logs: log (candump), blf, asc, mf4."),
+    ] = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
+    ] = True,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="Frames may move real drives; asks before it starts.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    """Rehearse a scenario: real processes, real frames, the wall clock; then judge it.
+
+    Exits with 1 where a node did not come to the end, or the replay is not the run.
+    """
+    from bridge import deploy as deployments
+    from bridge.cli.options import bus_settings
+    from bridge.system import load_system
+
+    path = deployments.find(scenario, deploy)
+    changes = [*(set_ or [])]
+    changes += [f"run.seed={seed}"] if seed is not None else []
+    changes += [] if latency else ["deploy.latency=false"]
+    changes += bus_settings(
+        deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
+    )
+    system = load_system(scenario, str(path), changes)
+    if hardware and not yes:
+        typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
+    from bridge.rehearse import Settings
+
+    settings = Settings(
+        scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
+        real=hardware, script=str(faults) if faults else "",
+    )  # fmt: skip
+    _run(system, settings, _folder(system, out), force, twin, tuple(log or ("log",)), plot, quiet)
+
+
+def _folder(system: System, out: Path | None) -> Path:
+    from bridge.cli.options import fresh
+    from cosim.clock import stamp
+
+    name = f"{system.scenario.name}-{system.deployment.name}-{stamp()}"
+    return out or fresh(Path("runs") / name)
+
+
+def _run(
+    system: System,
+    settings: Settings,
+    folder: Path,
+    force: bool,
+    twin: bool,
+    formats: tuple[str, ...],
+    plot: bool,
+    quiet: bool,
+) -> None:
+    from dataclasses import replace
+
+    from bridge import happen, preflight
+    from bridge.faults import load
+    from bridge.outcome import complete
+    from bridge.rehearse import Rehearsal
+    from cosim.cli.summary import progress_bar
+    from cosim.errors import Interrupted
+    from cosim.record import claim_folder
+
+    refuse(preflight.check(system), quiet)
+    script = load(Path(settings.script)) if settings.script else None
+    if script is not None:
+        settings = replace(settings, events=happen.events(script, system))
+    claim_folder(folder, force=force)
+    if not quiet:
+        typer.echo(header(system))
+    facts = {"settings": list(settings.changes), "faults": settings.script, "real": settings.real}
+    interrupted = False
+    with Rehearsal(system, settings, folder) as rehearsal:
+        try:
+            with progress_bar(quiet) as progress:
+                rehearsal.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)))
+        except Interrupted:
+            interrupted = True
+        rehearsal.end()
+        outcome = complete(
+            system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats
+        )
+    _say(system, outcome, plot, quiet)
+    if interrupted:
+        typer.echo(f"interrupted; recorded until then: {folder}", err=True)
+        raise typer.Exit(130)
+    if not outcome.finished or outcome.replayed is None or outcome.replayed.first is not None:
+        raise typer.Exit(1)
+
+
+def refuse(findings: object, quiet: bool) -> None:
+    """Say errors and warnings of a check; end where there is an error."""
+    from collections.abc import Iterable
+    from typing import cast
+
+    from cosim.check import Finding
+    from cosim.errors import ScenarioError
+
+    found = list(cast(Iterable[Finding], findings))
+    errors = [f for f in found if f.severity == "error"]
+    for f in found:
+        if f.severity == "warning" and not quiet:
+            typer.echo(f"check: {f.line}", err=True)
+    if errors:
+        raise ScenarioError("; ".join(f.line for f in errors))
+
+
+def header(system: System) -> str:
+    """What is about to run."""
+    d = system.deployment
+    nodes = ", ".join(f"{n} ({1 / p.h:g} Hz)" for n, p in system.nodes.items())
+    buses = ", ".join(f"{n} = {b.interface} {b.channel}" for n, b in d.buses.items())
+    length = system.plan.ticks * system.plan.h
+    return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s on the wall clock"
+
+
+def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> None:
+    from bridge.outcome import lines
+    from bridge.report import line
+    from cosim.analysis import declared
+    from cosim.analysis.metrics import evaluate
+    from cosim.cli.summary import figures
+    from cosim.record import Run
+
+    run = Run.open(outcome.folder)
+    said = [line(r.label, r.text) for r in evaluate(declared.metrics(system.scenario), run)]
+    said += lines(system, outcome)
+    if plot:
+        said += [line("figure", str(p)) for p in figures(system.scenario, run, outcome.folder)]
+    said.append(line("verdict", verdict(outcome)))
+    said.append(line("run folder", str(outcome.folder)))
+    if not quiet:
+        typer.echo("\n".join(said))
+
+
+def verdict(outcome: Outcome) -> str:
+    """One sentence: did every node reach the end, in time, and is the run reproducible?"""
+    if not outcome.finished:
+        stopped = [
+            f"{r.life} ({r.reasons or r.said.get('end', 'killed')})"
+            for r in outcome.reports
+            if r.said.get("end") != "finished"
+        ]
+        return f"not finished: {', '.join(stopped)}"
+    missed = sum(r.lateness.missed for r in outcome.reports)
+    slots = sum(r.slots for r in outcome.reports)
+    share = f"{missed} of {slots} slots missed" if missed else "no slot missed"
+    exact = outcome.replayed is not None and outcome.replayed.first is None
+    return f"finished, {share}, {'replays exactly' if exact else 'does NOT replay'}"

@@ -1,0 +1,80 @@
+"""``cosim replay``: a rehearsal or a hardware run, computed again from its journals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from bridge.system import System
+
+
+def replay(
+    run: Annotated[Path, typer.Argument(help="Run folder of a rehearsal, or a bus log.")],
+    scenario: Annotated[
+        Path | None, typer.Option(help="Scenario, where it is not where the run says it was.")
+    ] = None,
+    deploy: Annotated[str | None, typer.Option("--deploy", help="Deployment, likewise.")] = None,
+    from_log: Annotated[
+        bool, typer.Option("--from-log", help="RUN is a bus log: run controllers on its frames.")
+    ] = False,
+) -> None:
+    """Compute a recorded run again, offline, and compare every signal of every node bit for bit.
+
+    Exits with 1 where anything differs, and says where first.
+    """
+    from tempfile import TemporaryDirectory
+
+    from bridge import replay as again
+    from bridge.rehearse import NODES
+    from cosim.clock import stopwatch
+
+    if from_log:
+        _from_log(run, scenario, deploy)
+        return
+    system = _system(run, scenario, deploy)
+    rows = again.load(run / NODES)
+    watch = stopwatch()
+    with TemporaryDirectory() as scratch:
+        found = again.replay(system, rows, Path(scratch))
+    seconds = max(len(r) * system.nodes[n.partition(".")[0]].h for n, r in rows.items())
+    for life, slots in found.slots.items():
+        typer.echo(f"{life:<16} {slots} slots")
+    for message in found.alone:
+        typer.echo(f"{message:<16} taken from the recording: its sender was not recorded")
+    typer.echo(f"{'time':<16} {seconds:g} s in {watch():.2f} s")
+    if found.first is None:
+        typer.echo(f"{'difference':<16} exactly 0 in every signal")
+        return
+    typer.echo(f"{'difference':<16} up to {found.greatest:.6g}; first: {found.first}")
+    raise typer.Exit(1)
+
+
+def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
+    from bridge.system import load_system
+    from cosim.errors import ScenarioError
+    from cosim.record.folder import read_metadata
+
+    facts = read_metadata(run).get("deployment")
+    if not facts and (scenario is None or deploy is None):
+        raise ScenarioError(
+            "no deployment in run.json: not a rehearsal, or cut short; say --scenario and --deploy",
+            str(run),
+        )
+    facts = facts or {"settings": []}
+    return load_system(
+        scenario or Path(facts["scenario"]), deploy or facts["path"], facts.get("settings", [])
+    )
+
+
+def _from_log(log: Path, scenario: Path | None, deploy: str | None) -> None:
+    import importlib
+
+    from cosim.errors import ScenarioError
+
+    if scenario is None or deploy is None:
+        raise ScenarioError("--from-log needs --scenario and --deploy", str(log))
+    module = importlib.import_module("bridge.cli.fromlog")
+    module.from_log(log, scenario, deploy)

@@ -1,0 +1,196 @@
+"""A rehearsal's run folder, completed: trajectories, tables, logs, twin, replay, numbers.
+
+::
+
+    RUN/run.json               scenario, deployment, settings, versions, verdict
+    RUN/trajectories.parquet   signals on the base tick, as an offline run has them
+    RUN/links/*.parquet        which sent sample each link's receiver held
+    RUN/nodes/LIFE.journal     a row a slot; LIFE.json its report; LIFE.BUS.frames every frame
+    RUN/buses/BUS.log          candump
+    RUN/twin/                  the same on a simulated clock
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from bridge import collect, replay, report, twin
+from bridge.rehearse import NODES, Ended
+from bridge.report import NodeReport
+from bridge.system import System
+from bridge.wiring import Rows
+from cosim.clock import monotonic_ns, realtime_ns
+from cosim.errors import CosimError
+from cosim.links.statistics import LinkStatistics
+from cosim.record import Run, write_metadata
+from cosim.simulate import metadata
+
+TWIN, BUSES = "twin", "buses"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared."""
+
+    folder: Path
+    ticks: int
+    rows: Mapping[str, Rows]
+    reports: Sequence[NodeReport]
+    ages: Mapping[str, LinkStatistics]
+    replayed: replay.Replay | None
+    replay_error: str
+    twin_rms: float
+    buses: Sequence[str]
+    notes: Sequence[str]
+
+    @property
+    def finished(self) -> bool:
+        """Whether every node came to the end of the run without a stop."""
+        return bool(self.reports) and all(r.said.get("end") == "finished" for r in self.reports)
+
+
+def complete(
+    system: System,
+    folder: Path,
+    ended: Ended,
+    facts: Mapping[str, Any],
+    *,
+    with_twin: bool = True,
+    formats: tuple[str, ...] = ("log",),
+) -> Outcome:
+    """Make the run folder out of what the nodes have left. Raises CosimError."""
+    nodes = folder / NODES
+    rows = replay.load(nodes)
+    ticks = collect.write_trajectories(system, rows, folder)
+    ages = collect.write_tables(system, rows, folder)
+    logs = collect.bus_logs(system, nodes)
+    offset = realtime_ns() - monotonic_ns()
+    collect.write_bus_logs(logs, folder / BUSES, formats, offset)
+    reports = report.node_reports(system, rows, nodes)
+    replayed, error = _replayed(system, rows)
+    rms = float("nan")
+    if with_twin:
+        rms = positions_rms(system, folder, run_twin(system, folder / TWIN), ticks)
+    outcome = Outcome(
+        folder, ticks, rows, reports, ages, replayed, error, rms,
+        report.bus_lines(system, logs), ended.notes,
+    )  # fmt: skip
+    write_metadata(folder, _metadata(system, outcome, facts))
+    return outcome
+
+
+def _replayed(system: System, rows: Mapping[str, Rows]) -> tuple[replay.Replay | None, str]:
+    with TemporaryDirectory() as scratch:
+        try:
+            return replay.replay(system, rows, Path(scratch)), ""
+        except CosimError as error:
+            return None, str(error)
+
+
+def run_twin(system: System, folder: Path) -> Path:
+    """The twin's run folder (its journals are not kept)."""
+    if folder.exists():
+        shutil.rmtree(folder)
+    nodes = folder / NODES
+    nodes.mkdir(parents=True)
+    twin.simulate(system, nodes)
+    rows = replay.load(nodes)
+    collect.write_trajectories(system, rows, folder)
+    collect.write_tables(system, rows, folder)
+    write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, {}))
+    shutil.rmtree(nodes)
+    return folder
+
+
+def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
+    """RMS difference of all recorded angles (rad) of two runs, over their common time."""
+    names = [
+        name
+        for step in system.plan.components
+        if step.kind == "continuous"
+        for slot in step.outputs
+        if slot.unit == "rad"
+        for name in slot.scalars()
+    ]
+    first, second = Run.open(a), Run.open(b)
+    n = min(len(first), len(second))
+    squares = [
+        float(np.mean((first.column(name)[:n] - second.column(name)[:n]) ** 2))
+        for name in names
+        if name in first.units and name in second.units
+    ]
+    return float(np.sqrt(np.mean(squares))) if squares else float("nan")
+
+
+def deployed(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``run.json`` says of the deployment: enough to replay it."""
+    return {
+        "deployment": {
+            "path": str(system.deployment.path.resolve()),
+            "scenario": str(system.scenario.path.resolve()),
+            "nodes": {n: list(s.components) for n, s in system.deployment.nodes.items()},
+            "latency": system.deployment.latency,
+            **facts,
+        }
+    }
+
+
+def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dict[str, Any]:
+    replayed = outcome.replayed
+    return {
+        **metadata(system.scenario, system.plan),
+        **deployed(system, facts),
+        "rehearsal": {
+            "finished": outcome.finished,
+            "notes": list(outcome.notes),
+            "nodes": {
+                r.life: {
+                    "lateness": r.lateness.facts(),
+                    "state": r.state,
+                    "reasons": r.reasons,
+                    "said": r.said,
+                }
+                for r in outcome.reports
+            },
+            "twin_rms": outcome.twin_rms,
+            "replay": None if replayed is None else replayed.greatest,
+            "replay_error": outcome.replay_error,
+        },
+    }
+
+
+def lines(system: System, outcome: Outcome) -> list[str]:
+    """The summary of a rehearsal, without the metrics of the scenario."""
+    said = [report.line("note", note) for note in outcome.notes]
+    said += [report.line(r.life, r.text()) for r in outcome.reports]
+    said += [
+        report.line("not granted", f"{r.life}: {i['name']}: {i['said']}")
+        for r in outcome.reports
+        for i in r.said.get("granted", {}).get("items", ())
+        if not i["granted"]
+    ]
+    said += report.age_lines(system, outcome.rows)
+    said += outcome.buses
+    said += report.fault_lines(outcome.reports)
+    if outcome.twin_rms == outcome.twin_rms:
+        said.append(report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS"))
+    said.append(report.line("replay", replay_text(outcome)))
+    return said
+
+
+def replay_text(outcome: Outcome) -> str:
+    """Whether everything could be computed again."""
+    found = outcome.replayed
+    if found is None:
+        return f"failed: {outcome.replay_error}"
+    slots = sum(found.slots.values())
+    if found.first is None:
+        return f"{slots} slots of {len(found.slots)} nodes computed again: difference exactly 0"
+    return f"differs by up to {found.greatest:.3g}; first: {found.first}"

@@ -1,0 +1,74 @@
+"""A deployment before it runs: what :mod:`bridge.check` finds on its buses."""
+
+from __future__ import annotations
+
+from bridge.can import dbc
+from bridge.can.layout import find
+from bridge.can.messages import BusMessage
+from bridge.can.timing import BusTiming
+from bridge.check import Watchdog, check_buses
+from bridge.system import System
+from bridge.wiring import emulated
+from bridge.safety import in_si
+from cosim.check.finding import Finding
+
+
+def timings(system: System) -> dict[str, BusTiming]:
+    """Bit rates of the CAN buses."""
+    return {
+        name: BusTiming(b.bitrate, b.data_bitrate if b.fd else None, b.fd)
+        for name, b in system.deployment.buses.items()
+        if b.kind == "can"
+    }
+
+
+def messages(system: System) -> list[BusMessage]:
+    """Everything that is sent on CAN buses: the deployment's messages, heartbeats, SYNC, NMT."""
+    found: list[BusMessage] = []
+    d = system.deployment
+    for bus in timings(system):
+        layouts = dbc.load(d.file(d.buses[bus].dbc))
+        there = {layout.name for layout in layouts}
+        for name, m in system.messages.items():
+            if m.bus == bus:
+                layout = find(layouts, d.messages[name].name or name)
+                found.append(
+                    BusMessage.of(layout, node=m.node, bus=bus, period=m.period_ns * 1e-9)
+                )
+        for node, spec in d.nodes.items():
+            if bus not in system.buses_of(node):
+                continue
+            beat = f"HEARTBEAT_{spec.number}"
+            period = d.seconds(spec.heartbeat, "nodes", node, "heartbeat")
+            if beat in there and period > 0:
+                layout = find(layouts, beat)
+                found.append(
+                    BusMessage.of(layout, node=node, bus=bus, period=period, role="heartbeat")
+                )
+            if d.sync == node and "SYNC" in there:
+                h = system.nodes[node].h
+                layout = find(layouts, "SYNC")
+                found.append(BusMessage.of(layout, node=node, bus=bus, period=h, role="sync"))
+    return found
+
+
+def watchdogs(system: System) -> list[Watchdog]:
+    """Who stops without what: emulated drives, and inputs with a `stop`."""
+    d = system.deployment
+    found: list[Watchdog] = []
+    for name, plan in system.nodes.items():
+        spec = d.nodes[name]
+        for inlet in plan.inlets:
+            if spec.drive is not None and inlet.target.port == spec.drive.port:
+                timeout = in_si(emulated(spec.drive).watchdog, "s", d.place("nodes", name, "drive"))
+                found.append(Watchdog(f"drive of {name}", inlet.message, timeout))
+            stale = spec.stale.get(f"{inlet.component}.{inlet.target.port}")
+            if stale is not None and stale.stop:
+                timeout = d.seconds(stale.stop, "nodes", name, "stale")
+                found.append(Watchdog(f"{inlet.target.name} of {name}", inlet.message, timeout))
+    return found
+
+
+def check(system: System) -> list[Finding]:
+    """Findings, the worst first."""
+    return check_buses(messages(system), timings(system), watchdogs(system))

@@ -8,7 +8,7 @@ out the same to the last bit, or something was altered.
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +50,7 @@ class Replay:
     slots: Mapping[str, int]
     greatest: float
     first: Difference | None
-    alone: tuple[str, ...]  # messages taken from the recording, their senders being unknown
+    alone: tuple[str, ...]  # messages some of whose samples nobody's journal tells: as recorded
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,7 @@ def replay(system: System, recorded: Mapping[str, Rows], folder: Path) -> Replay
         greatest = max((_greatest(lives[life].rows, found[life]) for life in lives), default=0.0)
         found.clear()
     first = min(differences, key=lambda d: d.t, default=None)
-    nodes = {r.node for r in lives.values()}
-    alone = {m for n in nodes for m in system.heard_by(n) if system.messages[m].node not in nodes}
+    alone = {m for r in lives.values() for m in _unknown(system, r, histories)}
     return Replay(
         {life: len(r.rows) for life, r in lives.items()}, greatest, first, tuple(sorted(alone))
     )
@@ -104,7 +103,7 @@ class _History:
 
     def __init__(self, width: int, capacity: int) -> None:
         self.values = np.zeros((capacity, width))
-        self.there = np.zeros(capacity, np.uint8)
+        self.there = np.full(capacity, native.UNKNOWN, np.uint8)
         self.struct = native.History(
             first=0,
             capacity=capacity,
@@ -113,14 +112,35 @@ class _History:
             there=self.there.ctypes.data,
         )
 
+    def knows(self, held: NDArray[np.int64]) -> bool:
+        """Whether all these samples were computed."""
+        return bool(held.max() < self.there.size and (self.there[held] == native.THERE).all())
+
 
 def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, _History]:
-    there = {r.node for r in lives.values()}
-    return {
-        name: _History(m.outlet.width, system.plan.ticks // m.outlet.ticks + 8)
-        for name, m in system.messages.items()
-        if m.node in there
-    }
+    """By message of the nodes recorded; awaited is what was sent in the slots of a life."""
+    found: dict[str, _History] = {}
+    for recorded in lives.values():
+        node = system.nodes[recorded.node]
+        ticks = recorded.rows["slot"] * node.ticks
+        for outlet in node.outlets:
+            history = found.setdefault(
+                outlet.message, _History(outlet.width, system.plan.ticks // outlet.ticks + 8)
+            )
+            history.there[ticks[ticks % outlet.ticks == 0] // outlet.ticks] = native.AWAITED
+    return found
+
+
+def _unknown(
+    system: System, recorded: Recorded, histories: Mapping[str, _History]
+) -> Iterator[str]:
+    """Messages of which this life held samples that nobody's journal tells."""
+    for i, inlet in enumerate(system.nodes[recorded.node].inlets):
+        held = recorded.rows["inlets"]["held"][:, i]
+        held = held[held >= 0]
+        history = histories.get(inlet.message)
+        if held.size and (history is None or not history.knows(held)):
+            yield inlet.message
 
 
 def _wire(

@@ -204,6 +204,7 @@ class Wired:
             carried = self.system.messages[inlet.message]
             line = self._line(inlet, carried)
             self.lines[inlet.target.name] = line
+            initial = np.zeros(inlet.target.size)
             entry = native.Inlet(
                 node=c.addressof(self.struct),
                 reception=c.pointer(self._made[self._receptions[inlet.message]]),
@@ -217,7 +218,10 @@ class Wired:
                 held=-1,
                 newest=-1,
                 last_newest=-1,
+                initial=initial.ctypes.data,
+                later=self.plan.plan.component(inlet.component).kind == "continuous",
             )
+            self._alive.append(initial)
             self._stale(entry, inlet)
             self._drive(entry, inlet)
             inlets[i] = entry

@@ -1,4 +1,4 @@
-/* node.c: one slot of a node: life cycle, gates, journal; see node.h. */
+/* node.c: one slot of a node: life cycle, outlets, journal; see node.h. */
 #include "node.h"
 
 #include <string.h>
@@ -9,65 +9,6 @@ API size_t node_sizes(int32_t which)
                                    sizeof(outlet_t), sizeof(node_t), sizeof(row_t),
                                    sizeof(inlet_row_t)};
     return which >= 0 && which < 7 ? sizes[which] : 0;
-}
-
-/* ---- inlets ---- */
-
-static const inlet_row_t *recorded(const inlet_t *in)
-{
-    const node_t *n = in->node;
-    const char *row = n->replayed + n->replay_row * n->row_size;
-    return (const inlet_row_t *)(row + n->inlet_offset) + (in - n->inlets);
-}
-
-/* The sample held now: from the delay line, or as recorded; NULL: none yet. */
-static const double *take(inlet_t *in)
-{
-    node_t *n = in->node;
-    if (n->clock == CLOCK_REPLAY) {
-        const history_t *h = in->reception->history;
-        in->held = recorded(in)->held;
-        in->newest = recorded(in)->newest;
-        if (in->held < 0) return 0;
-        return h ? h->values + (in->held - h->first) * h->width + in->first
-                 : (const double *)(n->replayed + n->replay_row * n->row_size + n->signals_offset) +
-                       in->target;
-    }
-    in->held = delay_take(in->delay, n->slot / in->period, n->now_ns);
-    in->newest = in->reception->newest;
-    return in->held < 0 ? 0 : delay_values(in->delay, in->held);
-}
-
-/* Without the sender's record a replay takes what was received from its own, already scaled. */
-static void give(const inlet_t *in, const double *value, double *target)
-{
-    const int32_t as_it_is = in->node->clock == CLOCK_REPLAY && !in->reception->history;
-    for (int32_t k = 0; k < in->count; k++)
-        target[k] = as_it_is ? value[k] : in->gain * value[k] + in->offset;
-}
-
-API int32_t inlet_pass(void *context, int64_t tick, double *signals)
-{
-    inlet_t *in = context;
-    node_t *n = in->node;
-    const double *value = take(in);
-    const int32_t fresh = in->newest != in->last_newest;
-    (void)tick;
-
-    if (fresh) in->heard_ns = n->now_ns;
-    in->last_newest = in->newest;
-    if (in->drive) {
-        if (value) give(in, value, in->command);
-        drive_step(in->drive, in->command, fresh && value, signals + in->dq, n->now_ns,
-                   signals + in->target);
-        if (in->drive->state == DRIVE_FAULT) n->life.now |= WHY_WATCHDOG;
-    } else if (value) {
-        give(in, value, signals + in->target);
-    }
-    const int64_t silence = n->now_ns - in->heard_ns;
-    if (in->age >= 0) signals[in->age] = (double)silence * 1e-9;
-    if (in->stop_ns > 0 && silence > in->stop_ns) n->life.now |= WHY_STALE;
-    return 0;
 }
 
 /* ---- outlets ---- */
@@ -109,7 +50,7 @@ static void remember(outlet_t *o, const frame_t *frame, int64_t sequence)
     const int64_t i = sequence - h->first;
     if (i < 0 || i >= h->capacity) return;
     if (message_decode(o->message, frame, h->values + i * h->width, &header) == DECODE_OK)
-        h->there[i] = 1;
+        h->there[i] = SAMPLE_THERE;
 }
 
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)

@@ -30,12 +30,15 @@ enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
 
 struct node;
 
+/* Of a sample in a replay: not computed yet; computed; in nobody's journal. */
+enum { SAMPLE_AWAITED, SAMPLE_THERE, SAMPLE_UNKNOWN };
+
 /* Decoded samples of one message, by sequence number: what a replay reads. */
 typedef struct {
     int64_t first, count, capacity;
     int32_t width, reserved;
     double *values;         /* capacity rows */
-    uint8_t *there;         /* capacity */
+    uint8_t *there;         /* capacity, SAMPLE_... */
 } history_t;
 
 /* A message this node hears. */
@@ -71,6 +74,9 @@ typedef struct {
     int64_t held, newest;   /* of this tick */
     int64_t last_newest;
     int64_t heard_ns;       /* when the newest arrived, by slots: staleness is deterministic */
+    double *initial;        /* (count,): what it held at first, and holds again when that has gone */
+    int32_t begun, reserved;
+    int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
 } inlet_t;
 
 typedef struct {
@@ -152,7 +158,7 @@ typedef struct {
 
 typedef struct { int64_t held, newest, age_ns, transit_ns; } inlet_row_t;
 
-/* The gates: `pass` of engine gates. */
+/* The gates: `pass` of engine gates. inlet.c, node.c */
 API int32_t inlet_pass(void *context, int64_t tick, double *signals);
 API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 

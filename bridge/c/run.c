@@ -194,7 +194,7 @@ static int32_t ready(const node_t *n)
         const history_t *h = n->inlets[i].reception->history;
         if (!h || in[i].held < 0) continue;
         const int64_t k = in[i].held - h->first;
-        if (k < 0 || k >= h->capacity || !h->there[k]) return 0;
+        if (k >= 0 && k < h->capacity && h->there[k] == SAMPLE_AWAITED) return 0;
     }
     return 1;
 }

@@ -15,6 +15,7 @@ from bridge.native.pace import Histogram
 
 WALL, SIMULATED, REPLAY = 1, 2, 3
 BURST = 1  # flag of a row: a missed slot, done late
+AWAITED, THERE, UNKNOWN = 0, 1, 2  # a sample in a replay
 FINISHED, STOPPED, NEVER_STARTED = 0, -1, -2
 
 Doubles = c.POINTER(c.c_double)
@@ -80,6 +81,10 @@ class Inlet(c.Structure):
         ("newest", c.c_int64),
         ("last_newest", c.c_int64),
         ("heard_ns", c.c_int64),
+        ("initial", c.c_void_p),
+        ("begun", c.c_int32),
+        ("reserved", c.c_int32),
+        ("later", c.c_int64),
     )
 
 

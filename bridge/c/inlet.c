@@ -1,0 +1,95 @@
+/* inlet.c: what a node gives its components of what it has received; see node.h. */
+#include "node.h"
+
+#include <string.h>
+
+static const inlet_row_t *recorded(const inlet_t *in)
+{
+    const node_t *n = in->node;
+    const char *row = n->replayed + n->replay_row * n->row_size;
+    return (const inlet_row_t *)(row + n->inlet_offset) + (in - n->inlets);
+}
+
+/* Replay: what was sent is computed again, unless nobody's journal tells of it. */
+static int32_t computed(const history_t *h, int64_t held)
+{
+    const int64_t k = h ? held - h->first : -1;
+    return h && (held < 0 || (k >= 0 && k < h->capacity && h->there[k] == SAMPLE_THERE));
+}
+
+/* The input as it was recorded; where a row is written before the input is passed, in the next. */
+static void as_recorded(const inlet_t *in, double *signals)
+{
+    const node_t *n = in->node;
+    const int64_t row = n->replay_row + in->later;
+    if (row >= n->replayed_rows) return;
+    memcpy(signals + in->target,
+           (const double *)(n->replayed + row * n->row_size + n->signals_offset) + in->target,
+           (size_t)in->count * sizeof(double));
+    if (in->drive)
+        memcpy(in->drive->tau, signals + in->target, (size_t)in->count * sizeof(double));
+}
+
+/* The sample held now: from the delay line, or as recorded; NULL: none yet. */
+static const double *take(inlet_t *in)
+{
+    node_t *n = in->node;
+    if (n->clock == CLOCK_REPLAY) {
+        const history_t *h = in->reception->history;
+        in->held = recorded(in)->held;
+        in->newest = recorded(in)->newest;
+        if (in->held < 0 || !computed(h, in->held)) return 0;
+        return h->values + (in->held - h->first) * h->width + in->first;
+    }
+    in->held = delay_take(in->delay, n->slot / in->period, n->now_ns);
+    in->newest = in->reception->newest;
+    return in->held < 0 ? 0 : delay_values(in->delay, in->held);
+}
+
+static void give(const inlet_t *in, const double *value, double *target)
+{
+    for (int32_t k = 0; k < in->count; k++) target[k] = in->gain * value[k] + in->offset;
+}
+
+/* Torque commands go through the drive. One that nobody's journal tells of feeds its watchdog, too. */
+static void through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
+{
+    node_t *n = in->node;
+    if (value) give(in, value, in->command);
+    drive_step(in->drive, in->command, fresh && in->held >= 0, signals + in->dq, n->now_ns,
+               signals + in->target);
+    if (in->drive->state == DRIVE_FAULT) n->life.now |= WHY_WATCHDOG;
+}
+
+/* What is held; a link of the law `signal` may go back to what there was before the first. */
+static void through(inlet_t *in, const double *value, double *signals)
+{
+    double *target = signals + in->target;
+    if (value) give(in, value, target);
+    else if (in->begun && in->held < 0)
+        memcpy(target, in->initial, (size_t)in->count * sizeof *target);
+}
+
+API int32_t inlet_pass(void *context, int64_t tick, double *signals)
+{
+    inlet_t *in = context;
+    node_t *n = in->node;
+    const double *value = take(in);
+    const int32_t fresh = in->newest != in->last_newest;
+    (void)tick;
+
+    if (fresh) in->heard_ns = n->now_ns;
+    in->last_newest = in->newest;
+    if (in->drive) through_drive(in, value, fresh, signals);
+    else through(in, value, signals);
+    if (n->clock == CLOCK_REPLAY && !computed(in->reception->history, in->held))
+        as_recorded(in, signals);
+    if (!in->begun) {
+        memcpy(in->initial, signals + in->target, (size_t)in->count * sizeof *signals);
+        in->begun = 1;
+    }
+    const int64_t silence = n->now_ns - in->heard_ns;
+    if (in->age >= 0) signals[in->age] = (double)silence * 1e-9;
+    if (in->stop_ns > 0 && silence > in->stop_ns) n->life.now |= WHY_STALE;
+    return 0;
+}

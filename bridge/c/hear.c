@@ -48,9 +48,10 @@ static void preview(node_t *n, reception_t *r)
     }
 }
 
-static int32_t runs(const reception_t *r, const header_t *header)
+/* Whether it is a sample of the run: by the state of its sender, or else what comes from t = 0 on. */
+static int32_t runs(const node_t *n, const reception_t *r, const header_t *header, int64_t t)
 {
-    if (r->message->status < 0) return 1;
+    if (!tells_life(r->message)) return started(n) && t >= 0;
     const int32_t life = (int32_t)(header->status & STATUS_LIFE);
     return life != LIFE_UNCONFIGURED && life != LIFE_INACTIVE;
 }
@@ -79,7 +80,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     if (refused(r, frame, &header)) return;
     const int64_t t = frame->t_ns - n->start_ns;
     r->status = (int32_t)header.status;
-    if (!runs(r, &header)) {
+    if (!runs(n, r, &header, t)) {
         if (n->slot == n->first) preview(n, r);
         return;
     }

@@ -158,13 +158,19 @@ typedef struct {
 
 typedef struct { int64_t held, newest, age_ns, transit_ns; } inlet_row_t;
 
+/* Whether a message says in which state its sender is: a status of 4 bits (classic CAN) does not. */
+static inline int32_t tells_life(const message_t *m)
+{
+    return m->status >= 0 && m->header[m->status].scale == 1.0;
+}
+
 /* The gates: `pass` of engine gates. inlet.c, node.c */
 API int32_t inlet_pass(void *context, int64_t tick, double *signals);
 API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 
 /* Frames that have arrived by limit_ns (relative): checked, decoded, put into delay lines. hear.c */
 void node_hear(node_t *n, int64_t limit_ns);
-/* What a node says besides its outlets. */
+/* What a node says besides its outlets; the preview only in messages that tell it from samples. */
 void node_heartbeat(node_t *n, int64_t now_ns);
 void node_preview(node_t *n, int64_t now_ns);
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);

@@ -43,7 +43,7 @@ def write_trajectories(system: System, rows: Mapping[str, Rows], folder: Path) -
     plan, scenario = system.plan, system.scenario
     recorded = columns(plan, scenario.run.record.signals)
     parts = [
-        (_joined(rows, name), *_places(system, node))
+        (_joined(rows, name, node.ticks), *_places(system, node))
         for name, node in system.nodes.items()
         if lives_of(rows, name)
     ]
@@ -67,10 +67,12 @@ def write_trajectories(system: System, rows: Mapping[str, Rows], folder: Path) -
     return ticks
 
 
-def _joined(rows: Mapping[str, Rows], node: str) -> tuple[IntArray, NDArray[np.float64]]:
-    """(base ticks, signals) of all lives of a node."""
+def _joined(
+    rows: Mapping[str, Rows], node: str, ticks: int
+) -> tuple[IntArray, NDArray[np.float64]]:
+    """(base ticks, signals) of all lives of a node, whose slots are `ticks` base ticks long."""
     lives = [rows[life] for life in lives_of(rows, node)]
-    at = np.concatenate([life["slot"] for life in lives])
+    at = ticks * np.concatenate([life["slot"] for life in lives])
     return at, np.concatenate([life["signals"] for life in lives])
 
 

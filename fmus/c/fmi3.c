@@ -1,8 +1,8 @@
 /* fmi3.c - FMI 3.0.2 for co-simulation: the entry points.
  *
  * In which state what may be called: clauses 2.3 and 4.2.1. There is no configuration mode and no
- * intermediate update; Event Mode and the clock are in fmi3_events.c. A value reference is the place
- * of a variable in the declaration, N_VARIABLES is the time; arrays are row-major.
+ * intermediate update; Event Mode and the clock are in fmi3_events.c. A value reference is the
+ * place of a variable in the declaration, N_VARIABLES is the time; arrays are row-major.
  */
 #include "fmi3.h"
 
@@ -152,11 +152,8 @@ static inline int fit(const Instance *x, const fmi3ValueReference vr[], size_t n
     return 0;
 }
 
-static int may_get(Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
-                   size_t nValues, unsigned type, const char *function) {
-    if (!legal(x, READ, function)) return 0;
-    if (!fit(x, vr, n, values, nValues, type, function)) return 0;
-    if (!x->stale || !(x->mode & (INITIALIZATION | EVENTS))) return 1;
+/* Before calculated values are read: bring them up to date. */
+static int follow(Instance *x, const fmi3ValueReference vr[], size_t n, const char *function) {
     if (x->mode == EVENT) return clock_evaluate(x, function) == STATUS_OK;
     for (size_t i = 0; i < n; i++)
         if (has(vr[i], IS_CALCULATED)) return settle(x, function) == STATUS_OK;
@@ -170,8 +167,18 @@ static int between_ticks(const Instance *x, const char *function) {
     return 0;
 }
 
-static int may_set(Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
-                   size_t nValues, unsigned type, const char *function) {
+static inline int may_get(Instance *x, const fmi3ValueReference vr[], size_t n,
+                          const void *values, size_t nValues, unsigned type,
+                          const char *function) {
+    if (!legal(x, READ, function)) return 0;
+    if (!fit(x, vr, n, values, nValues, type, function)) return 0;
+    if (!x->stale || !(x->mode & (INITIALIZATION | EVENTS))) return 1;
+    return follow(x, vr, n, function);
+}
+
+static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
+                          const void *values, size_t nValues, unsigned type,
+                          const char *function) {
     if (!legal(x, WRITE, function)) return 0;
     const unsigned need = type | (x->mode & (STEPPING | EVENTS) ? SET_IN_STEPS : SET_AT_START);
     if (!fit(x, vr, n, values, nValues, need, function)) return 0;
@@ -187,8 +194,12 @@ static int may_set(Instance *x, const fmi3ValueReference vr[], size_t n, const v
         Instance *x = instance;                                                              \
         if (!may_get(x, vr, n, values, nValues, BIT, "fmi3Get" #T)) return fmi3Error;        \
         for (size_t i = 0; i < n; i++) {                                                     \
-            const double *from = x->x.values + variables[vr[i]].offset;                      \
-            for (unsigned k = variables[vr[i]].size; k > 0; k--) *values++ = (fmi3##T)*from++; \
+            const Variable *v = &variables[vr[i]];                                           \
+            const double *from = x->x.values + v->offset;                                    \
+            if (v->size == 1)                                                                \
+                *values++ = (fmi3##T)*from;                                                  \
+            else                                                                             \
+                for (unsigned k = v->size; k > 0; k--) *values++ = (fmi3##T)*from++;         \
         }                                                                                    \
         return fmi3OK;                                                                       \
     }                                                                                        \
@@ -197,8 +208,12 @@ static int may_set(Instance *x, const fmi3ValueReference vr[], size_t n, const v
         Instance *x = instance;                                                              \
         if (!may_set(x, vr, n, values, nValues, BIT, "fmi3Set" #T)) return fmi3Error;        \
         for (size_t i = 0; i < n; i++) {                                                     \
-            double *to = x->x.values + variables[vr[i]].offset;                              \
-            for (unsigned k = variables[vr[i]].size; k > 0; k--) *to++ = *values++;          \
+            const Variable *v = &variables[vr[i]];                                           \
+            double *to = x->x.values + v->offset;                                            \
+            if (v->size == 1)                                                                \
+                *to = *values++;                                                             \
+            else                                                                             \
+                for (unsigned k = v->size; k > 0; k--) *to++ = *values++;                    \
         }                                                                                    \
         return fmi3OK;                                                                       \
     }

@@ -240,7 +240,7 @@ Status reset(Instance *x) {
 /* --- steps -------------------------------------------------------------------------------- */
 
 /* The first input that is not finite, or N_SCALARS. */
-static unsigned find_not_finite(const double *values) {
+static inline unsigned find_not_finite(const double *values) {
     for (unsigned i = 0; i < N_INPUT_RANGES; i++) {
         const Range range = input_ranges[i];
         if (all_finite(values + range.first, range.size)) continue;
@@ -250,17 +250,14 @@ static unsigned find_not_finite(const double *values) {
     return N_SCALARS;
 }
 
-Status check_inputs(const Instance *x, double t, const char *function) {
-    const double *values = x->x.values;
-    const unsigned bad = find_not_finite(values);
-    if (bad == N_SCALARS) return STATUS_OK;
+static Status discard_input(const Instance *x, unsigned bad, double t, const char *function) {
     return discard(x, function, "input %s is %g at t = %g s, expected a finite number",
-                   scalar_names[bad], values[bad], t);
+                   scalar_names[bad], x->x.values[bad], t);
 }
 
-static Status step_once(Instance *x, double t, double h, const char *function) {
-    const char *why = model_step(&x->x.model, t, h);
-    return why == NULL ? STATUS_OK : discard(x, function, "at t = %g s %s", t, why);
+Status check_inputs(const Instance *x, double t, const char *function) {
+    const unsigned bad = find_not_finite(x->x.values);
+    return bad == N_SCALARS ? STATUS_OK : discard_input(x, bad, t, function);
 }
 
 Status do_step(Instance *x, double t, double h, const char *function) {
@@ -274,9 +271,15 @@ Status do_step(Instance *x, double t, double h, const char *function) {
     if (t + h > x->stop_time + close)
         return refuse(x, function, "the step ends at %.17g s, after the stop time %.17g s", t + h,
                       x->stop_time);
-    Status status = check_inputs(x, t, function);
-    if (status == STATUS_OK)
-        status = IS_CLOCKED ? step_clocked(x, t, h, function) : step_once(x, t, h, function);
-    if (status == STATUS_OK) values[TIME] = t + h;
-    return status;
+    const unsigned bad = find_not_finite(values);
+    if (bad < N_SCALARS) return discard_input(x, bad, t, function);
+    if (IS_CLOCKED) {
+        const Status status = step_clocked(x, t, h, function);
+        if (status != STATUS_OK) return status;
+    } else {
+        const char *why = model_step(&x->x.model, t, h);
+        if (why != NULL) return discard(x, function, "at t = %g s %s", t, why);
+    }
+    values[TIME] = t + h;
+    return STATUS_OK;
 }

@@ -1,6 +1,6 @@
 """One node as a process: configure, wait for the start, tick in C, report.
 
-``python -m bridge.node`` is what a rehearsal starts; ``cosim node`` runs the same for one node alone.
+``python -m bridge.start`` is what a rehearsal starts; ``cosim node`` runs the same for one node alone.
 Commands come as lines of JSON, ``{"command": "start", "start_ns": …}``, events go out the same way.
 What computes and sends is C without the GIL (``bridge/c/run.c``); Python's threads wait.
 """
@@ -275,6 +275,3 @@ def main(arguments: Sequence[str]) -> int:
     say({"event": "done", "end": report["end"], "state": report["state"], "error": report["error"]})
     return 0
 
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

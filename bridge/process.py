@@ -61,7 +61,7 @@ class Process:
         self.failed: Mapping[str, Any] | None = None
         with self.errors.open("wb") as errors:
             self._popen = subprocess.Popen(
-                [sys.executable, "-m", "bridge.node", start.text()],
+                [sys.executable, "-m", "bridge.start", start.text()],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from bridge.can import interface
 from bridge.can.interface import Attachment
+from bridge.can.socket import BusError
 from bridge.deploy import BusSpec, Deployment
 from bridge.journal import Journal
-from bridge.native.frame import frame_dtype
+from bridge.native.frame import DATA, frame_dtype
 from bridge.system import System
-from cosim.errors import ScenarioError
 
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
 GROUP = "239.74.163.{}"
@@ -54,15 +54,33 @@ def attached(system: System, node: str, folder: Path, life: str) -> Iterator[dic
     rows = log_rows(system.plan.ticks * system.plan.h)
     with ExitStack() as stack:
         found: dict[str, Attachment] = {}
+        opened: Attachment
         for number, name in enumerate(system.buses_of(node)):
-            if system.deployment.buses[name].kind != "can":
-                raise ScenarioError(
-                    f'kind = "{system.deployment.buses[name].kind}" is not known here',
-                    system.deployment.place("buses", name),
-                )
-            log = Journal.create(folder / f"{life}.{name}.frames", frame_dtype(64), rows)
+            zenoh = system.deployment.buses[name].kind == "zenoh"
+            size = DATA if zenoh else 64
+            log = Journal.create(folder / f"{life}.{name}.frames", frame_dtype(size), rows)
             stack.callback(log.close)
-            opened = interface.attach(can_spec(system.deployment, name), number=number, log=log)
+            if zenoh:
+                opened = _zenoh(system, name, node, number, log)
+            else:
+                opened = interface.attach(can_spec(system.deployment, name), number=number, log=log)
             stack.callback(opened.close)
             found[name] = opened
         yield found
+
+
+def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> Attachment:
+    """A Zenoh bus, all peers there. Raises ScenarioError, BusError, also without Zenoh."""
+    try:
+        from bridge.zenoh.attach import open_bus
+    except ImportError as error:
+        raise BusError(
+            f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"
+        ) from error
+    opened = open_bus(system, bus, node, number=number, log=log)
+    try:
+        opened.wait_for_peers()
+    except BaseException:
+        opened.close()
+        raise
+    return opened

@@ -54,7 +54,8 @@ def _deed(
             return lambda r: _hush(babblers.pop((target, event.index)))
         case _:
             raise ScenarioError(
-                f"{event.action} cannot be done to a rehearsal here", script.place(event.index, "kind")
+                f"{event.action} cannot be done to a rehearsal here",
+                script.place(event.index, "kind"),
             )
 
 

@@ -1,7 +1,7 @@
 """One node as a process: configure, wait for the start, tick in C, report.
 
-``python -m bridge.start`` is what a rehearsal starts; ``cosim node`` runs the same for one node alone.
-Commands come as lines of JSON, ``{"command": "start", "start_ns": …}``, events go out the same way.
+``python -m bridge.start`` is what a rehearsal starts; ``cosim node`` runs the same alone. Commands
+come as lines of JSON, ``{"command": "start", "start_ns": …}``, events go out the same way.
 What computes and sends is C without the GIL (``bridge/c/run.c``); Python's threads wait.
 """
 
@@ -221,7 +221,9 @@ def _report(
 
 def _counts(receiver: Any) -> dict[str, int]:
     names = ("ok", "lost", "repeated", "reordered", "wrong_sequence", "crc", "length")
-    return {n: int(getattr(receiver, n)) for n in (*names, "invalid", "range", "simulated", "stale")}
+    return {
+        n: int(getattr(receiver, n)) for n in (*names, "invalid", "range", "simulated", "stale")
+    }
 
 
 # ---- as a process ---------------------------------------------------------------------------
@@ -274,4 +276,3 @@ def main(arguments: Sequence[str]) -> int:
     path.write_text(json.dumps(report, indent=2, default=str) + "\n", encoding="utf-8")
     say({"event": "done", "end": report["end"], "state": report["state"], "error": report["error"]})
     return 0
-

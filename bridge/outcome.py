@@ -56,6 +56,12 @@ class Outcome:
         return bool(self.reports) and all(r.said.get("end") == "finished" for r in self.reports)
 
 
+def clear(folder: Path) -> None:
+    """Delete what an earlier rehearsal has left in a folder that is to be used again."""
+    for name in (NODES, BUSES, TWIN):
+        shutil.rmtree(folder / name, ignore_errors=True)
+
+
 def complete(
     system: System,
     folder: Path,
@@ -96,10 +102,8 @@ def _replayed(system: System, rows: Mapping[str, Rows]) -> tuple[replay.Replay |
 
 def run_twin(system: System, folder: Path) -> Path:
     """The twin's run folder (its journals are not kept)."""
-    if folder.exists():
-        shutil.rmtree(folder)
     nodes = folder / NODES
-    nodes.mkdir(parents=True)
+    nodes.mkdir(parents=True, exist_ok=True)
     twin.simulate(system, nodes)
     rows = replay.load(nodes)
     collect.write_trajectories(system, rows, folder)
@@ -180,7 +184,9 @@ def lines(system: System, outcome: Outcome) -> list[str]:
     said += outcome.buses
     said += report.fault_lines(outcome.reports)
     if outcome.twin_rms == outcome.twin_rms:
-        said.append(report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS"))
+        said.append(
+            report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS")
+        )
     said.append(report.line("replay", replay_text(outcome)))
     return said
 

@@ -7,9 +7,9 @@ from bridge.can.layout import find
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
 from bridge.check import Watchdog, check_buses
+from bridge.safety import in_si
 from bridge.system import System
 from bridge.wiring import emulated
-from bridge.safety import in_si
 from cosim.check.finding import Finding
 
 
@@ -32,9 +32,7 @@ def messages(system: System) -> list[BusMessage]:
         for name, m in system.messages.items():
             if m.bus == bus:
                 layout = find(layouts, d.messages[name].name or name)
-                found.append(
-                    BusMessage.of(layout, node=m.node, bus=bus, period=m.period_ns * 1e-9)
-                )
+                found.append(BusMessage.of(layout, node=m.node, bus=bus, period=m.period_ns * 1e-9))
         for node, spec in d.nodes.items():
             if bus not in system.buses_of(node):
                 continue

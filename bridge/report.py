@@ -31,7 +31,7 @@ def line(label: str, text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class NodeReport:
-    """One life of a node: how late it was, how it ended, and what it reported of itself if it did."""
+    """One life of a node: how late it was, how it ended, and what it said of itself if it did."""
 
     life: str
     slots: int
@@ -92,7 +92,9 @@ def age_lines(system: System, rows: Mapping[str, Rows]) -> list[str]:
             r = np.concatenate(parts)
             heard = r[r["held"] >= 0]
             if not len(heard):
-                lines.append(line("age", f"never anything  {inlet.source.name} -> {inlet.target.name}"))
+                lines.append(
+                    line("age", f"never anything  {inlet.source.name} -> {inlet.target.name}")
+                )
                 continue
             real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
             configured = "none"

@@ -17,6 +17,7 @@ from bridge.can.layout import Layout, find
 from bridge.cut import NodePlan, Outlet, cut, start_values
 from bridge.deploy import Deployment, NodeSpec
 from bridge.native.message import Message
+from bridge.zenoh import names
 from cosim.assemble import assemble
 from cosim.errors import ScenarioError
 from cosim.plan import Plan
@@ -128,9 +129,10 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
         for name in deployment.nodes
         for outlet in nodes[name].outlets
     }
-    services = {
-        bus: _service(found, deployment.nodes.values()) for bus, found in layouts.items()
-    }
+    services = {bus: _service(found, deployment.nodes.values()) for bus, found in layouts.items()}
+    for bus, spec in deployment.buses.items():
+        if spec.kind == "zenoh":
+            services[bus] = _stream_service(deployment, bus, services.values())
     return System(scenario, deployment, plan, nodes, messages, services)
 
 
@@ -144,18 +146,31 @@ def _carried(
 ) -> Carried:
     spec = d.messages[outlet.message]
     place = d.place("messages", outlet.message)
+    signals = spec.signals or _signals(outlet)
+    if len(signals) != outlet.width:
+        raise ScenarioError(f"{len(signals)} signals for {outlet.width} values", f"{place}.signals")
+    if spec.bus not in layouts:
+        return _timed(outlet, node, _streamed(outlet, node, d, signals), plan, d)
     layout = find(layouts[spec.bus], spec.name or outlet.message)
-    names = spec.signals or _signals(outlet)
-    if len(names) != outlet.width:
-        raise ScenarioError(f"{len(names)} signals for {outlet.width} values", f"{place}.signals")
-    codec = Codec(layout, names)
+    codec = Codec(layout, signals)
     verify(codec)
+    return _timed(outlet, node, codec, plan, d)
+
+
+def _streamed(outlet: Outlet, node: str, d: Deployment, signals: Sequence[str]) -> Encoding:
+    """Of a message on a Zenoh bus."""
+    key = names.names_of(d, outlet.bus).message(node, outlet.component, outlet.message)
+    return names.codec(key, names.numbers(d, outlet.bus)[outlet.message], signals)
+
+
+def _timed(outlet: Outlet, node: str, encoding: Encoding, plan: Plan, d: Deployment) -> Carried:
+    spec = d.messages[outlet.message]
     return Carried(
         name=outlet.message,
         bus=spec.bus,
         node=node,
         outlet=outlet,
-        encoding=codec,
+        encoding=encoding,
         period_ns=round(outlet.ticks * plan.h * 1e9),
         offset_ns=round(d.seconds(d.nodes[node].phase, "nodes", node, "phase") * 1e9),
         max_age_ns=round(d.seconds(spec.max_age, "messages", outlet.message, "max_age") * 1e9),
@@ -189,3 +204,17 @@ def _service(layouts: Sequence[Layout], nodes: Iterable[NodeSpec]) -> Service:
         nmt=codec("NMT", "command", "node"),
         estop=codec("ESTOP", "node", "reasons"),
     )
+
+
+def _stream_service(d: Deployment, bus: str, others: Iterable[Service]) -> Service:
+    """Of a Zenoh bus. A node says the same on all its buses, so what a CAN bus has is taken."""
+    keys = names.names_of(d, bus)
+    beats: dict[int, Encoding] = {
+        spec.number: names.heartbeat(keys, node, spec) for node, spec in d.nodes.items()
+    }
+    nmt: Encoding = names.nmt(keys)
+    estop: Encoding = names.estop(keys)
+    for other in others:
+        beats |= other.heartbeats
+        nmt, estop = other.nmt or nmt, other.estop or estop
+    return Service(beats, None, nmt, estop)

@@ -54,9 +54,7 @@ def _buses(system: System, node: str) -> dict[str, Bus]:
     }
 
 
-def _run(
-    system: System, wired: Mapping[str, Wired], progress: Callable[[int, int], None]
-) -> None:
+def _run(system: System, wired: Mapping[str, Wired], progress: Callable[[int, int], None]) -> None:
     """All nodes to the end, in parts of the run for `progress`."""
     networks = list(system.deployment.buses)
     width = max(len(system.buses_of(name)) for name in wired)

@@ -24,11 +24,12 @@ from bridge.native import node as native
 from bridge.native.bus import Bus, BusStruct
 from bridge.native.delay import DelayLine
 from bridge.native.frame import Frame
+from bridge.native.safety import Peer
 from bridge.system import Carried, System
 from cosim import native as engine_native
 from cosim.engine import Engine
 from cosim.errors import ScenarioError
-from cosim.plan import Slot
+from cosim.plan import Slot, Wire
 
 Rows = NDArray[np.void]
 
@@ -157,7 +158,7 @@ class Wired:
             s.heartbeat = c.pointer(beats[self.spec.number].message)
         within = d.seconds(self.spec.within, "nodes", self.name, "within")
         known = [p for p in self.system.peers_of(self.name) if d.nodes[p].number in beats]
-        peers = (safety.Peer * max(1, len(known)))()
+        peers = (Peer * max(1, len(known)))()
         pointers = (c.c_void_p * max(1, len(known)))()
         for i, other in enumerate(known):
             number = d.nodes[other].number
@@ -238,7 +239,7 @@ class Wired:
         if inlet.link is not None and self.system.deployment.latency:
             spec = delays_for(inlet.link, plan.ticks, carried.outlet.period)
         else:
-            edge = inlet.link or _Edge(inlet.source, inlet.target)
+            edge = inlet.link or Wire(inlet.source, inlet.target)
             spec = newest_for(edge, sent, inlet.ticks, plan.h)
         return spec.line(self.struct.phase_ns - carried.offset_ns)
 
@@ -328,9 +329,7 @@ class Wired:
         self.guards[outlet.message] = guard
         self._alive.append(guard)
 
-    def _measured(
-        self, entry: native.Outlet, outlet: Outlet, drive: drives.Drive | None
-    ) -> None:
+    def _measured(self, entry: native.Outlet, outlet: Outlet, drive: drives.Drive | None) -> None:
         if drive is None or self.spec.drive is None:
             return
         entry.measured_q = _first(outlet, self.spec.drive.q)
@@ -344,13 +343,6 @@ class Wired:
         self.struct.inlet_offset = fields["inlets"][1]
         self.struct.outlet_offset = fields["sent"][1]
         self.struct.signals_offset = fields["signals"][1]
-
-
-class _Edge:
-    """Two slots, as :func:`newest_for` wants them."""
-
-    def __init__(self, source: Slot, target: Slot) -> None:
-        self.source, self.target = source, target
 
 
 def limits(spec: GuardSpec) -> safety.GuardSpec:

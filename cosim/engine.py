@@ -136,7 +136,9 @@ class Engine:
             *(self._link(i) for i in range(len(plan.links)))
         )
         self._players = (native.Player * len(plan.players))()
-        through = (native.Gate * len(plan.gates))(*(self._gates[g.name] for g in plan.gates))
+        through = (native.Gate * len(plan.gates))(
+            *(native.Gate(*self._gates[g.name]) for g in plan.gates)
+        )
         state.gates = c.addressof(through)
         self._alive += [operations, units, through]
         state.operations, state.units = c.addressof(operations), c.addressof(units)

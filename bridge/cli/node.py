@@ -1,4 +1,4 @@
-"""``cosim node``: one node of a deployment alone, on this machine, against whatever is on its bus."""
+"""``cosim node``: one node of a deployment alone, against whatever is on its buses."""
 
 from __future__ import annotations
 

@@ -13,12 +13,16 @@ if TYPE_CHECKING:
     from bridge.system import System
 
 Deploy = Annotated[
-    str, typer.Option("--deploy", help="Deployment: a file, or its name in deploy/ beside the scenario.")
+    str,
+    typer.Option(
+        "--deploy", help="Deployment: a file, or its name in deploy/ beside the scenario."
+    ),
 ]
 Set = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="PATH=VALUE",
+        "--set",
+        metavar="PATH=VALUE",
         help="Change a value of the scenario, or of the deployment: deploy.nodes.…; repeatable.",
     ),
 ]
@@ -118,7 +122,7 @@ def _run(
 
     from bridge import happen, preflight
     from bridge.faults import load
-    from bridge.outcome import complete
+    from bridge.outcome import clear, complete
     from bridge.rehearse import Rehearsal
     from cosim.cli.summary import progress_bar
     from cosim.errors import Interrupted
@@ -129,6 +133,7 @@ def _run(
     if script is not None:
         settings = replace(settings, events=happen.events(script, system))
     claim_folder(folder, force=force)
+    clear(folder)
     if not quiet:
         typer.echo(header(system))
     facts = {"settings": list(settings.changes), "faults": settings.script, "real": settings.real}
@@ -140,9 +145,7 @@ def _run(
         except Interrupted:
             interrupted = True
         rehearsal.end()
-        outcome = complete(
-            system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats
-        )
+        outcome = complete(system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats)
     _say(system, outcome, plot, quiet)
     if interrupted:
         typer.echo(f"interrupted; recorded until then: {folder}", err=True)

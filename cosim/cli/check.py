@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from cosim.scenario import Scenario
 
 
+#: Who checks the buses of a deployment; this package does not know it.
+BUSES = "bridge.cli.twin"
 #: What lines of a check begin with while something else is done.
 MARK = "check: "
 
@@ -22,6 +25,10 @@ def check(
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
+    ] = None,
+    deploy: Annotated[
+        str | None,
+        typer.Option("--deploy", help="Check the buses of this deployment as well."),
     ] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 for warnings as well.")
@@ -41,6 +48,8 @@ def check(
     loaded = load(scenario, set_ or [])
     found = findings(loaded, assemble(loaded))
     typer.echo(loaded.title)
+    if deploy is not None:
+        found = (*found, *importlib.import_module(BUSES).findings(scenario, deploy, set_ or []))
     for f in found:
         typer.echo("")
         for line in paragraph(f):

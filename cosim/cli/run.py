@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,9 @@ import typer
 
 if TYPE_CHECKING:
     from cosim.scenario import Scenario
+
+#: Who runs a deployment on a simulated clock; this package does not know it.
+TWIN = "bridge.cli.twin"
 
 
 def run(
@@ -39,6 +43,15 @@ def run(
     tolerance: Annotated[
         float, typer.Option(help="Relative local error the advised step is to keep.")
     ] = 1e-4,
+    deploy: Annotated[
+        str | None,
+        typer.Option(
+            "--deploy", help="Run the twin: as this deployment cuts it, through codecs and buses."
+        ),
+    ] = None,
+    clock: Annotated[
+        str, typer.Option("--clock", help="With --deploy: simulated (on the wall: cosim rehearse).")
+    ] = "simulated",
     fmu_log: Annotated[
         bool, typer.Option("--fmu-log", help="Keep what every FMU logs in NAME.fmu.log.")
     ] = False,
@@ -55,6 +68,10 @@ def run(
     from cosim.simulate import columns, simulate
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
+    if deploy is not None:
+        twin = importlib.import_module(TWIN)
+        twin.run(scenario, deploy, clock, settings, out, force=force, plot=plot, quiet=quiet)
+        return
     loaded = load(scenario, settings)
     if fmu_log:
         loaded = logging(loaded)

@@ -1,0 +1,78 @@
+"""``cosim run --deploy`` and ``cosim check --deploy``: a deployment offline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import typer
+
+from cosim.check.finding import Finding
+from cosim.errors import ScenarioError
+
+
+def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
+    """What there is to say of the buses; prints their loads and messages."""
+    from bridge import preflight
+    from bridge.cli.check import load_rows, message_rows
+    from bridge.system import load_system
+    from cosim.cli.show import aligned
+
+    system = load_system(scenario, deploy, settings)
+    messages, timings = preflight.messages(system), preflight.timings(system)
+    typer.echo(f"{system.deployment.title}\n")
+    for text in aligned(load_rows(messages, timings)):
+        typer.echo(text)
+    for bus, timing in timings.items():
+        typer.echo(f"\nbus {bus}")
+        for text in aligned(message_rows([m for m in messages if m.bus == bus], timing)):
+            typer.echo(text)
+    return preflight.check(system)
+
+
+def run(
+    scenario: Path,
+    deploy: str,
+    clock: str,
+    settings: Sequence[str],
+    out: Path | None,
+    *,
+    force: bool,
+    plot: bool,
+    quiet: bool,
+) -> None:
+    """The twin into a run folder, and its numbers."""
+    from bridge import preflight
+    from bridge.cli.options import fresh
+    from bridge.cli.rehearse import header, refuse
+    from bridge.outcome import run_twin
+    from bridge.report import line
+    from bridge.system import load_system
+    from cosim.analysis import declared
+    from cosim.analysis.metrics import evaluate
+    from cosim.cli.summary import figures
+    from cosim.clock import stamp, stopwatch
+    from cosim.record import Run, claim_folder
+
+    if clock != "simulated":
+        raise ScenarioError(f"--clock {clock}: expected simulated; on the wall: cosim rehearse")
+    system = load_system(scenario, deploy, settings)
+    refuse(preflight.check(system), quiet)
+    name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
+    folder = out or fresh(Path("runs") / name)
+    claim_folder(folder, force=force)
+    watch = stopwatch()
+    run_twin(system, folder)
+    wall = watch()
+    result = Run.open(folder)
+    length = system.plan.ticks * system.plan.h
+    said = [header(system).replace("on the wall clock", "on a simulated clock")]
+    said += [line(r.label, r.text) for r in evaluate(declared.metrics(system.scenario), result)]
+    said.append(
+        line("wall time", f"{wall:.2f} s for {length:g} s: {length / wall:.0f} x real time")
+    )
+    if plot:
+        said += [line("figure", str(p)) for p in figures(system.scenario, result, folder)]
+    said.append(line("run folder", str(folder)))
+    if not quiet:
+        typer.echo("\n".join(said))

@@ -181,10 +181,11 @@ def _signals(outlet: Outlet) -> list[str]:
     """``q1, q2, dq1, dq2`` for the ports q and dq of two entries each; a scalar by its name."""
     names: list[str] = []
     for part in outlet.parts:
+        port, _, index = part.name.partition(".")[2].rstrip("]").partition("[")
         if part.shape:
-            names += [f"{part.port}{i + 1}" for i in range(part.size)]
+            names += [f"{port}{i + 1}" for i in range(part.size)]
         else:
-            names.append(part.port)
+            names.append(f"{port}{int(index) + 1}" if index.isdigit() else port)
     return names
 
 

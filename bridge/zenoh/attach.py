@@ -1,0 +1,56 @@
+"""A node's end of a Zenoh bus, as its system says: what it publishes, hears and waits for."""
+
+from __future__ import annotations
+
+from bridge.journal import Journal
+from bridge.system import System
+from bridge.zenoh.access import access_control
+from bridge.zenoh.channel import Traffic, ZenohAttachment
+from bridge.zenoh.names import Names, names_of
+from bridge.zenoh.options import options_of
+
+
+def traffic_of(system: System, bus: str, node: str) -> Traffic:
+    """Keys and numbers of one node on one bus."""
+    names, d = names_of(system.deployment, bus), system.deployment
+    peers = tuple(p for p in d.nodes if p != node and bus in system.buses_of(p))
+    keys = {
+        m.name: names.message(m.node, m.outlet.component, m.name)
+        for m in system.messages.values()
+        if m.bus == bus
+    }
+    number = {name: system.messages[name].encoding.message.id for name in keys}
+    own = [name for name in keys if system.messages[name].node == node]
+    heard = [name for name in system.heard_by(node) if name in keys]
+    elsewhere = {name for p in peers for name in system.heard_by(p)}
+    publishes = {keys[name]: number[name] for name in own}
+    hears = {keys[name]: number[name] for name in heard}
+    service = system.services[bus]
+    for other in (node, *peers):
+        beat = service.heartbeats.get(d.nodes[other].number)
+        if beat is not None:
+            mine = publishes if other == node else hears
+            mine[names.of(other, "heartbeat")] = beat.message.id
+    if service.estop is not None:
+        publishes[names.shared("estop")] = hears[names.shared("estop")] = service.estop.message.id
+    if service.nmt is not None:
+        hears[names.shared("nmt")] = service.nmt.message.id
+    awaited = tuple(keys[name] for name in own if name in elsewhere)
+    return Traffic(node, publishes, hears, peers, awaited)
+
+
+def open_bus(
+    system: System, bus: str, node: str, *, number: int = 0, log: Journal | None = None
+) -> ZenohAttachment:
+    """Open a node's session on a Zenoh bus. Raises ScenarioError, BusError."""
+    names: Names = names_of(system.deployment, bus)
+    nodes = [n for n in system.deployment.nodes if bus in system.buses_of(n)]
+    return ZenohAttachment(
+        bus,
+        names,
+        traffic_of(system, bus, node),
+        options_of(system.deployment, bus, node),
+        number=number,
+        log=log,
+        access=access_control(names, nodes),
+    )

@@ -1,0 +1,159 @@
+"""A Zenoh session between rings, so that a tick never waits for it.
+
+Sending: a thread sleeps on a descriptor, empties the ring and puts. Receiving: Zenoh's threads call
+back, which stamps the arrival and copies the sample into the ring; a tick runs no Python.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import final
+
+import zenoh
+
+from bridge.can.health import BusHealth, bus_health
+from bridge.journal import Journal
+from bridge.native import pace
+from bridge.native.bus import Bus
+from bridge.native.frame import DATA, Frame, Ring
+from bridge.zenoh.names import Names
+from bridge.zenoh.options import Options
+from bridge.zenoh.presence import Presence
+from bridge.zenoh.session import configure, open_session
+from bridge.zenoh.wake import Wake
+
+ENCODING = "application/octet-stream;cosim.sample.v1"
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """What one node says and hears on a bus: numbers of frames by key, and whom it waits for.
+
+    `heard_by_others`: keys it publishes that somebody has to listen to before it is ready.
+    """
+
+    node: str
+    publishes: Mapping[str, int]
+    hears: Mapping[str, int]
+    peers: tuple[str, ...] = ()
+    heard_by_others: tuple[str, ...] = ()
+
+
+@final
+class ZenohAttachment:
+    """A node's end of a Zenoh bus. Raises ScenarioError, BusError where it cannot be opened."""
+
+    def __init__(
+        self,
+        name: str,
+        names: Names,
+        traffic: Traffic,
+        options: Options,
+        *,
+        number: int = 0,
+        log: Journal | None = None,
+        capacity: int = 8192,
+        access: Mapping[str, object] | None = None,
+    ) -> None:
+        self._name, self.names, self.traffic = name, names, traffic
+        self._wait = options.wait
+        self._rx, self._tx = Ring(capacity), Ring(capacity)
+        self._refused, self._fault = 0, ""
+        self.session = open_session(configure(options, traffic.node, access), name)
+        self._wake = Wake()
+        self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
+        self._stop, self._writing = threading.Event(), threading.Lock()
+        self._publishers = {
+            number: _publisher(self.session, key, options.reliability)
+            for key, number in traffic.publishes.items()
+        }
+        self.presence = Presence(self.session, names, traffic.node)
+        self._subscribers = [
+            self.session.declare_subscriber(
+                key,
+                self._receiver(number),
+                allowed_origin=zenoh.Locality.REMOTE,
+            )
+            for key, number in traffic.hears.items()
+        ]
+        self.presence.declare()
+        self._thread = threading.Thread(target=self._send, name=f"zenoh {name}", daemon=True)
+        self._thread.start()
+
+    def wait_for_peers(self) -> None:
+        """Until every peer is there and somebody listens to what has to be heard.
+
+        Raises BusError after the option ``wait`` (s), with who is missing.
+        """
+        if self._wait <= 0:
+            return
+        numbers = {key: self.traffic.publishes[key] for key in self.traffic.heard_by_others}
+        heard = {key: self._publishers[number] for key, number in numbers.items()}
+        self.presence.wait(self.traffic.peers, heard, self._wait, self._stop.is_set)
+
+    def health(self, now_ns: int) -> BusHealth:
+        """State and counts at `now_ns` (monotonic); `restarts`: times a peer went away."""
+        health = bus_health(self.bus, self._name, now_ns)
+        return replace(
+            health,
+            send_failed=health.send_failed + self._refused,
+            restarts=self.presence.lost,
+            last_error=self._fault or health.last_error,
+        )
+
+    def close(self) -> None:
+        """Send what waits, end the thread, close the session."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._wake.set()
+        self._thread.join()
+        self.bus.struct.fd = -1
+        self._wake.close()
+        for subscriber in self._subscribers:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self.session.close()  # type: ignore[no-untyped-call]
+
+    def _receiver(self, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
+        """Of one key: called on Zenoh's threads, of which there may be several."""
+
+        def receive(sample: zenoh.Sample) -> None:
+            t_ns = pace.now()
+            data = sample.payload.to_bytes()
+            if len(data) > DATA:  # no message of ours; counted as not fitting
+                self._rx.struct.dropped += 1
+                return
+            frame = Frame.of(number, data, 0, t_ns)
+            with self._writing:
+                self._rx.put(frame)
+
+        return zenoh.handlers.Callback(receive, indirect=False)
+
+    def _send(self) -> None:
+        """Frames of the ring, to their publishers; sleeps until `bus_send` wakes it."""
+        frame = Frame()
+        while True:
+            self._wake.wait()
+            while self._tx.get(frame):
+                try:
+                    self._publishers[frame.id].put(frame.payload)
+                except (zenoh.ZError, KeyError) as error:
+                    self._refused += 1
+                    self._fault = f"frame {frame.id:#x}: {error}"
+            if self._stop.is_set():
+                return
+
+
+def _publisher(session: zenoh.Session, key: str, reliability: str) -> zenoh.Publisher:
+    """For control: at once, first, dropped rather than late."""
+    reliable = reliability == "reliable"
+    return session.declare_publisher(
+        key,
+        encoding=ENCODING,
+        priority=zenoh.Priority.REAL_TIME,
+        congestion_control=zenoh.CongestionControl.DROP,
+        express=True,
+        reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+    )

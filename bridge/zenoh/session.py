@@ -1,0 +1,150 @@
+"""A Zenoh session from its configuration file and a deployment's options, checked before it opens.
+
+Zenoh itself refuses unknown keys, but finds out at opening, or never, what an endpoint's protocol
+or a file of certificates is. Where the file says nothing, what follows holds: no scouting, nothing
+connects by itself, retries within 200 ms.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import zenoh
+
+from bridge.can.socket import BusError
+from bridge.zenoh.options import Options, check_endpoint
+from cosim.errors import ScenarioError
+
+#: What holds where the configuration file has nothing.
+DEFAULTS: dict[str, Any] = {
+    "mode": "peer",
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 50,
+    "connect/timeout_ms": -1,
+    "connect/exit_on_failure": False,
+    "connect/retry": {
+        "period_init_ms": 50,
+        "period_max_ms": 200,
+        "period_increase_factor": 1.5,
+    },
+}
+#: What holds without a configuration file, besides.
+WITHOUT_FILE: dict[str, Any] = {
+    "transport/link/tx/lease": 1000,
+    "transport/link/tx/keep_alive": 4,
+    "transport/link/tx/queue/size/real_time": 16,
+    "transport/unicast/open_timeout": 1000,
+    "transport/unicast/accept_timeout": 1000,
+    "transport/shared_memory/enabled": False,
+}
+_FILES = (
+    *(f"transport/link/tls/{name}" for name in ("root_ca_certificate",)),
+    *(
+        f"transport/link/tls/{side}_{what}"
+        for side in ("listen", "connect")
+        for what in ("private_key", "certificate")
+    ),
+    "transport/auth/usrpwd/dictionary_file",
+)
+
+
+def configure(
+    options: Options, node: str, access: Mapping[str, object] | None = None
+) -> zenoh.Config:
+    """The configuration of a node's session.
+
+    `access`: the section ``access_control`` where the file enables it and gives no rules.
+
+    In the file, ``{node}`` is the node's name and ``{keys}`` the folder of its certificates; other
+    relative paths are beside the file. Raises ScenarioError.
+    """
+    config = _read(options, node)
+    for key, value in DEFAULTS.items():
+        if _get(config, key) is None:
+            config.insert_json5(key, json.dumps(value))
+    unsaid = _get(zenoh.Config(), "listen/endpoints")  # any address of this machine
+    for kind, endpoints in (("listen", options.listen), ("connect", options.connect)):
+        if endpoints or (kind == "listen" and _get(config, "listen/endpoints") == unsaid):
+            config.insert_json5(f"{kind}/endpoints", json.dumps(list(endpoints)))
+        for endpoint in _flat(_get(config, f"{kind}/endpoints")):
+            check_endpoint(endpoint, f"{_place(options)}: {kind}", insecure=options.insecure)
+    asked = _get(config, "access_control/enabled")
+    if access and asked and _get(config, "access_control/rules") is None:
+        config.insert_json5("access_control", json.dumps(access))
+    _check_scouting(config, options)
+    _check_files(config, options)
+    return config
+
+
+def _place(options: Options) -> str:
+    return str(options.config or options.place)
+
+
+def _read(options: Options, node: str) -> zenoh.Config:
+    if options.config is None:
+        config = zenoh.Config()
+        for key, value in WITHOUT_FILE.items():
+            config.insert_json5(key, json.dumps(value))
+        return config
+    text = options.config.read_text(encoding="utf-8")
+    text = text.replace("{node}", node).replace("{keys}", str(options.keys.resolve()))
+    try:
+        return zenoh.Config.from_json5(text)
+    except zenoh.ZError as error:
+        raise ScenarioError(f"{error}", str(options.config)) from error
+
+
+def _get(config: zenoh.Config, key: str) -> Any:
+    return json.loads(config.get_json(key))
+
+
+def _flat(value: Any) -> list[str]:
+    """Endpoints as Zenoh has them: a list, or lists by mode."""
+    if isinstance(value, dict):
+        return [e for listed in value.values() for e in listed or []]
+    return list(value or [])
+
+
+def _check_scouting(config: zenoh.Config, options: Options) -> None:
+    if _get(config, "scouting/multicast/enabled") and not options.insecure:
+        raise ScenarioError(
+            "multicast scouting tells everybody on every network of this node, and connects to "
+            "who answers; expected it to be off, or insecure = true",
+            _place(options),
+        )
+
+
+def _check_files(config: zenoh.Config, options: Options) -> None:
+    for key in _FILES:
+        name = _get(config, key)
+        if name is None:
+            continue
+        path = (_beside(options) / name).resolve()
+        if not path.is_file():
+            raise ScenarioError(f"{key}: no file {path}; cosim keys makes some", _place(options))
+        config.insert_json5(key, json.dumps(str(path)))
+
+
+def _beside(options: Options) -> Any:
+    return (options.config or options.keys).parent
+
+
+def open_session(config: zenoh.Config, bus: str) -> zenoh.Session:
+    """Open a session. Raises BusError, which says what could not be opened."""
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        listen = ", ".join(_flat(_get(config, "listen/endpoints"))) or "nothing"
+        connect = ", ".join(_flat(_get(config, "connect/endpoints"))) or "nothing"
+        raise BusError(
+            f"bus {bus}: Zenoh: {_short(error)}; it was to listen on {listen} and to connect to "
+            f"{connect}"
+        ) from error
+
+
+def _short(error: Exception) -> str:
+    """Without the places in Zenoh's own source."""
+    return str(error).partition(" at /")[0]

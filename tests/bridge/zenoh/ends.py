@@ -1,0 +1,47 @@
+"""Two ends of a Zenoh bus on this machine."""
+
+from itertools import count
+from pathlib import Path
+
+from bridge.journal import Journal
+from bridge.zenoh.channel import Traffic, ZenohAttachment
+from bridge.zenoh.names import Names
+from bridge.zenoh.options import Options
+
+NAMES = Names("test")
+NUMBER = count()
+#: Numbers of frames that go each way; more than the 16 of a burst.
+IDENTIFIERS = range(0x100, 0x110)
+
+
+def key(node: str, identifier: int) -> str:
+    return NAMES.message(node, "component", f"m{identifier:x}")
+
+
+def traffic(node: str, other: str) -> Traffic:
+    return Traffic(
+        node,
+        {key(node, i): i for i in IDENTIFIERS},
+        {key(other, i): i for i in IDENTIFIERS},
+        (other,),
+        tuple(key(node, i) for i in IDENTIFIERS),
+    )
+
+
+def endpoint(tmp_path: Path) -> str:
+    return f"unixsock-stream/{tmp_path}/{next(NUMBER)}.sock"
+
+
+def opened(
+    node: str, other: str, log: Journal | None = None, wait: float = 20.0, **said: object
+) -> ZenohAttachment:
+    options = Options("test", wait=wait, **said)  # type: ignore[arg-type]
+    return ZenohAttachment("net", NAMES, traffic(node, other), options, log=log)
+
+
+def both(where: str, log: Journal | None = None) -> tuple[ZenohAttachment, ZenohAttachment]:
+    first = opened("a", "b", log, listen=(where,))
+    second = opened("b", "a", connect=(where,))
+    first.wait_for_peers()
+    second.wait_for_peers()
+    return first, second

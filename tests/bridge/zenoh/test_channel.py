@@ -1,0 +1,206 @@
+"""A Zenoh bus does what every bus does, and finds its peers again."""
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.can.socket import BusError
+from bridge.journal import Journal
+from bridge.native import pace
+from bridge.native.frame import DATA, Flags, Frame
+from bridge.zenoh.channel import ZenohAttachment
+from cosim.clock import sleep, stopwatch
+from tests.bridge.can.bus_contract import (
+    PATIENCE,
+    BusContract,
+    BusPeer,
+    Pair,
+    collect,
+    keys,
+    numbered,
+    numbers,
+    row_keys,
+)
+from tests.bridge.zenoh.ends import IDENTIFIERS, both, endpoint, key, opened
+
+BURST = 300
+
+
+class Peer(BusPeer):
+    """Another end, which closes its session."""
+
+    def __init__(self, attachment: ZenohAttachment) -> None:
+        super().__init__(attachment.bus)
+        self._attachment = attachment
+
+    def close(self) -> None:
+        self._attachment.close()
+
+
+def every_frame() -> list[Frame]:
+    """All identifiers, lengths to the greatest; each content only once."""
+    rng, lengths = np.random.default_rng(1), (1, 8, 24, 40, 64, 65, 128, DATA)
+    return [Frame.of(i, rng.bytes(n)) for n in lengths for i in IDENTIFIERS]
+
+
+class TestContract(BusContract):
+    """What needs CAN is not asked for: formats, remote and error frames, filters."""
+
+    test_remote_frames_keep_the_length_they_ask_for = None
+    test_filters_take_identifier_mask_and_format = None
+    test_error_frames_change_the_state_and_are_logged_but_not_given = None
+    test_health_says_what_was_on_the_bus = None
+    test_a_burst_goes_in_order_and_what_is_refused_is_counted = None
+
+    @pytest.fixture
+    def connect(self, tmp_path: Path) -> Callable[..., object]:
+        def connected(log: Journal, accepts: object) -> tuple[ZenohAttachment, Peer]:
+            ours, theirs = both(endpoint(tmp_path), log)
+            return ours, Peer(theirs)
+
+        return connected
+
+    def test_frames_are_received_unchanged_and_in_order(self, pair: Pair):
+        frames = every_frame()
+        pair.peer.send(frames)
+        assert keys(pair.take(len(frames))) == keys(frames)
+        assert pair.health().received == len(frames)
+
+    def test_frames_are_sent_unchanged_and_in_order(self, pair: Pair):
+        frames = every_frame()
+        assert {pair.ours.bus.send(frame) for frame in frames} == {0}
+        assert keys(pair.peer.take(len(frames))) == keys(frames)
+        assert pair.health().sent == len(frames)
+
+    def test_own_frames_do_not_come_back(self, pair: Pair):
+        assert pair.ours.bus.send(Frame.of(0x101, b"ours")) == 0
+        assert len(pair.peer.take(1)) == 1
+        pair.peer.send([Frame.of(0x102, b"theirs")])
+        assert keys(pair.take(1)) == [(0x102, 0, b"theirs")]
+
+    def test_a_burst_comes_in_order_and_what_is_lost_is_counted(self, pair: Pair):
+        """What Zenoh drops under congestion nobody counts here: counters of samples show it."""
+        pair.peer.send(numbered(BURST))
+        found = numbers(pair.take(BURST))
+        assert found == sorted(set(found))
+        assert len(found) > BURST // 2
+
+    def test_the_log_has_what_was_sent_and_received(self, pair: Pair):
+        sent, received = numbered(40), numbered(40, start=1000)
+        for frame in sent:
+            pair.ours.bus.send(frame)
+        pair.peer.send(received)
+        pair.take(len(received))
+        rows = Journal.open(pair.log.path)
+        is_sent = rows["flags"] & Flags.SENT != 0
+        assert row_keys(rows[is_sent]) == keys(sent)
+        assert row_keys(rows[~is_sent]) == keys(received)
+
+    def test_times_are_monotonic_and_lie_where_things_happened(self, pair: Pair):
+        before = pace.now()
+        pair.peer.send(numbered(16))
+        times = [frame.t_ns for frame in pair.take(16)]
+        sent = Frame.of(0x100)
+        pair.ours.bus.send(sent)
+        moments = [before, *times, sent.t_ns, pace.now()]
+        assert moments == sorted(moments)
+
+    def test_a_frame_nobody_publishes_is_counted(self, pair: Pair):
+        pair.ours.bus.send(Frame.of(0x200))
+        until(lambda: pair.health().send_failed == 1)
+        assert "0x200" in pair.health().last_error
+
+    def test_what_is_longer_than_a_frame_is_counted_and_does_no_harm(self, pair: Pair):
+        attachment = pair.peer._attachment
+        attachment.session.put(key("b", 0x100), bytes(DATA + 1))
+        pair.peer.send([Frame.of(0x101, b"next")])
+        assert keys(pair.take(2)) == [(0x101, 0, b"next")]
+        assert pair.health().overruns == 1
+
+
+def until(reached: Callable[[], bool]) -> None:
+    elapsed = stopwatch()
+    while not reached():
+        assert elapsed() < PATIENCE
+        sleep(0.005)
+
+
+def free_ports(n: int) -> list[int]:
+    held = [socket.create_server(("127.0.0.1", 0)) for _ in range(n)]
+    ports = [s.getsockname()[1] for s in held]
+    for s in held:
+        s.close()
+    return ports
+
+
+@pytest.mark.parametrize("protocol", ["tcp", "udp"])
+def test_protocols(protocol: str):
+    (port,) = free_ports(1)
+    a, b = both(f"{protocol}/127.0.0.1:{port}")
+    b.bus.send(Frame.of(0x100, b"x"))
+    assert keys(collect(a.bus, 1)) == [(0x100, 0, b"x")]
+    a.close()
+    b.close()
+
+
+def exchange(a: ZenohAttachment, b: ZenohAttachment, what: bytes) -> None:
+    """One way and back, tried until it arrives."""
+    for sender, receiver in ((a, b), (b, a)):
+        found: list[Frame] = []
+        elapsed = stopwatch()
+        while not found and elapsed() < PATIENCE:
+            sender.bus.send(Frame.of(0x100, what))
+            sleep(0.01)
+            found = receiver.bus.drain()
+        assert found[-1].payload == what
+
+
+def test_a_late_joiner_is_found(tmp_path: Path):
+    where = endpoint(tmp_path)
+    second = opened("b", "a", connect=(where,))  # nobody listens there yet
+    second.bus.send(Frame.of(0x100, b"unheard"))
+    first = opened("a", "b", listen=(where,))
+    first.wait_for_peers()
+    second.wait_for_peers()
+    exchange(first, second, b"hello")
+    first.close()
+    second.close()
+
+
+def test_who_was_away_is_heard_again_without_a_restart_of_others():
+    (port,) = free_ports(1)
+    where = f"tcp/127.0.0.1:{port}"
+    first, second = both(where)
+    exchange(first, second, b"one")
+    first.close()
+    until(lambda: second.presence.there == frozenset())
+    again = opened("a", "b", listen=(where,))
+    again.wait_for_peers()
+    exchange(again, second, b"two")
+    assert second.health(pace.now()).restarts == 1
+    again.close()
+    second.close()
+
+
+def test_a_peer_that_does_not_come_is_named(tmp_path: Path):
+    alone = opened("a", "b", wait=0.05, listen=(endpoint(tmp_path),))
+    with pytest.raises(BusError, match=r"not there: b; nobody listens to test/a/component/m100"):
+        alone.wait_for_peers()
+    alone.close()
+
+
+def test_an_address_in_use_is_said():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        where = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(BusError, match=f"bus net: Zenoh: .*{where}"):
+            opened("a", "b", listen=(where,))
+
+
+def test_closing_twice_is_closing_once(tmp_path: Path):
+    a, b = both(endpoint(tmp_path))
+    for attachment in (a, a, b):
+        attachment.close()
+    assert a.bus.struct.fd == -1

@@ -91,7 +91,7 @@ class Journal:
             raise JournalError(f"{path}: {error}; expected a journal") from error
         header = _header(path, memory)
         end = HEADER + header.capacity * header.row_size
-        row = _row(path, memory[end : end + header.description], header.row_size)
+        row = row_of(path, memory[end : end + header.description], header.row_size)
         return np.frombuffer(memory, row, header.rows, HEADER)
 
     @staticmethod
@@ -188,7 +188,8 @@ def _header(path: Path, memory: mmap.mmap | bytes, whole: bool = True) -> Journa
     return header
 
 
-def _row(path: Path, text: bytes, size: int) -> np.dtype[Any]:
+def row_of(path: Path, text: bytes, size: int) -> np.dtype[Any]:
+    """What a row is made of, from the text behind the rows. Raises JournalError."""
     try:
         row = np.lib.format.descr_to_dtype(ast.literal_eval(text.decode()))
     except (SyntaxError, ValueError, TypeError) as error:

@@ -44,7 +44,7 @@ def messages(system: System) -> list[BusMessage]:
                     BusMessage.of(layout, node=node, bus=bus, period=period, role="heartbeat")
                 )
             if d.sync == node and "SYNC" in there:
-                h = system.nodes[node].h
+                h = system.sync_ticks * system.plan.h
                 layout = find(layouts, "SYNC")
                 found.append(BusMessage.of(layout, node=node, bus=bus, period=h, role="sync"))
     return found

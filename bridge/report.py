@@ -15,6 +15,7 @@ from bridge.can.log import FrameLog
 from bridge.can.timing import BusTiming
 from bridge.collect import lives_of
 from bridge.lateness import Lateness, lateness
+from bridge.native.bus import State as BusState
 from bridge.native.node import BURST
 from bridge.native.safety import State
 from bridge.safety import explain, explain_guard
@@ -159,9 +160,29 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
             if acted:
                 text = ", ".join(f"{k} in {v} ticks" for k, v in acted.items())
                 lines.append(line("guard", f"{report.life}: {message}: {text}"))
+        for bus, health in report.said.get("buses", {}).items():
+            said = _health(health)
+            if said:
+                lines.append(line("bus health", f"{report.life}: {bus}: {said}"))
         if report.said.get("drive_faults"):
             lines.append(line("drive", f"{report.life}: {report.said['drive_faults']} faults"))
     return lines
+
+
+def _health(health: Mapping[str, Any]) -> str:
+    """What was wrong with a bus, in words; nothing: ""."""
+    words = {
+        "send_failed": "not sent",
+        "overruns": "lost on the way in",
+        "error_frames": "error frames",
+        "restarts": "restarts",
+        "log_dropped": "not logged",
+    }
+    said = [f"{health[key]} {text}" for key, text in words.items() if health.get(key)]
+    state = int(health.get("state", 0))
+    if state:
+        said.insert(0, f"at the end {BusState(state).name.lower()}")
+    return ", ".join(said)
 
 
 def guard_words(bits: int) -> str:

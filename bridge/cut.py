@@ -7,13 +7,14 @@ node's own tick: the greatest common period of its components.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import gcd
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.crossing import Crossing, carried, crossings, homes
 from bridge.deploy import Deployment, MessageSpec, NodeSpec
 from cosim.engine import Engine
 from cosim.errors import ScenarioError
@@ -48,8 +49,9 @@ class Outlet:
 class Inlet:
     """Values `first` ... of a message that go to `target`, as gain * value + offset.
 
-    `link`: whose latency the receiver adds; None: a wire. `ticks`: base ticks between two hits of
-    the receiver; `source`: the slot of the whole plan it comes from.
+    `link`: whose latency the receiver adds; None: a wire. `age`: the input that gets the age of
+    what a link holds. `ticks`: base ticks between two hits of the receiver; `source`: the slot of
+    the whole plan it comes from.
     """
 
     gate: str
@@ -62,6 +64,7 @@ class Inlet:
     gain: float
     offset: float
     link: Link | None
+    age: Slot | None
     ticks: int
 
 
@@ -97,13 +100,9 @@ def cut(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan
             f'algorithm = "{plan.algorithm}" cannot be cut into nodes; expected "sampled"',
             str(deployment.path),
         )
-    homes = _homes(plan, deployment)
-    carriers = _carriers(plan, deployment, homes)
-    edges: list[Wire | Link] = [*plan.wires, *plan.links]
-    crossing = [e for e in edges if homes[e.source.component] != homes[e.target.component]]
-    _all_carried(crossing, carriers, deployment)
+    crossing = crossings(plan, deployment, homes(plan, deployment))
     return {
-        name: _node(name, spec, plan, deployment, crossing, carriers, start)
+        name: _node(name, spec, plan, deployment, crossing, start)
         for name, spec in deployment.nodes.items()
     }
 
@@ -113,55 +112,6 @@ def start_values(plan: Plan) -> Vector:
     with Engine(plan) as engine:
         engine.initialize()
         return engine.signals.copy()
-
-
-def _homes(plan: Plan, d: Deployment) -> dict[str, str]:
-    """The node of each component."""
-    homes = {c: name for name, node in d.nodes.items() for c in node.components}
-    names = {c.name for c in plan.components}
-    for name, node in d.nodes.items():
-        for c in node.components:
-            if c not in names:
-                raise ScenarioError(
-                    f"no component {c!r}; the scenario has: {', '.join(sorted(names))}",
-                    d.place("nodes", name, "components"),
-                )
-    lost = sorted(names - set(homes))
-    if lost:
-        raise ScenarioError(f"no node for {', '.join(lost)}", d.place("nodes"))
-    return homes
-
-
-def _carriers(plan: Plan, d: Deployment, homes: Mapping[str, str]) -> dict[str, tuple[str, int]]:
-    """(message, first of its values) by the ``component.port`` it carries."""
-    slots = {s.name: s for c in plan.components for s in c.outputs}
-    carriers: dict[str, tuple[str, int]] = {}
-    for name, message in d.messages.items():
-        place, first = d.place("messages", name, "carries"), 0
-        if not message.carries:
-            raise ScenarioError("carries nothing; expected outputs, component.port", place)
-        if len({c.partition(".")[0] for c in message.carries}) > 1:
-            raise ScenarioError("carries outputs of several components; expected one's", place)
-        for signal in message.carries:
-            if signal not in slots:
-                raise ScenarioError(f"no output {signal!r} in the scenario", place)
-            if signal in carriers:
-                raise ScenarioError(f"{signal} is in {carriers[signal][0]} already", place)
-            carriers[signal] = (name, first)
-            first += slots[signal].size
-    return carriers
-
-
-def _all_carried(
-    crossing: Iterable[Wire | Link], carriers: Mapping[str, tuple[str, int]], d: Deployment
-) -> None:
-    for e in crossing:
-        if _whole(e.source) not in carriers:
-            raise ScenarioError(
-                f"{e.source.name} -> {e.target.name} crosses a cut, but no message carries "
-                f"{_whole(e.source)}",
-                d.place("messages"),
-            )
 
 
 def _whole(slot: Slot) -> str:
@@ -176,11 +126,10 @@ def _node(
     spec: NodeSpec,
     plan: Plan,
     d: Deployment,
-    crossing: Sequence[Wire | Link],
-    carriers: Mapping[str, tuple[str, int]],
+    crossing: Sequence[Crossing],
     start: Vector,
 ) -> NodePlan:
-    remote = {_whole(e.target) for e in crossing}
+    remote = {_whole(x.edge.target) for x in crossing}
     here = [_started(c, remote, start) for c in plan.components if c.name in spec.components]
     ticks = gcd(*(c.period for c in here))
     steps, moved = _steps(here, ticks)
@@ -189,16 +138,13 @@ def _node(
         for key, m in sorted(d.messages.items())
         if m.carries[0].partition(".")[0] in spec.components
     ]
-    whole = {s.name: s for c in plan.components for s in c.outputs}
     inlets = [
-        _inlet(e, plan, carriers, moved, whole)
-        for e in sorted(crossing, key=lambda e: e.target.name)
-        if e.target.component in spec.components
+        _inlet(x, plan, moved) for x in crossing if x.edge.target.component in spec.components
     ]
     gates = {o.gate: Gate(o.gate, o.component, out=True) for o in outlets}
     gates |= {i.gate: Gate(i.gate, i.component, out=False) for i in inlets}
     edges: list[Wire | Link] = [*plan.wires, *plan.links]
-    inside = [e for e in edges if e not in crossing and e.target.component in spec.components]
+    inside = [e for e in edges if {e.source.component, e.target.component} <= set(spec.components)]
     found = compile_plan(
         plan.h * ticks,
         plan.ticks // ticks,
@@ -264,7 +210,7 @@ def _outlet(
 ) -> Outlet:
     component = m.carries[0].partition(".")[0]
     step = plan.component(component)
-    slots = {s.name: s for s in step.outputs}
+    parts = carried(plan, m, d.place("messages", key, "carries"))
     every = 1
     if m.period is not None:
         place = ("messages", key, "period")
@@ -281,30 +227,26 @@ def _outlet(
         bus=m.bus,
         component=component,
         carries=m.carries,
-        parts=tuple(_move(slots[c], moved) for c in m.carries),
+        parts=tuple(_move(part, moved) for part in parts),
         period=every,
         ticks=every * step.period,
     )
 
 
-def _inlet(
-    e: Wire | Link,
-    plan: Plan,
-    carriers: Mapping[str, tuple[str, int]],
-    moved: Mapping[str, int],
-    whole: Mapping[str, Slot],
-) -> Inlet:
-    message, first = carriers[_whole(e.source)]
+def _inlet(x: Crossing, plan: Plan, moved: Mapping[str, int]) -> Inlet:
+    e = x.edge
+    link = e if isinstance(e, Link) else None
     return Inlet(
         gate=f"in {e.target.name}",
-        message=message,
+        message=x.message,
         sender=e.source.component,
         component=e.target.component,
         target=_move(e.target, moved),
         source=e.source,
-        first=first + e.source.start - whole[_whole(e.source)].start,
+        first=x.first,
         gain=e.gain,
         offset=e.offset,
-        link=e if isinstance(e, Link) else None,
+        link=link,
+        age=None if link is None or link.age is None else _move(link.age, moved),
         ticks=plan.component(e.target.component).period,
     )

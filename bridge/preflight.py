@@ -7,9 +7,9 @@ from bridge.can.layout import find
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
 from bridge.check import Watchdog, check_buses
+from bridge.protect import emulated
 from bridge.safety import in_si
 from bridge.system import System
-from bridge.wiring import emulated
 from cosim.check.finding import Finding
 
 
@@ -58,7 +58,8 @@ def watchdogs(system: System) -> list[Watchdog]:
         spec = d.nodes[name]
         for inlet in plan.inlets:
             if spec.drive is not None and inlet.target.port == spec.drive.port:
-                timeout = in_si(emulated(spec.drive).watchdog, "s", d.place("nodes", name, "drive"))
+                place = d.place("nodes", name, "drive")
+                timeout = in_si(emulated(spec.drive, d).watchdog, "s", place)
                 found.append(Watchdog(f"drive of {name}", inlet.message, timeout))
             stale = spec.stale.get(f"{inlet.component}.{inlet.target.port}")
             if stale is not None and stale.stop:

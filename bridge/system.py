@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from bridge import deploy
+from bridge import deploy, protect
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
@@ -81,6 +81,11 @@ class System:
         """Messages a node receives, sorted."""
         return tuple(sorted({i.message for i in self.nodes[node].inlets}))
 
+    @property
+    def sync_ticks(self) -> int:
+        """Base ticks between two SYNC: a slot of the slowest node."""
+        return max(node.ticks for node in self.nodes.values())
+
     def identifiers(self, node: str) -> dict[str, int]:
         """Identifiers of everything a node hears, by the message's name."""
         found = {name: self.messages[name].encoding.message.id for name in self.heard_by(node)}
@@ -119,6 +124,7 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
     start = start_values(assemble(scenario))
     plan = assemble(scenario)
     nodes = cut(plan, deployment, start)
+    protect.check(nodes, deployment)
     layouts = {
         name: dbc.load(deployment.file(bus.dbc))
         for name, bus in deployment.buses.items()

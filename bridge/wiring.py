@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, final
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from bridge import drives, safety
 from bridge.cut import Inlet, NodePlan, Outlet
-from bridge.deploy import DriveSpec, GuardSpec, StaleSpec
+from bridge.deploy import StaleSpec
 from bridge.journal import Journal
 from bridge.latency import delays_for, newest_for
 from bridge.native import message as messages
@@ -25,11 +26,11 @@ from bridge.native.bus import Bus, BusStruct
 from bridge.native.delay import DelayLine
 from bridge.native.frame import Frame
 from bridge.native.safety import Peer
+from bridge.protect import Span, age_slot, emulated, input_of, limits, span
 from bridge.system import Carried, System
 from cosim import native as engine_native
 from cosim.engine import Engine
-from cosim.errors import ScenarioError
-from cosim.plan import Slot, Wire
+from cosim.plan import Wire
 
 Rows = NDArray[np.void]
 
@@ -81,12 +82,14 @@ class Wired:
         self.receivers: dict[str, messages.Receiver] = {}
         self.lines: dict[str, DelayLine] = {}
         self.guards: dict[str, safety.TorqueGuard] = {}
-        self.drive: drives.Drive | None = None
+        self.drive: drives.Drive | None = None  # the last of
+        self.drives: list[drives.Drive] = []
         self._gates: dict[str, tuple[int, int]] = {}
         self._time()
         self._bind_buses()
         self._receptions = self._make_receptions()
-        self._bind_outlets(self._bind_inlets())
+        self._bind_inlets()
+        self._bind_outlets()
         self._bind_peers()
         self.journal = Journal.create(journal, row_dtype(self.plan), self.plan.slots + 8)
         self._journals = [self.journal]
@@ -130,7 +133,7 @@ class Wired:
         beat = d.seconds(self.spec.heartbeat, *place, "heartbeat")
         s.heartbeat_slots = max(1, round(beat / self.plan.h)) if beat > 0 else 0
         if d.sync == self.name:
-            s.sync_slots = 1
+            s.sync_slots = max(1, self.system.sync_ticks // self.plan.ticks)
 
     def _bind_buses(self) -> None:
         n = len(self._buses)
@@ -198,8 +201,7 @@ class Wired:
         self.receivers[carried.name] = receiver
         self._alive += [receiver, values]
 
-    def _bind_inlets(self) -> drives.Drive | None:
-        """Bound to the struct; the emulated drive, if the node has one."""
+    def _bind_inlets(self) -> None:
         inlets = (native.Inlet * max(1, len(self.plan.inlets)))()
         for i, inlet in enumerate(self.plan.inlets):
             carried = self.system.messages[inlet.message]
@@ -219,6 +221,7 @@ class Wired:
                 held=-1,
                 newest=-1,
                 last_newest=-1,
+                link_age=-1 if inlet.age is None else inlet.age.start,
                 initial=initial.ctypes.data,
                 later=self.plan.plan.component(inlet.component).kind == "continuous",
             )
@@ -232,7 +235,6 @@ class Wired:
             )
         self.inlets = inlets
         self.struct.inlets, self.struct.n_inlets = c.addressof(inlets), len(self.plan.inlets)
-        return self.drive
 
     def _line(self, inlet: Inlet, carried: Carried) -> DelayLine:
         plan, sent = self.system.plan, carried.outlet.ticks
@@ -251,15 +253,7 @@ class Wired:
         entry.age = -1
         entry.stop_ns = round(d.seconds(spec.stop, *place, "stop") * 1e9)
         if spec.age:
-            port, _, index = spec.age.rstrip("]").partition("[")
-            slot = self._slot(inlet.component, port, d.place(*place, "age"))
-            entry.age = slot.start + int(index or 0)
-
-    def _slot(self, component: str, port: str, place: str) -> Slot:
-        slots = self.plan.plan.slots()
-        if f"{component}.{port}" not in slots:
-            raise ScenarioError(f"{component} has no {port!r}", place)
-        return slots[f"{component}.{port}"]
+            entry.age = age_slot(self.plan, inlet, spec.age, d.place(*place, "age"))
 
     def _drive(self, entry: native.Inlet, inlet: Inlet) -> None:
         spec, d = self.spec.drive, self.system.deployment
@@ -267,18 +261,23 @@ class Wired:
         if spec is None or inlet.target.port != spec.port:
             return
         place = d.place("nodes", self.name, "drive")
-        joints = inlet.target.size
-        self.drive = emulated(spec).build(joints, inlet.ticks * self.system.plan.h, place)
+        joints, component = inlet.target.size, inlet.component
+        q, dq, tau = (
+            input_of(self.plan, component, port, place).start
+            for port in (spec.q, spec.dq, spec.port)
+        )
+        at = Span(0, inlet.target.start - tau, joints)
+        self.drive = emulated(spec, d, at).build(joints, inlet.ticks * self.system.plan.h, place)
+        self.drives.append(self.drive)
         command = np.zeros(joints)
         entry.drive = c.pointer(self.drive.struct)
         entry.command = command.ctypes.data
-        entry.q = self._slot(inlet.component, spec.q, place).start
-        entry.dq = self._slot(inlet.component, spec.dq, place).start
+        entry.q, entry.dq = q + at.entry, dq + at.entry
         self._alive.append(command)
 
     # ---- sending -----------------------------------------------------------------------------
 
-    def _bind_outlets(self, drive: drives.Drive | None) -> None:
+    def _bind_outlets(self) -> None:
         outlets = (native.Outlet * max(1, len(self.plan.outlets)))()
         for i, outlet in enumerate(self.plan.outlets):
             carried = self.system.messages[outlet.message]
@@ -301,7 +300,7 @@ class Wired:
                 measured_dq=-1,
             )
             self._guard(entry, outlet)
-            self._measured(entry, outlet, drive)
+            self._measured(entry, outlet)
             outlets[i] = entry
             self._gates[outlet.gate] = (
                 native.address("outlet_pass"),
@@ -313,28 +312,41 @@ class Wired:
 
     def _guard(self, entry: native.Outlet, outlet: Outlet) -> None:
         spec, d = self.spec.guard, self.system.deployment
-        first = _first(outlet, spec.port if spec else "")
-        if spec is None or first < 0:
+        if spec is None:
             return
-        part = next(p for p in outlet.parts if p.port == spec.port)
-        place = d.place("nodes", self.name, "guard")
+        slots, place = self.plan.plan.slots(), d.place("nodes", self.name, "guard")
+        torque = slots.get(f"{outlet.component}.{spec.port}")
+        at = span(outlet, torque, place)
+        if at is None or torque is None:
+            return
         period = outlet.ticks // outlet.period * self.system.plan.h
-        guard = limits(spec).build(part.size, period, place)
-        entry.guard, entry.guarded, entry.joints = c.pointer(guard.struct), first, part.size
-        slots = self.plan.plan.slots()
+        guard = limits(spec, at).build(at.size, period, place)
+        entry.guard, entry.guarded, entry.joints = c.pointer(guard.struct), at.first, at.size
         for field, port in (("q", spec.q), ("dq", spec.dq)):
             slot = slots.get(f"{outlet.component}.{port}")
-            if slot is not None and slot.size == part.size:
-                setattr(entry, field, slot.start)
+            if slot is not None and slot.size == torque.size:
+                setattr(entry, field, slot.start + at.entry)
         self.guards[outlet.message] = guard
         self._alive.append(guard)
 
-    def _measured(self, entry: native.Outlet, outlet: Outlet, drive: drives.Drive | None) -> None:
-        if drive is None or self.spec.drive is None:
+    def _measured(self, entry: native.Outlet, outlet: Outlet) -> None:
+        """Positions and velocities leave as the drive's encoders see them."""
+        spec, d = self.spec.drive, self.system.deployment
+        if spec is None or not self.drives:
             return
-        entry.measured_q = _first(outlet, self.spec.drive.q)
-        entry.measured_dq = _first(outlet, self.spec.drive.dq)
+        place, slots = d.place("nodes", self.name, "drive"), self.plan.plan.slots()
+        q, dq = (
+            span(outlet, slots.get(f"{outlet.component}.{port}"), place)
+            for port in (spec.q, spec.dq)
+        )
+        if q is None and dq is None:
+            return
+        joints = (q or dq).size  # type: ignore[union-attr]
+        drive = replace(emulated(spec, d), tau_max=None).build(joints, self.plan.h, place)
+        entry.measured_q = q.first if q else -1
+        entry.measured_dq = dq.first if dq else -1
         entry.drive = c.pointer(drive.struct)
+        self._alive.append(drive)
 
     def _offsets(self) -> None:
         fields = row_dtype(self.plan).fields
@@ -343,42 +355,3 @@ class Wired:
         self.struct.inlet_offset = fields["inlets"][1]
         self.struct.outlet_offset = fields["sent"][1]
         self.struct.signals_offset = fields["signals"][1]
-
-
-def limits(spec: GuardSpec) -> safety.GuardSpec:
-    """A deployment's guard as :mod:`bridge.safety` takes it."""
-    return safety.GuardSpec(
-        tau_max=_listed(spec.tau_max),
-        rate_max=_listed(spec.rate_max),
-        q_low=_listed(spec.q_low),
-        q_high=_listed(spec.q_high),
-        dq_max=_listed(spec.dq_max),
-        power_max=_listed(spec.power_max),
-        q_jump=_listed(spec.q_jump),
-        brake=spec.brake,
-        stops=spec.stops,
-    )
-
-
-def emulated(spec: DriveSpec) -> drives.DriveSpec:
-    """A deployment's drive as :mod:`bridge.drives` takes it: what is said, else its defaults."""
-    said = {
-        name: _listed(getattr(spec, name))
-        for name in ("tau_max", "lag", "watchdog", "damping", "q_lsb", "dq_lsb", "tau_lsb")
-        if getattr(spec, name) is not None
-    }
-    return drives.DriveSpec(**said)
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _first(outlet: Outlet, port: str) -> int:
-    """Place of a port's first value in a message, -1: it is not in it."""
-    first = 0
-    for part in outlet.parts:
-        if part.port == port:
-            return first
-        first += part.size
-    return -1

@@ -70,6 +70,14 @@ static void through(inlet_t *in, const double *value, double *signals)
         memcpy(target, in->initial, (size_t)in->count * sizeof *target);
 }
 
+/* How old what is held is, by the nominal times of its sender's slot and of this one; s. */
+static double age(const inlet_t *in)
+{
+    const int64_t held = in->held < 0 ? 0 : in->held;
+    const int64_t sent = held * in->reception->period_ns + in->reception->offset_ns;
+    return (double)(in->node->now_ns + in->node->phase_ns - sent) * 1e-9;
+}
+
 API int32_t inlet_pass(void *context, int64_t tick, double *signals)
 {
     inlet_t *in = context;
@@ -89,6 +97,7 @@ API int32_t inlet_pass(void *context, int64_t tick, double *signals)
         in->begun = 1;
     }
     const int64_t silence = n->now_ns - in->heard_ns;
+    if (in->link_age >= 0) signals[in->link_age] = age(in);
     if (in->age >= 0) signals[in->age] = (double)silence * 1e-9;
     if (in->stop_ns > 0 && silence > in->stop_ns) n->life.now |= WHY_STALE;
     return 0;

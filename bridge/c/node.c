@@ -33,12 +33,19 @@ static uint32_t status(const node_t *n, const outlet_t *o)
     return n->simulated ? s | STATUS_SIMULATED : s;
 }
 
+/* As the drive's encoders see it; of what the message does not carry there is nothing to see. */
+static void measured(outlet_t *o)
+{
+    double none[32] = {0};
+    double *q = o->measured_q < 0 ? none : o->values + o->measured_q;
+    double *dq = o->measured_dq < 0 ? none : o->values + o->measured_dq;
+    drive_measure(o->drive, q, dq, q, dq);
+}
+
 static void gather(outlet_t *o, const double *signals)
 {
     for (int32_t k = 0; k < o->width; k++) o->values[k] = signals[o->sources[k]];
-    if (o->drive && o->measured_q >= 0 && o->measured_dq >= 0)
-        drive_measure(o->drive, o->values + o->measured_q, o->values + o->measured_dq,
-                      o->values + o->measured_q, o->values + o->measured_dq);
+    if (o->drive) measured(o);
     if (o->guard) guarded(o, signals);
 }
 

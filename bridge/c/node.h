@@ -76,6 +76,7 @@ typedef struct {
     int64_t heard_ns;       /* when the newest arrived, by slots: staleness is deterministic */
     double *initial;        /* (count,): what it held at first, and holds again when that has gone */
     int32_t begun, reserved;
+    int64_t link_age;       /* signal that gets the age of the sample held, s; -1: none */
     int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
 } inlet_t;
 

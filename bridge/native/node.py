@@ -84,6 +84,7 @@ class Inlet(c.Structure):
         ("initial", c.c_void_p),
         ("begun", c.c_int32),
         ("reserved", c.c_int32),
+        ("link_age", c.c_int64),
         ("later", c.c_int64),
     )
 

@@ -1,0 +1,157 @@
+"""What a deployment says of guards, drives and stale inputs, found in a node's plan.
+
+What names nothing is an error here, before a node is made: a guard that guards no message, or a
+drive behind which no torque arrives, would protect nobody without a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from bridge import drives, safety
+from bridge.can.profiles import load_profile
+from bridge.cut import Inlet, NodePlan, Outlet
+from bridge.deploy import Deployment, DriveSpec, GuardSpec, NodeSpec
+from cosim.errors import ScenarioError
+from cosim.plan import Slot
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Values `first` ... `first + size` of a message are entries `entry` ... of a port."""
+
+    first: int
+    entry: int
+    size: int
+
+
+def span(outlet: Outlet, port: Slot | None, place: str) -> Span | None:
+    """Where a message carries a port; None: not at all. Raises ScenarioError for pieces of it."""
+    if port is None:
+        return None
+    found: list[tuple[int, int]] = []
+    first = 0
+    for part in outlet.parts:
+        if (part.component, part.port) == (port.component, port.port):
+            found += [(first + i, part.start - port.start + i) for i in range(part.size)]
+        first += part.size
+    if not found:
+        return None
+    value, entry = found[0]
+    if found != [(value + i, entry + i) for i in range(len(found))]:
+        text = f"{outlet.message} carries {port.name} in pieces; expected entries in their order"
+        raise ScenarioError(text, place)
+    return Span(value, entry, len(found))
+
+
+def limits(spec: GuardSpec, at: Span | None = None) -> safety.GuardSpec:
+    """A deployment's guard as :mod:`bridge.safety` takes it, for the entries `at` of its port."""
+    names = [f.name for f in fields(safety.GuardSpec) if f.name not in ("brake", "stops")]
+    return safety.GuardSpec(
+        **{name: _listed(getattr(spec, name), at) for name in names},
+        brake=spec.brake,
+        stops=spec.stops,
+    )
+
+
+def emulated(
+    spec: DriveSpec, deployment: Deployment | None = None, at: Span | None = None
+) -> drives.DriveSpec:
+    """A drive as :mod:`bridge.drives` takes it: what is said, else its profile's, else defaults."""
+    known = drives.DriveSpec()
+    if spec.profile and deployment is not None:
+        known = load_profile(deployment.file(spec.profile)).drive
+    names = ("tau_max", "lag", "watchdog", "damping", "q_lsb", "dq_lsb", "tau_lsb")
+    said = {n: _listed(getattr(spec, n), at) for n in names if getattr(spec, n) is not None}
+    return replace(known, **said)
+
+
+def _listed(value: Any, at: Span | None) -> Any:
+    """A number for all joints as it is; one a joint: those of the span."""
+    if not isinstance(value, tuple):
+        return value
+    return list(value if at is None else value[at.entry : at.entry + at.size])
+
+
+def age_slot(plan: NodePlan, inlet: Inlet, text: str, place: str) -> int:
+    """The signal ``age[0]`` of an inlet's component. Raises ScenarioError."""
+    port, _, index = text.partition("[")
+    slot = input_of(plan, inlet.component, port, place)
+    number = index.removesuffix("]") or "0"
+    if not number.isdigit() or int(number) >= slot.size:
+        raise ScenarioError(f"{text!r} is none of the {slot.size} entries of {slot.name}", place)
+    return slot.start + int(number)
+
+
+def input_of(plan: NodePlan, component: str, port: str, place: str) -> Slot:
+    """A port of a component, input or output. Raises ScenarioError where there is none."""
+    slots = plan.plan.slots()
+    if f"{component}.{port}" not in slots:
+        ports = [s.port for s in slots.values() if s.component == component]
+        known = ", ".join(sorted(ports))
+        raise ScenarioError(f"{component} has no {port!r}; it has {known}", place)
+    return slots[f"{component}.{port}"]
+
+
+# ---- before a node is made --------------------------------------------------------------------
+
+
+def check(plans: Mapping[str, NodePlan], d: Deployment) -> None:
+    """Guards, drives and stale inputs name what is there. Raises ScenarioError."""
+    for name, plan in plans.items():
+        spec = d.nodes[name]
+        _check_guard(plan, spec, d.place("nodes", name, "guard"))
+        _check_drive(plan, spec, d.place("nodes", name, "drive"))
+        known = {f"{i.component}.{i.target.port}" for i in plan.inlets}
+        for key, stale in spec.stale.items():
+            place = d.place("nodes", name, "stale", key)
+            if key not in known:
+                there = ", ".join(sorted(known)) or "none"
+                text = f"no input {key!r} from another node; there are: {there}"
+                raise ScenarioError(text, place)
+            if stale.age:
+                inlet = next(i for i in plan.inlets if f"{i.component}.{i.target.port}" == key)
+                age_slot(plan, inlet, stale.age, f"{place}.age")
+
+
+def _check_guard(plan: NodePlan, spec: NodeSpec, place: str) -> None:
+    if spec.guard is None:
+        return
+    slots, port = plan.plan.slots(), spec.guard.port
+    found = [o for o in plan.outlets if span(o, slots.get(f"{o.component}.{port}"), place)]
+    if not found:
+        raise ScenarioError(f"no message of the node carries a port {port!r}", place)
+    for component in {o.component for o in found}:
+        _check_measured(slots, component, spec.guard, place)
+
+
+def _check_measured(
+    slots: Mapping[str, Slot], component: str, guard: GuardSpec, place: str
+) -> None:
+    """Limits on position and velocity have both to look at, one a joint."""
+    joints = slots[f"{component}.{guard.port}"].size
+    for port, limits_ in ((guard.q, _POSITION), (guard.dq, _VELOCITY)):
+        slot = slots.get(f"{component}.{port}")
+        for name in limits_:
+            if getattr(guard, name) is not None and (slot is None or slot.size != joints):
+                there = f"{slot.size} {port}" if slot else f"no {port!r}"
+                text = f"{name} needs a position or velocity of {joints} joints"
+                raise ScenarioError(f"{text}; {component} has {there}", place)
+
+
+_POSITION = ("q_low", "q_high", "q_jump")
+_VELOCITY = ("dq_max", "power_max")
+
+
+def _check_drive(plan: NodePlan, spec: NodeSpec, place: str) -> None:
+    if spec.drive is None:
+        return
+    found = [i for i in plan.inlets if i.target.port == spec.drive.port]
+    if not found:
+        text = f"no torque {spec.drive.port!r} arrives from another node; expected one to drive"
+        raise ScenarioError(text, place)
+    for inlet in found:
+        for port in (spec.drive.q, spec.drive.dq):
+            input_of(plan, inlet.component, port, place)

@@ -6,6 +6,8 @@ them, and a node that is killed is a line of the report.
 
 from __future__ import annotations
 
+import json
+import os
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -15,11 +17,12 @@ from typing import final
 
 from bridge.process import Process, Start
 from bridge.system import System
-from cosim.clock import monotonic_ns, sleep
+from cosim.clock import monotonic_ns, realtime_ns, sleep
 from cosim.errors import Interrupted, RunError
 
 #: Names in a run folder.
 NODES = "nodes"
+STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
 #: s until all nodes have to be ready, and between two looks at them.
 PATIENCE, LOOK = 60.0, 0.05
 #: s from the last node's being ready to t = 0.
@@ -118,6 +121,7 @@ class Rehearsal:
             self.start_node(name)
         self._all_ready()
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
+        self._announce()
         for process in self.current.values():
             process.tell("start", start_ns=self.ended.start_ns)
         try:
@@ -136,6 +140,19 @@ class Rehearsal:
     def t(self) -> float:
         """Time of the run, s."""
         return (monotonic_ns() - self.ended.start_ns) * 1e-9
+
+    def _announce(self) -> None:
+        facts = {
+            "scenario": str(self.settings.scenario.resolve()),
+            "deployment": str(self.settings.deployment.resolve()),
+            "settings": list(self.settings.changes),
+            "pid": os.getpid(),
+            "nodes": {name: process.pid for name, process in self.current.items()},
+            "start_ns": self.ended.start_ns,
+            "wall_ns": self.ended.start_ns + realtime_ns() - monotonic_ns(),
+        }
+        text = json.dumps(facts, indent=2) + "\n"
+        (self.folder / STARTED).write_text(text, encoding="utf-8")
 
     def _all_ready(self) -> None:
         end = monotonic_ns() + round(PATIENCE * 1e9)

@@ -1,0 +1,62 @@
+"""A rehearsal of a deployment over Zenoh as processes, and its replay."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bridge import deploy, replay
+from bridge.rehearse import NODES, Ended, Event, Rehearsal, Settings
+from bridge.system import System, load_system
+from bridge.wiring import Rows
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+@dataclass
+class Rehearsed:
+    system: System
+    ended: Ended
+    rows: Mapping[str, Rows]
+    reports: Mapping[str, Mapping[str, Any]]
+    replayed: replay.Replay
+
+    def signal(self, name: str, life: str = "") -> Any:
+        """One signal of a node over its slots, (slots, size)."""
+        for node, plan in self.system.nodes.items():
+            slot = plan.plan.slots().get(name)
+            if slot is not None:
+                rows = self.rows[life or node]
+                return rows["signals"][:, slot.start : slot.start + slot.size]
+        raise KeyError(name)
+
+
+def rehearse(
+    scenario: str,
+    deployment: str,
+    changes: Sequence[str],
+    folder: Path,
+    events: Sequence[Event] = (),
+) -> Rehearsed:
+    path = CONFIGS / f"{scenario}.toml"
+    given = deploy.find(path, deployment)
+    system = load_system(path, str(given), changes)
+    settings = Settings(path, given, tuple(changes), warm_up=0.0, events=events)
+    with Rehearsal(system, settings, folder) as running:
+        ended = running.run()
+    nodes = folder / NODES
+    rows = replay.load(nodes)
+    again = folder / "again"
+    again.mkdir()
+    found = replay.replay(system, rows, again)
+    reports = {p.stem: json.loads(p.read_text()) for p in nodes.glob("*.json")}
+    return Rehearsed(system, ended, rows, reports, found)
+
+
+def sockets(system_nodes: Sequence[str], folder: Path, bus: str = "net") -> list[str]:
+    """Settings: nodes listen on sockets in a folder, so that tests do not meet."""
+    return [
+        f'deploy.buses.{bus}.options.listen.{n}="unixsock-stream/{folder}/{n}"'
+        for n in system_nodes
+    ]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Protocol
 
 from bridge.can import interface
 from bridge.can.interface import Attachment
@@ -13,6 +14,15 @@ from bridge.deploy import BusSpec, Deployment
 from bridge.journal import Journal
 from bridge.native.frame import DATA, frame_dtype
 from bridge.system import System
+from bridge.wiring import Wired
+
+
+class Stoppable(Protocol):
+    """What stops a node: :class:`bridge.node.Control`."""
+
+    def stop(self) -> None:
+        """Ramp down and stop."""
+
 
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
 GROUP = "239.74.163.{}"
@@ -84,3 +94,14 @@ def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> At
         opened.close()
         raise
     return opened
+
+
+def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) -> None:
+    """Let a node be asked and told over its Zenoh buses, as long as they are open."""
+    for name, end in buses.items():
+        if wired.system.deployment.buses[name].kind == "zenoh":
+            from bridge.zenoh import channel
+            from bridge.zenoh import remote as answering
+
+            assert isinstance(end, channel.ZenohAttachment)
+            answering.serve(end, wired, control)

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from bridge.attach import attached
+from bridge.attach import answer, attached
 from bridge.can.interface import Attachment
 from bridge.fault_script import FaultScript, NodeFaults
 from bridge.faults import load
@@ -122,6 +122,7 @@ def _configured(
         struct.faults = c.pointer(faults.injector.struct)
     struct.first = max([1, *(s.period for s in wired.plan.plan.components)])
     control = Control(struct)
+    answer(wired, buses, control)
     mode = "enforce" if d.enforce else "ask"
     wanted = Realtime(
         mode=mode,  # type: ignore[arg-type]

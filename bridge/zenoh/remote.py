@@ -1,0 +1,120 @@
+"""A node asked over Zenoh: its state, its parameters; told to arm or to stop. Answers are JSON.
+
+``PREFIX/NODE/state``, ``/parameters`` read; a query of ``PREFIX/NODE/arm`` or ``/stop`` is the
+command, its answer the state it was given in. There is no start: that needs one time for all nodes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import zenoh
+
+from bridge.attach import Stoppable
+from bridge.native.safety import Command, State
+from bridge.safety import explain
+from bridge.wiring import Wired
+from bridge.zenoh.channel import ZenohAttachment
+from bridge.zenoh.names import Names
+from cosim.errors import RunError
+
+READ = ("state", "parameters")
+TOLD = ("arm", "stop")
+_JSON = "application/json"
+
+
+def serve(end: ZenohAttachment, wired: Wired, control: Stoppable) -> None:
+    """Answer for a node until its session is closed."""
+
+    def arm() -> None:
+        wired.struct.command = Command.ARM
+
+    commands: Mapping[str, Callable[[], None]] = {"arm": arm, "stop": control.stop}
+    answers = {
+        "state": lambda: state(wired, end),
+        "parameters": lambda: parameters(wired),
+    }
+    for what in (*READ, *TOLD):
+        key = end.names.of(wired.name, what)
+        end.session.declare_queryable(
+            key, _answering(key, answers.get(what, answers["state"]), commands.get(what))
+        )
+
+
+def _answering(
+    key: str, answer: Callable[[], Mapping[str, Any]], command: Callable[[], None] | None
+) -> zenoh.handlers.Callback[zenoh.Query]:
+    def answering(query: zenoh.Query) -> None:
+        with query:
+            found = answer()
+            if command is not None:
+                command()
+            query.reply(key, json.dumps(found), encoding=_JSON)
+
+    return zenoh.handlers.Callback(answering, indirect=True)
+
+
+def state(wired: Wired, end: ZenohAttachment) -> dict[str, Any]:
+    """What a node is doing: life cycle, slot, lateness (us), peers, counts of its messages."""
+    s = wired.struct
+    return {
+        "node": wired.name,
+        "state": State(s.life.state).name.lower(),
+        "armed": bool(s.life.armed),
+        "reasons": explain(s.life.reasons) if s.life.reasons else "",
+        "boots": int(s.boots),
+        "slot": int(s.slot),
+        "slots": int(s.slots),
+        "t": s.slot * s.h,
+        "missed": int(s.missed),
+        "late_us": {f"p{q:g}": s.late.quantile(q / 100) / 1e3 for q in (50, 99) if s.late.count},
+        "peers": sorted(end.presence.there),
+        "messages": {
+            name: {"ok": int(r.ok), "lost": int(r.lost)} for name, r in wired.receivers.items()
+        },
+    }
+
+
+def parameters(wired: Wired) -> dict[str, Any]:
+    """What a node is: its components' parameters as the scenario has them, and its messages.
+
+    Of each message it sends: number of bytes, period (s), signals in their order.
+    """
+    system = wired.system
+    components = system.scenario.components
+    return {
+        "node": wired.name,
+        "number": int(wired.spec.number),
+        "h": wired.plan.h,
+        "components": {
+            name: {"model": components[name].model, "parameters": dict(components[name].parameters)}
+            for name in wired.spec.components
+        },
+        "messages": {
+            o.message: {
+                "bytes": int(system.messages[o.message].encoding.message.length),
+                "period": o.ticks * system.plan.h,
+                "signals": [name for part in o.parts for name in part.scalars()],
+            }
+            for o in wired.plan.outlets
+        },
+    }
+
+
+def ask(
+    session: zenoh.Session, names: Names, node: str, what: str, seconds: float = 3.0
+) -> dict[str, Any]:
+    """Ask a node for one of `READ`, or tell it one of `TOLD`; what it answers.
+
+    Raises RunError where nobody answers within `seconds` (s).
+    """
+    if what not in (*READ, *TOLD):
+        raise RunError(f"{what!r}; a node is asked for one of {', '.join((*READ, *TOLD))}")
+    key = names.of(node, what)
+    for reply in session.get(key, timeout=seconds):
+        if reply.ok is not None:
+            found: dict[str, Any] = json.loads(reply.ok.payload.to_string())
+            return found
+    raise RunError(f"nobody answers to {key} within {seconds:g} s; does node {node} run?")

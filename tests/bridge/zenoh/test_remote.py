@@ -1,0 +1,74 @@
+"""A running node asked and told over Zenoh."""
+
+import ctypes as c
+import threading
+from pathlib import Path
+
+import pytest
+
+from bridge.attach import answer, attached
+from bridge.native import node as native
+from bridge.native.safety import State
+from bridge.node import Control
+from bridge.system import load_system
+from bridge.wiring import Wired
+from bridge.zenoh.names import Names
+from bridge.zenoh.options import Options
+from bridge.zenoh.remote import ask
+from bridge.zenoh.session import configure, open_session
+from cosim.clock import monotonic_ns
+from cosim.errors import RunError
+from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
+from tests.bridge.zenoh.test_channel import until
+
+NAMES = Names("teleoperation")
+
+
+@pytest.fixture
+def client(tmp_path: Path):
+    options = Options("test", connect=(f"unixsock-stream/{tmp_path}/master",))
+    session = open_session(configure(options, "operator"), "net")
+    yield session
+    session.close()
+
+
+def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest):
+    changes = ["deploy.buses.net.options.wait=0", *sockets(["master"], tmp_path)]
+    system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
+    with attached(system, "master", tmp_path, "master") as ends:
+        buses = {name: end.bus for name, end in ends.items()}
+        wired = Wired(system, "master", buses, tmp_path / "master.journal", native.WALL)
+        with wired:
+            control = Control(wired.struct)
+            answer(wired, ends, control)
+            client = request.getfixturevalue("client")
+            until(lambda: client.info.peers_zid())
+            asked(client, wired, control)
+
+
+def asked(client, wired: Wired, control: Control) -> None:
+    ran = threading.Thread(target=native.functions().node_live, args=(c.byref(wired.struct),))
+    ran.start()
+    assert ask(client, NAMES, "master", "state")["armed"] is False
+    ask(client, NAMES, "master", "arm")
+    until(lambda: ask(client, NAMES, "master", "state")["armed"])
+    control.start(monotonic_ns())
+    until(lambda: ask(client, NAMES, "master", "state")["slot"] > 10)
+    found = ask(client, NAMES, "master", "state")
+    assert (found["state"], found["reasons"], found["peers"]) == ("active", "", [])
+    known = ask(client, NAMES, "master", "parameters")
+    assert known["messages"]["xi_master"]["signals"] == [f"master_control.xi[{i}]" for i in (0, 1)]
+    assert known["components"]["master_control"]["parameters"]["lambda_M"] == 10.0
+    ask(client, NAMES, "master", "stop")
+    ran.join(10.0)
+    assert not ran.is_alive()
+    assert wired.struct.life.state == State.INACTIVE
+
+
+def test_nobody_answers(tmp_path: Path):
+    session = open_session(configure(Options("test"), "operator"), "net")
+    with pytest.raises(RunError, match="nobody answers to teleoperation/master/state"):
+        ask(session, NAMES, "master", "state", 0.2)
+    with pytest.raises(RunError, match="a node is asked for one of state, parameters, arm, stop"):
+        ask(session, NAMES, "master", "jump")
+    session.close()

@@ -1,0 +1,160 @@
+"""``cosim monitor``: look at a rehearsal while it runs, or after it; hand it to plotting tools."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+    from bridge.export import Feed
+    from bridge.monitor import Snapshot
+    from bridge.watched import Watched
+
+#: s between two looks, and between two lines where there is no terminal.
+REFRESH, LINE = 0.2, 1.0
+
+
+def monitor(
+    run: Annotated[
+        Path | None,
+        typer.Argument(help="Run folder; the newest in runs/ that goes on if not given."),
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="Say how it is now, and end.")] = False,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write an MCAP file (Foxglove, PlotJuggler)."),
+    ] = None,
+    foxglove: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Serve Foxglove, like 127.0.0.1:8765.")
+    ] = None,
+    plotjuggler: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Send JSON by UDP, like 127.0.0.1:9870."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw positions, torques, ages, lateness.")
+    ] = None,
+    scenario: Annotated[
+        Path | None, typer.Option(help="Scenario, where the folder does not say it.")
+    ] = None,
+    deploy: Annotated[
+        str | None, typer.Option(help="Deployment, where the folder does not say it.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Look at a rehearsal that runs, without disturbing it, or at one that has ended.
+
+    Reads the files its nodes write. Ctrl-C ends the view, not the run.
+    """
+    from bridge.watched import Watched, find_run
+
+    if sys.platform != "win32":
+        os.nice(10)
+    folder = run or find_run(Path("runs"))
+    with ExitStack() as stack:
+        watched = stack.enter_context(Watched.open(folder, scenario, deploy))
+        feed = _feed(stack, watched, mcap, foxglove, plotjuggler, force)
+        try:
+            _look(watched, feed, once)
+        except KeyboardInterrupt:
+            typer.echo("left; the run goes on" if watched.running else "left", err=True)
+        if plot is not None:
+            from bridge.figure import draw
+
+            typer.echo(f"figure           {draw(watched, plot)}")
+    if mcap is not None:
+        typer.echo(f"MCAP             {mcap}")
+
+
+def _feed(
+    stack: ExitStack,
+    watched: Watched,
+    mcap: Path | None,
+    foxglove: str | None,
+    plotjuggler: str | None,
+    force: bool,
+) -> Feed:
+    from bridge.export import Feed, Sink
+    from bridge.sinks import Foxglove, Mcap, Udp
+
+    sinks: list[Sink] = []
+    if mcap is not None:
+        sinks.append(stack.enter_context(Mcap(mcap, replace=force)))
+    if foxglove is not None:
+        sinks.append(stack.enter_context(Foxglove(foxglove)))
+        typer.echo(f"Foxglove         ws://{foxglove}", err=True)
+    if plotjuggler is not None:
+        sinks.append(stack.enter_context(Udp(plotjuggler)))
+    return Feed(watched, sinks)
+
+
+def _look(watched: Watched, feed: Feed, once: bool) -> None:
+    """Until the run has ended, or once; then what has not been fed yet."""
+    from bridge.monitor import snapshot
+    from cosim.clock import monotonic_ns, sleep
+
+    if watched.running and not once:
+        with _display() as show:
+            while watched.running:
+                now = monotonic_ns()
+                show(snapshot(watched, now), now)
+                feed.new()
+                sleep(REFRESH - (monotonic_ns() - now) * 1e-9)
+    feed.new()
+    _console().print(_tables(snapshot(watched, monotonic_ns())))
+
+
+@contextmanager
+def _display() -> Iterator[Callable[[Snapshot, int], None]]:
+    """Shows snapshots: tables on a terminal, elsewhere a line a second."""
+    from rich.live import Live
+
+    from bridge.shown import line
+
+    if sys.stdout.isatty():
+        with Live(console=_console(), auto_refresh=False, screen=True) as live:
+            yield lambda found, now: live.update(_tables(found), refresh=True)
+        return
+    said = 0
+
+    def say(found: Snapshot, now: int) -> None:
+        nonlocal said
+        if now >= said + round(LINE * 1e9):
+            said = now
+            typer.echo(line(found))
+
+    yield say
+
+
+def _console() -> Console:
+    """Standard output; where it is no terminal, wide enough for the tables."""
+    from rich.console import Console
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+
+
+def _tables(found: Snapshot) -> RenderableType:
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    from bridge.shown import tables
+
+    state = "runs" if found.running else "has ended"
+    shown: list[RenderableType] = [Text(f"t = {found.t:.2f} of {found.length:g} s; {state}")]
+    for table in tables(found):
+        drawn = Table(
+            *table.head, title=table.title, title_justify="left", box=None, pad_edge=False
+        )
+        for i, row in enumerate(table.rows):
+            drawn.add_row(*row, style="bold red" if i in table.marked else None)
+        shown.append(drawn)
+    return Group(*shown)

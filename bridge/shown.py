@@ -1,0 +1,97 @@
+"""A snapshot of a rehearsal in words: tables for a terminal, one line for everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isnan
+
+from bridge.monitor import NodeView, Snapshot
+from cosim.analysis.metrics import Result
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of texts; `marked`: rows that want attention."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    marked: frozenset[int] = frozenset()
+
+
+def tables(s: Snapshot) -> list[Table]:
+    """A snapshot as tables; empty ones are left out."""
+    nodes = [_node_row(n) for n in s.nodes]
+    bad = frozenset(
+        i for i, n in enumerate(s.nodes)
+        if n.state not in ("active", "finished") or n.missed or n.quiet > 0.5
+    )  # fmt: skip
+    lost = frozenset(i for i, x in enumerate(s.inlets) if x.lost)
+    found = [
+        Table(
+            "nodes",
+            ("node", "state", "slot", "late p50", "p99", "max us", "missed", "notes"),
+            nodes,
+            bad,
+        ),
+        Table(
+            "inputs from other nodes",
+            ("from", "to", "network ms", "max", "age ms", "max", "lost"),
+            [
+                (x.source, x.target, *map(_ms, (*x.network, *x.age)), f"{x.lost} of {x.sent}")
+                for x in s.inlets
+            ],
+            lost,
+        ),
+        Table(
+            "buses",
+            ("bus", "frames/s", "load"),
+            [(b.name, str(b.frames), "" if isnan(b.load) else f"{b.load:.1%}") for b in s.buses],
+        ),
+        Table("metrics", ("metric", "now"), [(r.label, _result(r)) for r in s.metrics]),
+        Table(
+            "outputs",
+            ("signal", "unit", "values"),
+            [(x.name, x.unit, _values(x.values)) for x in s.signals],
+        ),
+        Table("not readable", ("file", "why"), list(s.unreadable.items())),
+    ]
+    return [table for table in found if table.rows]
+
+
+def _node_row(n: NodeView) -> tuple[str, ...]:
+    late = ["", "", ""]
+    if n.late is not None:
+        late = [f"{v * 1e-3:.0f}" for v in (n.late.p50, n.late.p99, n.late.maximum)]
+    notes = [n.reasons, f"now: {n.now}" if n.now and n.now != n.reasons else ""]
+    notes += [f"guard: {n.guarded}" if n.guarded else ""]
+    notes += [f"{n.injected} faults injected" if n.injected else ""]
+    notes += [f"silent for {n.quiet:.1f} s" if n.quiet > 0.5 else ""]
+    return (n.life, n.state, str(n.slot), *late, str(n.missed), "; ".join(filter(None, notes)))
+
+
+def _ms(value: float) -> str:
+    return "never" if isnan(value) else f"{value:.2f}"
+
+
+def _result(r: Result) -> str:
+    if isnan(r.value):
+        return f"no number: {r.detail}"
+    return f"{r.value:.4g}" + ("" if r.unit == "1" else f" {r.unit}")
+
+
+def _values(values: Sequence[float], most: int = 8) -> str:
+    text = "  ".join(f"{v:9.4g}" for v in values[:most])
+    return text + (f"  … {len(values)}" if len(values) > most else "")
+
+
+def line(s: Snapshot) -> str:
+    """A snapshot in one line, for where there is no terminal."""
+    nodes = [f"{n.life} {n.state}" + (f" ({n.missed} missed)" if n.missed else "") for n in s.nodes]
+    late = [f"{n.late.p99 * 1e-3:.0f}" for n in s.nodes if n.late is not None]
+    parts = [f"t = {s.t:.2f} of {s.length:g} s", ", ".join(nodes) or "no slot yet"]
+    parts += [f"late p99 {'/'.join(late)} us"] if late else []
+    parts += [f"{r.label} {_result(r)}" for r in s.metrics if not isnan(r.value)]
+    parts += [f"{b.name} {b.load:.1%}" for b in s.buses if not isnan(b.load)]
+    return "; ".join(parts)

@@ -55,16 +55,17 @@ def names_of(deployment: Deployment, bus: str) -> Names:
     """
     prefix = deployment.buses[bus].prefix or deployment.name
     for chunk in prefix.split("/"):
-        _check(chunk, deployment.place("buses", bus, "prefix"))
+        check_chunk(chunk, deployment.place("buses", bus, "prefix"))
     for node, spec in deployment.nodes.items():
         for name in (node, *spec.components):
-            _check(name, deployment.place("nodes", node))
+            check_chunk(name, deployment.place("nodes", node))
     for name in deployment.messages:
-        _check(name, deployment.place("messages", name))
+        check_chunk(name, deployment.place("messages", name))
     return Names(prefix)
 
 
-def _check(chunk: str, place: str) -> None:
+def check_chunk(chunk: str, place: str) -> None:
+    """Raise ScenarioError for what cannot be part of a key."""
     if not _CHUNK.fullmatch(chunk):
         raise ScenarioError(
             f"{chunk!r} cannot be part of a key; expected letters, digits, '_', '.' or '-'", place

@@ -1,0 +1,27 @@
+"""``cosim keys``: certificates for trying mutual TLS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def keys(
+    nodes: Annotated[list[str], typer.Argument(help="Nodes, and others: operator, router.")],
+    folder: Annotated[Path, typer.Option("--folder", help="Where they are written.")] = Path(
+        "keys"
+    ),
+    host: Annotated[
+        list[str] | None,
+        typer.Option("--host", help="Name or address nodes listen on; repeatable."),
+    ] = None,
+    days: Annotated[int, typer.Option("--days", min=1, help="How long they hold.")] = 365,
+) -> None:
+    """Make a test authority and one certificate a node, for configs/zenoh/secure.json5."""
+    from bridge.zenoh.certificates import HOSTS, make_keys
+
+    for path in make_keys(folder, nodes, tuple(host) if host else HOSTS, days):
+        typer.echo(str(path))
+    typer.echo(f"keep {folder / 'ca.key'} away from machines that run nodes")

@@ -175,7 +175,7 @@ def header(system: System) -> str:
     """What is about to run."""
     d = system.deployment
     nodes = ", ".join(f"{n} ({1 / p.h:g} Hz)" for n, p in system.nodes.items())
-    buses = ", ".join(f"{n} = {b.interface} {b.channel}" for n, b in d.buses.items())
+    buses = ", ".join(f"{n} = {b.interface} {b.channel}" if b.kind == "can" else f"{n} = Zenoh" for n, b in d.buses.items())
     length = system.plan.ticks * system.plan.h
     return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s on the wall clock"
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bridge.journal import Journal
 from bridge.native import node as native
 from bridge.native.safety import State
-from bridge.system import System
+from bridge.system import System, make_system
 from bridge.wiring import Rows, Wired
 from cosim.errors import RunError, ScenarioError
 
@@ -72,12 +72,14 @@ def replay(system: System, recorded: Mapping[str, Rows], folder: Path) -> Replay
     histories = _histories(system, lives)
     with ExitStack() as stack:
         wired = {
-            life: _wire(stack, system, life, found, histories, folder)
+            life: _wire(stack, _fresh(system, life), life, found, histories, folder)
             for life, found in lives.items()
         }
         _run(wired)
         found = {life: w.journal.rows for life, w in wired.items()}
-        differences = [d for life in lives for d in _compare(system, life, lives[life], found[life])]
+        differences = [
+            d for life in lives for d in _compare(system, life, lives[life], found[life])
+        ]
         greatest = max((_greatest(lives[life].rows, found[life]) for life in lives), default=0.0)
         found.clear()
     first = min(differences, key=lambda d: d.t, default=None)
@@ -143,6 +145,12 @@ def _unknown(
             yield inlet.message
 
 
+def _fresh(system: System, life: str) -> System:
+    """Each life of a node has its own components."""
+    again = "." in life
+    return make_system(system.scenario, system.deployment) if again else system
+
+
 def _wire(
     stack: ExitStack,
     system: System,
@@ -160,6 +168,7 @@ def _wire(
             str(system.deployment.path),
         )
     stack.enter_context(node)
+    _check_slots(rows, f"{system.deployment.path}: {life}")
     s = node.struct
     s.replayed, s.replayed_rows = rows.ctypes.data, len(rows)
     s.slot = s.first = int(rows["slot"][0])
@@ -172,6 +181,15 @@ def _wire(
     _begin(node, rows)
     native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
     return node
+
+
+def _check_slots(rows: Rows, place: str) -> None:
+    """A slot a row, none left out. Raises ScenarioError."""
+    gaps = np.flatnonzero(np.diff(rows["slot"]) != 1)
+    if gaps.size:
+        before, after = rows["slot"][gaps[0] : gaps[0] + 2]
+        text = f"slot {after} comes after slot {before}; rows of its journal are missing"
+        raise ScenarioError(text, place)
 
 
 def _begin(node: Wired, rows: Rows) -> None:

@@ -57,10 +57,10 @@ def _buses(system: System, node: str) -> dict[str, Bus]:
 def _run(system: System, wired: Mapping[str, Wired], progress: Callable[[int, int], None]) -> None:
     """All nodes to the end, in parts of the run for `progress`."""
     networks = list(system.deployment.buses)
-    width = max(len(system.buses_of(name)) for name in wired)
+    width = max(len(system.buses_of(node.name)) for node in wired.values())
     routes = np.full((len(wired), width), -1, dtype=np.int32)
-    for i, name in enumerate(wired):
-        for b, bus in enumerate(system.buses_of(name)):
+    for i, node in enumerate(wired.values()):
+        for b, bus in enumerate(system.buses_of(node.name)):
             routes[i, b] = networks.index(bus)
     rates = np.array(
         [[b.bitrate, b.data_bitrate] for b in system.deployment.buses.values()], dtype=np.float64

@@ -108,7 +108,18 @@ class Wired:
         s.record_row = s.engine + kind.row.offset
         s.engine_tick = s.engine + kind.tick.offset
         s.n_signals = self.plan.plan.n_signals
+        self._bind_played(state.players)
         return self
+
+    def _bind_played(self, players: int) -> None:
+        """Weights of edges go on where the run is, also in a second life."""
+        kind, plan = engine_native.Player, self.plan.plan
+        rows = (native.Played * max(1, len(plan.players)))()
+        for i, player in enumerate(plan.players):
+            rows[i].row = players + i * c.sizeof(kind) + kind.row.offset
+            rows[i].period = plan.component(player.target.component).period
+        self.struct.played, self.struct.n_played = rows, len(plan.players)
+        self._alive.append(rows)
 
     def __exit__(self, *_: object) -> None:
         self.engine.close()

@@ -97,6 +97,12 @@ typedef struct {
     int64_t sent, saturated;
 } outlet_t;
 
+/* A table of the engine's that begins with the run, not with this life: weights of edges. */
+typedef struct {
+    int64_t *row;
+    int64_t period;         /* slots of a row */
+} played_t;
+
 typedef struct node {
     void *engine;           /* engine_t */
     int32_t (*run)(void *engine, int64_t ticks);
@@ -146,6 +152,8 @@ typedef struct node {
     frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
     int32_t *has_pending;
     const message_t **peer_messages;    /* heartbeats, one a peer */
+    played_t *played;
+    int64_t n_played;
 } node_t;
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
@@ -184,7 +192,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags);
  * then slot by slot until the end, a stop, or `quit`. */
 API int32_t node_live(node_t *n);
 
-/* Emulated drives: on and enabled. node_live does it at the start. */
+/* At the first slot: emulated drives on and enabled, tables at their rows. node_live does it. */
 API void node_enable(node_t *n, int64_t now_ns);
 
 /* Simulated clock: all nodes to the end, the next deadline first; frames take frame_ns on their bus,

@@ -37,9 +37,11 @@ static int32_t wait_for_start(node_t *n)
     }
 }
 
-/* The emulated drives of a node: on and enabled, their watchdogs running. */
+/* The emulated drives of a node: on and enabled, their watchdogs running; its tables at this slot. */
 API void node_enable(node_t *n, int64_t now_ns)
 {
+    for (int64_t i = 0; i < n->n_played; i++)
+        *n->played[i].row = (n->slot + n->played[i].period - 1) / n->played[i].period;
     for (int32_t i = 0; i < n->n_inlets; i++) {
         if (!n->inlets[i].drive) continue;
         drive_request(n->inlets[i].drive, DRIVE_POWER_ON, now_ns);

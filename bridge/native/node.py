@@ -116,6 +116,12 @@ class Outlet(c.Structure):
     )
 
 
+class Played(c.Structure):
+    """``played_t``."""
+
+    _fields_ = (("row", c.c_void_p), ("period", c.c_int64))
+
+
 class Node(c.Structure):
     """``node_t``."""
 
@@ -186,6 +192,8 @@ class Node(c.Structure):
         ("pending", c.POINTER(Frame)),
         ("has_pending", c.c_void_p),
         ("peer_messages", c.c_void_p),
+        ("played", c.POINTER(Played)),
+        ("n_played", c.c_int64),
     )
 
 

@@ -103,7 +103,7 @@ def check(plans: Mapping[str, NodePlan], d: Deployment) -> None:
     for name, plan in plans.items():
         spec = d.nodes[name]
         _check_guard(plan, spec, d.place("nodes", name, "guard"))
-        _check_drive(plan, spec, d.place("nodes", name, "drive"))
+        _check_drive(plan, spec, d, d.place("nodes", name, "drive"))
         known = {f"{i.component}.{i.target.port}" for i in plan.inlets}
         for key, stale in spec.stale.items():
             place = d.place("nodes", name, "stale", key)
@@ -145,9 +145,10 @@ _POSITION = ("q_low", "q_high", "q_jump")
 _VELOCITY = ("dq_max", "power_max")
 
 
-def _check_drive(plan: NodePlan, spec: NodeSpec, place: str) -> None:
+def _check_drive(plan: NodePlan, spec: NodeSpec, d: Deployment, place: str) -> None:
     if spec.drive is None:
         return
+    emulated(spec.drive, d)  # its profile is there
     found = [i for i in plan.inlets if i.target.port == spec.drive.port]
     if not found:
         text = f"no torque {spec.drive.port!r} arrives from another node; expected one to drive"

@@ -96,12 +96,20 @@ class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     stop: Number = 0.0
 
 
+class ApartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Outputs of two arms, ``component.port``, that must not differ by more at the start."""
+
+    of: str
+    other: str
+    within: Number
+
+
 class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One process: its components, its number on every bus, and what protects it.
 
     `phase`: of its deadlines; `heartbeat`: their period; `requires`: nodes whose loss stops it,
-    `within` so long; `stale`: by ``component.port``; `ramp`: torque to 0 when stopping;
-    `priority`, `cpu`: see :mod:`bridge.realtime`.
+    `within` so long; `apart`: refuses the start; `stale`: by ``component.port``; `ramp`: torque to
+    0 when stopping; `priority`, `cpu`: see :mod:`bridge.realtime`.
     """
 
     components: tuple[str, ...]
@@ -112,6 +120,7 @@ class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     within: Number = 0.15
     guard: GuardSpec | None = None
     drive: DriveSpec | None = None
+    apart: ApartSpec | None = None
     stale: dict[str, StaleSpec] = {}
     ramp: Number = 0.1
     overrun: Number = 0.1

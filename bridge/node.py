@@ -9,36 +9,35 @@ from __future__ import annotations
 
 import ctypes as c
 import json
-import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from bridge.attach import answer, attached
 from bridge.can.interface import Attachment
+from bridge.control import Control, Say, listen_to, refusals, signals, why
 from bridge.fault_script import FaultScript, NodeFaults
 from bridge.faults import load
 from bridge.grants import Realtime
 from bridge.journal import Journal
 from bridge.native import node as native
 from bridge.native.faults import INJECTED
-from bridge.native.safety import Command, State
+from bridge.native.safety import State
 from bridge.realtime import enter, verdict, warm_up
 from bridge.safety import explain
 from bridge.system import System, load_system
 from bridge.wiring import Wired
-from cosim.clock import monotonic_ns
+from cosim.clock import monotonic_ns, realtime_ns
 from cosim.errors import CosimError
 
-Say = Callable[[Mapping[str, Any]], None]
 ENDS = {
     native.FINISHED: "finished",
     native.STOPPED: "stopped",
     native.NEVER_STARTED: "never started",
+    native.FAULT: "fault",
 }
 
 
@@ -46,7 +45,8 @@ ENDS = {
 class Options:
     """How a node is run: `life` names its files, `real`: it may move real drives.
 
-    `warm_up`: s of self-test before it is ready; `script`: faults on purpose.
+    `boots`: which life this is, 0: drawn from the time. `warm_up`: s of self-test before it is
+    ready; `script`: faults on purpose.
     """
 
     name: str
@@ -57,30 +57,6 @@ class Options:
     warm_up: float = 0.2
     realtime: bool = True
     script: FaultScript | None = None
-
-
-class Control:
-    """What others may tell a running node; callable from any thread."""
-
-    def __init__(self, struct: native.Node) -> None:
-        self._struct = struct
-        self._asked = False
-
-    def start(self, start_ns: int) -> None:
-        """Be at t = 0 at this time of the monotonic clock."""
-        self._struct.start_ns = start_ns
-        self._struct.command = Command.START
-
-    def stop(self) -> None:
-        """Ramp down and stop; asked a second time, at once."""
-        if self._asked or not self._struct.start_ns:
-            self._struct.quit = 1
-        self._asked = True
-        self._struct.command = Command.STOP
-
-    def quit(self) -> None:
-        """Stop at once, without a ramp."""
-        self._struct.quit = 1
 
 
 def run_node(
@@ -102,7 +78,7 @@ def run_node(
             {name: a.bus for name, a in buses.items()},
             journal,
             native.WALL,
-            boots=options.boots,
+            boots=options.boots or realtime_ns() // 10**9 % 4095 + 1,
             real=options.real,
         )
         with wired:
@@ -129,7 +105,7 @@ def _configured(
         priority=wired.spec.priority if options.realtime else 0,
         cpus=() if wired.spec.cpu is None else (wired.spec.cpu,),
     )
-    with _signals(control), enter(wanted) as granted:
+    with signals(control), enter(wanted) as granted:
         warm = warm_up(struct.h_ns, options.warm_up) if options.warm_up > 0 else None
         warning = verdict(warm, wanted.mode) if warm else ""
         say(
@@ -141,7 +117,8 @@ def _configured(
         )
         thread = threading.Thread(target=listen, args=(control,), name="control", daemon=True)
         thread.start()
-        result = native.functions().node_live(c.byref(struct))
+        with refusals(struct, say):
+            result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
     return _report(wired, buses, options, result, facts, warning, faults)
 
@@ -158,28 +135,6 @@ def _faults(wired: Wired, options: Options, buses: Sequence[str]) -> NodeFaults 
         {name: i for i, name in enumerate(buses)},
         journal=journal.address,
     )
-
-
-@contextmanager
-def _signals(control: Control) -> Iterator[None]:
-    """SIGINT and SIGTERM stop the node, from a thread: the main one is in C."""
-    wanted = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, wanted)
-    ended = threading.Event()
-
-    def wait() -> None:
-        while not ended.is_set():
-            if signal.sigtimedwait(wanted, 0.2) is not None:
-                control.stop()
-
-    thread = threading.Thread(target=wait, name="signals", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _report(
@@ -203,6 +158,7 @@ def _report(
         "error": error,
         "state": State(s.life.state).name.lower(),
         "reasons": explain(s.life.reasons) if s.life.reasons else "",
+        "refused": why(s) if s.refusals else "",
         "first_slot": int(s.first),
         "slots": int(s.slot - s.first),
         "missed": int(s.missed),
@@ -228,23 +184,6 @@ def _counts(receiver: Any) -> dict[str, int]:
 
 
 # ---- as a process ---------------------------------------------------------------------------
-
-
-def listen_to(stream: IO[str]) -> Callable[[Control], None]:
-    """Commands from lines of JSON; when they end, whoever started this node is gone: it stops."""
-
-    def listen(control: Control) -> None:
-        for line in stream:
-            message = json.loads(line)
-            if message["command"] == "start":
-                control.start(message["start_ns"])
-            elif message["command"] == "stop":
-                control.stop()
-            elif message["command"] == "quit":
-                control.quit()
-        control.stop()
-
-    return listen
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -59,6 +59,7 @@ class Process:
         self.ready: Mapping[str, Any] | None = None
         self.done: Mapping[str, Any] | None = None
         self.failed: Mapping[str, Any] | None = None
+        self.refused: list[str] = []  # why START or ARM was refused
         with self.errors.open("wb") as errors:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "bridge.start", start.text()],
@@ -91,6 +92,8 @@ class Process:
                     self.ready = event
                 case "done":
                     self.done = event
+                case "refused":
+                    self.refused.append(str(event["why"]))
                 case "failed":
                     self.failed = event
 

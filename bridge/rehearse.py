@@ -120,6 +120,10 @@ class Rehearsal:
         for name in self.settings.nodes or tuple(self.system.nodes):
             self.start_node(name)
         self._all_ready()
+        if self.settings.real:
+            sleep(LEAD)  # heartbeats and first positions have been heard
+            for process in self.current.values():
+                process.tell("arm")
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
         self._announce()
         for process in self.current.values():
@@ -187,9 +191,10 @@ class Rehearsal:
         """Notice nodes that have ended; one whose end nobody planned stops the others."""
         for name, process in list(self.current.items()):
             process.poll()
+            self._refused(process)
             if process.code is None or name in self.expected:
                 continue
-            if process.done and process.done["end"] == "finished":
+            if process.done and process.done["end"] in ("finished", "fault"):
                 continue
             self.expected.add(name)
             why = process.done["error"] or process.done["end"] if process.done else process.reason()
@@ -198,6 +203,18 @@ class Rehearsal:
                 if other is not process:
                     self.expected.add(other.start.node)
                     other.tell("stop")
+
+    def _refused(self, process: Process) -> None:
+        """A node that refuses to start ends the run; one that was to rejoin stays away."""
+        if not process.refused:
+            return
+        said = f"node {process.start.life} refuses to start: {process.refused.pop()}"
+        if process.start.boots == 1:
+            self.stop()
+            raise RunError(said)
+        self.ended.notes.append(f"t = {self.t:.3f} s: {said}")
+        self.expected.add(process.start.node)
+        process.tell("quit")
 
     def stop(self) -> None:
         """Safe stop of all nodes, and wait for it."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from bridge import deploy, protect
+from bridge import apart, deploy, protect
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
@@ -74,12 +74,13 @@ class System:
     def buses_of(self, node: str) -> tuple[str, ...]:
         """The buses a node sends or hears on, in the order of the deployment."""
         plan = self.nodes[node]
-        used = {o.bus for o in plan.outlets} | {self.messages[i.message].bus for i in plan.inlets}
+        used = {o.bus for o in plan.outlets} | {self.messages[m].bus for m in self.heard_by(node)}
         return tuple(name for name in self.deployment.buses if name in used)
 
     def heard_by(self, node: str) -> tuple[str, ...]:
         """Messages a node receives, sorted."""
-        return tuple(sorted({i.message for i in self.nodes[node].inlets}))
+        compared = apart.messages(self.deployment, node, self.messages)
+        return tuple(sorted({i.message for i in self.nodes[node].inlets} | compared))
 
     @property
     def sync_ticks(self) -> int:

@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge import drives, safety
+from bridge import apart, drives, safety
 from bridge.cut import Inlet, NodePlan, Outlet
 from bridge.deploy import StaleSpec
 from bridge.journal import Journal
@@ -30,6 +30,7 @@ from bridge.protect import Span, age_slot, emulated, input_of, limits, span
 from bridge.system import Carried, System
 from cosim import native as engine_native
 from cosim.engine import Engine
+from cosim.errors import ScenarioError
 from cosim.plan import Wire
 
 Rows = NDArray[np.void]
@@ -194,7 +195,11 @@ class Wired:
             self._reception(made[i], self.system.messages[name])
         self.struct.receptions, self.struct.n_receptions = c.addressof(made), len(heard)
         self._made = made
-        self._alive.append(made)
+        found = dict(zip(heard, made, strict=False))
+        compared = apart.structs(self.system.deployment, self.name, self.system.messages, found)
+        aparts = (native.Apart * max(1, len(compared)))(*compared)
+        self.struct.aparts, self.struct.n_aparts = c.addressof(aparts), len(compared)
+        self._alive += [made, aparts]
         return {name: i for i, name in enumerate(heard)}
 
     def _reception(self, r: native.Reception, carried: Carried) -> None:
@@ -209,6 +214,7 @@ class Wired:
         r.newest = r.arrival_ns = -1
         r.time_bits = message.header[message.time].length if message.time >= 0 else 0
         r.accept_simulated = not self.real
+        r.sender = self.system.deployment.nodes[carried.node].number
         self.receivers[carried.name] = receiver
         self._alive += [receiver, values]
 
@@ -330,6 +336,8 @@ class Wired:
         at = span(outlet, torque, place)
         if at is None or torque is None:
             return
+        if at.size > native.JOINTS:
+            raise ScenarioError(f"{at.size} joints, expected at most {native.JOINTS}", place)
         period = outlet.ticks // outlet.period * self.system.plan.h
         guard = limits(spec, at).build(at.size, period, place)
         entry.guard, entry.guarded, entry.joints = c.pointer(guard.struct), at.first, at.size

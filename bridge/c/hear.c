@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-enum { NMT_ID = 0x000, ESTOP_ID = 0x001 };
-
 /* Nominal time of sending of sample j: slots are kept, so this is when it was sampled. */
 static int64_t sampled(const reception_t *r, int64_t j)
 {
@@ -36,16 +34,33 @@ static int32_t started(const node_t *n)
     return n->clock != CLOCK_WALL || n->start_ns != 0;
 }
 
-/* Values of a sender that does not run yet: what its receivers start from. */
+/* Whether this signal is an encoder of a guard, and has moved further than it can. */
+static int32_t jumped(const node_t *n, int64_t signal, double moved)
+{
+    for (int32_t i = 0; i < n->n_outlets; i++) {
+        const outlet_t *o = n->outlets + i;
+        const int64_t k = signal - o->q;
+        if (!o->guard || !o->guard->q_jump || o->q < 0 || k < 0 || k >= o->joints) continue;
+        if (!(moved <= o->guard->q_jump[k] && moved >= -o->guard->q_jump[k])) return 1;
+    }
+    return 0;
+}
+
+/* Values of a sender that does not run yet. Real arms start from them; a rehearsal starts from the
+ * scenario's values, as its twin does. Encoders that jump between two previews are no encoders. */
 static void preview(node_t *n, reception_t *r)
 {
-    r->previewed = 1;
     for (int32_t i = 0; i < n->n_inlets; i++) {
-        const inlet_t *in = n->inlets + i;
+        inlet_t *in = n->inlets + i;
         if (in->reception != r || in->drive) continue;
-        for (int32_t k = 0; k < in->count; k++)
-            n->signals[in->target + k] = in->gain * r->values[in->first + k] + in->offset;
+        for (int32_t k = 0; k < in->count; k++) {
+            const double x = in->gain * r->values[in->first + k] + in->offset;
+            if (r->previewed && jumped(n, in->target + k, x - in->initial[k])) n->life.now |= WHY_JUMP;
+            in->initial[k] = x;
+            if (!n->simulated) n->signals[in->target + k] = x;
+        }
     }
+    r->previewed = 1;
 }
 
 /* Whether it is a sample of the run: by the state of its sender, or else what comes from t = 0 on. */
@@ -81,7 +96,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     const int64_t t = frame->t_ns - n->start_ns;
     r->status = (int32_t)header.status;
     if (!runs(n, r, &header, t)) {
-        if (n->slot == n->first) preview(n, r);
+        if (!n->begun) preview(n, r);
         return;
     }
     if (!started(n)) return;
@@ -128,15 +143,34 @@ static void managed(node_t *n, const frame_t *frame)
     if (command != COMMAND_NONE) n->life.command = command;
 }
 
+/* A peer that has begun again may count anew. */
+static void forget(node_t *n, const peer_t *peer)
+{
+    for (int32_t i = 0; i < n->n_receptions; i++)
+        if (n->receptions[i].sender == (int32_t)peer->number) n->receptions[i].receiver->sequence = -1;
+}
+
+/* Where real drives are meant, a peer that says it is simulated is none. Before the start what
+ * counts is when it was heard by the clock. */
+static void beaten(node_t *n, int32_t i, const frame_t *frame, int64_t t)
+{
+    double v[HEARTBEAT_VALUES];
+    header_t header;
+    peer_t *peer = n->peers + i;
+    memset(&header, 0, sizeof header);
+    if (message_decode(n->peer_messages[i], frame, v, &header) != DECODE_OK) return;
+    if (!n->simulated && header.status & STATUS_SIMULATED) return;
+    const uint32_t boots = (uint32_t)v[HEARTBEAT_BOOTS];
+    if (peer->state >= 0 && boots != peer->boots) forget(n, peer);
+    n->life.now |= peer_heartbeat(peer, (int32_t)v[HEARTBEAT_LIFE], boots, t);
+    if (!n->begun) peer->heartbeat.last_ns = frame->t_ns;
+}
+
 static int32_t heartbeat(node_t *n, const frame_t *frame, int64_t t)
 {
     for (int32_t i = 0; i < n->n_peers; i++) {
-        double v[HEARTBEAT_VALUES];
-        header_t header;
         if (n->peer_messages[i]->id != frame->id) continue;
-        if (message_decode(n->peer_messages[i], frame, v, &header) == DECODE_OK)
-            n->life.now |= peer_heartbeat(n->peers + i, (int32_t)v[HEARTBEAT_LIFE],
-                                          (uint32_t)v[HEARTBEAT_BOOTS], t);
+        beaten(n, i, frame, t);
         return 1;
     }
     return 0;

@@ -58,7 +58,7 @@ static void through_drive(inlet_t *in, const double *value, int32_t fresh, doubl
     if (value) give(in, value, in->command);
     drive_step(in->drive, in->command, fresh && in->held >= 0, signals + in->dq, n->now_ns,
                signals + in->target);
-    if (in->drive->state == DRIVE_FAULT) n->life.now |= WHY_WATCHDOG;
+    if (in->drive->state == DRIVE_FAULT && n->life.state != LIFE_FAULT) n->life.now |= WHY_WATCHDOG;
 }
 
 /* What is held; a link of the law `signal` may go back to what there was before the first. */

@@ -1,4 +1,4 @@
-/* node.c: one slot of a node: life cycle, outlets, journal; see node.h. */
+/* node.c: one slot of a node: outlets, life cycle, journal; see node.h. */
 #include "node.h"
 
 #include <string.h>
@@ -25,7 +25,9 @@ static void guarded(outlet_t *o, const double *signals)
 
 static uint32_t status(const node_t *n, const outlet_t *o)
 {
-    uint32_t s = (uint32_t)n->life.state & STATUS_LIFE;
+    /* once it runs, what it sends are samples, also after a stop */
+    const int32_t idle = n->begun && n->life.state == LIFE_INACTIVE;
+    uint32_t s = (uint32_t)(idle ? LIFE_STOPPING : n->life.state) & STATUS_LIFE;
     if (n->life.armed) s |= STATUS_DEADMAN;
     if (n->life.reasons & WHY_ESTOP) s |= STATUS_ESTOP;
     if (o->guard && o->guard->bits) s |= STATUS_SATURATED;
@@ -90,8 +92,6 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     return 0;
 }
 
-/* ---- what else a node says ---- */
-
 void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns)
 {
     bus_t *b = n->buses + bus;
@@ -106,66 +106,36 @@ void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns)
     if (!ring_put(b->tx, frame)) b->send_failed++;
 }
 
-/* Before the start: what this node would send first, so that others can look at it. */
-void node_preview(node_t *n, int64_t now_ns)
-{
-    for (int32_t i = 0; i < n->n_outlets; i++) {
-        outlet_t *o = n->outlets + i;
-        if (!tells_life(o->message)) continue;
-        for (int32_t k = 0; k < o->width; k++) o->values[k] = n->signals[o->sources[k]];
-        if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
-        node_say(o, 0, now_ns);
-        o->sent = 0;
-    }
-}
-
-void node_heartbeat(node_t *n, int64_t now_ns)
-{
-    if (!n->heartbeat) return;
-    const double v[HEARTBEAT_VALUES] = {n->life.state, n->life.reasons, n->boots, n->life.armed};
-    for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        memset(&header, 0, sizeof header);
-        message_encode(n->heartbeat, v, &header, &frame);
-        node_send(n, b, &frame, now_ns);
-    }
-}
-
-static void send_sync(node_t *n, int64_t now_ns)
-{
-    const double counter = 1.0 + n->sync_count++ % 240;
-    for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        memset(&header, 0, sizeof header);
-        message_encode(n->sync, &counter, &header, &frame);
-        node_send(n, b, &frame, now_ns);
-    }
-}
-
-static void estop(node_t *n, int64_t now_ns)
-{
-    for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        const double by[2] = {n->number, n->life.reasons};
-        memset(&header, 0, sizeof header);
-        message_encode(n->estop, by, &header, &frame);
-        node_send(n, b, &frame, now_ns);
-    }
-}
-
 /* ---- a slot ---- */
 
+/* At its own end a node does not mind that its peers end, too. */
 static void watch(node_t *n)
 {
-    for (int32_t i = 0; i < n->n_peers; i++) n->life.now |= peer_check(n->peers + i, n->now_ns);
+    for (int32_t i = 0; i < n->n_peers && !n->ending; i++)
+        n->life.now |= peer_check(n->peers + i, n->now_ns);
     if (watchdog_check(&n->sync_watchdog, n->now_ns)) n->life.now |= WHY_SYNC;
+    if (n->alarm == ALARM_RAISED) n->life.now |= WHY_ESTOP, n->alarm = ALARM_OURS;
+    for (int32_t i = 0; i < n->n_outlets; i++)
+        if (n->buses[n->outlets[i].bus].state >= BUS_OFF) n->life.now |= WHY_BUS;
+}
+
+/* Emulated drives follow their node: RESET clears them, START enables them, FAULT stops them. */
+static void drives(node_t *n, int32_t before)
+{
+    const int32_t state = n->life.state;
+    if (state == before) return;
+    for (int32_t i = 0; i < n->n_inlets; i++) {
+        drive_t *d = n->inlets[i].drive;
+        if (!d) continue;
+        if (before == LIFE_FAULT) drive_request(d, DRIVE_CLEAR, n->now_ns);
+        else if (state == LIFE_ACTIVE) drive_request(d, DRIVE_ENABLE, n->now_ns);
+        else if (state == LIFE_FAULT && d->state == DRIVE_ENABLED) d->state = DRIVE_FAULT;
+    }
 }
 
 static void live(node_t *n, row_t *row)
 {
+    const int32_t before = n->life.state;
     if (n->clock == CLOCK_REPLAY) {
         const row_t *r = (const row_t *)(n->replayed + n->replay_row * n->row_size);
         n->life.now = r->now;
@@ -180,6 +150,7 @@ static void live(node_t *n, row_t *row)
         row->command = n->life.command;
     }
     life_step(&n->life);
+    drives(n, before);
 }
 
 static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
@@ -219,8 +190,7 @@ static void housekeeping(node_t *n, int64_t now_ns)
 {
     if (n->clock == CLOCK_REPLAY) return;
     if (n->heartbeat_slots > 0 && n->slot % n->heartbeat_slots == 0) node_heartbeat(n, now_ns);
-    if (n->estop && n->life.reasons & WHY_ESTOP && n->slot % (n->heartbeat_slots + 1) == 0)
-        estop(n, now_ns);
+    node_alarm(n, now_ns);
 }
 
 int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
@@ -229,7 +199,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
     n->now_ns = n->slot * n->h_ns;
     n->sent_ns = 0;
     if (n->clock != CLOCK_REPLAY) {
-        if (n->sync_slots > 0 && n->slot % n->sync_slots == 0) send_sync(n, limit_ns);
+        if (n->sync_slots > 0 && n->slot % n->sync_slots == 0) node_sync(n, limit_ns);
         node_hear(n, limit_ns);
     }
     row = journal_next(n->journal);
@@ -240,7 +210,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
     n->result = n->run(n->engine, 1);
     n->done_ns = n->clock == CLOCK_WALL ? pace_now() - n->start_ns : limit_ns;
     if (row) {
-        write_row(n, row, limit_ns, woke_ns, flags);
+        write_row(n, row, limit_ns, woke_ns, flags | (n->result ? ROW_FAILED : 0));
         journal_commit(n->journal);
     }
     housekeeping(n, limit_ns);

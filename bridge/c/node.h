@@ -20,13 +20,16 @@
 
 enum { CLOCK_WALL = 1, CLOCK_SIMULATED = 2, CLOCK_REPLAY = 3 };
 /* Bits of a row. */
-enum { ROW_BURST = 1 /* a missed slot, done late */ };
+enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a component failed in it */ };
 /* What node_live returns; positive: of engine_run. */
-enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2 };
+enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2, LIVE_FAULT = -3 /* came to the end in FAULT */ };
 /* Values of heartbeats and NMT, in this order. */
 enum { HEARTBEAT_LIFE, HEARTBEAT_WHY, HEARTBEAT_BOOTS, HEARTBEAT_ARMED, HEARTBEAT_VALUES };
 enum { NMT_COMMAND, NMT_NODE, NMT_VALUES };
 enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
+
+/* Emergency stop of this node: none, to be obeyed, its own until RESET. */
+enum { ALARM_NONE, ALARM_RAISED, ALARM_OURS };
 
 struct node;
 
@@ -56,7 +59,15 @@ typedef struct {
     int32_t accept_simulated, previewed;
     int64_t transit_ns;     /* what the network took, of the newest */
     history_t *history;     /* of its sender: replay; else NULL */
+    int32_t sender, reserved;   /* number of the node that sends it */
 } reception_t;
+
+/* Two positions that have to be near each other at the start, each of a message heard. */
+typedef struct {
+    const reception_t *a, *b;
+    int32_t first_a, first_b, count, reserved;
+    double within;          /* greatest difference, unit of the values */
+} apart_t;
 
 typedef struct {
     struct node *node;
@@ -138,6 +149,17 @@ typedef struct node {
     int32_t sync_last, heartbeat_bus;
     watchdog_t sync_watchdog;
 
+    const apart_t *aparts;
+    int32_t n_aparts;
+    int32_t begun;          /* slots are being executed */
+    int32_t ending;         /* its own ramp at the end of the run */
+    int32_t refusals;       /* how often START or ARM was refused, and why last: WHY_... */
+    uint32_t refused;
+    uint32_t beats;         /* heartbeats sent */
+    int32_t alarm;          /* ALARM_RAISED from outside: emergency stop */
+    int32_t alarms;         /* ESTOP frames still to be sent */
+    int64_t alarm_ns;       /* when the next one is due */
+
     journal_t *journal;
     int64_t inlet_offset, outlet_offset, signals_offset;    /* into a row */
     const char *replayed;   /* CLOCK_REPLAY: rows of the recording */
@@ -179,17 +201,35 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 
 /* Frames that have arrived by limit_ns (relative): checked, decoded, put into delay lines. hear.c */
 void node_hear(node_t *n, int64_t limit_ns);
-/* What a node says besides its outlets; the preview only in messages that tell it from samples. */
-void node_heartbeat(node_t *n, int64_t now_ns);
-void node_preview(node_t *n, int64_t now_ns);
+/* A message of an outlet, with the values it has. node.c */
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
 void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
+/* What a node says besides its outlets; the preview only in messages that tell it from samples.
+ * ESTOP: the node that raised it repeats it every 10 ms until RESET; one that heard it passes it on
+ * ten times, on all its buses. service.c */
+void node_heartbeat(node_t *n, int64_t now_ns);
+void node_preview(node_t *n, int64_t now_ns);
+void node_sync(node_t *n, int64_t now_ns);
+void node_alarm(node_t *n, int64_t now_ns);
+/* Before the start, on the wall clock: heartbeats and previews, until START is obeyed. START is held
+ * until 100 ms before start_ns and obeyed then, or in the 80 ms after it, as soon as required peers
+ * are there, inputs with a `stop` were previewed, drives have watchdogs and positions are near each
+ * other; else it is refused: `refusals`, `refused`. ARM is refused likewise. A rehearsal arms itself;
+ * where real drives are meant, ARM has to come first. LIVE_FINISHED: it is ACTIVE. start.c */
+int32_t node_wait(node_t *n);
+/* The ends of a run: a component has failed (its torque is let down in the life cycle's ramp); `quit`;
+ * the last slot is done. All leave zero torque on the bus. end.c */
+void node_let_down(node_t *n);
+void node_farewell(node_t *n);
+int32_t node_end(node_t *n);
 
 /* One slot, with what has arrived by limit_ns (relative). Returns the engine's result. */
 int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags);
 
 /* Wall clock: from configured to finished. Waits for COMMAND_START with start_ns set (or NMT start),
- * then slot by slot until the end, a stop, or `quit`. */
+ * then slot by slot until the end, a stop, or `quit`. Where real drives are meant, the life cycle's
+ * ramp ends with the last slot; a rehearsal, which has to be comparable to its end, sends zero torque
+ * after it. */
 API int32_t node_live(node_t *n);
 
 /* At the first slot: emulated drives on and enabled, tables at their rows. node_live does it. */

@@ -5,38 +5,6 @@
 
 /* ---- wall ---- */
 
-enum { IDLE_NS = 5000000 };
-
-/* Before the start: frames are heard, heartbeats and first values sent, commands obeyed. */
-static int32_t wait_for_start(node_t *n)
-{
-    int64_t next = pace_now(), beat = 0;
-    n->life.state = LIFE_INACTIVE;
-    for (;;) {
-        if (*(volatile int32_t *)&n->quit) return LIVE_NEVER_STARTED;
-        n->now_ns = 0;
-        node_hear(n, INT64_MAX);
-        const int32_t command = __atomic_exchange_n(&n->command, COMMAND_NONE, __ATOMIC_ACQ_REL);
-        if (command != COMMAND_NONE) n->life.command = command;
-        n->life.now &= ~(uint32_t)WHY_NOT_YET;
-        if (n->life.command == COMMAND_START && n->start_commands++ == 0 && !n->life.armed) {
-            n->life.command = COMMAND_ARM;
-            life_step(&n->life);
-            n->life.command = COMMAND_START;
-        }
-        life_step(&n->life);
-        if (n->life.state == LIFE_ACTIVE && n->start_ns) return LIVE_FINISHED;
-        if (n->life.state == LIFE_FAULT) return LIVE_NEVER_STARTED;
-        if (next >= beat) {
-            node_heartbeat(n, 0);
-            node_preview(n, 0);
-            beat = next + 4 * IDLE_NS;
-        }
-        next += IDLE_NS;
-        pace_wait(next, 0, &n->quit);
-    }
-}
-
 /* The emulated drives of a node: on and enabled, their watchdogs running; its tables at this slot. */
 API void node_enable(node_t *n, int64_t now_ns)
 {
@@ -47,6 +15,8 @@ API void node_enable(node_t *n, int64_t now_ns)
         drive_request(n->inlets[i].drive, DRIVE_POWER_ON, now_ns);
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }
+    n->begun = 1;
+    n->alarms = -1;
 }
 
 /* A node whose start lies behind it (it was started again) begins at the next slot. */
@@ -69,64 +39,50 @@ static void begin(node_t *n)
     node_enable(n, n->slot * n->h_ns);
 }
 
-/* A component has failed: nothing can be computed any more, so the last torque is let down in the
- * life cycle's ramp, slot by slot, and the others are told. */
-static void let_down(node_t *n)
+/* A late slot is done as if it had been in time; one later than it may be is a fault. */
+static int32_t late_slot(node_t *n, int64_t late, uint32_t *flags)
 {
-    double last[8][32];
-    const int32_t outlets = n->n_outlets < 8 ? n->n_outlets : 8;
-    for (int32_t i = 0; i < outlets; i++)
-        for (int32_t k = 0; n->outlets[i].guard && k < n->outlets[i].joints && k < 32; k++)
-            last[i][k] = n->outlets[i].values[n->outlets[i].guarded + k];
-    n->life.now |= WHY_COMPONENT;
-    do {
-        const int64_t deadline = n->start_ns + n->phase_ns + ++n->slot * n->h_ns;
-        if (pace_now() < deadline) pace_wait(deadline, 0, &n->quit);
-        life_step(&n->life);
-        for (int32_t i = 0; i < outlets; i++) {
-            outlet_t *o = n->outlets + i;
-            if (!o->guard || n->slot / o->hit_ticks % o->every) continue;
-            for (int32_t k = 0; k < o->joints && k < 32; k++)
-                o->values[o->guarded + k] = last[i][k] * n->life.scale;
-            node_say(o, n->slot / o->hit_ticks / o->every, pace_now() - n->start_ns);
-        }
-        node_heartbeat(n, pace_now() - n->start_ns);
-    } while (n->life.state == LIFE_STOPPING && !*(volatile int32_t *)&n->quit);
+    histogram_add(&n->late, late);
+    if (late < n->h_ns) return 0;
+    n->missed++;
+    *flags |= ROW_BURST;
+    if (n->overrun_ns > 0 && late > n->overrun_ns) n->life.now |= WHY_OVERRUN;
+    return 1;
+}
+
+/* Where real drives are meant, the last slot has no torque any more. */
+static void prepare_end(node_t *n)
+{
+    if (n->simulated || n->ending || n->slot < n->slots - n->life.ramp_ticks) return;
+    for (int32_t i = 0; i < n->n_outlets; i++)
+        if (n->outlets[i].guard && n->life.state == LIFE_ACTIVE) n->ending = 1;
+    if (n->ending) n->life.command = COMMAND_STOP;
 }
 
 API int32_t node_live(node_t *n)
 {
-    const int32_t waited = wait_for_start(n);
+    const int32_t waited = node_wait(n);
     if (waited != LIVE_FINISHED) return waited;
     begin(n);
     int64_t woke = pace_now();
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
-        int64_t limit;
+        const int32_t before = n->life.state;
         uint32_t flags = 0;
         if (woke < deadline) woke = pace_wait(deadline, n->spin_ns, &n->quit);
-        if (*(volatile int32_t *)&n->quit) return LIVE_STOPPED;
-        const int64_t late = woke - deadline;
-        histogram_add(&n->late, late);
-        limit = woke - n->start_ns;
-        if (late >= n->h_ns) {
-            n->missed++;
-            flags |= ROW_BURST;
-            limit = deadline - n->start_ns; /* as if it had been in time */
-            if (n->overrun_ns > 0 && late > n->overrun_ns) n->life.now |= WHY_OVERRUN;
-        }
-        const int32_t result = node_slot(n, limit, woke - n->start_ns, flags);
+        if (*(volatile int32_t *)&n->quit) break;
+        const int32_t missed = late_slot(n, woke - deadline, &flags);
+        prepare_end(n);
+        const int32_t result =
+            node_slot(n, (missed ? deadline : woke) - n->start_ns, woke - n->start_ns, flags);
         if (result) {
-            let_down(n);
+            node_let_down(n);
             return result;
         }
         woke = n->done_ns + n->start_ns;
-        if (n->life.state == LIFE_INACTIVE) break; /* a stop, at the end of its ramp */
+        if (before == LIFE_STOPPING && n->life.state == LIFE_INACTIVE) break; /* after a STOP */
     }
-    const int32_t stopped = n->slot < n->slots;
-    if (!stopped) n->life.state = LIFE_FINISHED;
-    node_heartbeat(n, pace_now() - n->start_ns);
-    return stopped ? LIVE_STOPPED : LIVE_FINISHED;
+    return node_end(n);
 }
 
 /* ---- simulated ---- */
@@ -209,8 +165,10 @@ API int32_t nodes_replay(node_t **nodes, int32_t n_nodes, int32_t *stuck)
             node_t *n = nodes[i];
             while (n->replay_row < n->replayed_rows && ready(n)) {
                 const row_t *row = (const row_t *)(n->replayed + n->replay_row * n->row_size);
-                const int32_t result = node_slot(n, row->deadline_ns, row->woke_ns, row->flags);
-                if (result) {
+                const uint32_t flags = row->flags & ~(uint32_t)ROW_FAILED;
+                const int32_t failed = (row->flags & ROW_FAILED) != 0;
+                const int32_t result = node_slot(n, row->deadline_ns, row->woke_ns, flags);
+                if (result && !failed) {
                     *stuck = i;
                     return result;
                 }

@@ -38,10 +38,11 @@ def node(
 
     from bridge import deploy as deployments
     from bridge.cli.options import bus_settings, fresh
-    from bridge.node import Control, Options, run_node
+    from bridge.control import Control
+    from bridge.node import Options, run_node
     from bridge.rehearse import NODES
     from bridge.system import load_system
-    from cosim.clock import monotonic_ns, stamp
+    from cosim.clock import monotonic_ns, sleep, stamp
     from cosim.errors import ScenarioError
 
     path = deployments.find(scenario, deploy)
@@ -57,7 +58,14 @@ def node(
     folder = out or fresh(Path("runs") / f"{name}-{stamp()}")
     (folder / NODES).mkdir(parents=True, exist_ok=True)
 
+    controls: list[Control] = []
+
     def say(event: Mapping[str, Any]) -> None:
+        if event["event"] == "refused":
+            typer.echo(f"{name}: refused to start or to arm: {event['why']}", err=True)
+            for control in controls if now else ():
+                control.quit()
+            return
         for text in (*event.get("refused", ()), event.get("warning", "")):
             if text:
                 typer.echo(f"not granted: {text}", err=True)
@@ -65,8 +73,12 @@ def node(
         typer.echo(f"{name}: ready, {waiting}")
 
     def listen(control: Control) -> None:
+        controls.append(control)
         if now:
-            control.start(monotonic_ns() + 100_000_000)
+            sleep(0.5)  # peers and first values have been heard
+            if hardware:
+                control.arm()
+            control.start(monotonic_ns() + 500_000_000)
 
     report = run_node(
         system, Options(name, name, folder / NODES, real=hardware, warm_up=1.0), say, listen

@@ -7,7 +7,6 @@ from functools import lru_cache
 
 from bridge.journal import JournalStruct
 from bridge.native import faults, message, safety
-from bridge.native.bus import BusStruct
 from bridge.native.delay import Delay
 from bridge.native.frame import Frame
 from bridge.native.library import library
@@ -15,8 +14,10 @@ from bridge.native.pace import Histogram
 
 WALL, SIMULATED, REPLAY = 1, 2, 3
 BURST = 1  # flag of a row: a missed slot, done late
+JOINTS = 32  # the most a guard can have
+RAISED = 1  # of `alarm`: emergency stop
 AWAITED, THERE, UNKNOWN = 0, 1, 2  # a sample in a replay
-FINISHED, STOPPED, NEVER_STARTED = 0, -1, -2
+FINISHED, STOPPED, NEVER_STARTED, FAULT = 0, -1, -2, -3
 
 Doubles = c.POINTER(c.c_double)
 
@@ -55,6 +56,22 @@ class Reception(c.Structure):
         ("previewed", c.c_int32),
         ("transit_ns", c.c_int64),
         ("history", c.POINTER(History)),
+        ("sender", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class Apart(c.Structure):
+    """``apart_t``."""
+
+    _fields_ = (
+        ("a", c.POINTER(Reception)),
+        ("b", c.POINTER(Reception)),
+        ("first_a", c.c_int32),
+        ("first_b", c.c_int32),
+        ("count", c.c_int32),
+        ("reserved", c.c_int32),
+        ("within", c.c_double),
     )
 
 
@@ -174,6 +191,16 @@ class Node(c.Structure):
         ("sync_last", c.c_int32),
         ("heartbeat_bus", c.c_int32),
         ("sync_watchdog", safety.Watchdog),
+        ("aparts", c.c_void_p),
+        ("n_aparts", c.c_int32),
+        ("begun", c.c_int32),
+        ("ending", c.c_int32),
+        ("refusals", c.c_int32),
+        ("refused", c.c_uint32),
+        ("beats", c.c_uint32),
+        ("alarm", c.c_int32),
+        ("alarms", c.c_int32),
+        ("alarm_ns", c.c_int64),
         ("journal", c.POINTER(JournalStruct)),
         ("inlet_offset", c.c_int64),
         ("outlet_offset", c.c_int64),
@@ -197,7 +224,7 @@ class Node(c.Structure):
     )
 
 
-STRUCTS: tuple[type[c.Structure], ...] = (History, Reception, Inlet, Outlet, Node)
+STRUCTS: tuple[type[c.Structure], ...] = (History, Reception, Inlet, Outlet, Node)  # then rows
 
 
 @lru_cache(maxsize=1)

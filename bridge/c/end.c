@@ -1,0 +1,82 @@
+/* end.c: how a node ends on the wall clock, with no torque left on the bus; see node.h. */
+#include "node.h"
+
+/* The message after the last one of the slots done. */
+static int64_t next_of(const outlet_t *o)
+{
+    const int64_t slot = o->node->slot, apart = o->hit_ticks * o->every;
+    return slot > 0 ? (slot - 1) / apart + 1 : 0;
+}
+
+/* Torques of an outlet, as they were sent last, times a factor. */
+static void weaken(outlet_t *o, double factor)
+{
+    for (int32_t k = 0; k < o->joints; k++) {
+        double *tau = o->values + o->guarded + k;
+        *tau = factor > 0.0 ? *tau * factor : 0.0;
+    }
+}
+
+void node_farewell(node_t *n)
+{
+    const int64_t now = pace_now() - n->start_ns;
+    if (n->life.state == LIFE_ACTIVE || n->life.state == LIFE_STOPPING) {
+        n->life.state = LIFE_FAULT;
+        n->life.reasons |= WHY_COMMAND;
+    }
+    n->life.armed = 0;
+    n->life.scale = 0.0;
+    for (int32_t i = 0; i < n->n_outlets; i++) {
+        if (!n->outlets[i].guard) continue;
+        weaken(n->outlets + i, 0.0);
+        node_say(n->outlets + i, next_of(n->outlets + i), now);
+    }
+    node_heartbeat(n, now);
+}
+
+static void one_less(node_t *n, double factor)
+{
+    for (int32_t i = 0; i < n->n_outlets; i++) {
+        outlet_t *o = n->outlets + i;
+        if (!o->guard) continue;
+        weaken(o, factor);
+        if (n->slot % (o->hit_ticks * o->every) == 0)
+            node_say(o, n->slot / o->hit_ticks / o->every, pace_now() - n->start_ns);
+    }
+}
+
+void node_let_down(node_t *n)
+{
+    n->life.now |= WHY_COMPONENT;
+    do {
+        const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
+        const double before = n->life.scale;
+        if (pace_now() < deadline) pace_wait(deadline, 0, &n->quit);
+        life_step(&n->life);
+        one_less(n, before > 0.0 ? n->life.scale / before : 0.0);
+        if (n->heartbeat_slots > 0 && n->slot % n->heartbeat_slots == 0)
+            node_heartbeat(n, pace_now() - n->start_ns);
+        n->slot++;
+    } while (n->life.state == LIFE_STOPPING && !*(volatile int32_t *)&n->quit);
+    node_farewell(n);
+}
+
+/* The last torque has held for as long as any other: then zero. */
+static void hold_last(const node_t *n)
+{
+    const int64_t end = n->start_ns + n->phase_ns + n->slots * n->h_ns;
+    if (pace_now() < end) pace_wait(end, 0, &n->quit);
+}
+
+int32_t node_end(node_t *n)
+{
+    const int32_t done = n->slot >= n->slots;
+    const int32_t well = n->life.state == LIFE_ACTIVE || (n->ending && n->life.state == LIFE_INACTIVE);
+    if (done && well) {
+        if (!n->ending) hold_last(n);
+        n->life.state = LIFE_FINISHED;
+    }
+    node_farewell(n);
+    if (!done) return LIVE_STOPPED;
+    return well ? LIVE_FINISHED : LIVE_FAULT;
+}

@@ -1,0 +1,148 @@
+"""What others may tell a running node, and what of its answers is passed on.
+
+The node itself is C without the GIL (``bridge/c/run.c``); these are threads beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import IO, Any
+
+from bridge.native import node as native
+from bridge.native.safety import Command
+from bridge.safety import explain
+from cosim.clock import sleep
+
+Say = Callable[[Mapping[str, Any]], None]
+#: s between two looks at what a node has to say, and until a command has to be taken.
+LOOK, TAKEN = 0.02, 0.5
+
+
+class Control:
+    """Commands for a running node; callable from any thread."""
+
+    def __init__(self, struct: native.Node) -> None:
+        self._struct = struct
+        self._asked = False
+
+    def start(self, start_ns: int) -> None:
+        """Be at t = 0 at this time of the monotonic clock, or say why not."""
+        self._struct.start_ns = start_ns
+        self._give(Command.START)
+
+    def arm(self) -> None:
+        """Torque may follow START: needed where real drives are meant; a rehearsal arms itself."""
+        self._give(Command.ARM)
+
+    def reset(self) -> None:
+        """Forget why it has stopped; torque needs ARM and START again."""
+        self._asked = False
+        self._give(Command.RESET)
+
+    def again(self) -> None:
+        """ARM and START of a node that runs, after RESET."""
+        self._give(Command.ARM)
+        self._give(Command.START)
+
+    def estop(self) -> None:
+        """Emergency stop of everybody on this node's buses."""
+        self._struct.alarm = native.RAISED
+
+    def stop(self) -> None:
+        """Ramp down and stop; asked a second time, at once."""
+        if self._asked or not self._struct.start_ns:
+            self._struct.quit = 1
+        self._asked = True
+        self._give(Command.STOP)
+
+    def quit(self) -> None:
+        """Stop at once, without a ramp: zero torque is the last that is sent."""
+        self._struct.quit = 1
+
+    def _give(self, command: Command) -> None:
+        """One command after the other: C takes one a slot."""
+        self._struct.command = command
+        for _ in range(round(TAKEN / 0.001)):
+            if self._struct.command == Command.NONE or self._struct.quit:
+                return
+            sleep(0.001)
+
+
+@contextmanager
+def signals(control: Control) -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP stop the node, from a thread: the main one is in C."""
+    wanted = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, wanted)
+    ended = threading.Event()
+
+    def wait() -> None:
+        while not ended.is_set():
+            if signal.sigtimedwait(wanted, 0.2) is not None:
+                control.stop()
+
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def refusals(struct: native.Node, say: Say) -> Iterator[None]:
+    """Say ``{"event": "refused", "why": "…"}`` each time the node refuses ARM or START."""
+    ended = threading.Event()
+
+    def look() -> None:
+        seen = 0
+        while not ended.wait(LOOK):
+            if struct.refusals != seen:
+                seen = struct.refusals
+                say({"event": "refused", "why": why(struct)})
+
+    thread = threading.Thread(target=look, name="refusals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def why(struct: native.Node) -> str:
+    """Why the last ARM or START was refused, in words."""
+    if struct.refused == 1:
+        return "not armed" if not struct.life.armed else "not in this state"
+    return explain(struct.refused & ~1 or struct.refused)
+
+
+def listen_to(stream: IO[str]) -> Callable[[Control], None]:
+    """Commands from lines of JSON; when they end, whoever started this node is gone: it stops."""
+
+    def listen(control: Control) -> None:
+        for line in stream:
+            message = json.loads(line)
+            match message["command"]:
+                case "start":
+                    control.start(message["start_ns"])
+                case "stop":
+                    control.stop()
+                case "quit":
+                    control.quit()
+                case "arm":
+                    control.arm()
+                case "reset":
+                    control.reset()
+                case "again":
+                    control.again()
+                case "estop":
+                    control.estop()
+        control.stop()
+
+    return listen

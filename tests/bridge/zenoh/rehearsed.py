@@ -32,19 +32,22 @@ class Rehearsed:
         raise KeyError(name)
 
 
-def rehearse(
+def prepared(
     scenario: str,
     deployment: str,
     changes: Sequence[str],
     folder: Path,
     events: Sequence[Event] = (),
-) -> Rehearsed:
+) -> tuple[System, Rehearsal]:
     path = CONFIGS / f"{scenario}.toml"
     given = deploy.find(path, deployment)
     system = load_system(path, str(given), changes)
     settings = Settings(path, given, tuple(changes), warm_up=0.0, events=events)
-    with Rehearsal(system, settings, folder) as running:
-        ended = running.run()
+    return system, Rehearsal(system, settings, folder)
+
+
+def collect(system: System, ended: Ended, folder: Path) -> Rehearsed:
+    """The journals of all lives, and the run again from them."""
     nodes = folder / NODES
     rows = replay.load(nodes)
     again = folder / "again"
@@ -52,6 +55,13 @@ def rehearse(
     found = replay.replay(system, rows, again)
     reports = {p.stem: json.loads(p.read_text()) for p in nodes.glob("*.json")}
     return Rehearsed(system, ended, rows, reports, found)
+
+
+def rehearse(scenario: str, deployment: str, changes: Sequence[str], folder: Path) -> Rehearsed:
+    system, running = prepared(scenario, deployment, changes, folder)
+    with running:
+        ended = running.run()
+    return collect(system, ended, folder)
 
 
 def sockets(system_nodes: Sequence[str], folder: Path, bus: str = "net") -> list[str]:

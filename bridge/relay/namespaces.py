@@ -1,0 +1,71 @@
+"""Network namespaces as hosts: made, entered by a thread, removed."""
+
+from __future__ import annotations
+
+import ctypes as c
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cosim.errors import CosimError
+
+NEWNET = 0x40000000
+_FOLDER = Path("/run/netns")
+
+
+class NetworkError(CosimError, OSError):
+    """A namespace or an interface that cannot be made: the message says what is missing."""
+
+
+def add(name: str) -> None:
+    """A new namespace with its loopback interface up. Raises NetworkError."""
+    ip("netns", "add", name)
+    ip("-n", name, "link", "set", "lo", "up")
+
+
+def delete(name: str) -> None:
+    """Remove a namespace; processes in it keep it alive until they end."""
+    ip("netns", "del", name)
+
+
+def ip(*arguments: str) -> str:
+    """Run iproute2. Raises NetworkError with what it said."""
+    try:
+        found = subprocess.run(["ip", *arguments], capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise NetworkError(f"ip {' '.join(arguments)}: {error}") from error
+    if found.returncode:
+        raise NetworkError(
+            f"ip {' '.join(arguments)}: {found.stderr.strip()}; namespaces need root"
+        )
+    return found.stdout
+
+
+@contextmanager
+def inside(name: str) -> Iterator[None]:
+    """The calling thread in a namespace: what it opens and starts belongs there.
+
+    Raises NetworkError.
+    """
+    here = os.open("/proc/thread-self/ns/net", os.O_RDONLY)
+    try:
+        there = os.open(_FOLDER / name, os.O_RDONLY)
+        try:
+            _enter(there)
+        finally:
+            os.close(there)
+        try:
+            yield
+        finally:
+            _enter(here)
+    finally:
+        os.close(here)
+
+
+def _enter(descriptor: int) -> None:
+    libc = c.CDLL(None, use_errno=True)
+    if libc.setns(descriptor, NEWNET):
+        number = c.get_errno()
+        raise NetworkError(number, f"setns: {os.strerror(number)}; namespaces need root")

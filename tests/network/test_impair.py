@@ -1,0 +1,89 @@
+"""The laws of the relay are those of the links, drawn the same way."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.relay.impair import Impairment, LinkSpec
+from cosim.errors import ScenarioError
+from cosim.links.spec import delay_law, loss_model
+from cosim.links.table import generator
+
+MS = 1_000_000
+UNIFORM = {"law": "uniform", "low": "300 ms", "high": "1200 ms", "hold": "30 ms"}
+BURSTS = {"law": "gilbert-elliott", "p": 0.01, "r": 0.1, "1-h": 0.7, "1-k": 0.001}
+
+
+def link(seed: int = 0, **spec: object) -> Impairment:
+    return Impairment("a>b", LinkSpec.of(spec, "here"), seed)
+
+
+def test_a_perfect_link_holds_nothing_back():
+    assert [link().fate(t, 100) for t in (0, 5, 5)] == [(0, 0), (0, 5), (0, 5)]
+
+
+def test_delays_are_the_laws_by_time():
+    found = link(3, delay=UNIFORM, ordered=False)
+    law = delay_law(UNIFORM, Path())
+    drawn = law.stream(Fraction(1, 1000), generator(3, "a>b delay")).take(5000)
+    for k in (0, 1, 29, 30, 31, 1024, 4999):
+        delay, leaves = found.fate(k * MS + 7, 100)
+        assert delay == round(1e9 * drawn[k]) and leaves == k * MS + 7 + delay
+
+
+def test_losses_are_the_models_by_packet():
+    found = link(4, loss=BURSTS)
+    lost = loss_model(BURSTS).stream(Fraction(1, 1000), generator(4, "a>b loss")).take(3000)
+    assert [found.fate(7 * k, 100)[0] < 0 for k in range(3000)] == lost.tolist()
+    assert lost.any() and not lost.all()
+
+
+@given(
+    steps=st.lists(st.integers(0, 80 * MS), min_size=1, max_size=60),
+    ordered=st.booleans(),
+    rate=st.sampled_from([0.0, 1e5, 1e7]),
+)
+def test_nothing_leaves_early_and_what_is_ordered_stays_so(
+    steps: list[int], ordered: bool, rate: float
+):
+    found = link(delay=UNIFORM, ordered=ordered, rate=rate)
+    times = np.cumsum(steps).tolist()
+    fates = [found.fate(t, 125) for t in times]
+    for t, (delay, leaves) in zip(times, fates, strict=True):
+        assert 300 * MS <= delay <= 1200 * MS
+        assert leaves >= t + delay + (round(1e12 / rate) if rate else 0)
+        assert ordered or rate or leaves == t + delay
+    leaving = [leaves for _, leaves in fates]
+    assert not ordered or leaving == sorted(leaving)
+
+
+def test_a_rate_lets_packets_wait_for_each_other():
+    found = link(rate=1e6)  # 125 bytes: 1 ms
+    assert [found.fate(0, 125)[1] for _ in range(3)] == [1 * MS, 2 * MS, 3 * MS]
+    assert found.fate(100 * MS, 125)[1] == 101 * MS
+
+
+def test_a_link_that_is_down_and_up_again():
+    found = link()
+    found.set(LinkSpec(down=True))
+    assert found.fate(0, 1) == (-1, -1)
+    found.set(LinkSpec())
+    assert found.fate(1, 1) == (0, 1)
+
+
+def test_links_draw_each_on_its_own_and_seeds_differ():
+    spec = LinkSpec(delay=UNIFORM)
+    first = [Impairment(n, spec, s).fate(0, 1)[0] for n, s in (("a>b", 0), ("b>a", 0), ("a>b", 1))]
+    assert len(set(first)) == 3
+    assert Impairment("a>b", spec, 0).fate(0, 1)[0] == first[0]
+
+
+def test_what_is_no_link():
+    with pytest.raises(ScenarioError, match="a>b: unknown key 'dely'; expected one of delay, loss"):
+        LinkSpec.of({"dely": 1}, "a>b")
+    with pytest.raises(ScenarioError, match="low"):
+        link(delay={"law": "uniform", "low": "2 s", "high": "1 s"})

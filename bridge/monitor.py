@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.can.load import log_bits
-from bridge.cut import Inlet, NodePlan
+from bridge.cut import NodePlan
 from bridge.held import Held
 from bridge.lateness import Spread
 from bridge.native.frame import Flags
 from bridge.native.safety import State
 from bridge.safety import explain, explain_guard
-from bridge.system import System
+from bridge.system import Carried, System
 from bridge.watched import Watched
 from cosim.analysis import declared
 from cosim.analysis.metrics import Result, evaluate
@@ -104,6 +104,7 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
     rows = {node: r for node, r in watched.recent(SPAN).items() if len(r)}
     frames = {key: tail.since("t_ns", round(SPAN * 1.2e9)) for key, tail in watched.frames.items()}
     held = Held(system, rows, SPAN)
+    losses = _losses(watched, frames)
     nodes = [_node(watched, n, rows[n], now_ns) for n in system.nodes if n in rows]
     return Snapshot(
         t=max((n.t for n in nodes), default=0.0),
@@ -111,7 +112,7 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
         running=watched.running,
         nodes=nodes,
         inlets=[
-            _inlet(watched, node, plan, i, rows.get(node), frames)
+            _inlet(plan, i, rows.get(node), losses[plan.inlets[i].message, node])
             for node, plan in system.nodes.items()
             for i in range(len(plan.inlets))
         ],
@@ -151,14 +152,7 @@ def _state(number: int) -> str:
     return State(number).name.lower() if number in State.__members__.values() else f"{number}?"
 
 
-def _inlet(
-    watched: Watched,
-    node: str,
-    plan: NodePlan,
-    index: int,
-    rows: Rows | None,
-    frames: Mapping[tuple[str, str], Rows],
-) -> InletView:
+def _inlet(plan: NodePlan, index: int, rows: Rows | None, lost: tuple[int, int]) -> InletView:
     inlet = plan.inlets[index]
     network = age = (float("nan"), float("nan"))
     if rows is not None:
@@ -166,19 +160,28 @@ def _inlet(
         heard = found[found["held"] >= 0]
         if len(heard):
             network, age = _spread(heard["transit_ns"]), _spread(heard["age_ns"])
-    lost, sent = _lost(watched, node, inlet, frames)
-    return InletView(inlet.source.name, inlet.target.name, network, age, lost, sent)
+    return InletView(inlet.source.name, inlet.target.name, network, age, *lost)
 
 
 def _spread(ns: NDArray[np.int64]) -> tuple[float, float]:
     return float(np.median(ns)) * 1e-6, float(ns.max()) * 1e-6
 
 
+def _losses(
+    watched: Watched, frames: Mapping[tuple[str, str], Rows]
+) -> dict[tuple[str, str], tuple[int, int]]:
+    """Frames not heard, of how many, by (message, receiving node)."""
+    return {
+        (message, node): _lost(watched, node, watched.system.messages[message], frames)
+        for node in watched.system.nodes
+        for message in watched.system.heard_by(node)
+    }
+
+
 def _lost(
-    watched: Watched, node: str, inlet: Inlet, frames: Mapping[tuple[str, str], Rows]
+    watched: Watched, node: str, carried: Carried, frames: Mapping[tuple[str, str], Rows]
 ) -> tuple[int, int]:
     """Frames of a message that its sender logged and the receiver did not, of how many."""
-    carried = watched.system.messages[inlet.message]
     senders, receivers = watched.lives_of(carried.node), watched.lives_of(node)
     if not senders or not receivers:
         return 0, 0
@@ -188,13 +191,18 @@ def _lost(
         return 0, 0
     number = carried.encoding.message.id
     end = min(int(out["t_ns"][-1]), int(into["t_ns"][-1])) - round(SLACK * 1e9)
-    due = (out["t_ns"] <= end) & (out["t_ns"] > end - round(SPAN * 1e9))
-    due &= (out["t_ns"] > into["t_ns"][0]) & (out["id"] == number)
-    sent = out[due & (out["flags"] & Flags.SENT != 0)]
+    due = (out["id"] == number) & (out["t_ns"] <= end) & (out["t_ns"] > end - round(SPAN * 1e9))
+    due &= (out["t_ns"] > into["t_ns"][0]) & (out["flags"] & Flags.SENT != 0)
+    sent = out[due]
     heard = into[(into["id"] == number) & (into["flags"] & Flags.SENT == 0)]
     width = int(sent["length"].max(initial=0))  # beyond it there is anything
-    there = {row.tobytes() for row in heard["data"][:, :width]}
-    return sum(row.tobytes() not in there for row in sent["data"][:, :width]), len(sent)
+    there = set(_payloads(heard, width))
+    return sum(data not in there for data in _payloads(sent, width)), len(sent)
+
+
+def _payloads(rows: Rows, width: int) -> list[bytes]:
+    raw = np.ascontiguousarray(rows["data"][:, :width]).tobytes()
+    return [raw[i : i + width] for i in range(0, len(raw), width)] if width else []
 
 
 # ---- buses and signals ----------------------------------------------------------------------

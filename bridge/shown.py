@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isnan
 
@@ -58,6 +58,23 @@ def tables(s: Snapshot) -> list[Table]:
         Table("not readable", ("file", "why"), list(s.unreadable.items())),
     ]
     return [table for table in found if table.rows]
+
+
+def aligned(table: Table) -> Iterator[tuple[str, bool]]:
+    """Lines of a table with columns that line up, numbers to the right; whether one is marked."""
+    every = [table.head, *table.rows]
+    widths = [max(len(row[i]) for row in every) for i in range(len(table.head))]
+    right = [
+        all(not row[i] or row[i][0] in "-0123456789" for row in table.rows)
+        for i in range(len(table.head))
+    ]
+    yield table.title, False
+    for n, row in enumerate(every):
+        cells = [
+            text.rjust(w) if r else text.ljust(w)
+            for text, w, r in zip(row, widths, right, strict=True)
+        ]
+        yield f"  {'  '.join(cells)}".rstrip(), n > 0 and n - 1 in table.marked
 
 
 def _node_row(n: NodeView) -> tuple[str, ...]:

@@ -54,11 +54,11 @@ def monitor(
 
     Reads the files its nodes write. Ctrl-C ends the view, not the run.
     """
-    from bridge.watched import Watched, find_run
+    from bridge.watched import Watched, find_run, goes_on
 
-    if sys.platform != "win32":
-        os.nice(10)
     folder = run or find_run(Path("runs"))
+    if sys.platform != "win32" and goes_on(folder):
+        os.nice(10)  # behind the nodes, also where they have no real-time priority
     with ExitStack() as stack:
         watched = stack.enter_context(Watched.open(folder, scenario, deploy))
         feed = _feed(stack, watched, mcap, foxglove, plotjuggler, force)

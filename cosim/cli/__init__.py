@@ -39,7 +39,6 @@ BRIDGE = {
     "node": ("bridge.cli.node", "node"),
     "replay": ("bridge.cli.replay", "replay"),
     "monitor": ("bridge.cli.monitor", "monitor"),
-    "monitor": ("bridge.cli.monitor", "monitor"),
 }
 for _name, (_module, _function) in BRIDGE.items():
     app.command(_name)(getattr(importlib.import_module(_module), _function))

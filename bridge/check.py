@@ -21,6 +21,8 @@ __all__ = ["BusMessage", "BusTiming", "SignalRange", "Watchdog", "check_buses"]
 CROWDED = 0.7
 #: A watchdog's time-out in periods of what it watches: least and most that make sense.
 PATIENCE = (2.0, 50.0)
+#: s; a watchdog this short is never too long: what motor controllers come with.
+ALWAYS = 0.1
 #: Where CANopen (CiA 301) has its own messages, 11-bit identifiers.
 RESERVED: tuple[tuple[int, int, Role, str], ...] = (
     (0x000, 0x000, "nmt", "NMT"),
@@ -216,7 +218,7 @@ def _watchdogs(messages: Sequence[BusMessage], watchdogs: Iterable[Watchdog]) ->
         elif not number > 0:
             text = "has its watchdog off: it goes on with the last command when the sender dies"
             yield _error("watchdog", w.name, number, "s", text, "a time-out of 3 to 10 periods")
-        elif period and not PATIENCE[0] <= number / period <= PATIENCE[1]:
+        elif period and not PATIENCE[0] * period <= number <= max(PATIENCE[1] * period, ALWAYS):
             early = number / period < PATIENCE[0]
             why = (
                 "one lost frame trips it" if early else "that long the last command stays in force"

@@ -187,7 +187,7 @@ def test_signals_that_do_not_fit_their_field() -> None:
         (0.0, "error", "has its watchdog off"),
         (nan, "error", "has its watchdog off"),
         (1.5e-3, "warning", "waits 1.5 periods of LINK_1: one lost frame trips it"),
-        (60e-3, "warning", "waits 60 periods of LINK_1"),
+        (120e-3, "warning", "waits 120 periods of LINK_1"),
     ],
 )
 def test_watchdogs(timeout: float, severity: str, text: str) -> None:

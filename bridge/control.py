@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import IO, Any
+from typing import Any
 
 from bridge.native import node as native
 from bridge.native.safety import Command
@@ -122,7 +122,7 @@ def why(struct: native.Node) -> str:
     return explain(struct.refused & ~1 or struct.refused)
 
 
-def listen_to(stream: IO[str]) -> Callable[[Control], None]:
+def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:
     """Commands from lines of JSON; when they end, whoever started this node is gone: it stops."""
 
     def listen(control: Control) -> None:

@@ -25,7 +25,7 @@ from bridge.watched import Watched
 Rows = NDArray[np.void]
 #: Rows of a node turned into messages at once.
 BATCH = 4096
-_TIMES = ("deadline_ns", "woke_ns", "received_ns", "sent_ns", "done_ns")
+_TIMES = ("deadline_ns", "woke_ns", "received_ns", "send_ns", "done_ns")
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,6 +174,7 @@ def lines(system: System, outcome: Outcome) -> list[str]:
     """The summary of a rehearsal, without the metrics of the scenario."""
     said = [report.line("note", note) for note in outcome.notes]
     said += [report.line(r.life, r.text()) for r in outcome.reports]
+    said += [report.line("  slots (us)", f"{r.life}: {r.parts()}") for r in outcome.reports]
     said += [
         report.line("not granted", f"{r.life}: {i['name']}: {i['said']}")
         for r in outcome.reports

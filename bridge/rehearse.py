@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
+from bridge.inprocess import Thread
 from bridge.process import Process, Start
 from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
@@ -23,6 +24,9 @@ from cosim.errors import Interrupted, RunError
 #: Names in a run folder.
 NODES = "nodes"
 STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
+#: A node as its supervisor sees it; threads where a bus does not leave the process.
+Node = Process | Thread
+IN_PROCESS = "virtual"
 #: s until all nodes have to be ready, and between two looks at them.
 PATIENCE, LOOK = 60.0, 0.05
 #: s from the last node's being ready to t = 0.
@@ -57,7 +61,7 @@ class Settings:
 class Ended:
     """What came of a rehearsal: lives in the order they were started, and what was noticed."""
 
-    lives: list[Process] = field(default_factory=list)
+    lives: list[Node] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     start_ns: int = 0
     interrupted: bool = False
@@ -70,8 +74,11 @@ class Rehearsal:
     def __init__(self, system: System, settings: Settings, folder: Path) -> None:
         self.system, self.settings, self.folder = system, settings, folder
         self.ended = Ended()
-        self.current: dict[str, Process] = {}
+        self.current: dict[str, Node] = {}
         self.expected: set[str] = set()  # nodes whose end is part of the plan
+        buses = system.deployment.buses.values()
+        alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
+        self._kind: type[Process] | type[Thread] = Thread if alone else Process
         self._stack = ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
 
@@ -85,11 +92,11 @@ class Rehearsal:
         """Do this when the rehearsal is left, whatever happens."""
         self._stack.callback(do)
 
-    def start_node(self, name: str) -> Process:
+    def start_node(self, name: str) -> Node:
         """Start a node's process; a second life of it is called ``NAME.2``."""
         lives = sum(p.start.node == name for p in self.ended.lives)
         s = self.settings
-        process = Process(
+        process = self._kind(
             Start(
                 s.scenario,
                 s.deployment,
@@ -204,7 +211,7 @@ class Rehearsal:
                     self.expected.add(other.start.node)
                     other.tell("stop")
 
-    def _refused(self, process: Process) -> None:
+    def _refused(self, process: Node) -> None:
         """A node that refuses to start ends the run; one that was to rejoin stays away."""
         if not process.refused:
             return

@@ -14,7 +14,7 @@ from bridge.can.load import log_bits, seconds
 from bridge.can.log import FrameLog
 from bridge.can.timing import BusTiming
 from bridge.collect import lives_of
-from bridge.lateness import Lateness, lateness
+from bridge.lateness import Lateness, of_journal
 from bridge.native.bus import State as BusState
 from bridge.native.node import BURST
 from bridge.native.safety import State
@@ -44,13 +44,29 @@ class NodeReport:
     def text(self) -> str:
         """Lateness and end."""
         late = self.lateness.late
-        us = [f"{v / 1e3:.0f}" for v in (late.p50, late.p99, late.p999, late.maximum)]
+        values = (late.minimum, late.mean, late.p50, late.p99, late.p999, late.maximum)
+        us = [f"{v / 1e3:.0f}" for v in values]
         end = "" if self.state in ("active", "finished") else f"; {self.state}: {self.reasons}"
         missed = f", {self.lateness.missed} missed" if self.lateness.missed else ""
         return (
-            f"late p50 {us[0]}, p99 {us[1]}, p99.9 {us[2]}, max {us[3]} us"
-            f" in {self.slots} slots{missed}{end}"
+            f"late min {us[0]}, avg {us[1]}, p50 {us[2]}, p99 {us[3]}, p99.9 {us[4]}, "
+            f"max {us[5]} us in {self.slots} slots{missed}{end}"
         )
+
+    def parts(self) -> str:
+        """What its slots took, median and p99 in us, and the period that was measured."""
+        said = [
+            f"{name} {part.p50 / 1e3:.0f} / {part.p99 / 1e3:.0f}"
+            for name, part in self.lateness.parts.items()
+        ]
+        period = self.lateness.period
+        if period is not None:
+            nominal = self.lateness.period_ns / 1e6
+            said.append(
+                f"period {nominal:g} ms nominal, {period.mean / 1e6:.4f} measured "
+                f"(std {period.std / 1e3:.0f} us)"
+            )
+        return ", ".join(said)
 
 
 def node_reports(system: System, rows: Mapping[str, Rows], nodes: Path) -> list[NodeReport]:
@@ -61,10 +77,7 @@ def node_reports(system: System, rows: Mapping[str, Rows], nodes: Path) -> list[
             r = rows[life]
             path = nodes / f"{life}.json"
             said = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-            late = lateness(
-                r["deadline_ns"], r["woke_ns"], round(plan.h * 1e9), received=r["received_ns"],
-                sent=r["done_ns"], stepped=r["received_ns"],
-            )  # fmt: skip
+            late = of_journal(r, round(plan.h * 1e9))
             reasons = int(r["reasons"][-1])
             found.append(
                 NodeReport(

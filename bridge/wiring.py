@@ -38,7 +38,7 @@ Rows = NDArray[np.void]
 
 def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
     """A row of a node's journal (``row_t`` and what follows), one a slot."""
-    head = ("slot", "deadline_ns", "woke_ns", "received_ns", "sent_ns", "done_ns")
+    head = ("slot", "deadline_ns", "woke_ns", "received_ns", "send_ns", "done_ns")
     inlet: Any = [(name, "<i8") for name in ("held", "newest", "age_ns", "transit_ns")]
     width = sum(o.width for o in plan.outlets)
     fields: list[Any] = [(name, "<i8") for name in head]

@@ -89,6 +89,7 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     gather(o, signals);
     if (hit % o->every) return 0;
     node_say(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
+    if (n->clock == CLOCK_WALL) n->send_ns += pace_now() - began;
     return 0;
 }
 
@@ -98,7 +99,6 @@ void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns)
     frame->bus = (uint8_t)bus;
     if (n->clock == CLOCK_WALL) {
         bus_send(b, frame);
-        n->sent_ns = frame->t_ns - n->start_ns;
         return;
     }
     frame->t_ns = now_ns;
@@ -162,7 +162,7 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
     row->slot = n->slot;
     row->deadline_ns = n->now_ns + n->phase_ns;
     row->woke_ns = woke_ns;
-    row->sent_ns = n->sent_ns;
+    row->send_ns = n->send_ns;
     row->done_ns = n->done_ns;
     row->state = n->life.state;
     row->reasons = n->life.reasons;
@@ -197,7 +197,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
 {
     row_t *row;
     n->now_ns = n->slot * n->h_ns;
-    n->sent_ns = 0;
+    n->send_ns = 0;
     if (n->clock != CLOCK_REPLAY) {
         if (n->sync_slots > 0 && n->slot % n->sync_slots == 0) node_sync(n, limit_ns);
         node_hear(n, limit_ns);

@@ -168,7 +168,7 @@ typedef struct node {
     histogram_t late;
     int64_t missed, spin_ns;
     int64_t done_ns;        /* when the last slot was done */
-    int64_t sent_ns;        /* when the last frame of this slot was handed over; 0: none */
+    int64_t send_ns;        /* spent encoding and sending in this slot */
     int64_t start_commands;
     int64_t unknown;        /* frames nobody here listens to */
     frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
@@ -180,7 +180,7 @@ typedef struct node {
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
 typedef struct {
-    int64_t slot, deadline_ns, woke_ns, received_ns, sent_ns, done_ns;
+    int64_t slot, deadline_ns, woke_ns, received_ns, send_ns, done_ns; /* send: a duration */
     int32_t state, command;
     uint32_t now, reasons;
     uint32_t guard, flags;

@@ -181,6 +181,7 @@ def header(system: System) -> str:
 
 
 def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> None:
+    from bridge.lateness import draw
     from bridge.outcome import lines
     from bridge.report import line
     from cosim.analysis import declared
@@ -193,6 +194,8 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> None:
     said += lines(system, outcome)
     if plot:
         said += [line("figure", str(p)) for p in figures(system.scenario, run, outcome.folder)]
+        path = draw({r.life: r.lateness for r in outcome.reports}, outcome.folder / "lateness.png")
+        said.append(line("figure", str(path)))
     said.append(line("verdict", verdict(outcome)))
     said.append(line("run folder", str(outcome.folder)))
     if not quiet:

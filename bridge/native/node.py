@@ -213,7 +213,7 @@ class Node(c.Structure):
         ("missed", c.c_int64),
         ("spin_ns", c.c_int64),
         ("done_ns", c.c_int64),
-        ("sent_ns", c.c_int64),
+        ("send_ns", c.c_int64),
         ("start_commands", c.c_int64),
         ("unknown", c.c_int64),
         ("pending", c.POINTER(Frame)),

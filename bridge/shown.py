@@ -20,6 +20,28 @@ class Table:
     marked: frozenset[int] = frozenset()
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """What is shown at once: `head` and `tables` on a terminal, or everything in one `line`."""
+
+    head: str
+    line: str
+    tables: Sequence[Table]
+
+    def lines(self) -> Iterator[tuple[str, bool]]:
+        """Lines of text, and whether they want attention."""
+        yield self.head, False
+        for table in self.tables:
+            yield "", False
+            yield from aligned(table)
+
+
+def view(s: Snapshot) -> View:
+    """A snapshot to be shown."""
+    head = f"t = {s.t:.2f} of {s.length:g} s; {'runs' if s.running else 'has ended'}"
+    return View(head, line(s), tables(s))
+
+
 def tables(s: Snapshot) -> list[Table]:
     """A snapshot as tables; empty ones are left out."""
     nodes = [_node_row(n) for n in s.nodes]

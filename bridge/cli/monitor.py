@@ -5,21 +5,24 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Fd, Interface
 
 if TYPE_CHECKING:
     from rich.text import Text
 
     from bridge.export import Feed
-    from bridge.monitor import Snapshot
+    from bridge.shown import View
+    from bridge.system import System
     from bridge.watched import Watched
 
-#: s between two looks, and between two lines where there is no terminal.
-REFRESH, LINE = 0.2, 1.0
+#: s between two views, two lines where there is no terminal, and two looks at a bus.
+REFRESH, LINE, DRAIN = 0.2, 1.0, 0.05
 
 
 def monitor(
@@ -49,13 +52,29 @@ def monitor(
         str | None, typer.Option(help="Deployment, where the folder does not say it.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    listen: Annotated[
+        bool,
+        typer.Option(
+            "--listen", help="Listen on the CAN buses of --scenario and --deploy instead."
+        ),
+    ] = False,
+    interface: Interface = None,
+    channel: Channel = None,
+    bitrate: Bitrate = None,
+    data_bitrate: DataBitrate = None,
+    fd: Fd = None,
 ) -> None:
     """Look at a rehearsal that runs, without disturbing it, or at one that has ended.
 
-    Reads the files its nodes write. Ctrl-C ends the view, not the run.
+    Reads the files its nodes write; with --listen, from any machine, what is on its CAN buses.
+    Ctrl-C ends the view, not the run.
     """
     from bridge.watched import Watched, find_run, goes_on
 
+    if listen:
+        buses = (interface, channel or [], bitrate, data_bitrate, fd)
+        _listen(_system(scenario, deploy, buses), once)
+        return
     folder = run or find_run(Path("runs"))
     if sys.platform != "win32" and goes_on(folder):
         os.nice(10)  # behind the nodes, also where they have no real-time priority
@@ -99,60 +118,81 @@ def _feed(
 def _look(watched: Watched, feed: Feed, once: bool) -> None:
     """Until the run has ended, or once; then what has not been fed yet."""
     from bridge.monitor import snapshot
+    from bridge.shown import view
     from cosim.clock import monotonic_ns, sleep
 
     if watched.running and not once:
         with _display() as show:
             while watched.running:
                 now = monotonic_ns()
-                show(snapshot(watched, now), now)
+                show(view(snapshot(watched, now)), now)
                 feed.new()
                 sleep(REFRESH - (monotonic_ns() - now) * 1e-9)
     feed.new()
-    for text, marked in _lines(snapshot(watched, monotonic_ns())):
+    _print(view(snapshot(watched, monotonic_ns())))
+
+
+def _listen(system: System, once: bool) -> None:
+    """On the buses, until Ctrl-C; once: for a little more than a second."""
+    from bridge.listen import SPAN_NS, Listener, view
+    from cosim.clock import monotonic_ns, sleep
+
+    with Listener(system) as listener, suppress(KeyboardInterrupt), ExitStack() as stack:
+        show = None if once else stack.enter_context(_display())
+        end, shown = monotonic_ns() + SPAN_NS * 6 // 5, 0
+        while not once or monotonic_ns() < end:
+            now = monotonic_ns()
+            listener.take(now)
+            if show is not None and now >= shown + round(REFRESH * 1e9):
+                shown = now
+                show(view(listener, now), now)
+            sleep(DRAIN)
+        _print(view(listener, monotonic_ns()))
+
+
+def _system(scenario: Path | None, deploy: str | None, buses: tuple[Any, ...]) -> System:
+    from bridge import deploy as deployments
+    from bridge.cli.options import bus_settings
+    from bridge.system import load_system
+    from cosim.errors import ScenarioError
+
+    if scenario is None:
+        raise ScenarioError("--listen needs --scenario, and --deploy for another than can")
+    path = deployments.find(scenario, deploy or "can")
+    settings = bus_settings(deployments.load(path), *buses)
+    return load_system(scenario, str(path), settings)
+
+
+def _print(view: View) -> None:
+    for text, marked in view.lines():
         typer.secho(text, fg="red" if marked else None)
 
 
 @contextmanager
-def _display() -> Iterator[Callable[[Snapshot, int], None]]:
-    """Shows snapshots: tables on a terminal, elsewhere a line a second."""
-    from bridge.shown import line
-
+def _display() -> Iterator[Callable[[View, int], None]]:
+    """Shows what it gets: tables on a terminal, elsewhere a line a second."""
     if sys.stdout.isatty():
         from rich.console import Console
         from rich.live import Live
 
         with Live(console=Console(), auto_refresh=False, screen=True) as live:
-            yield lambda found, now: live.update(_text(found), refresh=True)
+            yield lambda view, now: live.update(_text(view), refresh=True)
         return
     said = 0
 
-    def say(found: Snapshot, now: int) -> None:
+    def say(view: View, now: int) -> None:
         nonlocal said
         if now >= said + round(LINE * 1e9):
             said = now
-            typer.echo(line(found))
+            typer.echo(view.line)
 
     yield say
 
 
-def _lines(found: Snapshot) -> Iterator[tuple[str, bool]]:
-    """Lines of text, and whether they want attention."""
-    from bridge.shown import aligned, tables
-
-    yield (
-        f"t = {found.t:.2f} of {found.length:g} s; {'runs' if found.running else 'has ended'}",
-        False,
-    )
-    for table in tables(found):
-        yield "", False
-        yield from aligned(table)
-
-
-def _text(found: Snapshot) -> Text:
-    """The same for a terminal; made of one text, which costs a tenth of tables of rich."""
+def _text(view: View) -> Text:
+    """For a terminal; one text, which costs a tenth of tables of rich."""
     from rich.text import Text
 
     return Text("\n", no_wrap=True).join(
-        Text(text, style="bold red" if marked else "") for text, marked in _lines(found)
+        Text(text, style="bold red" if marked else "") for text, marked in view.lines()
     )

@@ -1,0 +1,80 @@
+"""``cosim diff``: two runs side by side, whatever they were made by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from bridge.diff import Comparison
+
+#: Signals shown if all are asked for; ``--json`` has them all.
+SHOWN = 12
+
+
+def diff(
+    run_a: Annotated[Path, typer.Argument(help="Run folder.")],
+    run_b: Annotated[Path, typer.Argument(help="The other one.")],
+    signals: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Only these: component, component.port or one entry.", metavar="SIGNAL"
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="What may differ, RMS and maximum, in each signal's unit."),
+    ] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", help="Write everything to this file.")
+    ] = None,
+) -> None:
+    """Compare two runs signal by signal, largest differences first, and say a verdict.
+
+    Offline, twin, rehearsal and hardware runs alike. Exits with 1 where they are different.
+    """
+    from bridge.diff import compare_runs
+
+    found = compare_runs(run_a, run_b, signals or (), tolerance)
+    typer.echo("\n".join(lines(found)))
+    if json is not None:
+        _write(json, found)
+    raise typer.Exit(found.exit_code)
+
+
+def lines(found: Comparison) -> list[str]:
+    """What is printed."""
+    from cosim.cli.show import aligned
+
+    text = [f"a  {found.a}", f"b  {found.b}", f"{found.rows} rows to {found.t_end:g} s"]
+    table = [["signal", "RMS", "largest", "at", "RMS may be", "unit"]]
+    for s in found.signals[:SHOWN]:
+        bound = f"{s.bound_rms:.3g}" if s.judged else "not judged"
+        table.append([s.name, f"{s.rms:.3g}", f"{s.largest:.3g}", f"{s.at:g} s", bound, s.unit])
+    text += ["", *aligned(table)]
+    if len(found.signals) > SHOWN:
+        text.append(f"  … and {len(found.signals) - SHOWN} signals that differ less")
+    if found.metrics:
+        rows = [["metric", "a", "b", "b - a", "unit"]]
+        rows += [
+            [m.label, f"{m.a:.5g}", f"{m.b:.5g}", f"{m.b - m.a:.2g}", m.unit] for m in found.metrics
+        ]
+        text += ["", *aligned(rows)]
+    for run, only in zip("ab", found.only, strict=True):
+        if only:
+            text.append(f"only in {run}: {', '.join(only)}")
+    return [*text, *found.remarks, f"verdict: {found.sentence()}"]
+
+
+def _write(path: Path, found: Comparison) -> None:
+    import json
+    import os
+
+    from cosim.errors import RunError
+
+    try:
+        path.write_text(json.dumps(found.as_data(), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error

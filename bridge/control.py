@@ -52,6 +52,10 @@ class Control:
         """Emergency stop of everybody on this node's buses."""
         self._struct.alarm = native.RAISED
 
+    def jump(self, by_ns: int) -> None:
+        """From now on this node takes it to be so much later: a clock that was set."""
+        self._struct.start_ns -= by_ns
+
     def stop(self) -> None:
         """Ramp down and stop; asked a second time, at once."""
         if self._asked or not self._struct.start_ns:
@@ -141,6 +145,8 @@ def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:
                     control.reset()
                 case "again":
                     control.again()
+                case "jump":
+                    control.jump(message["by_ns"])
                 case "estop":
                     control.estop()
         control.stop()

@@ -45,6 +45,8 @@ def _deed(
             return lambda r: r.freeze(target)
         case "thaw":
             return lambda r: r.thaw(target)
+        case "clock-jump":
+            return lambda r: r.current[target].tell("jump", by_ns=round(event.by * 1e9))
         case "bus-down" | "bus-up":
             state = event.action.removeprefix("bus-")
             return lambda r: set_link(system, target, state)

@@ -20,16 +20,18 @@ static void weaken(outlet_t *o, double factor)
 void node_farewell(node_t *n)
 {
     const int64_t now = pace_now() - n->start_ns;
-    if (n->life.state == LIFE_ACTIVE || n->life.state == LIFE_STOPPING) {
-        n->life.state = LIFE_FAULT;
-        n->life.reasons |= WHY_COMMAND;
-    }
+    const int32_t at_once = n->life.state == LIFE_ACTIVE || n->life.state == LIFE_STOPPING;
     n->life.armed = 0;
     n->life.scale = 0.0;
+    if (at_once) n->life.state = LIFE_STOPPING; /* in this state the drives take it */
     for (int32_t i = 0; i < n->n_outlets; i++) {
         if (!n->outlets[i].guard) continue;
         weaken(n->outlets + i, 0.0);
         node_say(n->outlets + i, next_of(n->outlets + i), now);
+    }
+    if (at_once) {
+        n->life.state = LIFE_FAULT;
+        n->life.reasons |= WHY_COMMAND;
     }
     node_heartbeat(n, now);
 }

@@ -90,7 +90,7 @@ int32_t node_wait(node_t *n)
     for (;;) {
         if (*(volatile int32_t *)&n->quit) return LIVE_NEVER_STARTED;
         n->now_ns = 0;
-        node_hear(n, INT64_MAX);
+        node_hear(n, n->start_ns ? pace_now() - n->start_ns : INT64_MAX);
         if (n->alarm == ALARM_RAISED) n->life.now |= WHY_ESTOP, n->alarm = ALARM_OURS;
         obey(n, &start, next);
         if (n->life.state == LIFE_ACTIVE) return LIVE_FINISHED;

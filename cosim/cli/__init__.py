@@ -39,6 +39,7 @@ BRIDGE = {
     "node": ("bridge.cli.node", "node"),
     "replay": ("bridge.cli.replay", "replay"),
     "monitor": ("bridge.cli.monitor", "monitor"),
+    "campaign": ("bridge.cli.campaign", "campaign"),
 }
 for _name, (_module, _function) in BRIDGE.items():
     app.command(_name)(getattr(importlib.import_module(_module), _function))

@@ -1,0 +1,113 @@
+"""``cosim campaign``: fault scripts one after the other, and whether each came to what it should."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bridge.cli.rehearse import Interface, Set
+
+if TYPE_CHECKING:
+    from bridge.campaign import Campaign, RunSpec
+    from bridge.fault_script import FaultScript
+    from bridge.judge import Judged
+
+#: Actions for a kernel's CAN interface only: others cannot be set down, nor take such a load.
+KERNEL = ("bus-down", "bus-up", "babble")
+
+
+def campaign(
+    file: Annotated[Path, typer.Argument(help="Campaign file (.toml); see docs/faults.md.")],
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="SCRIPT", help="Only these; repeatable.")
+    ] = None,
+    set_: Set = None,
+    interface: Interface = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the run folders; runs/… else.")
+    ] = None,
+    markdown: Annotated[
+        Path | None, typer.Option(help="Write the table there, as Markdown.")
+    ] = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
+    ] = True,
+) -> None:
+    """Rehearse once with every script of a campaign, and judge each run.
+
+    Exits with 1 where anything was not as it had to be.
+    """
+    from bridge import judge
+    from bridge.campaign import load_campaign
+    from cosim.cli.show import aligned
+    from cosim.clock import stamp
+
+    found = load_campaign(file)
+    folder = out or Path("runs") / f"{file.stem}-{stamp()}"
+    changes = [*found.settings, *(set_ or [])]
+    judged = []
+    for spec, script in found.runs:
+        name = Path(spec.script).stem
+        if only and name not in only:
+            continue
+        one = _one(found, spec, script, changes, interface, folder / name, realtime)
+        typer.echo(f"{name:<12} {_said(one)}", err=True)
+        judged += [one] if one else []
+    rows = judge.table(judged)
+    typer.echo("\n".join(aligned(rows)))
+    if markdown:
+        markdown.write_text(judge.markdown(rows), encoding="utf-8")
+    if not judged or any(j.failures for j in judged):
+        raise typer.Exit(1)
+
+
+def _said(one: Judged | None) -> str:
+    if one is None:
+        return "left out: needs socketcan"
+    return "; ".join(one.failures) or "as expected"
+
+
+def _one(
+    campaign: Campaign,
+    spec: RunSpec,
+    script: FaultScript,
+    changes: list[str],
+    interface: str | None,
+    folder: Path,
+    realtime: bool,
+) -> Judged | None:
+    """Rehearse with one script; None: this interface cannot."""
+    from bridge import deploy, happen, judge
+    from bridge.cli.options import bus_settings
+    from bridge.outcome import complete
+    from bridge.rehearse import Rehearsal, Settings
+    from bridge.system import load_system
+    from cosim.errors import RunError
+    from cosim.record import claim_folder
+
+    path = deploy.find(campaign.scenario, campaign.deploy)
+    said = [*changes, *bus_settings(deploy.load(path), interface, [], None, None, None)]
+    system = load_system(campaign.scenario, str(path), said)
+    kernel = any(e.action in KERNEL for e in script.events)
+    if kernel and any(b.interface != "socketcan" for b in system.deployment.buses.values()):
+        return None
+    settings = Settings(
+        campaign.scenario,
+        path,
+        tuple(said),
+        realtime=realtime,
+        script=str(script.path),
+        events=happen.events(script, system),
+    )
+    claim_folder(folder, force=False)
+    facts = {"settings": said, "faults": str(script.path), "real": False}
+    with Rehearsal(system, settings, folder) as rehearsal:
+        try:
+            rehearsal.run()
+            rehearsal.end()
+            outcome = complete(system, folder, rehearsal.ended, facts, with_twin=False)
+        except RunError as error:
+            return judge.lost(spec.script, error)
+    return judge.judge(system, spec, outcome)

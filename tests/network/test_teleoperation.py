@@ -71,7 +71,7 @@ def test_different_delays_each_way_and_clocks_that_differ(network: Network, tmp_
         at_start("slave>master", delay={"law": "constant", "delay": "400 ms"}),
     ]
     ahead = {"slave": 80_000_000}  # its t = 0 is 80 ms earlier than the master's
-    found = run(network, tmp_path, 14.0, events, ahead)
+    found = run(network, tmp_path, 18.0, events, ahead)
     exact(found)
     settled(found, ARMS)
     # by time stamps: what is measured contains the offset of the clocks
@@ -118,7 +118,7 @@ def test_a_node_is_killed_and_joins_again(network: Network, tmp_path: Path):
         Event(3.0, "killed", lambda r: r.kill("slave")),
         Event(3.5, "again", lambda r: r.restart("slave")),
     ]
-    found = run(network, tmp_path, 20.0, events)
+    found = run(network, tmp_path, 22.0, events)
     exact(found)
     assert set(found.rows) == {"master", "slave", "slave.2"}
     settled(found, ARMS)

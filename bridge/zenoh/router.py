@@ -1,0 +1,61 @@
+"""A Zenoh router as a process: ``python -m bridge.zenoh.router FILE ENDPOINT ...``.
+
+For nodes in client mode where there is no zenohd. It says ``ready`` on standard output, and ends
+with its standard input, or on SIGTERM. With ``--insecure`` it may listen in clear text beyond this
+machine; ``--keys FOLDER`` is what ``{keys}`` stands for in the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import FrameType
+
+from bridge.zenoh.options import Options, check_endpoint
+from bridge.zenoh.session import configure, open_session
+from cosim.errors import CosimError
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Route until standard input ends. Returns the exit code."""
+    parser = argparse.ArgumentParser(prog="bridge.zenoh.router")
+    parser.add_argument("file", type=Path)
+    parser.add_argument("listen", nargs="+")
+    parser.add_argument("--insecure", action="store_true")
+    parser.add_argument("--keys", type=Path, default=Path("keys"))
+    given = parser.parse_args(arguments)
+    try:
+        for endpoint in given.listen:
+            check_endpoint(endpoint, "listen", insecure=given.insecure)
+        options = Options(
+            "router",
+            tuple(given.listen),
+            config=given.file,
+            keys=given.keys,
+            insecure=given.insecure,
+        )
+        session = open_session(configure(options, "router"), "router")
+    except CosimError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    signal.signal(signal.SIGTERM, _terminated)
+    try:
+        while sys.stdin.buffer.read(4096):
+            pass
+    except SystemExit:
+        pass
+    session.close()  # type: ignore[no-untyped-call]
+    return 0
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

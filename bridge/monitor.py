@@ -27,13 +27,16 @@ from cosim.analysis.metrics import Result, evaluate
 Rows = NDArray[np.void]
 #: s looked at, and s that the newest frames are left to arrive before they count as lost.
 SPAN, SLACK = 1.0, 0.05
+#: State of a life that has done no slot.
+WAITING = "no slot yet"
 
 
 @dataclass(frozen=True, slots=True)
 class NodeView:
-    """A node's newest life; `missed`, `guarded`: slots in the span, `late`: ns; `quiet`: s.
+    """A node's newest life; `late`, ns, `missed` and `guarded` are of the span.
 
-    `quiet`: since its last slot was done, NaN where the run does not go on.
+    `reasons`: why it has stopped; `now`: what else would stop it. `quiet`: s since its last slot
+    was done, NaN where the run does not go on. `injected`: faults on purpose.
     """
 
     life: str
@@ -101,11 +104,11 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
     """The last second of a run. `now_ns`: monotonic."""
     watched.look()
     system = watched.system
-    rows = {node: r for node, r in watched.recent(SPAN).items() if len(r)}
+    rows = watched.recent(SPAN)
     frames = {key: tail.since("t_ns", round(SPAN * 1.2e9)) for key, tail in watched.frames.items()}
     held = Held(system, rows, SPAN)
     losses = _losses(watched, frames)
-    nodes = [_node(watched, n, rows[n], now_ns) for n in system.nodes if n in rows]
+    nodes = [_node(watched, n, rows.get(n), now_ns) for n in system.nodes]
     return Snapshot(
         t=max((n.t for n in nodes), default=0.0),
         length=system.plan.ticks * system.plan.h,
@@ -126,8 +129,11 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
 # ---- nodes and their inputs -----------------------------------------------------------------
 
 
-def _node(watched: Watched, node: str, rows: Rows, now_ns: int) -> NodeView:
-    life = watched.lives_of(node)[-1]
+def _node(watched: Watched, node: str, rows: Rows | None, now_ns: int) -> NodeView:
+    life = (watched.lives_of(node) or [node])[-1]
+    if rows is None or life not in watched.lives or not len(watched.lives[life]):
+        nan = float("nan")
+        return NodeView(life, WAITING, "", "", -1, 0.0, nan, None, 0, "", 0)
     plan, last = watched.system.nodes[node], rows[-1]
     late = rows["woke_ns"] - rows["deadline_ns"]
     done = watched.facts.start_ns + int(last["done_ns"])
@@ -137,7 +143,7 @@ def _node(watched: Watched, node: str, rows: Rows, now_ns: int) -> NodeView:
         life=life,
         state=_state(int(last["state"])),
         reasons=explain(int(last["reasons"])) if last["reasons"] else "",
-        now=explain(int(last["now"])) if last["now"] else "",
+        now=explain(new) if (new := int(last["now"]) & ~int(last["reasons"])) else "",
         slot=int(last["slot"]),
         t=(int(last["slot"]) + 1) * plan.h,
         quiet=max(0, now_ns - done) * 1e-9 if watched.running else float("nan"),

@@ -103,11 +103,12 @@ def _node_row(n: NodeView) -> tuple[str, ...]:
     late = ["", "", ""]
     if n.late is not None:
         late = [f"{v * 1e-3:.0f}" for v in (n.late.p50, n.late.p99, n.late.maximum)]
-    notes = [n.reasons, f"now: {n.now}" if n.now and n.now != n.reasons else ""]
+    notes = [n.reasons, f"now: {n.now}" if n.now else ""]
     notes += [f"guard: {n.guarded}" if n.guarded else ""]
     notes += [f"{n.injected} faults injected" if n.injected else ""]
     notes += [f"silent for {n.quiet:.1f} s" if n.quiet > 0.5 else ""]
-    return (n.life, n.state, str(n.slot), *late, str(n.missed), "; ".join(filter(None, notes)))
+    slot = str(n.slot) if n.slot >= 0 else ""
+    return (n.life, n.state, slot, *late, str(n.missed), "; ".join(filter(None, notes)))
 
 
 def _ms(value: float) -> str:
@@ -129,7 +130,7 @@ def line(s: Snapshot) -> str:
     """A snapshot in one line, for where there is no terminal."""
     nodes = [f"{n.life} {n.state}" + (f" ({n.missed} missed)" if n.missed else "") for n in s.nodes]
     late = [f"{n.late.p99 * 1e-3:.0f}" for n in s.nodes if n.late is not None]
-    parts = [f"t = {s.t:.2f} of {s.length:g} s", ", ".join(nodes) or "no slot yet"]
+    parts = [f"t = {s.t:.2f} of {s.length:g} s", ", ".join(nodes)]
     parts += [f"late p99 {'/'.join(late)} us"] if late else []
     parts += [f"{r.label} {_result(r)}" for r in s.metrics if not isnan(r.value)]
     parts += [f"{b.name} {b.load:.1%}" for b in s.buses if not isnan(b.load)]

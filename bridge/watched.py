@@ -181,15 +181,17 @@ class Watched:
 
     def lives_of(self, node: str) -> list[str]:
         """The lives of a node that were seen, the first one first."""
-        return [life for life in self.lives if life.partition(".")[0] == node]
+        found = [life for life in self.lives if life.partition(".")[0] == node]
+        return sorted(found, key=_life_order)
 
     def recent(self, seconds: float) -> dict[str, Rows]:
-        """Rows of the newest life of each node, of its last so many seconds."""
-        return {
-            node: self.lives[lives[-1]].newest(round(seconds / plan.h))
-            for node, plan in self.system.nodes.items()
-            if (lives := self.lives_of(node))
-        }
+        """Rows of the newest life of each node that has any, of its last so many seconds."""
+        found: dict[str, Rows] = {}
+        for life, tail in self.lives.items():  # a node's newest life comes last
+            node = life.partition(".")[0]
+            if len(tail):
+                found[node] = tail.newest(round(seconds / self.system.nodes[node].h))
+        return found
 
     def everything(self) -> dict[str, Rows]:
         """Rows by node, all lives one after the other."""

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bridge.held import Held, ages, late
 from bridge.journal import Journal, JournalError
-from bridge.monitor import SPAN, snapshot
+from bridge.monitor import SPAN, WAITING, snapshot
 from bridge.native.safety import State, Why
 from bridge.rehearse import NODES
 from bridge.safety import explain
@@ -199,6 +199,14 @@ def test_a_second_life_of_a_node_is_the_one_shown(run):
     with Watched.open(run) as watched:
         assert watched.lives_of("slave") == ["slave", "slave.2", "slave.10"]
         assert [n.life for n in snapshot(watched, NOW).nodes][1] == "slave.10"
+    path = run / NODES / "slave.11.journal"
+    with (
+        Journal.create(path, Tail(run / NODES / "slave.journal").row, 10),
+        Watched.open(run) as watched,
+    ):
+        found = snapshot(watched, NOW)
+        assert (found.nodes[1].life, found.nodes[1].state) == ("slave.11", WAITING)
+        assert any(x.name == "slave.q" for x in found.signals)  # of the life before
 
 
 # ---- broken and partial folders ----
@@ -209,7 +217,7 @@ def test_a_journal_that_is_broken_is_said_and_the_others_are_shown(run):
     with Watched.open(run) as watched:
         found = snapshot(watched, NOW)
     assert "begins with" in found.unreadable["slave.journal"]
-    assert "slave" not in [n.life for n in found.nodes] and len(found.nodes) == 3
+    assert [n.life for n in found.nodes if n.state == WAITING] == ["slave"]
     assert all(np.isnan(r.value) for r in found.metrics if r.name == "sync_error")
     assert tables(found)[-1].rows[0][0] == "slave.journal"
 
@@ -227,9 +235,9 @@ def test_nodes_without_a_slot_yet(run):
         Journal.create(path, row, 10).close()
     with Watched.open(run) as watched:
         found = snapshot(watched, NOW)
-    assert not found.nodes and found.t == 0.0
-    assert "no slot yet" in line(found)
-    assert [x.title for x in tables(found)][:1] == ["inputs from other nodes"]
+    assert {n.state for n in found.nodes} == {WAITING} and found.t == 0.0
+    assert "master no slot yet" in line(found)
+    assert not found.signals
 
 
 def test_a_silent_node_of_a_run_that_goes_on_is_marked(tmp_path):

@@ -66,7 +66,7 @@ class ZenohAttachment:
         self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
         self._stop, self._writing = threading.Event(), threading.Lock()
         self._publishers = {
-            number: _publisher(self.session, key, options.reliability)
+            number: control_publisher(self.session, key, options.reliability)
             for key, number in traffic.publishes.items()
         }
         self.presence = Presence(self.session, names, traffic.node)
@@ -146,8 +146,8 @@ class ZenohAttachment:
                 return
 
 
-def _publisher(session: zenoh.Session, key: str, reliability: str) -> zenoh.Publisher:
-    """For control: at once, first, dropped rather than late."""
+def control_publisher(session: zenoh.Session, key: str, reliability: str) -> zenoh.Publisher:
+    """A publisher for control: at once, first, dropped rather than late."""
     reliable = reliability == "reliable"
     return session.declare_publisher(
         key,

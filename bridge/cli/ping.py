@@ -1,0 +1,197 @@
+"""``cosim ping``: a network measured by the messages that would be on it, and what it will do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from bridge.deploy import Deployment
+    from bridge.system import System
+    from bridge.zenoh.ping import Floats, Pinged
+
+
+def ping(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
+    as_: Annotated[str, typer.Option("--as", help="Node that pings; the first if not said.")] = "",
+    to: Annotated[str, typer.Option("--to", help="Node that answers; the next one.")] = "",
+    echo: Annotated[
+        bool, typer.Option("--echo", help="Answer as the node --to, until Ctrl-C; elsewhere ping.")
+    ] = False,
+    local: Annotated[
+        bool, typer.Option("--local", help="Answer in this process too: both ends are here.")
+    ] = False,
+    count: Annotated[int, typer.Option(min=10, help="Number of pings.")] = 2000,
+    period: Annotated[float, typer.Option(min=0.0005, help="Time between two, s.")] = 0.005,
+    out: Annotated[Path, typer.Option(help="Folder for the traces.")] = Path("ping"),
+    predict: Annotated[
+        bool, typer.Option("--predict/--no-predict", help="Run the scenario on what was measured.")
+    ] = True,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
+    ] = None,
+) -> None:
+    """Measure round trips between two nodes, and say what the controllers make of them."""
+    from bridge.system import load_system
+    from bridge.zenoh import ping as measuring
+
+    system = load_system(scenario, deploy, set_ or [])
+    bus = _bus(system)
+    here, there = _pair(system, bus, as_, to)
+    if echo:
+        _echo(system.deployment, bus, there, here)
+        return
+    with _Ends(system.deployment, bus, here, there, local=local) as ends:
+        found = measuring.ping(
+            ends.session, ends.names, here, there, n=count, period=period,
+            reliability=ends.reliability,
+        )  # fmt: skip
+    for line in lines(found):
+        typer.echo(line)
+    out.mkdir(parents=True, exist_ok=True)
+    paths = [out / f"{here}-{there}.csv", out / f"{there}-{here}.csv"]
+    for path, delay in zip(paths, (found.there, found.back), strict=True):
+        measuring.write_trace(path, found.sent, delay)
+        typer.echo(f"trace: {path}")
+    if predict:
+        _predict(system, scenario, here, paths, set_ or [], out)
+
+
+def _bus(system: System) -> str:
+    from cosim.errors import ScenarioError
+
+    for name, bus in system.deployment.buses.items():
+        if bus.kind == "zenoh":
+            return name
+    raise ScenarioError(
+        "no Zenoh bus to measure; CAN buses are analysed by cosim check",
+        system.deployment.place("buses"),
+    )
+
+
+def _pair(system: System, bus: str, here: str, there: str) -> tuple[str, str]:
+    from cosim.errors import ScenarioError
+
+    nodes = [n for n in system.deployment.nodes if bus in system.buses_of(n)]
+    for name in (here, there):
+        if name and name not in nodes:
+            raise ScenarioError(f"no node {name!r} on {bus}; there are: {', '.join(nodes)}")
+    first = here or next(n for n in nodes if n != there)
+    return first, there or next(n for n in nodes if n != first)
+
+
+class _Ends:
+    """The session of the pinging node, with an echo in this process if `local`."""
+
+    def __init__(self, d: Deployment, bus: str, here: str, there: str, *, local: bool) -> None:
+        from bridge.zenoh.names import names_of
+        from bridge.zenoh.options import options_of
+        from bridge.zenoh.session import configure, open_session
+
+        self.names = names_of(d, bus)
+        options = options_of(d, bus, here)
+        self.reliability = options.reliability
+        self.session = open_session(configure(options, here), bus)
+        self._other = None
+        if local:
+            from bridge.zenoh.ping import Echo
+
+            far = options_of(d, bus, there)
+            self._other = open_session(configure(far, there), bus)
+            self._echo = Echo(self._other, self.names, there, here, far.reliability)
+
+    def __enter__(self) -> _Ends:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for session in (self._other, self.session):
+            if session is not None:
+                session.close()  # type: ignore[no-untyped-call]
+
+
+def _echo(d: Deployment, bus: str, node: str, other: str) -> None:
+    from bridge.zenoh.ping import Echo
+    from cosim.clock import sleep
+
+    with _Ends(d, bus, node, other, local=False) as ends:
+        Echo(ends.session, ends.names, node, other, ends.reliability)
+        typer.echo(f"{node} answers {other}; Ctrl-C ends it", err=True)
+        try:
+            while True:
+                sleep(1.0)
+        except KeyboardInterrupt:
+            return
+
+
+def lines(found: Pinged) -> list[str]:
+    """What was measured, a line each."""
+    shown = [f"{len(found.sent)} pings, {found.loss:.2%} lost, jitter {found.jitter * 1e3:.3f} ms"]
+    for label, values in (("round trip", found.rtt), ("there", found.there), ("back", found.back)):
+        shown.append(f"{label:<12} {_quantiles(values)}")
+    shown.append(f"the other clock is {found.offset * 1e3:+.3f} ms from this one")
+    return [*shown, *histogram(found.rtt)]
+
+
+def _quantiles(values: Floats) -> str:
+    import numpy as np
+
+    found = np.nanpercentile(values, [0, 50, 99, 99.9, 100]) * 1e3
+    labels = ("min", "p50", "p99", "p99.9", "max")
+    return "  ".join(f"{n} {v:.3f}" for n, v in zip(labels, found, strict=True)) + " ms"
+
+
+def histogram(values: Floats, bins: int = 12, width: int = 40) -> list[str]:
+    """Text bars of how many values (s) lie where, on a logarithmic axis."""
+    import numpy as np
+
+    there = values[~np.isnan(values)] * 1e3
+    low, high = max(there.min(), 1e-3), max(there.max(), 1.1e-3)
+    counts, edges = np.histogram(there, np.geomspace(low * 0.999, high * 1.001, bins + 1))
+    most = max(int(counts.max()), 1)
+    return [
+        f"{edges[i]:9.3f} ms {'#' * round(width * n / most):<{width}} {n}"
+        for i, n in enumerate(counts)
+    ]
+
+
+def _predict(
+    system: System, scenario: Path, here: str, paths: list[Path], settings: list[str], out: Path
+) -> None:
+    """Felt damping and stiffness, and the scenario offline with the traces as its links' delays."""
+    from bridge.cli.options import fresh
+    from cosim.analysis.system import system as with_facts
+    from cosim.assemble import assemble
+    from cosim.check.laws import prediction
+    from cosim.cli.summary import summary
+    from cosim.record import Run
+    from cosim.scenario import load
+    from cosim.simulate import simulate
+
+    ours = [s for s in settings if not s.startswith("deploy.")]
+    traced = [*system.deployment.settings(), *ours, *links(system, here, paths)]
+    loaded = load(scenario, traced)
+    typer.echo("on this network:")
+    for finding in prediction(with_facts(loaded, assemble(loaded))):
+        typer.echo(f"  {finding.where}: {finding.reason}")
+    folder = fresh(out / "run")
+    outcome = simulate(loaded, folder)
+    for line in summary(loaded, Run.open(folder), outcome):
+        typer.echo(f"  {line}")
+
+
+def links(system: System, here: str, paths: list[Path]) -> list[str]:
+    """Settings that give every link between nodes the measured delay: `paths` there and back."""
+    homes = {c: n for n, spec in system.deployment.nodes.items() for c in spec.components}
+    said: list[str] = []
+    for i, link in enumerate(system.scenario.links):
+        sender = homes[link.source.partition(".")[0]]
+        receiver = homes[link.target.partition(".")[0]]
+        if sender == receiver:
+            continue
+        path = paths[0] if sender == here else paths[1]
+        delay = f'{{law="trace", file="{path.resolve()}", repeat=true}}'
+        said += [f"links.{i}.delay={delay}", f'links.{i}.semantics="last-arrival"']
+    return said

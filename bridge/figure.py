@@ -22,7 +22,7 @@ def draw(watched: Watched, path: Path, span: float | None = None) -> Path:
     if not rows:
         raise ScenarioError("no node has done a slot; nothing to draw", str(watched.folder))
     title = watched.system.scenario.title
-    held = Held(watched.system, rows, span)
+    held = Held(watched.system, rows, span, gaps=True)
     return figures.draw(Figure(tuple(_panels(watched)), title), held, path)
 
 

@@ -93,10 +93,17 @@ class Held:
             return np.full(len(self._ticks), np.nan)
         values = self._values(name, rows, index)
         if node not in self._index:
-            at = rows["slot"] * self._system.nodes[node].ticks
-            self._index[node] = np.searchsorted(at, self._ticks, side="right") - 1
+            self._index[node] = self._held(rows, self._system.nodes[node].ticks)
         row = self._index[node]
         return np.where(row < 0, np.nan, values[np.maximum(row, 0)])
+
+    def _held(self, rows: Rows, ticks: int) -> NDArray[np.int64]:
+        """The row that holds at each tick, (n,), -1: none; `ticks`: of a slot."""
+        at = rows["slot"] * ticks
+        found = np.searchsorted(at, self._ticks, side="right") - 1
+        if self._gaps:
+            found[self._ticks - at[np.maximum(found, 0)] >= ticks] = -1
+        return np.asarray(found, dtype=np.int64)
 
     def _values(self, name: str, rows: Rows, index: int) -> Array:
         if name.startswith(_LATE):

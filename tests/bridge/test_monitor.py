@@ -161,6 +161,19 @@ def test_signals_hold_as_in_the_run_folder(made, tmp_path):
         held.array("master.qq")
 
 
+def test_where_a_node_did_no_slot_there_is_a_gap_if_wanted(made):
+    place, system = made
+    with Watched.open(place) as watched:
+        rows = watched.everything()
+    control = rows["slave_control"]
+    rows["slave_control"] = np.concatenate([control[:100], control[150:300]])
+    q, gap = (Held(system, rows, gaps=g).array("slave_control.tau")[:, 0] for g in (False, True))
+    nothing = [*range(500, 750), *range(1500, 2000)]
+    assert np.flatnonzero(np.isnan(gap)).tolist() == nothing
+    assert not np.isnan(q).any() and len(set(q[500:750])) == 1
+    assert np.array_equal(np.delete(q, nothing), np.delete(gap, nothing))
+
+
 def test_frames_not_heard_are_counted_and_buses_have_a_load(made, run):
     _, system = made
     talk(run / NODES, system, "LINK_2", lost=10)

@@ -27,10 +27,18 @@ class Held:
     """Rows of nodes, as :class:`cosim.analysis.signals.Signals`; a node without rows is NaN.
 
     `rows`: by node, ascending slots; `span`: s before the newest slot of all; None: everything.
+    `gaps`: a node that does no slots is NaN too, instead of what it knew last.
     """
 
-    def __init__(self, system: System, rows: Mapping[str, Rows], span: float | None = None) -> None:
-        self._system, self._rows = system, rows
+    def __init__(
+        self,
+        system: System,
+        rows: Mapping[str, Rows],
+        span: float | None = None,
+        *,
+        gaps: bool = False,
+    ) -> None:
+        self._system, self._rows, self._gaps = system, rows, gaps
         self._entries: dict[str, tuple[str, ...]] = {}
         self._units: dict[str, str] = {}
         self._places: dict[str, tuple[str, int]] = {}

@@ -79,16 +79,15 @@ def running(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
         interrupt(process)
 
 
-def interrupt(process: subprocess.Popen[str]) -> None:
-    """Ctrl-C, and once more where the first is only a stop; then it is killed."""
+def interrupt(process: subprocess.Popen[str]) -> str:
+    """Ctrl-C, and once more where the first is only a stop; then it is killed. What it said."""
     for _ in range(4):
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.communicate(timeout=PATIENCE / 4)
-            return
+            return process.communicate(timeout=PATIENCE / 4)[0]
     process.kill()
-    process.communicate()
+    return process.communicate()[0]
 
 
 def ended(process: subprocess.Popen[str]) -> str:

@@ -28,6 +28,7 @@ from tests.vcan.rehearsals import (
     bring_up,
     cosim,
     ended,
+    interrupt,
     running,
     said,
     settings,
@@ -65,7 +66,7 @@ bus = "link"
 carries = ["slave_control.xi"]
 """
 CHANGES = ('run.step="5 ms"', 'run.stop="60 s"')
-SLOWED = 0.02  # s
+SLOWED = 0.04  # s
 PHASE = 0.6  # s; a node with 200 Hz has 120 slots meanwhile, if it is let
 
 
@@ -116,19 +117,20 @@ def _disturb(phases: Phases, left: tuple[str, str], right: tuple[str, str]) -> N
             pass
         with queueing("vcan1", "netem", "delay", f"{SLOWED * 1e3:g}ms"), phases.phase("slow"):
             pass
+        with phases.phase("flood"):
+            call("cangen", "vcan0", "-g", "0", "-I", "010", "-L", "8", "-n", "600", "-i")
+    corrupting = ("-f", "2A4:7FF", "-m", "XOR:D:0.0.0000000000000001")  # XI_4 and nothing else
+    with gateway(*left), gateway(*right, *corrupting), phases.phase("corrupt"):
+        pass
+    with gateway(*left), gateway(*right):
+        with phases.phase("healed"):
+            pass
         call("ip", "link", "set", "vcan0", "down")
         with phases.phase("down"):
             pass
         call("ip", "link", "set", "vcan0", "up")
         with phases.phase("up"):
             pass
-        with phases.phase("flood"):
-            call("cangen", "vcan0", "-g", "0", "-I", "010", "-L", "8", "-n", "2000", "-i")
-    corrupting = ("-f", "2A4:7FF", "-m", "XOR:D:0.0.0000000000000001")  # XI_4 and nothing else
-    with gateway(*left), gateway(*right, *corrupting), phases.phase("corrupt"):
-        pass
-    with gateway(*left), gateway(*right), phases.phase("healed"):
-        pass
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +158,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Crossing:
             _disturb(phases, ("vcan0", "vcan1"), ("vcan1", "vcan0"))
             with gateway("vcan0", "vcan1"):
                 call("cansend", "vcan0", "000#0200")
-            return Crossing(folders, phases, {"left": ended(left), "right": ended(right)})
+            return Crossing(folders, phases, {"left": interrupt(left), "right": ended(right)})
 
 
 def newest(rows: np.ndarray) -> np.ndarray:
@@ -173,30 +175,27 @@ def test_xi_of_both_arms_crosses_the_gateway(run: Crossing) -> None:
     assert abs(starts[0] - starts[1]) < 5e6
 
 
-def test_one_stop_on_one_bus_stopped_both(run: Crossing) -> None:
-    assert [run.facts(n)["state"] for n in ("left", "right")] == ["inactive"] * 2, run.said
-
-
 def test_a_delay_is_seen_in_the_measured_age(run: Crossing) -> None:
-    transit = run.rows("left", "slow")["inlets"]["transit_ns"][:, 0] * 1e-9
-    before = run.rows("left", "quiet")["inlets"]["transit_ns"][:, 0] * 1e-9
-    assert before.min() < 0.9 * SLOWED < np.median(transit)
-    assert np.median(run.rows("right", "slow")["inlets"]["transit_ns"][:, 0]) * 1e-9 < SLOWED
+    for node in ("left", "right"):
+        transit = run.rows(node, "slow")["inlets"]["transit_ns"][:, 0] * 1e-9
+        before = run.rows(node, "quiet")["inlets"]["transit_ns"][:, 0] * 1e-9
+        assert before.min() < 0.9 * SLOWED < np.median(transit)
 
 
-def test_after_an_interface_was_down_it_goes_on_by_itself(run: Crossing) -> None:
+def test_a_node_whose_bus_was_down_has_stopped_and_the_other_goes_on(run: Crossing) -> None:
+    """What is received comes in again by itself; a stop stays until somebody resets it."""
+    assert run.facts("left")["reasons"] == "a bus is off or down"
+    assert run.facts("right")["state"] == "inactive", run.said["right"]
+    assert run.facts("left")["buses"]["link"]["restarts"] >= 1
     for node in ("left", "right"):
         down, up = newest(run.rows(node, "down")), newest(run.rows(node, "up"))
-        assert down[-1] - down[len(down) // 2] == 0
-        assert up[-1] - down[-1] > len(up) // 2
-        assert run.facts(node)["messages"][{"left": "XI_4", "right": "XI_2"}[node]]["lost"] > 0
-    assert run.facts("left")["buses"]["link"]["restarts"] >= 1
-    assert run.facts("left")["buses"]["link"]["send_failed"] > 0
+        assert down[-1] == down[len(down) // 2]
+        assert up[-1] > down[-1]
 
 
 def test_a_flood_leaves_the_loop_alive(run: Crossing) -> None:
     rows = run.rows("left", "flood")
-    assert run.facts("left")["unknown_frames"] >= 2000
+    assert run.facts("left")["unknown_frames"] >= 600
     assert len(rows) > 20 and newest(rows)[-1] > newest(rows)[0]
 
 

@@ -100,7 +100,7 @@ def load(folder: Path) -> dict[str, Rows]:
 # ---- histories: what was sent, by sequence number -------------------------------------------
 
 
-class _History:
+class History:
     """Memory for all samples of one message."""
 
     def __init__(self, width: int, capacity: int) -> None:
@@ -119,23 +119,21 @@ class _History:
         return bool(held.max() < self.there.size and (self.there[held] == native.THERE).all())
 
 
-def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, _History]:
+def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, History]:
     """By message of the nodes recorded; awaited is what was sent in the slots of a life."""
-    found: dict[str, _History] = {}
+    found: dict[str, History] = {}
     for recorded in lives.values():
         node = system.nodes[recorded.node]
         ticks = recorded.rows["slot"] * node.ticks
         for outlet in node.outlets:
             history = found.setdefault(
-                outlet.message, _History(outlet.width, system.plan.ticks // outlet.ticks + 8)
+                outlet.message, History(outlet.width, system.plan.ticks // outlet.ticks + 8)
             )
             history.there[ticks[ticks % outlet.ticks == 0] // outlet.ticks] = native.AWAITED
     return found
 
 
-def _unknown(
-    system: System, recorded: Recorded, histories: Mapping[str, _History]
-) -> Iterator[str]:
+def _unknown(system: System, recorded: Recorded, histories: Mapping[str, History]) -> Iterator[str]:
     """Messages of which this life held samples that nobody's journal tells."""
     for i, inlet in enumerate(system.nodes[recorded.node].inlets):
         held = recorded.rows["inlets"]["held"][:, i]
@@ -156,7 +154,7 @@ def _wire(
     system: System,
     life: str,
     recorded: Recorded,
-    histories: Mapping[str, _History],
+    histories: Mapping[str, History],
     folder: Path,
 ) -> Wired:
     rows = recorded.rows

@@ -244,6 +244,10 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time
 /* Replay: all nodes along their recordings. *stuck: the node that waits for a sample nobody sends. */
 API int32_t nodes_replay(node_t **nodes, int32_t n_nodes, int32_t *stuck);
 
+/* Some slots of one node on the simulated clock, slot i with what has arrived by limits[i]: what a
+ * bus log tells. Returns the engine's result. */
+API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count);
+
 API size_t node_sizes(int32_t which);
 
 #endif

@@ -141,6 +141,18 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
     }
 }
 
+API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count)
+{
+    frame_t frame;
+    int32_t result = 0;
+    for (int64_t i = 0; i < count && !result; i++) {
+        result = node_slot(n, limits[i], limits[i], 0);
+        for (int32_t b = 0; b < n->n_buses; b++)
+            while (ring_get(n->buses[b].tx, &frame)) {}
+    }
+    return result;
+}
+
 /* ---- replay ---- */
 
 /* Whether everything is there that the next slot held when it was recorded. */

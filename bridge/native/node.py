@@ -241,6 +241,8 @@ def functions() -> c.CDLL:
         *(i32, c.c_void_p, i32),
     )
     found.nodes_simulate.restype = i32
+    found.node_follow.argtypes = (node, c.c_void_p, c.c_int64)
+    found.node_follow.restype = i32
     found.node_sizes.argtypes, found.node_sizes.restype = (i32,), c.c_size_t
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import sys
 
 import numpy as np
 import pytest
@@ -103,6 +104,16 @@ def test_an_mcap_file_is_not_overwritten_unasked(tmp_path):
     with Mcap(path, replace=True):
         pass
     assert path.read_bytes() != b"mine"
+
+
+def test_without_the_sdk_it_is_said_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    from bridge.sinks import Foxglove, Mcap
+
+    with pytest.raises(ScenarioError, match=r"install cosim-bridge\[foxglove\]"):
+        Mcap(tmp_path / "run.mcap")
+    with pytest.raises(ScenarioError, match=r"install cosim-bridge\[foxglove\]"):
+        Foxglove("127.0.0.1:8765")
 
 
 def test_new_rows_are_given_once_and_in_order_of_time(made, watched):

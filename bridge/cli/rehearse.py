@@ -51,6 +51,10 @@ def rehearse(
     latency: Annotated[
         bool, typer.Option("--latency/--no-latency", help="Add the scenario's delays, or not.")
     ] = True,
+    nodes: Annotated[
+        str | None,
+        typer.Option(metavar="A,B", help="Start these nodes only; others are there already."),
+    ] = None,
     faults: Annotated[
         Path | None, typer.Option(metavar="SCRIPT", help="Faults on purpose (see docs/faults.md).")
     ] = None,
@@ -95,9 +99,21 @@ def rehearse(
 
     settings = Settings(
         scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
-        real=hardware, script=str(faults) if faults else "",
+        real=hardware, script=str(faults) if faults else "", nodes=_those(system, nodes),
     )  # fmt: skip
     _run(system, settings, _folder(system, out), force, twin, tuple(log or ("log",)), plot, quiet)
+
+
+def _those(system: System, nodes: str | None) -> tuple[str, ...]:
+    """Nodes that are named; none: all. Raises ScenarioError for one that is not there."""
+    from cosim.errors import ScenarioError
+
+    named = tuple(name.strip() for name in nodes.split(",")) if nodes else ()
+    for name in named:
+        if name not in system.nodes:
+            known = ", ".join(system.nodes)
+            raise ScenarioError(f"--nodes: no node {name!r}; there are: {known}")
+    return named
 
 
 def _folder(system: System, out: Path | None) -> Path:

@@ -188,7 +188,9 @@ def _limits(
     slots = np.arange(first, last + 1, dtype=np.int64)
     limits = slots * h_ns + phase
     for slot, t in told.items():
-        limits[slot - first] = max(limits[slot - first], t)
+        deadline = int(limits[slot - first])
+        if deadline < t < deadline + h_ns:  # later: done with what there was at the deadline
+            limits[slot - first] = t
     return np.maximum.accumulate(limits), first, len(told)
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from bridge import collect, replay, report, twin
-from bridge.rehearse import NODES, Ended
+from bridge.rehearse import NODES, STARTED, Ended
 from bridge.report import NodeReport
 from bridge.system import System
 from bridge.wiring import Rows
@@ -57,9 +57,15 @@ class Outcome:
 
 
 def clear(folder: Path) -> None:
-    """Delete what an earlier rehearsal has left in a folder that is to be used again."""
+    """Delete what an earlier rehearsal has left in a folder that is to be used again.
+
+    A folder that holds something else as well is left alone: :func:`claim_folder` refuses it.
+    """
+    if not (folder / NODES).is_dir():
+        return
     for name in (NODES, BUSES, TWIN):
         shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / STARTED).unlink(missing_ok=True)
 
 
 def complete(

@@ -67,6 +67,7 @@ void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
     node_t *n = o->node;
     frame_t frame;
     header_t header;
+    memset(&frame, 0, sizeof frame);
     memset(&header, 0, sizeof header);
     header.counter = (uint32_t)sequence;
     header.status = status(n, o);

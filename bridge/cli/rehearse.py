@@ -148,8 +148,9 @@ def _run(
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
         settings = replace(settings, events=happen.events(script, system))
+    if force:
+        clear(folder)
     claim_folder(folder, force=force)
-    clear(folder)
     if not quiet:
         typer.echo(header(system))
     facts = {"settings": list(settings.changes), "faults": settings.script, "real": settings.real}

@@ -73,7 +73,7 @@ def quanta(run: Run, remarks: list[str]) -> dict[str, float]:
 def _carried(d: Deployment, name: str, run: Run) -> dict[str, float]:
     message = d.messages[name]
     bus = d.buses[message.bus]
-    if bus.kind != "can":
+    if bus.kind != "can" or message.profile:
         return {}
     layout = find(dbc.load(d.file(bus.dbc)), message.name or name)
     found: dict[str, float] = {}

@@ -134,6 +134,10 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1,
     or as `signals` says. `name`: of the message in the DBC file, if it is not the key.
     `max_age`: by its time stamp, older ones are dropped; 0: any.
+
+    `profile`: of a drive (``configs/drives``), beside the deployment: message, signals and units
+    are then the profile's, for the drive's own node number `drive`; ports are called tau, q, dq.
+    `gear`, `direction`, `zero`: between drive and joint (:class:`bridge.can.profiles.Joint`).
     """
 
     bus: str
@@ -142,6 +146,11 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     signals: tuple[str, ...] = ()
     period: Number | None = None
     max_age: Number = 0.0
+    profile: str = ""
+    drive: Annotated[int, msgspec.Meta(ge=0, le=127)] = 0
+    gear: Annotated[float, msgspec.Meta(gt=0)] = 1.0
+    direction: Literal[1, -1] = 1
+    zero: Number = 0.0
 
 
 class Deployment(msgspec.Struct, frozen=True):

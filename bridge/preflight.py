@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bridge.can import dbc
+from bridge.can.codec import Codec
 from bridge.can.layout import find
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
@@ -27,11 +30,12 @@ def messages(system: System) -> list[BusMessage]:
     found: list[BusMessage] = []
     d = system.deployment
     for bus in timings(system):
-        layouts = dbc.load(d.file(d.buses[bus].dbc))
+        layouts = dbc.load(d.file(d.buses[bus].dbc)) if d.buses[bus].dbc else ()
         there = {layout.name for layout in layouts}
         for name, m in system.messages.items():
             if m.bus == bus:
-                layout = find(layouts, d.messages[name].name or name)
+                assert isinstance(m.encoding, Codec)
+                layout = replace(m.encoding.layout, name=name)
                 found.append(BusMessage.of(layout, node=m.node, bus=bus, period=m.period_ns * 1e-9))
         for node, spec in d.nodes.items():
             if bus not in system.buses_of(node):

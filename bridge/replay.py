@@ -126,6 +126,8 @@ def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, Histo
         node = system.nodes[recorded.node]
         ticks = recorded.rows["slot"] * node.ticks
         for outlet in node.outlets:
+            if not system.messages[outlet.message].encoding.message.e2e:
+                continue  # no counter: which sample was held is known by its time only, so nearly
             history = found.setdefault(
                 outlet.message, History(outlet.width, system.plan.ticks // outlet.ticks + 8)
             )
@@ -175,7 +177,8 @@ def _wire(
         if message in histories:
             node._made[i].history = c.pointer(histories[message].struct)
     for i, outlet in enumerate(node.plan.outlets):
-        node.outlets[i].history = c.pointer(histories[outlet.message].struct)
+        if outlet.message in histories:
+            node.outlets[i].history = c.pointer(histories[outlet.message].struct)
     _begin(node, rows)
     native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
     return node

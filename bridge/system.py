@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from bridge import apart, deploy, protect
+from bridge import apart, deploy, foreign, protect
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
@@ -127,7 +127,7 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
     nodes = cut(plan, deployment, start)
     protect.check(nodes, deployment)
     layouts = {
-        name: dbc.load(deployment.file(bus.dbc))
+        name: dbc.load(deployment.file(bus.dbc)) if bus.dbc else ()
         for name, bus in deployment.buses.items()
         if bus.kind == "can"
     }
@@ -153,6 +153,8 @@ def _carried(
 ) -> Carried:
     spec = d.messages[outlet.message]
     place = d.place("messages", outlet.message)
+    if spec.profile:
+        return _timed(outlet, node, foreign.codec(outlet, d), plan, d)
     signals = spec.signals or _signals(outlet)
     if len(signals) != outlet.width:
         raise ScenarioError(f"{len(signals)} signals for {outlet.width} values", f"{place}.signals")

@@ -41,7 +41,8 @@ def document(name: str = "can") -> dict[str, Any]:
     """A deployment of configs/deploy, its DBC files with their full paths."""
     found = tomllib.loads((CONFIGS / "deploy" / f"{name}.toml").read_text())
     for bus in found["buses"].values():
-        bus["dbc"] = str((CONFIGS / "deploy" / bus["dbc"]).resolve())
+        if "dbc" in bus:
+            bus["dbc"] = str((CONFIGS / "deploy" / bus["dbc"]).resolve())
     return found
 
 

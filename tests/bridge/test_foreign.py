@@ -94,7 +94,10 @@ def test_a_drive_behaves_as_its_profile_says_and_by_the_joint(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"carries": ["master_control.s[0]"]}, "port 's' is none of tau, q, dq"),
+        (
+            {"carries": ["master_control.tau[0]", "master_control.s[0]"]},
+            "port 's' is none of tau, q, dq",
+        ),
         ({"carries": ["master_control.tau"]}, "has no message for tau, tau; it has COMMAND: 1 tau"),
         ({"signals": ["tau"]}, "name and signals are the profile's"),
         ({"profile": "none.toml"}, "none.toml"),

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
     frames = None if given.seconds is None else round(given.seconds * given.rate)
     try:
-        with _stopped_by_signals() as stop:
+        with stopped_by_signals() as stop:
             sys.stdout.write(f"sending {given.id:#x} {given.rate:g} times a second\n")
             sys.stdout.flush()
             done = babble(attachment.bus, given.id, given.rate, given.length, frames, stop)
@@ -78,7 +78,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _stopped_by_signals() -> Iterator[c.c_int32]:
+def stopped_by_signals() -> Iterator[c.c_int32]:
+    """A flag for C that is not 0 once SIGTERM or SIGINT has come."""
     stop = c.c_int32(0)
 
     def told(*_: object) -> None:

@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable
 
 from bridge import babble
+from bridge.attach import can_spec
 from bridge.fault_script import Event as Planned
 from bridge.fault_script import FaultScript
 from bridge.rehearse import Event, Rehearsal
@@ -80,7 +81,8 @@ def _babble(
     babblers: dict[tuple[str, int], subprocess.Popen[bytes]],
 ) -> None:
     spec = system.deployment.buses[event.target]
-    command = babble.command(event, spec.interface, spec.channel, fd=spec.fd)
+    channel = can_spec(system.deployment, event.target).channel
+    command = babble.command(event, spec.interface, channel, fd=spec.fd)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     babblers[event.target, event.index] = process
     r.closing(lambda: _hush(process))

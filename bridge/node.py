@@ -12,6 +12,7 @@ import json
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -192,8 +193,9 @@ def main(arguments: Sequence[str]) -> int:
     stdout = sys.stdout
 
     def say(event: Mapping[str, Any]) -> None:
-        stdout.write(json.dumps(event) + "\n")
-        stdout.flush()
+        with suppress(BrokenPipeError):  # whoever started this node is gone; it stops by itself
+            stdout.write(json.dumps(event) + "\n")
+            stdout.flush()
 
     try:
         system = load_system(Path(given["scenario"]), given["deployment"], given["settings"])

@@ -11,7 +11,7 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
@@ -29,6 +29,8 @@ Node = Process | Thread
 IN_PROCESS = "virtual"
 #: s until all nodes have to be ready, and between two looks at them.
 PATIENCE, LOOK = 60.0, 0.05
+#: s; an event that comes later than that puts off those after it.
+LATE = 0.1
 #: s from the last node's being ready to t = 0.
 LEAD = 0.5
 
@@ -185,6 +187,9 @@ class Rehearsal:
                 event = events.pop(0)
                 self.ended.notes.append(f"t = {self.t:.3f} s: {event.what}")
                 event.do(self)
+                late = self.t - event.t
+                if late > LATE:  # what is to last keeps its length
+                    events = [replace(e, t=e.t + late) for e in events]
             self._look()
             progress(min(max(self.t, 0.0), length), length)
             if self.t > length + 10.0:

@@ -145,6 +145,7 @@ static void live(node_t *n, row_t *row)
         const int32_t command = __atomic_exchange_n(&n->command, COMMAND_NONE, __ATOMIC_ACQ_REL);
         watch(n);
         if (command != COMMAND_NONE) n->life.command = command;
+        if (n->life.command == COMMAND_STOP) n->stopping = 1;
     }
     if (row) {
         row->now = n->life.now;

@@ -169,7 +169,7 @@ typedef struct node {
     int64_t missed, spin_ns;
     int64_t done_ns;        /* when the last slot was done */
     int64_t send_ns;        /* spent encoding and sending in this slot */
-    int64_t start_commands;
+    int64_t stopping;       /* STOP has come: at the end of the ramp the node ends */
     int64_t unknown;        /* frames nobody here listens to */
     frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
     int32_t *has_pending;

@@ -67,7 +67,6 @@ API int32_t node_live(node_t *n)
     int64_t woke = pace_now();
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
-        const int32_t before = n->life.state;
         uint32_t flags = 0;
         if (woke < deadline) woke = pace_wait(deadline, n->spin_ns, &n->quit);
         if (*(volatile int32_t *)&n->quit) break;
@@ -80,7 +79,7 @@ API int32_t node_live(node_t *n)
             return result;
         }
         woke = n->done_ns + n->start_ns;
-        if (before == LIFE_STOPPING && n->life.state == LIFE_INACTIVE) break; /* after a STOP */
+        if (n->stopping && n->life.state != LIFE_STOPPING) break;
     }
     return node_end(n);
 }

@@ -1,4 +1,4 @@
-"""``cosim campaign``: fault scripts one after the other, and whether each came to what it should."""
+"""``cosim campaign``: fault scripts one after the other, and what came of each."""
 
 from __future__ import annotations
 

@@ -214,7 +214,7 @@ class Node(c.Structure):
         ("spin_ns", c.c_int64),
         ("done_ns", c.c_int64),
         ("send_ns", c.c_int64),
-        ("start_commands", c.c_int64),
+        ("stopping", c.c_int64),
         ("unknown", c.c_int64),
         ("pending", c.POINTER(Frame)),
         ("has_pending", c.c_void_p),

@@ -1,0 +1,159 @@
+"""Processes that die, freeze, fail and come back: everybody else stays safe, nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+
+from bridge.native.safety import State, Why
+from tests.bridge.rehearsing import ROOT, Left, command, environment, possible, run, script
+
+pytestmark = pytest.mark.slow
+LAW = 'components.master_control.model="tests.bridge.laws:Law"'
+
+
+def fault(kind, node, at, **more):
+    keys = "".join(f"{k} = {v}\n" for k, v in more.items())
+    return f'seed = 1\n[[fault]]\nkind = "{kind}"\nnode = "{node}"\nat = {at}\n{keys}'
+
+
+def test_a_controller_that_is_killed(tmp_path):
+    faults = script(tmp_path, fault("kill", "master_control", 1))
+    done = run(tmp_path / "run", *faults, stop=2.5)
+    assert done.returncode == 1, done.stderr
+    left = Left(tmp_path / "run")
+    assert left.end("master_control") == "killed"
+    assert left.state("master") == State.FAULT
+    assert left.why("master") & Why.WATCHDOG
+    assert left.end("slave_control") == "finished"  # a single arm that goes on
+    assert left.exact()
+    q = left.column("master", "master.dq")[-1]
+    tau = left.column("master", "master.tau")[-1]
+    assert np.allclose(tau, -2.0 * q, atol=0.5)  # what is left is the drive's damping
+
+
+def test_the_edge_of_a_neighbour_that_died_fades_and_the_arm_goes_on(tmp_path):
+    faults = script(tmp_path, fault("kill", "master_control", 1))
+    assert run(tmp_path / "run", *faults, stop=2.5).returncode == 1
+    left = Left(tmp_path / "run")
+    age = left.column("slave_control", "slave_control.age")[:, 0]
+    tau = np.abs(left.column("slave_control", "slave_control.tau")).max(axis=1)
+    alone = age > 0.2
+    assert alone.any()
+    assert np.isfinite(tau).all()
+    assert left.why("slave_control") == 0
+
+
+def test_a_drive_that_is_killed_stops_its_controller_and_comes_back(tmp_path):
+    faults = script(tmp_path, fault("restart", "slave", 1, **{"for": 0.3}))
+    run(tmp_path / "run", *faults, stop=6.0)
+    left = Left(tmp_path / "run")
+    assert left.state("slave_control") == State.FAULT
+    assert left.why("slave_control") & (Why.STALE | Why.PEER)
+    assert len(left.rows["slave.2"]) > 10
+    assert left.end("master") == left.end("master_control") == "finished"
+    assert left.exact()
+
+
+def test_a_controller_that_freezes(tmp_path):
+    faults = script(tmp_path, fault("freeze", "slave_control", 1, **{"for": 0.8}))
+    run(tmp_path / "run", *faults, stop=3.0)
+    left = Left(tmp_path / "run")
+    assert left.state("slave_control") == State.FAULT
+    assert left.why("slave_control") & (Why.OVERRUN | Why.STALE | Why.PEER)
+    assert left.state("slave") == State.FAULT
+    assert left.end("master_control") == "finished"
+    assert left.exact()
+
+
+def test_an_emergency_stop_stops_everybody(tmp_path):
+    text = 'seed = 1\n[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\nrate = 20\n'
+    faults = script(tmp_path, f"{text}from = 0.5\nto = 3.5\n")
+    run(tmp_path / "run", *faults, stop=4.0)
+    left = Left(tmp_path / "run")
+    for node in ("master", "slave", "master_control", "slave_control"):
+        assert left.state(node) == State.FAULT, node
+        assert left.why(node) & Why.ESTOP, node
+    assert left.exact()
+
+
+def test_an_exception_in_a_component(tmp_path):
+    bad = "components.master_control.parameters.t_bad=1"
+    done = run(tmp_path / "run", stop=3.0, settings=(LAW, bad))
+    assert done.returncode == 1
+    left = Left(tmp_path / "run")
+    assert left.end("master_control") == "failed"
+    assert "on purpose" in left.nodes["master_control"]["said"]["error"]
+    assert left.exact()
+    tau = np.abs(left.column("master", "master.tau")).max(axis=1)
+    assert tau[-1] < 0.2 * tau.max()
+
+
+def started(folder, **options):
+    """A rehearsal in the background, running; its supervisor and its nodes."""
+    possible()
+    process = subprocess.Popen(
+        command(folder, **options), cwd=ROOT, env=environment(), text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    facts = _facts(folder, process)
+    while time.clock_gettime_ns(time.CLOCK_MONOTONIC) < facts["start_ns"] + 500_000_000:
+        time.sleep(0.05)
+    return process, facts
+
+
+def _facts(folder, process):
+    path, end = folder / "rehearsal.json", time.monotonic() + 60
+    while time.monotonic() < end and process.poll() is None:
+        try:
+            return json.loads(path.read_text())
+        except (OSError, ValueError):
+            time.sleep(0.05)
+    raise AssertionError(process.communicate()[1])
+
+
+def alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def all_gone(facts):
+    end = time.monotonic() + 15  # the run is longer
+    while any(alive(pid) for pid in facts["nodes"].values()):
+        assert time.monotonic() < end, "nodes are left running"
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ramps_down_and_leaves_a_run(tmp_path, number):
+    process, facts = started(tmp_path / "run", stop=30.0)
+    os.kill(facts["pid"], number)
+    process.communicate(timeout=60)
+    assert process.returncode
+    all_gone(facts)
+    if number == signal.SIGINT:
+        left = Left(tmp_path / "run")
+        assert left.exact()
+        scale = left.rows["master_control"]["scale"]
+        assert scale[-1] == 0.0
+        assert ((scale > 0) & (scale < 1)).sum() >= 10
+
+
+def test_nodes_stop_by_themselves_when_their_supervisor_is_killed(tmp_path):
+    process, facts = started(tmp_path / "run", stop=30.0)
+    os.kill(facts["pid"], signal.SIGKILL)
+    process.communicate(timeout=60)
+    all_gone(facts)
+    reports = {
+        n: json.loads((tmp_path / f"run/nodes/{n}.json").read_text()) for n in facts["nodes"]
+    }
+    assert {r["end"] for r in reports.values()} == {"stopped"}

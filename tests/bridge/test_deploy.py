@@ -64,7 +64,9 @@ def test_a_deployment_is_found_by_name_or_as_a_file(given):
 
 
 def test_one_that_is_not_there_is_answered_with_those_that_are():
-    with pytest.raises(ScenarioError, match=r"no deployment 'cna'; there are: .*can, can-classic"):
+    with pytest.raises(
+        ScenarioError, match=r"no deployment 'cna'; there are: can, .*can-classic, "
+    ):
         find(TELEOPERATION, "cna")
     with pytest.raises(ScenarioError, match="there are: none"):
         find(TELEOPERATION.parent / "deploy" / "x.toml", "can")

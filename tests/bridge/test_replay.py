@@ -116,6 +116,39 @@ def test_an_event_of_the_life_cycle_that_did_not_happen_is_found(arms, tmp_path)
     assert first.signal.startswith("sent slave_control.tau")
 
 
+def changed(name, path, value):
+    """A deployment with one value changed."""
+    found = document(name)
+    *parents, last = path.split(".")
+    table = found
+    for part in parents:
+        table = table[part]
+    table[last] = value
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "value", "node"),
+    [
+        ("can", "nodes.master_control.guard", {"tau_max": 5, "stops": ["torque"]}, "master_control"),
+        ("can-classic", "nodes.slave_control.guard", {"tau_max": 5, "stops": ["torque"]},
+         "slave_control"),
+        ("can-classic", "messages.TAU_2.period", "500 ms", "master"),
+        ("can-classic", "messages.VEL_1.period", "500 ms", "master_control"),
+        ("can", "messages.LINK_4.period", "250 ms", "slave"),
+    ],
+)  # fmt: skip
+def test_runs_that_were_stopped_replay_too(name, path, value, node, tmp_path):
+    """By a guard, a drive's watchdog, an input that stays away."""
+    system = system_of(changed(name, path, value), tmp_path, STOP)
+    rows = run_twin(system, tmp_path / "twin")
+    assert rows[node]["state"][-1] == State.FAULT
+    found = replay.replay(system, rows, tmp_path)
+    assert exact(found), str(found.first)
+    del rows[node]
+    assert exact(replay.replay(system, rows, tmp_path))
+
+
 # ---- journals that are not there, or not to the end ---------------------------------------------
 
 

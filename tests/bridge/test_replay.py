@@ -127,17 +127,19 @@ def changed(name, path, value):
     return found
 
 
+STOPS = {"tau_max": 5, "stops": ["torque"]}
+
+
 @pytest.mark.parametrize(
     ("name", "path", "value", "node"),
     [
-        ("can", "nodes.master_control.guard", {"tau_max": 5, "stops": ["torque"]}, "master_control"),
-        ("can-classic", "nodes.slave_control.guard", {"tau_max": 5, "stops": ["torque"]},
-         "slave_control"),
+        ("can", "nodes.master_control.guard", STOPS, "master_control"),
+        ("can-classic", "nodes.slave_control.guard", STOPS, "slave_control"),
         ("can-classic", "messages.TAU_2.period", "500 ms", "master"),
         ("can-classic", "messages.VEL_1.period", "500 ms", "master_control"),
         ("can", "messages.LINK_4.period", "250 ms", "slave"),
     ],
-)  # fmt: skip
+)
 def test_runs_that_were_stopped_replay_too(name, path, value, node, tmp_path):
     """By a guard, a drive's watchdog, an input that stays away."""
     system = system_of(changed(name, path, value), tmp_path, STOP)

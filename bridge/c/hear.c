@@ -88,7 +88,8 @@ static int32_t refused(reception_t *r, const frame_t *frame, header_t *header)
     return 0;
 }
 
-/* Torque of a node in FAULT: none. A drive that hears nothing else brakes by its watchdog. */
+/* Torque of a node in FAULT: none. It is given, and feeds no watchdog: a drive that hears nothing
+ * else brakes. */
 static int32_t torque_of_fault(const node_t *n, const reception_t *r, const header_t *header)
 {
     if (r->message->status < 0 || (header->status & STATUS_LIFE) != LIFE_FAULT) return 0;
@@ -108,7 +109,6 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         if (!n->begun) preview(n, r);
         return;
     }
-    if (torque_of_fault(n, r, &header)) return;
     if (!started(n)) return;
     const int64_t sent = sent_at(r, &header, t);
     int64_t j = receiver_accept(r->receiver, &header, sent, expected(r, sent));
@@ -122,7 +122,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         r->receiver->stale++;
         return;
     }
-    if (j > r->newest) {
+    if (j > r->newest && !torque_of_fault(n, r, &header)) {
         r->newest = j;
         r->arrival_ns = t;
     }

@@ -148,7 +148,7 @@ def sent_ns(carried: Carried, sample: Sample, start: int) -> int:
     if not bits:
         return arrival
     span = 1 << bits
-    behind = (sample.stamp_us - arrival // 1000 + span // 2) % span - span // 2
+    behind = (sample.stamp_us - arrival // 1000 - span // 4) % span - span * 3 // 4
     return (arrival // 1000 + behind) * 1000
 
 

@@ -24,7 +24,7 @@ static int64_t sent_at(const reception_t *r, const header_t *header, int64_t arr
     const int64_t us = arrival / 1000;
     const uint64_t span = r->time_bits >= 32 ? 0x100000000u : (uint64_t)1 << r->time_bits;
     int64_t step = (int64_t)(((uint64_t)header->t_us - (uint64_t)us) & (span - 1));
-    if (step >= (int64_t)(span / 2)) step -= (int64_t)span;
+    if (step >= (int64_t)(span / 4)) step -= (int64_t)span; /* late rather than early */
     return (us + step) * 1000;
 }
 

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from bridge import lockstep
 from bridge.attach import answer, attached
 from bridge.can.interface import Attachment
 from bridge.control import Control, Say, listen_to, refusals, signals, why
@@ -72,6 +73,8 @@ def run_node(
     tells it what others want. Raises CosimError where it cannot be configured.
     """
     journal = options.folder / f"{options.life}.journal"
+    if lockstep.wanted(system):
+        return _in_lockstep(system, options, journal, say, listen)
     with attached(system, options.name, options.folder, options.life) as buses:
         wired = Wired(
             system,
@@ -84,6 +87,28 @@ def run_node(
         )
         with wired:
             return _configured(wired, buses, options, say, listen)
+
+
+def _in_lockstep(
+    system: System,
+    options: Options,
+    journal: Path,
+    say: Say,
+    listen: Callable[[Control], None],
+) -> dict[str, Any]:
+    """As :func:`run_node`, without a clock."""
+    with (
+        attached(system, options.name, options.folder, options.life) as buses,
+        lockstep.Lockstep(system, options.name, buses, journal) as stepping,
+    ):
+        control = Control(stepping.wired.struct)
+        answer(stepping.wired, buses, control)
+        with signals(control):
+            say({"event": "ready", "refused": [], "warning": ""})
+            threading.Thread(target=listen, args=(control,), daemon=True).start()
+            result = stepping.run()
+        report = _report(stepping.wired, buses, options, min(result, 0), {}, "", None)
+        return {**report, "error": stepping.error(result)}
 
 
 def _configured(

@@ -66,7 +66,9 @@ class ZenohAttachment:
         self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
         self._stop, self._writing = threading.Event(), threading.Lock()
         self._publishers = {
-            number: control_publisher(self.session, key, options.reliability)
+            number: control_publisher(
+                self.session, key, options.reliability, block=options.lockstep
+            )
             for key, number in traffic.publishes.items()
         }
         self.presence = Presence(self.session, names, traffic.node)
@@ -146,14 +148,20 @@ class ZenohAttachment:
                 return
 
 
-def control_publisher(session: zenoh.Session, key: str, reliability: str) -> zenoh.Publisher:
-    """A publisher for control: at once, first, dropped rather than late."""
-    reliable = reliability == "reliable"
+def control_publisher(
+    session: zenoh.Session, key: str, reliability: str, *, block: bool = False
+) -> zenoh.Publisher:
+    """A publisher for control: at once, first, dropped rather than late.
+
+    `block`: late rather than dropped, for lock-step.
+    """
+    reliable = block or reliability == "reliable"
+    congestion = zenoh.CongestionControl.BLOCK if block else zenoh.CongestionControl.DROP
     return session.declare_publisher(
         key,
         encoding=ENCODING,
         priority=zenoh.Priority.REAL_TIME,
-        congestion_control=zenoh.CongestionControl.DROP,
+        congestion_control=congestion,
         express=True,
         reliability=zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
     )

@@ -6,7 +6,9 @@
 ``connect``      endpoints, by node or for all; not said: those the nodes before it listen on
 ``keys``         folder of certificates, beside the deployment (``{keys}`` in the configuration)
 ``reliability``  ``best-effort`` (default) or ``reliable``, of the messages
-``wait``         how long a node waits for its peers before it says ready; 0: not at all
+``wait``         how long a node waits for its peers before it says ready; 0: not at all.
+                 In lock-step also for a sample
+``lockstep``     no clock: nodes advance as samples arrive, of which none is dropped
 ``insecure``     allow endpoints beyond this machine without TLS
 """
 
@@ -24,7 +26,7 @@ from cosim.errors import ScenarioError
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "unixsock-stream", "ws")
 ENCRYPTED = ("tls", "quic")
 RELIABILITY = ("best-effort", "reliable")
-KNOWN = ("listen", "connect", "keys", "reliability", "wait", "insecure")
+KNOWN = ("listen", "connect", "keys", "reliability", "wait", "insecure", "lockstep")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,7 @@ class Options:
     reliability: str = "best-effort"
     wait: float = 30.0
     insecure: bool = False
+    lockstep: bool = False
 
 
 def options_of(deployment: Deployment, bus: str, node: str) -> Options:
@@ -64,6 +67,7 @@ def options_of(deployment: Deployment, bus: str, node: str) -> Options:
         reliability=_text(given.get("reliability", "best-effort"), f"{place}.reliability"),
         wait=deployment.seconds(given.get("wait", 30.0), "buses", bus, "options", "wait"),
         insecure=_switch(given.get("insecure", False), f"{place}.insecure"),
+        lockstep=_switch(given.get("lockstep", False), f"{place}.lockstep"),
     )
     if found.reliability not in RELIABILITY:
         raise ScenarioError(

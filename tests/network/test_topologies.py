@@ -18,6 +18,7 @@ from tests.network.hosts import Hosted, exact, rehearse_on, settings, settled
 
 ARMS = ("master", "slave")
 ROBOTS = tuple(f"robot{i}" for i in range(1, 7))
+LOSS = {"law": "independent", "p": 0.02}
 pytestmark = pytest.mark.slow
 
 
@@ -102,3 +103,25 @@ def test_six_hosts_with_switching_graphs(tmp_path: Path):
         neighbour = ROBOTS[i - 1]
         counted = found.reports[robot]["messages"][f"xi{neighbour[-1]}"]
         assert counted["ok"] > 4500
+
+
+def test_lock_step_over_a_slow_network_that_loses_is_the_twin(tmp_path: Path):
+    """TCP only: what is lost is sent again, and nobody minds when it comes."""
+    links = {"*": {"delay": {"law": "constant", "delay": "5 ms"}, "loss": LOSS}}
+    with Network(ARMS, tmp_path / "packets", links) as network:
+        said = "deploy.buses.net.options"
+        changes = ['run.stop="1 s"', f"{said}.insecure=true", f"{said}.lockstep=true"]
+        for node in ARMS:
+            changes.append(f'{said}.listen.{node}="tcp/{network.addresses[node]}:7461"')
+        events = [
+            Event(1.0, "a stall", lambda r: network.set("*", down=True)),
+            Event(1.4, "its end", lambda r: network.set("*", **links["*"])),
+        ]
+        hosted, folder = Hosted(network), tmp_path / "run"
+        found = rehearse_on(hosted, "teleoperation", "zenoh", changes, folder, events)
+        assert any("its end" in note for note in found.ended.notes)
+        assert (network.of("master>slave")["delay_ns"] < 0).any()
+    (tmp_path / "twin").mkdir()
+    simulate(found.system, tmp_path / "twin")
+    for node, rows in load(tmp_path / "twin").items():
+        assert rows.tobytes() == found.rows[node].tobytes()

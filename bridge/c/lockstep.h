@@ -1,0 +1,47 @@
+/* lockstep.h: a node that advances as fast as the samples it needs arrive.
+ *
+ * The node runs on the simulated clock, over memory buses of its own; what it hears is given to it
+ * slot by slot, with the times of the twin, from streams that hold every sample of the run. A slot
+ * is due once all samples are there that were sent before it: at an earlier time, or at the same
+ * time by a node that comes before this one. So the result is the twin's, to the last bit, on any
+ * network that loses nothing. Buses must carry messages in order (reliable, blocking).
+ */
+#ifndef BRIDGE_LOCKSTEP_H
+#define BRIDGE_LOCKSTEP_H
+
+#include "node.h"
+
+/* What lockstep_run returns besides LIVE_FINISHED, LIVE_STOPPED and the engine's results. */
+enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11 };
+
+typedef struct {
+    uint32_t id;            /* of its frames */
+    int32_t bus;
+    int32_t before;         /* at equal times its sender comes first */
+    int32_t reserved;
+    int64_t period_ns, offset_ns;   /* sample s is sent at s*period + offset */
+    int64_t received, given;        /* samples 0.. that are there; that the node has heard */
+    int64_t capacity;       /* samples of the run */
+    frame_t *frames;
+} stream_t;
+
+typedef struct {
+    node_t *node;           /* clock: CLOCK_SIMULATED; its buses: BUS_MEMORY */
+    bus_t *outside;         /* one a bus of the node: BUS_RING */
+    stream_t *streams;
+    int32_t n_streams;
+    int32_t awaited;        /* the stream that a slot waits for, -1: none */
+    int64_t patience_ns;    /* without anything new: stalled */
+    int64_t waited_ns;      /* in all */
+    int64_t found;          /* LOST: number of the sample that came instead, modulo 65536 */
+} lockstep_t;
+
+/* Samples a slot at deadline_ns (relative) needs: 0 .. this - 1. */
+API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns);
+
+/* All slots to the end; waits for COMMAND_START first. Reads clocks, to wait and for patience only. */
+API int32_t lockstep_run(lockstep_t *l);
+
+API size_t lockstep_sizes(int32_t which);   /* 0: stream_t, 1: lockstep_t; else 0 */
+
+#endif

@@ -1,0 +1,69 @@
+"""``lockstep.h``: a node that advances as its samples arrive."""
+
+from __future__ import annotations
+
+import ctypes as c
+from functools import lru_cache
+
+from bridge.native.bus import BusStruct
+from bridge.native.frame import Frame
+from bridge.native.library import library
+from bridge.native.node import Node
+
+STALLED, LOST = -10, -11
+
+
+class Stream(c.Structure):
+    """``stream_t``."""
+
+    _fields_ = (
+        ("id", c.c_uint32),
+        ("bus", c.c_int32),
+        ("before", c.c_int32),
+        ("reserved", c.c_int32),
+        ("period_ns", c.c_int64),
+        ("offset_ns", c.c_int64),
+        ("received", c.c_int64),
+        ("given", c.c_int64),
+        ("capacity", c.c_int64),
+        ("frames", c.POINTER(Frame)),
+    )
+
+    def needed(self, deadline_ns: int) -> int:
+        """Samples that a slot at `deadline_ns` (relative to the start) needs."""
+        return int(_declared().lockstep_needed(c.byref(self), deadline_ns))
+
+
+class LockstepStruct(c.Structure):
+    """``lockstep_t``."""
+
+    _fields_ = (
+        ("node", c.POINTER(Node)),
+        ("outside", c.POINTER(BusStruct)),
+        ("streams", c.POINTER(Stream)),
+        ("n_streams", c.c_int32),
+        ("awaited", c.c_int32),
+        ("patience_ns", c.c_int64),
+        ("waited_ns", c.c_int64),
+        ("found", c.c_int64),
+    )
+
+
+def run(struct: LockstepStruct) -> int:
+    """All slots; the GIL is released. FINISHED, STOPPED, STALLED, LOST, or the engine's result."""
+    return int(_declared().lockstep_run(c.byref(struct)))
+
+
+def sizes(which: int) -> int:
+    """What C takes for the size of: 0 `stream_t`, 1 `lockstep_t`."""
+    return int(_declared().lockstep_sizes(which))
+
+
+@lru_cache(maxsize=1)
+def _declared() -> c.CDLL:
+    lib = library()
+    lib.lockstep_run.argtypes, lib.lockstep_run.restype = (c.POINTER(LockstepStruct),), c.c_int32
+    lib.lockstep_needed.argtypes = (c.POINTER(Stream), c.c_int64)
+    lib.lockstep_needed.restype = c.c_int64
+    lib.lockstep_sizes.argtypes, lib.lockstep_sizes.restype = (c.c_int32,), c.c_size_t
+    return lib

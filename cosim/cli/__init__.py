@@ -40,6 +40,9 @@ BRIDGE = {
     "replay": ("bridge.cli.replay", "replay"),
     "monitor": ("bridge.cli.monitor", "monitor"),
     "campaign": ("bridge.cli.campaign", "campaign"),
+    "diff": ("bridge.cli.diff", "diff"),
+    "keys": ("bridge.cli.keys", "keys"),
+    "ping": ("bridge.cli.ping", "ping"),
 }
 for _name, (_module, _function) in BRIDGE.items():
     app.command(_name)(getattr(importlib.import_module(_module), _function))

@@ -83,9 +83,10 @@ def signals(control: Control) -> Iterator[None]:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, wanted)
     ended = threading.Event()
 
-    def wait() -> None:
+    def wait() -> None:  # sigtimedwait makes up a signal after SIGSTOP and SIGCONT
         while not ended.is_set():
-            if signal.sigtimedwait(wanted, 0.2) is not None:
+            signal.sigwait(wanted)
+            if not ended.is_set():
                 control.stop()
 
     thread = threading.Thread(target=wait, name="signals", daemon=True)
@@ -94,6 +95,8 @@ def signals(control: Control) -> Iterator[None]:
         yield
     finally:
         ended.set()
+        if thread.ident is not None and thread.is_alive():
+            signal.pthread_kill(thread.ident, signal.SIGHUP)
         thread.join()
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

@@ -120,10 +120,8 @@ class Lockstep:
         return native.run(self.struct)
 
     def error(self, result: int) -> str:
-        """Why it did not get to the end; "" where it did, or was told to stop."""
+        """Which sample did not come; "" where it ended for another reason."""
         s = self.wired.struct
-        if result > 0:
-            return str(self.wired.engine.failure(result))
         if result not in (native.STALLED, native.LOST):
             return ""
         stream = self._streams[self.struct.awaited]

@@ -107,8 +107,8 @@ def _in_lockstep(
             say({"event": "ready", "refused": [], "warning": ""})
             threading.Thread(target=listen, args=(control,), daemon=True).start()
             result = stepping.run()
-        report = _report(stepping.wired, buses, options, min(result, 0), {}, "", None)
-        return {**report, "error": stepping.error(result)}
+        report = _report(stepping.wired, buses, options, result, {}, "", None)
+        return {**report, "error": report["error"] or stepping.error(result)}
 
 
 def _configured(

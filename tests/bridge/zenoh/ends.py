@@ -39,9 +39,11 @@ def opened(
     return ZenohAttachment("net", NAMES, traffic(node, other), options, log=log)
 
 
-def both(where: str, log: Journal | None = None) -> tuple[ZenohAttachment, ZenohAttachment]:
-    first = opened("a", "b", log, listen=(where,))
-    second = opened("b", "a", connect=(where,))
+def both(
+    where: str, log: Journal | None = None, **said: object
+) -> tuple[ZenohAttachment, ZenohAttachment]:
+    first = opened("a", "b", log, listen=(where,), **said)
+    second = opened("b", "a", connect=(where,), **said)
     first.wait_for_peers()
     second.wait_for_peers()
     return first, second

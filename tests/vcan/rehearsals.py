@@ -22,10 +22,12 @@ LONG = 180.0
 NODES = ("master", "slave", "master_control", "slave_control")
 
 # Two kernels on two shared CPUs stand still when they like: nobody here may be stopped by that. All
-# nodes have 200 Hz, and what is late is late.
+# nodes have 200 Hz, and what is late is late; none has a priority, or who does things to them would
+# have to wait until they are done.
 CALM = (
     'run.step="5 ms"',
     *(f'deploy.nodes.{node}.overrun="20 s"' for node in NODES),
+    *(f"deploy.nodes.{node}.priority=0" for node in NODES),
     *(f'deploy.nodes.{node}.within="20 s"' for node in NODES),
     *(f'deploy.nodes.{node}.drive.watchdog="20 s"' for node in NODES[:2]),
     *(

@@ -99,7 +99,7 @@ def test_an_emergency_stop_latches(vcan: tuple[str, str], tmp_path: Path) -> Non
             message = bus.recv(PATIENCE)
             assert message, "the bus is silent"
             echoed += message.arbitration_id == 1 and message.data[0] == 1
-        rows = Journal.open(node.journal)
+    rows = Journal.open(node.journal)
     assert node.facts()["reasons"] and node.facts()["state"] == "fault"
     assert rows["scale"][-1] == 0.0
 

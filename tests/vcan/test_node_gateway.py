@@ -47,6 +47,7 @@ dbc = "{ROOT}/configs/can/link2.dbc"
 components = ["master", "master_control"]
 number = 2
 overrun = "20 s"
+priority = 0
 [nodes.left.stale]
 "master_control.xi_in" = {{ age = "age[0]" }}
 
@@ -54,6 +55,7 @@ overrun = "20 s"
 components = ["slave", "slave_control"]
 number = 4
 overrun = "20 s"
+priority = 0
 [nodes.right.stale]
 "slave_control.xi_in" = {{ age = "age[0]" }}
 

@@ -81,7 +81,7 @@ def decoded(log: Path) -> dict[str, list[dict[str, float]]]:
 def test_it_comes_to_its_end_and_says_what_it_was(seen: Seen) -> None:
     assert seen.code == 0, seen.text
     for words in (
-        *("master ", "slave_control ", "late p50", "age ", "bus left", "bus right", "twin "),
+        *("master ", "slave_control ", " late ", "age ", "bus left", "bus right", "twin "),
         *("difference exactly 0", "replays exactly"),
     ):
         assert words in seen.text, words
@@ -121,7 +121,8 @@ def test_cantools_reads_what_the_journals_have(
 ) -> None:
     sent = Journal.open(seen.folder / "nodes" / f"{node}.journal")["sent"]
     read = np.array([[row[name] for name in names] for row in decoded(seen.dumps[bus])[message]])
-    read = read[len(read) - len(sent) :]  # before the start it is said what will be sent first
+    end = len(read) - message.startswith("LINK")  # the last torque of all is zero
+    read = read[end - len(sent) : end]  # before the start it is said what will be sent first
     assert len(sent) == 600
     assert np.abs(read - sent).max() <= 0.5 * LSB + 1e-9
 

@@ -1,11 +1,12 @@
 """A node asked over Zenoh: its state, its parameters; told to arm or to stop. Answers are JSON.
 
 ``PREFIX/NODE/state``, ``/parameters`` read; a query of ``PREFIX/NODE/arm`` or ``/stop`` is the
-command, its answer the state it was given in. There is no start: that needs one time for all nodes.
+command, its answer the state it was given in. Commands to several nodes at once are NMT, as on CAN.
 """
 
 from __future__ import annotations
 
+import ctypes as c
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,16 +14,21 @@ from typing import Any
 import zenoh
 
 from bridge.attach import Stoppable
+from bridge.native.frame import Frame
+from bridge.native.message import Header, encode
 from bridge.native.safety import Command, State
 from bridge.safety import explain
+from bridge.system import Encoding
 from bridge.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.names import Names
+from cosim.clock import sleep, stopwatch
 from cosim.errors import RunError
 
 READ = ("state", "parameters")
 TOLD = ("arm", "stop")
 _JSON = "application/json"
+_PATIENCE = 3.0
 
 
 def serve(end: ZenohAttachment, wired: Wired, control: Stoppable) -> None:
@@ -118,3 +124,33 @@ def ask(
             found: dict[str, Any] = json.loads(reply.ok.payload.to_string())
             return found
     raise RunError(f"nobody answers to {key} within {seconds:g} s; does node {node} run?")
+
+
+#: Commands of NMT that :func:`command` sends, by name; see ``node.h``.
+COMMANDS = {"start": 1, "stop": 2, "arm": 128, "reset": 129}
+
+
+def command(
+    session: zenoh.Session, names: Names, nmt: Encoding, what: str, number: int = 0
+) -> None:
+    """Send NMT `what` to the node of a number, 0: all; `nmt`: of the bus's services.
+
+    A node that is told to start does so 100 ms after it hears of it. Raises RunError for another
+    command, and where no node listens.
+    """
+    if what not in COMMANDS:
+        raise RunError(f"{what!r} is no command; expected one of {', '.join(COMMANDS)}")
+    key = names.shared("nmt")
+    values = (c.c_double * 2)(COMMANDS[what], number)
+    frame = Frame()
+    encode(nmt.message, values, Header(), frame)
+    publisher = session.declare_publisher(
+        key, priority=zenoh.Priority.REAL_TIME, reliability=zenoh.Reliability.RELIABLE,
+        congestion_control=zenoh.CongestionControl.BLOCK, express=True,
+    )  # fmt: skip
+    elapsed = stopwatch()
+    while not getattr(publisher.matching_status, "matching", False):
+        if elapsed() > _PATIENCE:
+            raise RunError(f"no node listens to {key} after {_PATIENCE:g} s; does one run?")
+        sleep(0.02)
+    publisher.put(frame.payload)

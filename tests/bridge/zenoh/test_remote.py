@@ -14,7 +14,7 @@ from bridge.system import load_system
 from bridge.wiring import Wired
 from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
-from bridge.zenoh.remote import ask
+from bridge.zenoh.remote import ask, command
 from bridge.zenoh.session import configure, open_session
 from cosim.clock import monotonic_ns
 from cosim.errors import RunError
@@ -71,4 +71,37 @@ def test_nobody_answers(tmp_path: Path):
         ask(session, NAMES, "master", "state", 0.2)
     with pytest.raises(RunError, match="a node is asked for one of state, parameters, arm, stop"):
         ask(session, NAMES, "master", "jump")
+    session.close()
+
+
+def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.FixtureRequest):
+    changes = ["deploy.buses.net.options.wait=0", *sockets(["master"], tmp_path)]
+    system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
+    nmt = system.services["net"].nmt
+    assert nmt is not None
+    with attached(system, "master", tmp_path, "master") as ends:
+        buses = {name: end.bus for name, end in ends.items()}
+        with Wired(system, "master", buses, tmp_path / "master.journal", native.WALL) as wired:
+            ran = threading.Thread(
+                target=native.functions().node_live, args=(c.byref(wired.struct),)
+            )
+            ran.start()
+            client = request.getfixturevalue("client")
+            command(client, NAMES, nmt, "start", 2)  # another's number
+            command(client, NAMES, nmt, "start")
+            until(lambda: wired.struct.slot > 10)
+            assert wired.struct.life.state == State.ACTIVE
+            command(client, NAMES, nmt, "stop")
+            ran.join(10.0)
+            assert not ran.is_alive()
+
+
+def test_a_command_that_is_none_and_one_that_nobody_hears():
+    nmt = load_system(CONFIGS / "teleoperation.toml", "zenoh").services["net"].nmt
+    session = open_session(configure(Options("test"), "operator"), "net")
+    assert nmt is not None
+    with pytest.raises(RunError, match="'go' is no command; expected one of start, stop, arm"):
+        command(session, NAMES, nmt, "go")
+    with pytest.raises(RunError, match="no node listens to teleoperation/nmt"):
+        command(session, NAMES, nmt, "start")
     session.close()

@@ -1,0 +1,52 @@
+"""``cosim tell``: nodes on Zenoh started, stopped, armed, reset, or asked how they are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def tell(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    what: Annotated[
+        str, typer.Argument(help="start, stop, arm, reset (NMT); state, parameters (asked).")
+    ],
+    deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
+    node: Annotated[str, typer.Option("--node", help="Which node; all if not said.")] = "",
+    as_: Annotated[
+        str, typer.Option("--as", help="Name of the certificate, where there are any.")
+    ] = "operator",
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
+    ] = None,
+) -> None:
+    """Give a command to the nodes of a deployment, or ask them; prints what they answer."""
+    from bridge.system import load_system
+    from bridge.zenoh.names import names_of
+    from bridge.zenoh.options import options_of
+    from bridge.zenoh.remote import READ, ask, command
+    from bridge.zenoh.session import configure, open_session
+    from cosim.errors import ScenarioError
+
+    system = load_system(scenario, deploy, set_ or [])
+    d = system.deployment
+    bus = next((name for name, b in d.buses.items() if b.kind == "zenoh"), "")
+    if not bus:
+        raise ScenarioError("no Zenoh bus; nodes on CAN are told by NMT frames", d.place("buses"))
+    there = [n for n in d.nodes if bus in system.buses_of(n)]
+    if node and node not in there:
+        raise ScenarioError(f"no node {node!r} on {bus}; there are: {', '.join(there)}")
+    names, nmt = names_of(d, bus), system.services[bus].nmt
+    session = open_session(configure(options_of(d, bus, as_), as_), bus)
+    try:
+        if what in READ:
+            found = {n: ask(session, names, n, what) for n in ([node] if node else there)}
+            typer.echo(json.dumps(found, indent=2))
+        else:
+            assert nmt is not None  # a Zenoh bus has one
+            command(session, names, nmt, what, d.nodes[node].number if node else 0)
+    finally:
+        session.close()  # type: ignore[no-untyped-call]

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from bridge.campaign import Campaign, RunSpec
     from bridge.fault_script import FaultScript
     from bridge.judge import Judged
+    from bridge.rehearse import Settings
+    from bridge.system import System
 
 #: Actions for a kernel's CAN interface only: others cannot be set down, nor take such a load.
 KERNEL = ("bus-down", "bus-up", "babble")
@@ -79,30 +81,36 @@ def _one(
     realtime: bool,
 ) -> Judged | None:
     """Rehearse with one script; None: this interface cannot."""
-    from bridge import deploy, happen, judge
+    from bridge import deploy
     from bridge.cli.options import bus_settings
-    from bridge.outcome import complete
-    from bridge.rehearse import Rehearsal, Settings
+    from bridge.rehearse import Settings
     from bridge.system import load_system
-    from cosim.errors import RunError
-    from cosim.record import claim_folder
 
     path = deploy.find(campaign.scenario, campaign.deploy)
-    said = [*changes, *bus_settings(deploy.load(path), interface, [], None, None, None)]
+    said = (*changes, *bus_settings(deploy.load(path), interface, [], None, None, None))
     system = load_system(campaign.scenario, str(path), said)
     kernel = any(e.action in KERNEL for e in script.events)
     if kernel and any(b.interface != "socketcan" for b in system.deployment.buses.values()):
         return None
-    settings = Settings(
-        campaign.scenario,
-        path,
-        tuple(said),
-        realtime=realtime,
-        script=str(script.path),
-        events=happen.events(script, system),
-    )
+    settings = Settings(campaign.scenario, path, said, realtime=realtime, script=str(script.path))
+    return _rehearsed(system, spec, script, settings, folder)
+
+
+def _rehearsed(
+    system: System, spec: RunSpec, script: FaultScript, settings: Settings, folder: Path
+) -> Judged:
+    """One run, judged."""
+    from dataclasses import replace
+
+    from bridge import happen, judge
+    from bridge.outcome import complete
+    from bridge.rehearse import Rehearsal
+    from cosim.errors import RunError
+    from cosim.record import claim_folder
+
     claim_folder(folder, force=False)
-    facts = {"settings": said, "faults": str(script.path), "real": False}
+    facts = {"settings": list(settings.changes), "faults": settings.script, "real": False}
+    settings = replace(settings, events=happen.events(script, system))
     with Rehearsal(system, settings, folder) as rehearsal:
         try:
             rehearsal.run()

@@ -100,5 +100,6 @@ class Left:
         """A signal of a life, (rows, size)."""
         settings = self.facts["deployment"]["settings"]
         deploy = self.facts["deployment"]["path"]
-        slot = load_system(SCENARIO, deploy, settings).nodes[life].plan.slots()[name]
+        node = life.partition(".")[0]
+        slot = load_system(SCENARIO, deploy, settings).nodes[node].plan.slots()[name]
         return self.rows[life]["signals"][:, slot.start : slot.start + slot.size]

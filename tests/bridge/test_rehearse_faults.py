@@ -6,13 +6,23 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
 
 from bridge.native.safety import State, Why
-from tests.bridge.rehearsing import ROOT, Left, command, environment, possible, run, script
+from tests.bridge.rehearsing import (
+    NAMESPACE,
+    ROOT,
+    Left,
+    command,
+    environment,
+    possible,
+    run,
+    script,
+)
 
 pytestmark = pytest.mark.slow
 LAW = 'components.master_control.model="tests.bridge.laws:Law"'
@@ -157,3 +167,19 @@ def test_nodes_stop_by_themselves_when_their_supervisor_is_killed(tmp_path):
         n: json.loads((tmp_path / f"run/nodes/{n}.json").read_text()) for n in facts["nodes"]
     }
     assert {r["end"] for r in reports.values()} == {"stopped"}
+
+
+def test_an_arm_comes_back_by_reset_arm_and_start(tmp_path):
+    possible()
+    words = [sys.executable, "-m", "tests.bridge.recovery_in_namespace", str(tmp_path / "run")]
+    done = subprocess.run(
+        [*NAMESPACE, *words], capture_output=True, text=True, cwd=ROOT, env=environment()
+    )
+    assert done.returncode == 0, done.stderr
+    left = Left(tmp_path / "run")
+    states = left.rows["slave_control"]["state"]
+    assert (states == State.FAULT).any()
+    assert left.state("slave_control") == left.state("slave.2") == State.ACTIVE
+    assert left.end("slave_control") == left.end("slave.2") == "finished"
+    assert np.abs(left.column("slave.2", "slave.tau")[-20:]).max() > 0.1
+    assert left.exact()

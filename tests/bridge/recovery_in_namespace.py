@@ -1,0 +1,50 @@
+"""A drive dies, comes back, and the arm is brought back by RESET, ARM, START; run in a namespace.
+
+Started by test_rehearse_faults.py, which makes the namespace; the argument is the run folder.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from bridge import deploy
+from bridge.cli.options import bus_settings
+from bridge.outcome import complete
+from bridge.rehearse import Event, Rehearsal, Settings
+from bridge.system import load_system
+from tests.bridge.rehearsing import CALM, SCENARIO
+
+ARM = ("slave", "slave_control")
+
+
+def told(command):
+    """Both nodes of the arm are told this."""
+
+    def do(rehearsal):
+        for node in ARM:
+            rehearsal.current[node].tell(command)
+
+    return do
+
+
+EVENTS = (
+    Event(0.8, "kill", lambda r: r.kill("slave")),
+    Event(1.0, "restart", lambda r: r.restart("slave")),
+    Event(5.0, "reset", told("reset")),
+    Event(5.5, "again", told("again")),
+)
+
+
+def main(folder):
+    path = deploy.find(SCENARIO, "can")
+    said = (*CALM, "run.stop=7", *bus_settings(deploy.load(path), "udp_multicast", [], *[None] * 3))
+    system = load_system(SCENARIO, str(path), said)
+    with Rehearsal(system, Settings(SCENARIO, path, said, events=EVENTS), folder) as rehearsal:
+        rehearsal.run()
+        rehearsal.end()
+        complete(system, folder, rehearsal.ended, {"settings": list(said)}, with_twin=False)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -51,13 +51,21 @@ def ping(
         )  # fmt: skip
     for line in lines(found):
         typer.echo(line)
+    paths = _traces(found, out, here, there)
+    if predict:
+        _predict(system, scenario, here, paths, set_ or [], out)
+
+
+def _traces(found: Pinged, out: Path, here: str, there: str) -> list[Path]:
+    """Both ways, as files."""
+    from bridge.zenoh.ping import write_trace
+
     out.mkdir(parents=True, exist_ok=True)
     paths = [out / f"{here}-{there}.csv", out / f"{there}-{here}.csv"]
     for path, delay in zip(paths, (found.there, found.back), strict=True):
-        measuring.write_trace(path, found.sent, delay)
+        write_trace(path, found.sent, delay)
         typer.echo(f"trace: {path}")
-    if predict:
-        _predict(system, scenario, here, paths, set_ or [], out)
+    return paths
 
 
 def _bus(system: System) -> str:

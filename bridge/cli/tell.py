@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from bridge.system import System
 
 
 def tell(
@@ -25,10 +29,6 @@ def tell(
 ) -> None:
     """Give a command to the nodes of a deployment, or ask them; prints what they answer."""
     from bridge.system import load_system
-    from bridge.zenoh.names import names_of
-    from bridge.zenoh.options import options_of
-    from bridge.zenoh.remote import READ, ask, command
-    from bridge.zenoh.session import configure, open_session
     from cosim.errors import ScenarioError
 
     system = load_system(scenario, deploy, set_ or [])
@@ -39,14 +39,26 @@ def tell(
     there = [n for n in d.nodes if bus in system.buses_of(n)]
     if node and node not in there:
         raise ScenarioError(f"no node {node!r} on {bus}; there are: {', '.join(there)}")
+    _tell(system, bus, what, [node] if node else there, as_, every=not node)
+
+
+def _tell(
+    system: System, bus: str, what: str, nodes: Sequence[str], name: str, *, every: bool
+) -> None:
+    from bridge.zenoh.names import names_of
+    from bridge.zenoh.options import options_of
+    from bridge.zenoh.remote import READ, ask, command
+    from bridge.zenoh.session import configure, open_session
+
+    d = system.deployment
     names, nmt = names_of(d, bus), system.services[bus].nmt
-    session = open_session(configure(options_of(d, bus, as_), as_), bus)
+    session = open_session(configure(options_of(d, bus, name), name), bus)
     try:
         if what in READ:
-            found = {n: ask(session, names, n, what) for n in ([node] if node else there)}
+            found = {n: ask(session, names, n, what) for n in nodes}
             typer.echo(json.dumps(found, indent=2))
         else:
             assert nmt is not None  # a Zenoh bus has one
-            command(session, names, nmt, what, d.nodes[node].number if node else 0)
+            command(session, names, nmt, what, 0 if every else d.nodes[nodes[0]].number)
     finally:
         session.close()  # type: ignore[no-untyped-call]

@@ -14,53 +14,55 @@ from bridge.zenoh.names import Names
 #: Who may send commands to nodes, and ask them: the common name of an operator's certificate.
 OPERATOR = "operator"
 BOTH = ["ingress", "egress"]
+Table = dict[str, Any]
 
 
-def access_control(names: Names, nodes: Iterable[str], operator: str = OPERATOR) -> dict[str, Any]:
+def access_control(names: Names, nodes: Iterable[str], operator: str = OPERATOR) -> Table:
     """The section ``access_control`` of a Zenoh configuration for these nodes."""
     listed = list(nodes)
-    everything = f"{names.prefix}/**"
-    rules = [
-        _rule("hear", ["egress"], ["put", "delete", "reply"], [everything]),
-        _rule(
-            "declare",
-            BOTH,
-            [
-                *("declare_subscriber", "declare_queryable"),
-                *("liveliness_query", "declare_liveliness_subscriber"),
-            ],
-            [everything],
-        ),
-        _rule("present", ["egress"], ["liveliness_token"], [everything]),
-        _rule("asked", ["egress"], ["query"], [everything]),
-    ]
-    policies = [{"rules": ["hear", "declare", "present", "asked"], "subjects": [*listed, operator]}]
+    rules, policies = _everybody(names, [*listed, operator])
     for node in listed:
         own = [f"{names.prefix}/{node}/**"]
-        rules += [
+        mine = [
             _rule(f"{node} says", ["ingress"], ["put", "delete", "reply"], own),
             _rule(f"{node} stops", ["ingress"], ["put"], [names.shared("estop")]),
             _rule(f"{node} is", ["ingress"], ["liveliness_token"], own),
         ]
-        policies.append(
-            {"rules": [f"{node} {x}" for x in ("says", "stops", "is")], "subjects": [node]}
-        )
+        rules += mine
+        policies.append(_policy(mine, [node]))
     commands = [names.shared("nmt"), names.shared("estop")]
-    rules += [
+    told = [
         _rule("operator says", ["ingress"], ["put"], commands),
-        _rule("operator asks", ["ingress"], ["query"], [everything]),
+        _rule("operator asks", ["ingress"], ["query"], [f"{names.prefix}/**"]),
     ]
-    policies.append({"rules": ["operator says", "operator asks"], "subjects": [operator]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
+        "rules": rules + told,
         "subjects": [{"id": n, "cert_common_names": [n]} for n in (*listed, operator)],
-        "policies": policies,
+        "policies": [*policies, _policy(told, [operator])],
     }
 
 
-def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> dict[str, Any]:
+def _everybody(names: Names, subjects: list[str]) -> tuple[list[Table], list[Table]]:
+    """Rules and policies of all: to hear, and to see who is there."""
+    everything = [f"{names.prefix}/**"]
+    declared = ["declare_subscriber", "declare_queryable"]
+    declared += ["liveliness_query", "declare_liveliness_subscriber"]
+    rules = [
+        _rule("hear", ["egress"], ["put", "delete", "reply"], everything),
+        _rule("declare", BOTH, declared, everything),
+        _rule("present", ["egress"], ["liveliness_token"], everything),
+        _rule("asked", ["egress"], ["query"], everything),
+    ]
+    return rules, [_policy(rules, subjects)]
+
+
+def _policy(rules: list[Table], subjects: list[str]) -> Table:
+    return {"rules": [rule["id"] for rule in rules], "subjects": subjects}
+
+
+def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> Table:
     return {
         "id": name,
         "permission": "allow",

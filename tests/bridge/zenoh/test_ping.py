@@ -71,7 +71,7 @@ def test_there_and_back(tmp_path: Path):
     assert (found.rtt > 0).all() and abs(found.offset) < 0.1
     echo.close()
     near.put("test/a/ping", b"no ping of ours")
-    with pytest.raises(RunError, match=r"nobody listens to test/a/ping after 0.05 s"):
-        ping(near, NAMES, "a", "b", n=1, patience=0.05)
+    with pytest.raises(RunError, match=r"nobody listens to test/c/ping after 0.05 s"):
+        ping(near, NAMES, "c", "b", n=1, patience=0.05)
     near.close()
     far.close()

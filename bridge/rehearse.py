@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
@@ -124,7 +125,7 @@ class Rehearsal:
         """Start all nodes, wait for their end, and return what came of it.
 
         `progress` is called with (t, end), s. Raises RunError where a node cannot be configured or
-        ends on its own; Ctrl-C stops all nodes safely and becomes Interrupted.
+        ends on its own; Ctrl-C and SIGTERM stop all nodes safely and become Interrupted.
         """
         for name in self.settings.nodes or tuple(self.system.nodes):
             self.start_node(name)
@@ -138,7 +139,8 @@ class Rehearsal:
         for process in self.current.values():
             process.tell("start", start_ns=self.ended.start_ns)
         try:
-            self._watch(progress)
+            with _terminated():
+                self._watch(progress)
         except KeyboardInterrupt:
             self.stop()
             self.ended.interrupted = True
@@ -255,3 +257,20 @@ class Rehearsal:
         self.expected.discard(name)
         process = self.start_node(name)
         process.tell("start", start_ns=self.ended.start_ns)
+
+
+@contextmanager
+def _terminated() -> Iterator[None]:
+    """SIGTERM is a Ctrl-C, where this thread may say so."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -150,12 +150,11 @@ def test_a_signal_ramps_down_and_leaves_a_run(tmp_path, number):
     process.communicate(timeout=60)
     assert process.returncode
     all_gone(facts)
-    if number == signal.SIGINT:
-        left = Left(tmp_path / "run")
-        assert left.exact()
-        scale = left.rows["master_control"]["scale"]
-        assert scale[-1] == 0.0
-        assert ((scale > 0) & (scale < 1)).sum() >= 10
+    left = Left(tmp_path / "run")
+    assert left.exact()
+    scale = left.rows["master_control"]["scale"]
+    assert scale[-1] == 0.0
+    assert ((scale > 0) & (scale < 1)).sum() >= 10
 
 
 def test_nodes_stop_by_themselves_when_their_supervisor_is_killed(tmp_path):

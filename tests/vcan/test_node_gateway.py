@@ -7,6 +7,7 @@ tell afterwards what it did.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ import pytest
 from bridge.journal import Journal
 from bridge.native.node import BURST
 from bridge.system import load_system
-from tests.vcan.peers import call, gateway, queueing
+from tests.vcan.peers import PATIENCE, call, gateway, queueing
 from tests.vcan.rehearsals import (
     ROOT,
     SCENARIO,
@@ -98,6 +99,7 @@ class Crossing:
     def facts(self, node: str) -> dict[str, Any]:
         """What a node reported of itself."""
         path = self.folders[node] / "nodes" / f"{node}.json"
+        assert path.is_file(), self.said[node]
         found: dict[str, Any] = json.loads(path.read_text())
         return found
 
@@ -160,7 +162,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Crossing:
             _disturb(phases, ("vcan0", "vcan1"), ("vcan1", "vcan0"))
             with gateway("vcan0", "vcan1"):
                 call("cansend", "vcan0", "000#0200")
-            return Crossing(folders, phases, {"left": interrupt(left), "right": ended(right)})
+            right_said = ended(right)
+            with contextlib.suppress(AssertionError):  # one in FAULT may wait for a reset
+                until(lambda: left.poll() is not None, "left ends", seconds=PATIENCE / 2)
+            return Crossing(folders, phases, {"left": interrupt(left), "right": right_said})
 
 
 def newest(rows: np.ndarray) -> np.ndarray:

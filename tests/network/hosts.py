@@ -73,7 +73,8 @@ def arm(found: Rehearsed, name: str, life: str = "") -> Any:
 def settled(found: Rehearsed, arms: Sequence[str], last: float = 1.0, within: float = 0.05) -> None:
     """In the last second: all arms where the hand wants them, and the hand rests."""
     for name in arms:
-        life = [x for x in found.rows if x.partition(".")[0] == name][-1]
+        lives = [x for x in found.rows if x.partition(".")[0] == name]
+        life = max(lives, key=lambda x: found.rows[x]["slot"][-1])
         n = round(last / found.system.nodes[name].h)
         assert np.abs(arm(found, name, life)[-n:] - Q_H).max() < within, name
     held = arms[0] if len(arms) == 2 else "robot3"

@@ -118,7 +118,7 @@ def test_a_node_is_killed_and_joins_again(network: Network, tmp_path: Path):
         Event(3.0, "killed", lambda r: r.kill("slave")),
         Event(3.5, "again", lambda r: r.restart("slave")),
     ]
-    found = run(network, tmp_path, 28.0, events)
+    found = run(network, tmp_path, 24.0, events)
     exact(found)
     assert set(found.rows) == {"master", "slave", "slave.2"}
     settled(found, ARMS)

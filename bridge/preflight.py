@@ -10,6 +10,7 @@ from bridge.can.layout import find
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
 from bridge.check import Watchdog, check_buses
+from bridge.native.message import Profile
 from bridge.protect import emulated
 from bridge.safety import in_si
 from bridge.system import System
@@ -72,6 +73,32 @@ def watchdogs(system: System) -> list[Watchdog]:
     return found
 
 
+def overruns(system: System) -> list[Finding]:
+    """Nodes that may be later than a turn of a counter: their samples would be numbered wrongly."""
+    d = system.deployment
+    found: list[Finding] = []
+    for name, m in system.messages.items():
+        profile = Profile(m.encoding.message.e2e)
+        turn = (1 << profile.counter_bits) * m.period_ns * 1e-9
+        overrun = d.seconds(d.nodes[m.node].overrun, "nodes", m.node, "overrun")
+        if profile is Profile.NONE or 0 < overrun < turn:
+            continue
+        reason = f"may be {overrun * 1e3:g} ms late, and the counter of {name} turns in"
+        found.append(
+            Finding(
+                rule="overrun",
+                severity="warning",
+                where=m.node,
+                number=overrun,
+                unit="s",
+                reason=f"{reason} {turn * 1e3:g} ms: samples could be numbered wrongly",
+                advice=f'overrun = "{turn * 750:.3g} ms"',
+            )
+        )
+    return found
+
+
 def check(system: System) -> list[Finding]:
-    """Findings, the worst first."""
-    return check_buses(messages(system), timings(system), watchdogs(system))
+    """Findings: of the buses, then of the nodes."""
+    found = check_buses(messages(system), timings(system), watchdogs(system))
+    return [*found, *overruns(system)]

@@ -71,7 +71,7 @@ default queue of Linux and many USB adapters do, can take longer; `arbiter_t` si
 nodes, frames that the bus or CAN does not have, messages more frequent than they are long, and
 watchdogs that are off. It warns above 70 %, where a response may exceed its deadline, of
 identifiers in CANopen's ranges, of signals larger than their field, of watchdogs below 2 or above
-50 periods, and of nodes without heartbeat.
+50 periods (and 100 ms), and of nodes without heartbeat.
 """
 COST = """\
 ## What it costs

@@ -28,6 +28,17 @@ static int64_t sent_at(const reception_t *r, const header_t *header, int64_t arr
     return (us + step) * 1000;
 }
 
+/* With a stamp, when a sample was to be sent is known, not learned: the receiver looks for its number
+ * from one ahead of that, for a whole turn of the counter back. Returns by how much its window,
+ * made for learning, is moved. */
+static int64_t anchored(const reception_t *r)
+{
+    const int64_t ahead = ((int64_t)1 << r->receiver->counter_bits) / 4 - 1;
+    if (r->time_bits <= 0 || ahead < 0) return 0;
+    r->receiver->origin_ns = r->offset_ns + ahead * r->period_ns;
+    return ahead;
+}
+
 /* Whether t = 0 is known. */
 static int32_t started(const node_t *n)
 {
@@ -111,7 +122,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     }
     if (!started(n)) return;
     const int64_t sent = sent_at(r, &header, t);
-    int64_t j = receiver_accept(r->receiver, &header, sent, expected(r, sent));
+    int64_t j = receiver_accept(r->receiver, &header, sent, expected(r, sent) - anchored(r));
     if (r->message->e2e == E2E_NONE) {
         j = expected(r, t);
         if (j <= r->newest) j = r->newest + 1;

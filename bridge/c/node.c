@@ -84,11 +84,11 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     outlet_t *o = context;
     node_t *n = o->node;
     const int64_t hit = n->slot / o->hit_ticks;
-    const int64_t began = n->clock == CLOCK_WALL ? pace_now() : 0;
     (void)tick;
 
     gather(o, signals);
     if (hit % o->every) return 0;
+    const int64_t began = n->clock == CLOCK_WALL ? pace_now() : 0;
     node_say(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
     if (n->clock == CLOCK_WALL) n->send_ns += pace_now() - began;
     return 0;

@@ -140,11 +140,13 @@ static inline void breathe(void)    /* says to the processor that this is a spin
 
 int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop)
 {
-    int64_t now = pace_now(), asleep = deadline_ns - (spin_ns > 0 ? spin_ns : 0);
-    while (now < asleep && !(stop && *stop)) {
+    int64_t now = INT64_MIN, asleep = deadline_ns - (spin_ns > 0 ? spin_ns : 0);
+    while (now < asleep && !(stop && *stop)) {  /* a deadline that has passed is no sleep */
         sleep_towards(asleep);
         now = pace_now();
     }
+    if (now == INT64_MIN)
+        now = pace_now();
     while (now < deadline_ns && !(stop && *stop)) {
         breathe();
         now = pace_now();

@@ -50,6 +50,22 @@ def bus_settings(
     return said
 
 
+def clock_settings(deployment: Deployment, clock: str) -> list[str]:
+    """What a clock other than the wall's changes in a deployment. Raises ScenarioError."""
+    if clock == "wall":
+        return []
+    if clock != "lockstep":
+        raise ScenarioError(f"--clock {clock}: expected wall or lockstep")
+    can = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
+    if can:
+        raise ScenarioError(
+            f"--clock lockstep: {', '.join(can)} is CAN, which may lose frames; expected a "
+            "deployment over Zenoh alone",
+            str(deployment.path),
+        )
+    return [f"deploy.buses.{name}.options.lockstep=true" for name in deployment.buses]
+
+
 def fresh(folder: Path) -> Path:
     """`folder`, or with -2, -3, … behind it."""
     n, path = 1, folder

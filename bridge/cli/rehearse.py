@@ -55,6 +55,9 @@ def rehearse(
         str | None,
         typer.Option(metavar="A,B", help="Start these nodes only; others are there already."),
     ] = None,
+    clock: Annotated[
+        str, typer.Option(help="wall, or lockstep: as fast as samples arrive (Zenoh only).")
+    ] = "wall",
     faults: Annotated[
         Path | None, typer.Option(metavar="SCRIPT", help="Faults on purpose (see docs/faults.md).")
     ] = None,
@@ -82,13 +85,14 @@ def rehearse(
     Exits with 1 where a node did not come to the end, or the replay is not the run.
     """
     from bridge import deploy as deployments
-    from bridge.cli.options import bus_settings
+    from bridge.cli.options import bus_settings, clock_settings
     from bridge.system import load_system
 
     path = deployments.find(scenario, deploy)
     changes = [*(set_ or [])]
     changes += [f"run.seed={seed}"] if seed is not None else []
     changes += [] if latency else ["deploy.latency=false"]
+    changes += clock_settings(deployments.load(path), clock)
     changes += bus_settings(
         deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
     )
@@ -192,7 +196,10 @@ def header(system: System) -> str:
     """What is about to run."""
     d = system.deployment
     nodes = ", ".join(f"{n} ({1 / p.h:g} Hz)" for n, p in system.nodes.items())
-    buses = ", ".join(f"{n} = {b.interface} {b.channel}" if b.kind == "can" else f"{n} = Zenoh" for n, b in d.buses.items())
+    buses = ", ".join(
+        f"{n} = {b.interface} {b.channel}" if b.kind == "can" else f"{n} = Zenoh"
+        for n, b in d.buses.items()
+    )
     length = system.plan.ticks * system.plan.h
     return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s on the wall clock"
 

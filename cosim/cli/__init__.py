@@ -43,6 +43,7 @@ BRIDGE = {
     "diff": ("bridge.cli.diff", "diff"),
     "keys": ("bridge.cli.keys", "keys"),
     "ping": ("bridge.cli.ping", "ping"),
+    "tell": ("bridge.cli.tell", "tell"),
 }
 for _name, (_module, _function) in BRIDGE.items():
     app.command(_name)(getattr(importlib.import_module(_module), _function))

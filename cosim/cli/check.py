@@ -45,7 +45,7 @@ def check(
     from cosim.check import check as findings
     from cosim.scenario import load
 
-    loaded = load(scenario, set_ or [])
+    loaded = load(scenario, [s for s in set_ or [] if not s.startswith("deploy.")])
     found = findings(loaded, assemble(loaded))
     typer.echo(loaded.title)
     if deploy is not None:

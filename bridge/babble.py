@@ -47,6 +47,7 @@ def babble(
         while pace.now() < deadline and not stop.value:
             pace.wait(min(deadline, pace.now() + LONGEST_WAIT), 0, stop)
         frame.data[: min(length, 4)] = k.to_bytes(8, "little")[: min(length, 4)]
+        frame.t_ns = 0
         failed += bus.send(frame) != 0
         k += 1
     return k - failed, failed

@@ -167,10 +167,13 @@ static int32_t await(bus_t *bus, const message_t *m, double *values, header_t *h
     return error == DECODE_OK ? 0 : EBADMSG;
 }
 
-static int32_t hand_over(bus_t *bus, const message_t *m, const double *values, header_t *header)
+/* t_ns: when, if the caller has just read the clock, as a node has; else 0. */
+static int32_t hand_over(bus_t *bus, const message_t *m, const double *values, header_t *header,
+                         int64_t t_ns)
 {
     frame_t frame;
     message_encode(m, values, header, &frame);
+    frame.t_ns = t_ns;
     return bus_send(bus, &frame);
 }
 
@@ -187,7 +190,7 @@ API int32_t bridge_ping(int32_t fd, int32_t bytes, int64_t n, int64_t *taken_ns)
         out[k % there.message.n_fields] = (double)(k % 30000) / 1024;
         header = (header_t){.counter = (uint32_t)k, .t_us = (uint32_t)k};
         int64_t start = pace_now();
-        if ((error = hand_over(&bus, &there.message, out, &header)) ||
+        if ((error = hand_over(&bus, &there.message, out, &header, start)) ||
             (error = await(&bus, &back.message, in, &header)))
             break;
         taken_ns[k] = pace_now() - start;
@@ -209,7 +212,7 @@ API int32_t bridge_echo(int32_t fd, int32_t bytes, int64_t n)
     for (int64_t k = 0; k < n && !error; k++) {
         error = await(&bus, &there.message, values, &header);
         if (!error)
-            error = hand_over(&bus, &back.message, values, &header);
+            error = hand_over(&bus, &back.message, values, &header, 0);
     }
     return error;
 }

@@ -115,7 +115,7 @@ int32_t bus_send(bus_t *bus, frame_t *frame)
     int32_t error = 0;
 
     frame->bus = (uint8_t)bus->number;
-    if (bus->kind != BUS_MEMORY)
+    if (bus->kind != BUS_MEMORY && !frame->t_ns)
         frame->t_ns = pace_now();
     if (bus->kind == BUS_SOCKET)
         error = socket_send(bus, frame);

@@ -4,9 +4,11 @@
  * BUS_RING    rings that other threads fill and empty: python-can interfaces, Zenoh
  * BUS_MEMORY  rings between nodes of one process: the twin
  *
- * Clocks: a BUS_SOCKET reads CLOCK_REALTIME and CLOCK_MONOTONIC once each time it begins to drain
- * its queue, because the kernel's stamps are wall time; sending on it and on a BUS_RING reads
- * pace_now(). A BUS_MEMORY reads none: frame->t_ns is the caller's.
+ * Clocks: a BUS_SOCKET compares CLOCK_REALTIME and CLOCK_MONOTONIC when it begins to drain its queue
+ * and the frame that came is stamped a second or more after the last comparison, or before it: the
+ * kernel's stamps are wall time. (If the wall clock is set, arrivals are off by that much for up to a
+ * second.) Sending on it and on a BUS_RING reads pace_now() where frame->t_ns is 0. A BUS_MEMORY
+ * reads none: frame->t_ns is the caller's.
  */
 #ifndef BRIDGE_BUS_H
 #define BRIDGE_BUS_H
@@ -60,6 +62,7 @@ typedef struct {
     int64_t clock_steps;    /* times the wall clock was set (by 1 ms or more) */
     int32_t draining;       /* a frame has come since the queue was last empty */
     int32_t stepped;        /* in this drain, or the one before */
+    int64_t wall_ns;        /* when the two clocks were compared last, by the wall clock */
     int64_t began_ns;       /* when this drain did; CLOCK_MONOTONIC */
 } bus_t;
 
@@ -73,7 +76,7 @@ API int32_t bus_prepare(int32_t fd);
 API int32_t bus_receive(bus_t *bus, frame_t *frame);
 
 /* Hand over a frame: 0, or an errno (EINVAL: a length no CAN frame has; ENETDOWN; ENOBUFS: queue
- * full, also that of a ring; ...). Sets frame->t_ns (not on a BUS_MEMORY), and logs what was handed
+ * full, also that of a ring; ...). Sets frame->t_ns where it is 0 (not on a BUS_MEMORY), and logs what was handed
  * over. A bus with error frames of its own may send them (FRAME_ERROR). Never blocks. */
 API int32_t bus_send(bus_t *bus, frame_t *frame);
 

@@ -28,15 +28,21 @@ int32_t bus_prepare(int32_t fd)
     return 0;
 }
 
-/* Where wall time stands, once a drain: right to what reading a clock takes. */
-static void begin_drain(bus_t *bus)
+/* Where wall time stands, once a second of stamps: right to what reading a clock takes. `stamp_ns`:
+ * of the first frame, 0: it has none. */
+static void begin_drain(bus_t *bus, int64_t stamp_ns)
 {
     struct timespec wall;
     int64_t offset, change;
 
+    bus->draining = 1;
+    if (bus->offset_ns && !bus->stepped && stamp_ns >= bus->wall_ns &&
+        stamp_ns - bus->wall_ns < SECOND)
+        return;
     clock_gettime(CLOCK_REALTIME, &wall);
     bus->began_ns = pace_now();
-    offset = bus->began_ns - ((int64_t)wall.tv_sec * SECOND + wall.tv_nsec);
+    bus->wall_ns = (int64_t)wall.tv_sec * SECOND + wall.tv_nsec;
+    offset = bus->began_ns - bus->wall_ns;
     change = offset - bus->offset_ns;
     if (bus->offset_ns && (change >= STEP || change <= -STEP)) {
         bus->clock_steps++;
@@ -45,7 +51,6 @@ static void begin_drain(bus_t *bus)
         bus->stepped--;
     }
     bus->offset_ns = offset;
-    bus->draining = 1;
 }
 
 static int64_t arrival(bus_t *bus, int64_t wall_ns)
@@ -142,10 +147,11 @@ int socket_next(bus_t *bus, frame_t *frame)
         message.msg_controllen = sizeof control.bytes;
         n = recvmsg(bus->fd, &message, MSG_DONTWAIT);
         if (n == CAN_MTU || n == CANFD_MTU) {
+            const int64_t stamp_ns = read_control(bus, &message);
             if (!bus->draining)
-                begin_drain(bus);
+                begin_drain(bus, stamp_ns);
             unpack(frame, &raw, n == CANFD_MTU);
-            frame->t_ns = arrival(bus, read_control(bus, &message));
+            frame->t_ns = arrival(bus, stamp_ns);
             return 1;
         }
         if (n < 0 && !trouble(bus))

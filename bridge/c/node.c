@@ -76,6 +76,7 @@ void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
     o->sent++;
     o->saturated += header.saturated != 0;
     if (o->history) remember(o, &frame, sequence);
+    if (n->clock == CLOCK_WALL && n->start_ns) frame.t_ns = n->start_ns + now_ns;
     if (n->clock != CLOCK_REPLAY) node_send(n, o->bus, &frame, now_ns);
 }
 

@@ -25,6 +25,7 @@ void node_heartbeat(node_t *n, int64_t now_ns)
     for (int32_t b = 0; b < n->n_buses; b++) {
         frame_t frame;
         header_t header;
+        memset(&frame, 0, sizeof frame);
         memset(&header, 0, sizeof header);
         header.counter = n->beats;
         header.status = n->simulated ? STATUS_SIMULATED : 0;
@@ -42,6 +43,7 @@ void node_sync(node_t *n, int64_t now_ns)
     for (int32_t b = 0; b < n->n_buses; b++) {
         frame_t frame;
         header_t header;
+        memset(&frame, 0, sizeof frame);
         memset(&header, 0, sizeof header);
         message_encode(n->sync, &counter, &header, &frame);
         node_send(n, b, &frame, now_ns);
@@ -54,6 +56,7 @@ static void estop(node_t *n, int64_t now_ns)
         frame_t frame;
         header_t header;
         const double by[2] = {n->number, n->life.reasons};
+        memset(&frame, 0, sizeof frame);
         memset(&header, 0, sizeof header);
         message_encode(n->estop, by, &header, &frame);
         node_send(n, b, &frame, now_ns);

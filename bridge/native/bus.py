@@ -121,6 +121,7 @@ class BusStruct(c.Structure):
         ("clock_steps", c.c_int64),
         ("draining", c.c_int32),
         ("stepped", c.c_int32),
+        ("wall_ns", c.c_int64),
         ("began_ns", c.c_int64),
     )
 

@@ -26,8 +26,8 @@ class Stoppable(Protocol):
 
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
 GROUP = "239.74.163.{}"
-#: Frames a second a log has room for, a bus and node.
-FRAMES = 8000
+#: Rows of a log at least: somebody may babble.
+LEAST = 50_000
 
 
 def can_spec(deployment: Deployment, name: str) -> interface.BusSpec:
@@ -53,22 +53,29 @@ def _has_bitrate(spec: BusSpec) -> bool:
     return spec.interface not in ("socketcan", "virtual", "udp_multicast")
 
 
-def log_rows(seconds: float) -> int:
-    """Rows of the log of a bus for a run of so many seconds."""
-    return int(min(FRAMES * (seconds + 10.0), 4e6))
+def log_rows(system: System, bus: str) -> int:
+    """Rows of the log of a bus: twice what its messages are, and as much again for the rest.
+
+    Not more: pages of a log are written to the disk once, whether they hold frames or not.
+    """
+    seconds = system.plan.ticks * system.plan.h + 10.0
+    rate = sum(1e9 / m.period_ns for m in system.messages.values() if m.bus == bus)
+    nodes = sum(bus in system.buses_of(node) for node in system.nodes)
+    sync = 1.0 / (system.sync_ticks * system.plan.h)
+    return int(min(max(LEAST, 2.0 * (rate + sync + 20.0 * nodes) * seconds), 4e6))
 
 
 @contextmanager
 def attached(system: System, node: str, folder: Path, life: str) -> Iterator[dict[str, Attachment]]:
     """All buses of a node, every frame logged in ``FOLDER/LIFE.BUS.frames``. Raises BusError."""
-    rows = log_rows(system.plan.ticks * system.plan.h)
     with ExitStack() as stack:
         found: dict[str, Attachment] = {}
         opened: Attachment
         for number, name in enumerate(system.buses_of(node)):
             zenoh = system.deployment.buses[name].kind == "zenoh"
             size = DATA if zenoh else 64
-            log = Journal.create(folder / f"{life}.{name}.frames", frame_dtype(size), rows)
+            path, rows = folder / f"{life}.{name}.frames", log_rows(system, name)
+            log = Journal.create(path, frame_dtype(size), rows)
             stack.callback(log.close)
             if zenoh:
                 opened = _zenoh(system, name, node, number, log)

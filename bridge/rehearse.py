@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
+from bridge.enabling import enabled
 from bridge.inprocess import Thread
 from bridge.process import Process, Start
 from bridge.system import System
@@ -132,6 +133,7 @@ class Rehearsal:
         self._all_ready()
         if self.settings.real:
             sleep(LEAD)  # heartbeats and first positions have been heard
+            self._stack.enter_context(enabled(self.system, self.current))
             for process in self.current.values():
                 process.tell("arm")
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)

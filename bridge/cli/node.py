@@ -35,10 +35,12 @@ def node(
     Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
     """
     import json
+    from contextlib import ExitStack
 
     from bridge import deploy as deployments
     from bridge.cli.options import bus_settings, fresh
     from bridge.control import Control
+    from bridge.enabling import enabled
     from bridge.node import Options, run_node
     from bridge.rehearse import NODES
     from bridge.system import load_system
@@ -77,12 +79,13 @@ def node(
         if now:
             sleep(0.5)  # peers and first values have been heard
             if hardware:
+                drives.enter_context(enabled(system, [name]))
                 control.arm()
             control.start(monotonic_ns() + 500_000_000)
 
-    report = run_node(
-        system, Options(name, name, folder / NODES, real=hardware, warm_up=1.0), say, listen
-    )
+    options = Options(name, name, folder / NODES, real=hardware, warm_up=1.0)
+    with ExitStack() as drives:
+        report = run_node(system, options, say, listen)
     text = json.dumps(report, indent=2, default=str) + "\n"
     (folder / NODES / f"{name}.json").write_text(text, encoding="utf-8")
     _finish(system, folder, name, changes, report)

@@ -45,7 +45,7 @@ def node(
     from bridge.rehearse import NODES
     from bridge.system import load_system
     from cosim.clock import monotonic_ns, sleep, stamp
-    from cosim.errors import ScenarioError
+    from cosim.errors import CosimError, ScenarioError
 
     path = deployments.find(scenario, deploy)
     changes = [*(set_ or [])]
@@ -79,13 +79,21 @@ def node(
         if now:
             sleep(0.5)  # peers and first values have been heard
             if hardware:
-                drives.enter_context(enabled(system, [name]))
+                try:
+                    drives.enter_context(enabled(system, [name]))
+                except CosimError as error:
+                    failures.append(error)
+                    control.quit()
+                    return
                 control.arm()
             control.start(monotonic_ns() + 500_000_000)
 
     options = Options(name, name, folder / NODES, real=hardware, warm_up=1.0)
+    failures: list[CosimError] = []
     with ExitStack() as drives:
         report = run_node(system, options, say, listen)
+    if failures:
+        raise failures[0]
     text = json.dumps(report, indent=2, default=str) + "\n"
     (folder / NODES / f"{name}.json").write_text(text, encoding="utf-8")
     _finish(system, folder, name, changes, report)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -57,8 +58,8 @@ class Control:
         self._struct.start_ns -= by_ns
 
     def stop(self) -> None:
-        """Ramp down and stop; asked a second time, at once."""
-        if self._asked or not self._struct.start_ns:
+        """Ramp down and stop; asked a second time, or before it runs, at once."""
+        if self._asked or not (self._struct.start_ns and self._struct.begun):
             self._struct.quit = 1
         self._asked = True
         self._give(Command.STOP)
@@ -78,27 +79,37 @@ class Control:
 
 @contextmanager
 def signals(control: Control) -> Iterator[None]:
-    """SIGINT, SIGTERM and SIGHUP stop the node, from a thread: the main one is in C."""
-    wanted = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, wanted)
-    ended = threading.Event()
+    """SIGINT, SIGTERM and SIGHUP stop the node, from a thread: the main one is in C.
 
-    def wait() -> None:  # sigtimedwait makes up a signal after SIGSTOP and SIGCONT
-        while not ended.is_set():
-            signal.sigwait(wanted)
-            if not ended.is_set():
+    Python's handler in C tells the thread, whichever thread of the process the kernel has chosen:
+    libraries have threads that block no signal. In a thread that is not the main one: nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    wanted = [n for n in signal.Signals if n.name in ("SIGINT", "SIGTERM", "SIGHUP")]
+    wanted = [n for n in wanted if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
+    told, tells = socket.socketpair()
+    tells.setblocking(False)
+
+    def wait() -> None:
+        while number := told.recv(1):
+            if number[0] in wanted:
                 control.stop()
 
     thread = threading.Thread(target=wait, name="signals", daemon=True)
     thread.start()
+    before = {n: signal.signal(n, lambda *_: None) for n in wanted}
+    descriptor = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
     try:
         yield
     finally:
-        ended.set()
-        if thread.ident is not None and thread.is_alive():
-            signal.pthread_kill(thread.ident, signal.SIGHUP)
+        signal.set_wakeup_fd(descriptor)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        tells.close()
         thread.join()
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        told.close()
 
 
 @contextmanager

@@ -11,14 +11,11 @@ import queue
 import signal
 import threading
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, final
 
 from bridge.control import listen_to
-from bridge.faults import load
-from bridge.node import Options, run_node
+from bridge.node import run_started
 from bridge.process import Start
-from bridge.system import load_system
 from cosim.errors import CosimError, RunError
 
 
@@ -37,23 +34,9 @@ class Thread:
         self._thread.start()
 
     def _run(self) -> None:
-        s = self.start
         try:
-            system = load_system(s.scenario, str(s.deployment), s.settings)
-            options = Options(
-                name=s.node,
-                life=s.life,
-                folder=s.folder,
-                boots=s.boots,
-                warm_up=s.warm_up,
-                realtime=s.realtime,
-                real=s.real,
-                script=load(Path(s.script)) if s.script else None,
-            )
-            report = run_node(system, options, self._said, listen_to(iter(self._told.get, None)))
-            text = json.dumps(report, indent=2, default=str) + "\n"
-            (s.folder / f"{s.life}.json").write_text(text, encoding="utf-8")
-            self.done = {key: report[key] for key in ("end", "state", "error")}
+            told = iter(self._told.get, None)
+            self.done = run_started(self.start, self._said, listen_to(told))
         except CosimError as error:
             self.failed = {"error": str(error), "exit_code": error.exit_code}
 

@@ -28,6 +28,7 @@ from bridge.journal import Journal
 from bridge.native import node as native
 from bridge.native.faults import INJECTED
 from bridge.native.safety import State
+from bridge.process import Start
 from bridge.realtime import enter, verdict, warm_up
 from bridge.safety import explain
 from bridge.system import System, load_system
@@ -41,6 +42,7 @@ ENDS = {
     native.NEVER_STARTED: "never started",
     native.FAULT: "fault",
 }
+TOO_LATE = "too late"  # it was there when the run was over
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def run_node(
     say: Say,
     listen: Callable[[Control], None] = lambda control: None,
 ) -> dict[str, Any]:
-    """Run one node from configuring to its end, and return its report.
+    """Run one node from configuring to its end, and return its report, which is ``LIFE.json`` too.
 
     `say` gets events; `listen` is called in a thread of its own with the control of the node, and
     tells it what others want. Raises CosimError where it cannot be configured.
@@ -107,8 +109,8 @@ def _in_lockstep(
             say({"event": "ready", "refused": [], "warning": ""})
             threading.Thread(target=listen, args=(control,), daemon=True).start()
             result = stepping.run()
-        report = _report(stepping.wired, buses, options, result, {}, "", None)
-        return {**report, "error": report["error"] or stepping.error(result)}
+            report = _report(stepping.wired, buses, options, result, {}, "", None)
+            return _kept(options, {**report, "error": report["error"] or stepping.error(result)})
 
 
 def _configured(
@@ -146,7 +148,7 @@ def _configured(
         with refusals(struct, say):
             result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
-    return _report(wired, buses, options, result, facts, warning, faults)
+        return _kept(options, _report(wired, buses, options, result, facts, warning, faults))
 
 
 def _faults(wired: Wired, options: Options, buses: Sequence[str]) -> NodeFaults | None:
@@ -173,14 +175,12 @@ def _report(
     faults: NodeFaults | None,
 ) -> dict[str, Any]:
     s = wired.struct
-    error = ""
-    if result > 0:
-        error = str(wired.engine.failure(result))
+    end, error = _ended(wired, result)
     return {
         "node": options.name,
         "life": options.life,
         "boots": options.boots,
-        "end": ENDS.get(result, "failed"),
+        "end": end,
         "error": error,
         "state": State(s.life.state).name.lower(),
         "reasons": explain(s.life.reasons) if s.life.reasons else "",
@@ -195,11 +195,31 @@ def _report(
         "unknown_frames": int(s.unknown),
         "messages": {name: _counts(r) for name, r in wired.receivers.items()},
         "guards": {name: g.trips() for name, g in wired.guards.items()},
-        "drive_faults": int(wired.drive.struct.faults) if wired.drive else 0,
+        "drive_faults": sum(int(drive.struct.faults) for drive in wired.drives),
         "buses": {name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
         "journal_dropped": wired.journal.dropped,
         "injected": faults.hits() if faults else {},
     }
+
+
+def _ended(wired: Wired, result: int) -> tuple[str, str]:
+    """How it ended, and what went wrong in a sentence."""
+    s = wired.struct
+    if result > 0:
+        return "failed", str(wired.engine.failure(result))
+    if result == native.FINISHED and s.first >= s.slots:
+        return TOO_LATE, (
+            f"the run was over: {s.slots} slots to t = {s.slots * s.h:g} s, and this life would "
+            f"have begun with slot {s.first}"
+        )
+    return ENDS.get(result, "failed"), ""
+
+
+def _kept(options: Options, report: dict[str, Any]) -> dict[str, Any]:
+    """The report, written: while signals are still ours, so that a Ctrl-C does not take it."""
+    text = json.dumps(report, indent=2, default=str) + "\n"
+    (options.folder / f"{options.life}.json").write_text(text, encoding="utf-8")
+    return report
 
 
 def _counts(receiver: Any) -> dict[str, int]:
@@ -212,9 +232,24 @@ def _counts(receiver: Any) -> dict[str, int]:
 # ---- as a process ---------------------------------------------------------------------------
 
 
+def run_started(start: Start, say: Say, listen: Callable[[Control], None]) -> dict[str, Any]:
+    """As :func:`run_node`, of what a supervisor says. Raises CosimError."""
+    system = load_system(start.scenario, str(start.deployment), start.settings)
+    options = Options(
+        name=start.node,
+        life=start.life,
+        folder=start.folder,
+        boots=start.boots,
+        warm_up=start.warm_up,
+        realtime=start.realtime,
+        real=start.real,
+        script=load(Path(start.script)) if start.script else None,
+    )
+    return run_node(system, options, say, listen)
+
+
 def main(arguments: Sequence[str]) -> int:
     """The process a rehearsal starts: one argument, JSON. Returns the exit code."""
-    given = json.loads(arguments[0])
     stdout = sys.stdout
 
     def say(event: Mapping[str, Any]) -> None:
@@ -223,23 +258,9 @@ def main(arguments: Sequence[str]) -> int:
             stdout.flush()
 
     try:
-        system = load_system(Path(given["scenario"]), given["deployment"], given["settings"])
-        script = load(Path(given["script"])) if given.get("script") else None
-        options = Options(
-            name=given["node"],
-            life=given["life"],
-            folder=Path(given["folder"]),
-            boots=given["boots"],
-            warm_up=given["warm_up"],
-            realtime=given["realtime"],
-            real=given["real"],
-            script=script,
-        )
-        report = run_node(system, options, say, listen_to(sys.stdin))
+        report = run_started(Start.parse(arguments[0]), say, listen_to(sys.stdin))
     except CosimError as error:
         say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
         return error.exit_code
-    path = Path(given["folder"]) / f"{given['life']}.json"
-    path.write_text(json.dumps(report, indent=2, default=str) + "\n", encoding="utf-8")
     say({"event": "done", "end": report["end"], "state": report["state"], "error": report["error"]})
     return 0

@@ -11,9 +11,9 @@ import sys
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Self, final
 
 from cosim.errors import RunError
 
@@ -36,16 +36,14 @@ class Start:
 
     def text(self) -> str:
         """As JSON."""
-        names = ("node", "life", "boots", "warm_up", "realtime", "real", "script")
-        return json.dumps(
-            {
-                **{name: getattr(self, name) for name in names},
-                "scenario": str(self.scenario),
-                "deployment": str(self.deployment),
-                "settings": list(self.settings),
-                "folder": str(self.folder),
-            }
-        )
+        return json.dumps(asdict(self), default=str)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Of :meth:`text`."""
+        said = json.loads(text)
+        paths = {key: Path(said[key]) for key in ("scenario", "deployment", "folder")}
+        return cls(**{**said, **paths, "settings": tuple(said["settings"])})
 
 
 @final

@@ -18,6 +18,7 @@ from typing import final
 
 from bridge.enabling import enabled
 from bridge.inprocess import Thread
+from bridge.node import TOO_LATE
 from bridge.process import Process, Start
 from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
@@ -90,7 +91,7 @@ class Rehearsal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        self.end()
 
     def closing(self, do: Callable[[], None]) -> None:
         """Do this when the rehearsal is left, whatever happens."""
@@ -150,7 +151,9 @@ class Rehearsal:
         return self.ended
 
     def end(self) -> None:
-        """End all processes; their journals are complete then."""
+        """End all processes, none after the other; their journals are complete then."""
+        for process in self.ended.lives:
+            process.tell("quit")
         self._stack.close()
 
     @property
@@ -200,8 +203,7 @@ class Rehearsal:
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
             next_ = events[0].t - self.t if events else LOOK
             sleep(min(LOOK, max(next_, 0.001)))
-        for process in self.current.values():
-            process.poll()
+        self._look()
 
     def _look(self) -> None:
         """Notice nodes that have ended; one whose end nobody planned stops the others."""
@@ -210,11 +212,14 @@ class Rehearsal:
             self._refused(process)
             if process.code is None or name in self.expected:
                 continue
-            if process.done and process.done["end"] in ("finished", "fault"):
+            end = process.done["end"] if process.done else ""
+            if end in ("finished", "fault"):
                 continue
             self.expected.add(name)
-            why = process.done["error"] or process.done["end"] if process.done else process.reason()
+            why = process.done["error"] or end if process.done else process.reason()
             self.ended.notes.append(f"t = {self.t:.3f} s: node {name} has ended: {why}")
+            if end == TOO_LATE:
+                continue
             for other in self.current.values():
                 if other is not process:
                     self.expected.add(other.start.node)

@@ -34,7 +34,6 @@ def node(
 
     Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
     """
-    import json
     from contextlib import ExitStack
 
     from bridge import deploy as deployments
@@ -42,10 +41,13 @@ def node(
     from bridge.control import Control
     from bridge.enabling import enabled
     from bridge.node import Options, run_node
+    from bridge.outcome import deployed
     from bridge.rehearse import NODES
     from bridge.system import load_system
     from cosim.clock import monotonic_ns, sleep, stamp
     from cosim.errors import CosimError, ScenarioError
+    from cosim.record import write_metadata
+    from cosim.simulate import metadata
 
     path = deployments.find(scenario, deploy)
     changes = [*(set_ or [])]
@@ -59,6 +61,8 @@ def node(
         typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
     folder = out or fresh(Path("runs") / f"{name}-{stamp()}")
     (folder / NODES).mkdir(parents=True, exist_ok=True)
+    facts = deployed(system, {"settings": changes, "node": name})
+    write_metadata(folder, metadata(system.scenario, system.plan) | facts)
 
     controls: list[Control] = []
 
@@ -94,23 +98,14 @@ def node(
         report = run_node(system, options, say, listen)
     if failures:
         raise failures[0]
-    text = json.dumps(report, indent=2, default=str) + "\n"
-    (folder / NODES / f"{name}.json").write_text(text, encoding="utf-8")
-    _finish(system, folder, name, changes, report)
+    _say(system, folder, report)
 
 
-def _finish(
-    system: Any, folder: Path, name: str, changes: list[str], report: Mapping[str, Any]
-) -> None:
+def _say(system: Any, folder: Path, report: Mapping[str, Any]) -> None:
     from bridge import replay
-    from bridge.outcome import deployed
     from bridge.rehearse import NODES
     from bridge.report import node_reports
-    from cosim.record import write_metadata
-    from cosim.simulate import metadata
 
-    facts = {"settings": changes, "node": name}
-    write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, facts))
     rows = replay.load(folder / NODES) if report["slots"] else {}
     for r in node_reports(system, rows, folder / NODES):
         typer.echo(f"{r.life:<16} {r.text()}")

@@ -6,8 +6,9 @@ one, and what a node that has died knew last stays as it was.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,26 +92,43 @@ def _places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
 # ---- links ----------------------------------------------------------------------------------
 
 
-def held_by(system: System, rows: Mapping[str, Rows], link: Link) -> IntArray | None:
-    """The sent sample a link's receiver held at each of its hits, (hits,); None: not crossing.
+def at_hits(
+    system: System,
+    rows: Mapping[str, Rows],
+    node: str,
+    ticks: int,
+    of: Callable[[Rows], NDArray[Any]],
+    before: float,
+) -> NDArray[Any]:
+    """What `of` takes from a node's rows, at each hit of a component, (hits,).
 
-    Hits without a row (a node that was dead) hold what was held before, at first -1.
+    `ticks`: base ticks between two hits. Hits without a row (a node that was dead) have what was
+    there before them, at first `before`.
     """
+    every = ticks // system.nodes[node].ticks
+    hits = -(-system.plan.ticks // ticks)
+    known = np.zeros(hits, bool)
+    found = np.full(hits, before)
+    for life in lives_of(rows, node):
+        due = rows[life][rows[life]["slot"] % every == 0]
+        at = due["slot"] // every
+        found[at], known[at] = of(due), True
+    return found[np.maximum.accumulate(np.where(known, np.arange(hits), 0))]
+
+
+def held_by(system: System, rows: Mapping[str, Rows], link: Link) -> IntArray | None:
+    """The sent sample a link's receiver held at each of its hits, (hits,); None: not crossing."""
     for name, node in system.nodes.items():
         for i, inlet in enumerate(node.inlets):
             if inlet.link is None or inlet.link.name != link.name:
                 continue
-            every = inlet.ticks // node.ticks
-            hits = system.plan.ticks // inlet.ticks
-            held = np.full(hits, -1, np.int64)
-            known = np.zeros(hits, bool)
-            for life in lives_of(rows, name):
-                due = rows[life]["slot"] % every == 0
-                at = rows[life]["slot"][due] // every
-                held[at], known[at] = rows[life]["inlets"]["held"][due, i], True
-            last = np.maximum.accumulate(np.where(known, np.arange(hits), 0))
+
+            def held_of(found: Rows, i: int = i) -> NDArray[Any]:
+                return np.asarray(found["inlets"]["held"][:, i])
+
+            held = at_hits(system, rows, name, inlet.ticks, held_of, -1)
             period = system.messages[inlet.message].outlet.period
-            return np.where(held[last] < 0, -1, held[last] * period)
+            return np.where(held < 0, -1, held * period)
     return None
 
 
@@ -119,11 +137,14 @@ def write_tables(
 ) -> dict[str, LinkStatistics]:
     """Store the tables of the links that cross cuts, for replays offline; their statistics."""
     found: dict[str, LinkStatistics] = {}
+    d = system.deployment
+    recorded = {"deployment": d.name, "latency": d.latency}  # held is the network's work as well
     for link in system.plan.links:
         held = held_by(system, rows, link)
         if held is None:
             continue
-        with TableWriter(link_file(folder, link.name), link.table.facts()) as writer:
+        facts = {**link.table.facts(), "recorded": recorded}
+        with TableWriter(link_file(folder, link.name), facts) as writer:
             writer.write(held)
         found[link.name] = statistics(held, link.table.grid)
     return found

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
 if TYPE_CHECKING:
     from bridge.system import System
+    from bridge.wiring import Rows
 
 
 def replay(
@@ -20,10 +22,19 @@ def replay(
     from_log: Annotated[
         bool, typer.Option("--from-log", help="RUN is a bus log: run controllers on its frames.")
     ] = False,
+    offline: Annotated[
+        bool,
+        typer.Option(
+            "--offline",
+            help="Instead: one offline run over the recorded link tables, side by side.",
+        ),
+    ] = False,
 ) -> None:
     """Compute a recorded run again, offline, and compare every signal of every node bit for bit.
 
-    Exits with 1 where anything differs, and says where first.
+    Exits with 1 where anything differs, and says where first. With --offline there are no nodes:
+    the scenario runs as `cosim run` does, links hold what was held, into RUN/offline; exits with 1
+    where that is different.
     """
     from tempfile import TemporaryDirectory
 
@@ -36,6 +47,8 @@ def replay(
         return
     system = _system(run, scenario, deploy)
     rows = again.load(run / NODES)
+    if offline:
+        _offline(system, run, rows)
     watch = stopwatch()
     with TemporaryDirectory() as scratch:
         found = again.replay(system, rows, Path(scratch))
@@ -67,6 +80,16 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
     return load_system(
         scenario or Path(facts["scenario"]), deploy or facts["path"], facts.get("settings", [])
     )
+
+
+def _offline(system: System, run: Path, rows: Mapping[str, Rows]) -> NoReturn:
+    from bridge.cli.diff import lines
+    from bridge.diff import compare_runs
+    from bridge.offline import run_offline
+
+    found = compare_runs(run, run_offline(system, run, rows))
+    typer.echo("\n".join(lines(found)))
+    raise typer.Exit(found.exit_code)
 
 
 def _from_log(log: Path, scenario: Path | None, deploy: str | None) -> None:

@@ -43,6 +43,10 @@ def run(
     tolerance: Annotated[
         float, typer.Option(help="Relative local error the advised step is to keep.")
     ] = 1e-4,
+    links: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Take the links' delays and losses from this run folder."),
+    ] = None,
     deploy: Annotated[
         str | None,
         typer.Option(
@@ -62,20 +66,23 @@ def run(
     from cosim.cli.check import warn
     from cosim.cli.summary import check, figures, header, progress_bar, summary
     from cosim.clock import stamp
-    from cosim.errors import Interrupted
+    from cosim.errors import Interrupted, ScenarioError
     from cosim.record import Run
+    from cosim.recorded import over
     from cosim.scenario import load, logging
     from cosim.simulate import columns, simulate
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     if deploy is not None:
+        if links is not None:
+            raise ScenarioError("--links is for runs without nodes; expected no --deploy beside it")
         twin = importlib.import_module(TWIN)
         twin.run(scenario, deploy, clock, settings, out, force=force, plot=plot, quiet=quiet)
         return
     loaded = load(scenario, settings)
     if fmu_log:
         loaded = logging(loaded)
-    plan = assemble(loaded)
+    plan = assemble(loaded) if links is None else over(assemble(loaded), links)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, recorded)
     folder = out or _fresh(Path("runs") / f"{loaded.name}-{stamp()}")

@@ -1,0 +1,89 @@
+"""A recorded run as one offline run: the cut into nodes changes nothing where no bus rounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bridge import replay
+from bridge.cli.diff import lines
+from bridge.collect import write_tables, write_trajectories
+from bridge.diff import Comparison, compare_runs
+from bridge.offline import run_offline
+from bridge.outcome import deployed
+from bridge.system import System
+from cosim.errors import ScenarioError
+from cosim.record import Run, write_metadata
+from cosim.simulate import metadata
+from tests.bridge.deployments import NETWORK, named, run_twin
+from tests.cli.command import Command
+
+ARMS = ("master", "slave")
+#: Every second hit of a controller brings nothing new,
+RARE = tuple(f'deploy.messages.xi_{arm}.period="10 ms"' for arm in ARMS)
+#: and its edge fades then.
+FADING = (*RARE, *(f"components.{arm}_control.parameters.age_max=0.001" for arm in ARMS))
+
+
+def recorded(system: System, folder: Path) -> Path:
+    """A run folder with the journals of a twin, as a rehearsal leaves it."""
+    (folder / "run").mkdir()
+    rows = run_twin(system, folder / "run" / "nodes")
+    write_trajectories(system, rows, folder / "run")
+    write_tables(system, rows, folder / "run")
+    facts = metadata(system.scenario, system.plan) | deployed(system, {"settings": []})
+    write_metadata(folder / "run", facts)
+    return folder / "run"
+
+
+def compared(system: System, folder: Path) -> Comparison:
+    run = recorded(system, folder)
+    return compare_runs(run, run_offline(system, run, replay.load(run / "nodes")))
+
+
+CASES = {
+    "two arms": lambda: named("zenoh", "run.stop=4"),
+    "edges that fade": lambda: named("zenoh", "run.stop=4", *FADING),
+    "switching graph": lambda: named("network", "run.stop=4", scenario=NETWORK),
+}
+
+
+@pytest.mark.parametrize("case", sorted(CASES))
+def test_what_is_sent_as_it_is_leaves_the_same_bits(case: str, tmp_path: Path):
+    found = compared(CASES[case](), tmp_path)
+    assert found.verdict == "identical", lines(found)
+
+
+def test_edges_did_fade(tmp_path: Path):
+    """Else the case above would show nothing."""
+    ends = []
+    for name, settings in (("rare", RARE), ("fading", FADING)):
+        (tmp_path / name).mkdir()
+        run = recorded(named("zenoh", "run.stop=1", *settings), tmp_path / name)
+        ends.append(Run.open(run).column("master.q[0]")[-1])
+    assert ends[0] != ends[1]
+
+
+def test_drives_and_rounding_on_can_are_within_a_period(tmp_path: Path):
+    found = compared(named("can", "run.stop=4"), tmp_path)
+    assert found.verdict == "equal", lines(found)
+
+
+def test_as_a_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+):
+    run, cosim = recorded(named("zenoh"), tmp_path), Command(monkeypatch, capsys)
+    done = cosim("replay", str(run), "--offline")
+    assert (done.code, done.err) == (0, "")
+    assert "verdict: identical to the bit" in done.out
+    assert cosim("replay", str(run), "--offline").code == 0  # again, over what was there
+
+
+def test_a_run_without_its_tables(tmp_path: Path):
+    system = named("zenoh", "run.stop=1")
+    run = recorded(system, tmp_path)
+    for path in (run / "links").iterdir():
+        path.unlink()
+    with pytest.raises(ScenarioError, match=r"no table of the link 'master_control\.xi->"):
+        run_offline(system, run, replay.load(run / "nodes"))

@@ -62,7 +62,7 @@ typedef struct {
     int64_t clock_steps;    /* times the wall clock was set (by 1 ms or more) */
     int32_t draining;       /* a frame has come since the queue was last empty */
     int32_t stepped;        /* in this drain, or the one before */
-    int64_t wall_ns;        /* when the two clocks were compared last, by the wall clock */
+    int64_t wall_ns;        /* when the two clocks were compared last, by the wall clock; 0: never well */
     int64_t began_ns;       /* when this drain did; CLOCK_MONOTONIC */
 } bus_t;
 

@@ -7,7 +7,7 @@ more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
 from bridge.deploy import ApartSpec, Deployment
@@ -19,12 +19,18 @@ if TYPE_CHECKING:
     from bridge.system import Carried
 
 
-def messages(d: Deployment, node: str, carried: Mapping[str, Carried]) -> set[str]:
-    """Messages a node has to hear to compare. Raises ScenarioError where nothing carries a port."""
+def messages(
+    d: Deployment, node: str, carried: Mapping[str, Carried], buses: Collection[str]
+) -> set[str]:
+    """Messages a node has to hear to compare, if it can on one of its `buses`.
+
+    Raises ScenarioError where nothing carries a port.
+    """
     spec = d.nodes[node].apart
     if spec is None:
         return set()
-    return {_find(d, node, carried, port)[0] for port in (spec.of, spec.other)}
+    near = dict(sorted(carried.items(), key=lambda item: item[1].bus not in buses))
+    return {_find(d, node, near, port)[0] for port in (spec.of, spec.other)}
 
 
 def _find(
@@ -59,8 +65,9 @@ def _struct(
     receptions: Mapping[str, native.Reception],
 ) -> native.Apart:
     place = d.place("nodes", node, "apart")
+    heard = {name: message for name, message in carried.items() if name in receptions}
     (a, first_a, n), (b, first_b, m) = (
-        _find(d, node, carried, port) for port in (spec.of, spec.other)
+        _find(d, node, heard, port) for port in (spec.of, spec.other)
     )
     if n != m:
         raise ScenarioError(f"{spec.of} has {n} values, {spec.other} {m}", place)

@@ -85,7 +85,7 @@ def _places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
         for name, slot in own.items()
         for i in range(slot.size)
     ]
-    found = np.array(pairs, dtype=np.int64)
+    found = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return found[:, 0], found[:, 1]
 
 

@@ -14,8 +14,9 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.crossing import Crossing, carried, crossings, homes
+from bridge.crossing import Crossing, crossings, homes
 from bridge.deploy import Deployment, MessageSpec, NodeSpec
+from bridge.routes import Forward, carried, forwards
 from cosim.engine import Engine
 from cosim.errors import ScenarioError
 from cosim.plan import Gate, Link, Plan, Slot, Step, Wire, compile_plan
@@ -77,6 +78,7 @@ class NodePlan:
     ticks: int
     inlets: tuple[Inlet, ...]
     outlets: tuple[Outlet, ...]
+    forwards: tuple[Forward, ...] = ()
 
     @property
     def h(self) -> float:
@@ -100,9 +102,13 @@ def cut(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan
             f'algorithm = "{plan.algorithm}" cannot be cut into nodes; expected "sampled"',
             str(deployment.path),
         )
-    crossing = crossings(plan, deployment, homes(plan, deployment))
+    forwarded = forwards(plan, deployment)
+    crossing = crossings(plan, deployment, homes(plan, deployment), forwarded)
     return {
-        name: _node(name, spec, plan, deployment, crossing, start)
+        name: replace(
+            _node(name, spec, plan, deployment, crossing, start),
+            forwards=tuple(f for f in forwarded.values() if f.by == name),
+        )
         for name, spec in deployment.nodes.items()
     }
 
@@ -131,12 +137,12 @@ def _node(
 ) -> NodePlan:
     remote = {_whole(x.edge.target) for x in crossing}
     here = [_started(c, remote, start) for c in plan.components if c.name in spec.components]
-    ticks = gcd(*(c.period for c in here))
+    ticks = gcd(*(c.period for c in here)) or _step(name, spec, plan, d)
     steps, moved = _steps(here, ticks)
     outlets = [
         _outlet(key, m, plan, d, moved, ticks)
         for key, m in sorted(d.messages.items())
-        if m.carries[0].partition(".")[0] in spec.components
+        if not m.forwards and m.carries[0].partition(".")[0] in spec.components
     ]
     inlets = [
         _inlet(x, plan, moved) for x in crossing if x.edge.target.component in spec.components
@@ -160,6 +166,25 @@ def _node(
         gates=gates.values(),
     )
     return NodePlan(name, found, ticks, tuple(inlets), tuple(outlets))
+
+
+def _step(name: str, spec: NodeSpec, plan: Plan, d: Deployment) -> int:
+    """Base ticks of a slot of a gateway."""
+    if spec.step is None:
+        return 1
+    place = ("nodes", name, "step")
+    return _multiple(d.seconds(spec.step, *place), plan.h, "the base step", d.place(*place))
+
+
+def _multiple(seconds: float, of: float, what: str, place: str) -> int:
+    """How many times `of` (s) that is. Raises ScenarioError where it is no whole number of times.
+
+    `what`: whose period `of` is.
+    """
+    found = round(seconds / of)
+    if found < 1 or abs(found * of - seconds) > 1e-9:
+        raise ScenarioError(f"{seconds:g} s is no multiple of {what} {of:g} s", place)
+    return found
 
 
 def _started(step: Step, remote: Collection[str], start: Vector) -> Step:
@@ -214,13 +239,8 @@ def _outlet(
     every = 1
     if m.period is not None:
         place = ("messages", key, "period")
-        seconds = d.seconds(m.period, *place)
-        every = round(seconds / (step.period * plan.h))
-        if every < 1 or abs(every * step.period * plan.h - seconds) > 1e-9:
-            raise ScenarioError(
-                f"{seconds:g} s is no multiple of {component}'s period {step.period * plan.h:g} s",
-                d.place(*place),
-            )
+        seconds, of = d.seconds(m.period, *place), step.period * plan.h
+        every = _multiple(seconds, of, f"{component}'s period", d.place(*place))
     return Outlet(
         gate=f"out {key}",
         message=key,

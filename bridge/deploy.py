@@ -107,13 +107,16 @@ class ApartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One process: its components, its number on every bus, and what protects it.
 
-    `phase`: of its deadlines; `heartbeat`: their period; `requires`: nodes whose loss stops it,
-    `within` so long; `apart`: refuses the start; `stale`: by ``component.port``; `ramp`: torque to
-    0 when stopping; `priority`, `cpu`: see :mod:`bridge.realtime`.
+    Without components it is a gateway: messages say that they are forwarded `by` it, and its slots
+    are a `step` long (default: the base step). `phase`: of its deadlines; `heartbeat`: their
+    period; `requires`: nodes whose loss stops it, `within` so long; `apart`: refuses the start;
+    `stale`: by ``component.port``; `ramp`: torque to 0 when stopping; `priority`, `cpu`: see
+    :mod:`bridge.realtime`.
     """
 
-    components: tuple[str, ...]
     number: Annotated[int, msgspec.Meta(ge=1, le=31)]
+    components: tuple[str, ...] = ()
+    step: Number | None = None
     phase: Number = 0.0
     heartbeat: Number = 0.05
     requires: tuple[str, ...] = ()
@@ -133,7 +136,8 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
     `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1,
     or as `signals` says. `name`: of the message in the DBC file, if it is not the key.
-    `max_age`: by its time stamp, older ones are dropped; 0: any.
+    `max_age`: by its time stamp, older ones are dropped; 0: any. `forwards`: another message,
+    which the node `by` sends once more as this one, on another bus (:mod:`bridge.routes`).
 
     `profile`: of a drive (``configs/drives``), beside the deployment: message, signals and units
     are then the profile's, for the drive's own node number `drive`; ports are called tau, q, dq.
@@ -141,7 +145,9 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """
 
     bus: str
-    carries: tuple[str, ...]
+    carries: tuple[str, ...] = ()
+    forwards: str = ""
+    by: str = ""
     name: str = ""
     signals: tuple[str, ...] = ()
     period: Number | None = None

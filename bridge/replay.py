@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from bridge.journal import Journal
 from bridge.native import node as native
 from bridge.native.safety import State
+from bridge.sending import Forwarding
 from bridge.system import System, make_system
 from bridge.wiring import Rows, Wired
 from cosim.errors import RunError, ScenarioError
@@ -64,11 +65,14 @@ class Recorded:
 def replay(system: System, recorded: Mapping[str, Rows], folder: Path) -> Replay:
     """Compute the recorded lives again, into journals in `folder`, and compare every bit.
 
+    Gateways compute nothing: what they forwarded is what its first sender computes.
+
     `recorded`: rows by the name of a life: the node's, and ``NODE.2`` ... where it was started
     again. Raises ScenarioError where rows are not those of this system, RunError where the replay
     cannot go on.
     """
     lives = {life: Recorded(life.partition(".")[0], rows) for life, rows in recorded.items()}
+    lives = {life: r for life, r in lives.items() if system.nodes[r.node].plan.components}
     histories = _histories(system, lives)
     with ExitStack() as stack:
         wired = {
@@ -128,10 +132,11 @@ def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, Histo
         for outlet in node.outlets:
             if not system.messages[outlet.message].encoding.message.e2e:
                 continue  # no counter: which sample was held is known by its time only, so nearly
-            history = found.setdefault(
-                outlet.message, History(outlet.width, system.plan.ticks // outlet.ticks + 8)
-            )
-            history.there[ticks[ticks % outlet.ticks == 0] // outlet.ticks] = native.AWAITED
+            sent = ticks[ticks % outlet.ticks == 0] // outlet.ticks
+            capacity = system.plan.ticks // outlet.ticks + 8
+            for made in (outlet, *(m.outlet for m in system.forwards_of(outlet.message))):
+                history = found.setdefault(made.message, History(made.width, capacity))
+                history.there[sent] = native.AWAITED
     return found
 
 
@@ -173,15 +178,30 @@ def _wire(
     s.replayed, s.replayed_rows = rows.ctypes.data, len(rows)
     s.slot = s.first = int(rows["slot"][0])
     s.life.state, s.life.armed = State.ACTIVE, 1
-    for i, message in enumerate(system.heard_by(recorded.node)):
+    for message, reception in node.receiving.receptions.items():
         if message in histories:
-            node._made[i].history = c.pointer(histories[message].struct)
-    for i, outlet in enumerate(node.plan.outlets):
+            reception.history = c.pointer(histories[message].struct)
+    for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):
         if outlet.message in histories:
-            node.outlets[i].history = c.pointer(histories[outlet.message].struct)
+            _remember(node, outlet.message, entry, histories)
     _begin(node, rows)
     native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
     return node
+
+
+def _remember(
+    node: Wired, message: str, outlet: native.Outlet, histories: Mapping[str, History]
+) -> None:
+    """What an outlet sends, and what gateways make of it, is kept for its receivers."""
+    outlet.history = c.pointer(histories[message].struct)
+    forwarded = Forwarding(node.system.forwards_of(message))
+    for made in node.system.forwards_of(message):
+        assert made.forward is not None
+        entry = forwarded.made[made.name]
+        entry.of = c.pointer(histories[made.forward.of].struct)
+        entry.to = c.pointer(histories[made.name].struct)
+    forwarded.bind(outlet)
+    node.sending.keep(forwarded)
 
 
 def _check_slots(rows: Rows, place: str) -> None:
@@ -197,7 +217,7 @@ def _begin(node: Wired, rows: Rows) -> None:
     """Inputs from other nodes hold at the start what they held when it was recorded."""
     signals: NDArray[np.float64] = rows["signals"][0]
     for i, inlet in enumerate(node.plan.inlets):
-        entry = node.inlets[i]
+        entry = node.receiving.inlets[i]
         entry.heard_ns = node.struct.slot * node.struct.h_ns
         if not entry.drive:
             part = slice(inlet.target.start, inlet.target.start + inlet.target.size)

@@ -6,17 +6,18 @@ Everybody who has to agree makes it from the same two files: each node, the twin
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from bridge import apart, deploy, foreign, protect
+from bridge import apart, deploy, foreign, protect, routes
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
 from bridge.cut import NodePlan, Outlet, cut, start_values
 from bridge.deploy import Deployment, NodeSpec
 from bridge.native.message import Message
+from bridge.routes import Forward
 from bridge.zenoh import names
 from cosim.assemble import assemble
 from cosim.errors import ScenarioError
@@ -37,7 +38,8 @@ class Encoding(Protocol):
 class Carried:
     """A message of the deployment: who sends it when, and how it is encoded.
 
-    `offset_ns`: the sender's phase; `period_ns`: between two samples.
+    `offset_ns`: the sender's phase; `period_ns`: between two samples. `forward`: what it is made
+    of, where a gateway sends it; numbers, phase and period are then its first sender's.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Carried:
     period_ns: int
     offset_ns: int
     max_age_ns: int
+    forward: Forward | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,18 +77,27 @@ class System:
     def buses_of(self, node: str) -> tuple[str, ...]:
         """The buses a node sends or hears on, in the order of the deployment."""
         plan = self.nodes[node]
-        used = {o.bus for o in plan.outlets} | {self.messages[m].bus for m in self.heard_by(node)}
+        used = {o.bus for o in plan.outlets} | {f.bus for f in plan.forwards}
+        used |= {self.messages[m].bus for m in self.heard_by(node)}
         return tuple(name for name in self.deployment.buses if name in used)
 
     def heard_by(self, node: str) -> tuple[str, ...]:
         """Messages a node receives, sorted."""
-        compared = apart.messages(self.deployment, node, self.messages)
-        return tuple(sorted({i.message for i in self.nodes[node].inlets} | compared))
+        plan = self.nodes[node]
+        heard = {i.message for i in plan.inlets} | {f.of for f in plan.forwards}
+        buses = {o.bus for o in plan.outlets} | {self.messages[m].bus for m in heard}
+        compared = apart.messages(self.deployment, node, self.messages, buses)
+        return tuple(sorted(heard | compared))
+
+    def forwards_of(self, origin: str) -> tuple[Carried, ...]:
+        """Messages that gateways make of one, also over others; each behind what it is made of."""
+        made = [m for m in self.messages.values() if m.forward and m.forward.origin == origin]
+        return tuple(made)
 
     @property
     def sync_ticks(self) -> int:
         """Base ticks between two SYNC: a slot of the slowest node."""
-        return max(node.ticks for node in self.nodes.values())
+        return max(node.ticks for node in self.nodes.values() if node.plan.components)
 
     def identifiers(self, node: str) -> dict[str, int]:
         """Identifiers of everything a node hears, by the message's name."""
@@ -132,21 +144,52 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
         if bus.kind == "can"
     }
     messages = {
-        outlet.message: _carried(outlet, name, nodes[name], plan, deployment, layouts)
+        outlet.message: _carried(outlet, name, plan, deployment, layouts)
         for name in deployment.nodes
         for outlet in nodes[name].outlets
     }
+    forwarded = [f for node in nodes.values() for f in node.forwards]
+    for forward in sorted(forwarded, key=lambda f: f.hops):
+        first = messages[forward.origin]
+        messages[forward.message] = _forwarded(forward, first, plan, deployment, layouts)
     services = {bus: _service(found, deployment.nodes.values()) for bus, found in layouts.items()}
     for bus, spec in deployment.buses.items():
         if spec.kind == "zenoh":
             services[bus] = _stream_service(deployment, bus, services.values())
-    return System(scenario, deployment, plan, nodes, messages, services)
+    system = System(scenario, deployment, plan, nodes, messages, services)
+    _joined(system)
+    return system
+
+
+def _joined(system: System) -> None:
+    """Buses hang together as they may. Raises ScenarioError."""
+    buses = {node: system.buses_of(node) for node in system.nodes}
+    routes.within_reach(system.deployment, buses)
+    gateways = sorted(routes.gateways(system.deployment))
+    routes.one_way(system.deployment, {node: buses[node] for node in gateways})
+
+
+def _forwarded(
+    forward: Forward,
+    first: Carried,
+    plan: Plan,
+    d: Deployment,
+    layouts: Mapping[str, Sequence[Layout]],
+) -> Carried:
+    outlet = replace(
+        first.outlet,
+        message=forward.message,
+        bus=forward.bus,
+        carries=forward.carries,
+        parts=forward.parts,
+    )
+    made = _carried(outlet, forward.by, plan, d, layouts)
+    return replace(made, offset_ns=first.offset_ns, forward=forward)
 
 
 def _carried(
     outlet: Outlet,
     node: str,
-    cut_plan: NodePlan,
     plan: Plan,
     d: Deployment,
     layouts: Mapping[str, Sequence[Layout]],

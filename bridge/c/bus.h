@@ -80,6 +80,11 @@ API int32_t bus_receive(bus_t *bus, frame_t *frame);
  * over. A bus with error frames of its own may send them (FRAME_ERROR). Never blocks. */
 API int32_t bus_send(bus_t *bus, frame_t *frame);
 
+/* Sleeps until one of n (at most 16) buses has something to receive, or the deadline
+ * (CLOCK_MONOTONIC, ns). Rings are seen at once where they have a bell (frame.h), else, and where
+ * there is no ppoll (not Linux), at one of many looks. bus_wait.c */
+void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns);
+
 /* Adds a frame to what was on the bus. */
 API void traffic_add(traffic_t *traffic, const frame_t *frame);
 

@@ -1,6 +1,17 @@
 /* frame.c: see frame.h */
 #include "frame.h"
 
+#include <unistd.h>
+
+/* For who sleeps on a descriptor; that it is full means it has been rung. */
+static void ring_bell(const ring_t *ring)
+{
+    const uint64_t one = 1;
+
+    if (ring->bell > 0 && write(ring->bell, &one, sizeof one) < 0)
+        return;
+}
+
 int32_t ring_put(ring_t *ring, const frame_t *frame)
 {
     uint64_t head = __atomic_load_n(&ring->head, __ATOMIC_RELAXED);
@@ -15,6 +26,7 @@ int32_t ring_put(ring_t *ring, const frame_t *frame)
     *place = *frame;
     place->sequence = (uint32_t)head;
     __atomic_store_n(&ring->head, head + 1, __ATOMIC_RELEASE);
+    ring_bell(ring);
     return 1;
 }
 

@@ -35,9 +35,13 @@ typedef struct {
 typedef struct {
     uint64_t head;          /* frames written; moved by the writer only */
     uint64_t dropped;       /* did not fit; counted by the writer */
-    uint64_t pad0[6];       /* the two ends on cache lines of their own */
+    int32_t bell;           /* a descriptor written to (8 bytes) after each frame; 0: none */
+    int32_t reserved0;
+    uint64_t pad0[5];       /* the two ends on cache lines of their own */
     uint64_t tail;          /* frames read; moved by the reader only */
-    uint64_t pad1[7];
+    uint32_t asleep;        /* the reader: see mail.h */
+    uint32_t reserved;
+    uint64_t pad1[6];
     int64_t capacity;       /* a power of two */
     frame_t *frames;
 } ring_t;

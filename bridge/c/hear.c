@@ -118,6 +118,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     r->status = (int32_t)header.status;
     if (!runs(n, r, &header, t)) {
         if (!n->begun) preview(n, r);
+        if (tells_life(r->message)) node_forward(n, r, &header, frame);
         return;
     }
     if (!started(n)) return;
@@ -133,6 +134,11 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         r->receiver->stale++;
         return;
     }
+    if (j > r->newest && r->n_forwards > 0) {
+        header.counter = (uint32_t)j;
+        header.t_us = (uint32_t)((r->time_bits > 0 ? sent : sampled(r, j)) / 1000);
+        node_forward(n, r, &header, frame);
+    }
     if (j > r->newest && !torque_of_fault(n, r, &header)) {
         r->newest = j;
         r->arrival_ns = t;
@@ -140,6 +146,14 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     for (int32_t i = 0; i < n->n_inlets; i++)
         if (n->inlets[i].reception == r)
             delay_put(n->inlets[i].delay, j, sampled(r, j), t, r->values + n->inlets[i].first);
+}
+
+/* An emergency stop. It reaches all that a gateway joins before this node has its next slot. */
+static void alarmed(node_t *n, int64_t t)
+{
+    const int32_t news = !((n->life.now | n->life.reasons) & WHY_ESTOP);
+    n->life.now |= WHY_ESTOP;
+    if (news && n->gateway) node_estop(n, t);
 }
 
 static int32_t command_of(int32_t nmt)
@@ -158,6 +172,7 @@ static void managed(node_t *n, const frame_t *frame)
     double v[NMT_VALUES];
     header_t header;
     if (message_decode(n->nmt, frame, v, &header) != DECODE_OK) return;
+    if (n->gateway) node_pass(n, n->nmt, v, frame);
     if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
     const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
     if (command == COMMAND_START && n->start_ns == 0) n->start_ns = frame->t_ns + 100000000;
@@ -223,7 +238,7 @@ static void dispatch(node_t *n, const frame_t *frame)
         sample(n, r, frame);
         return;
     }
-    if (n->estop && frame->id == n->estop->id) n->life.now |= WHY_ESTOP;
+    if (n->estop && frame->id == n->estop->id) alarmed(n, t);
     else if (n->nmt && frame->id == n->nmt->id) managed(n, frame);
     else if (n->sync && frame->id == n->sync->id) synced(n, frame, t);
     else if (!heartbeat(n, frame, t)) n->unknown++;

@@ -1,14 +1,15 @@
 /* node.c: one slot of a node: outlets, life cycle, journal; see node.h. */
 #include "node.h"
 
+#include <errno.h>
 #include <string.h>
 
 API size_t node_sizes(int32_t which)
 {
     static const size_t sizes[] = {sizeof(history_t), sizeof(reception_t), sizeof(inlet_t),
                                    sizeof(outlet_t), sizeof(node_t), sizeof(row_t),
-                                   sizeof(inlet_row_t), sizeof(played_t)};
-    return which >= 0 && which < 8 ? sizes[which] : 0;
+                                   sizeof(inlet_row_t), sizeof(played_t), sizeof(forward_t)};
+    return which >= 0 && which < 9 ? sizes[which] : 0;
 }
 
 /* ---- outlets ---- */
@@ -58,8 +59,9 @@ static void remember(outlet_t *o, const frame_t *frame, int64_t sequence)
     header_t header;
     const int64_t i = sequence - h->first;
     if (i < 0 || i >= h->capacity) return;
-    if (message_decode(o->message, frame, h->values + i * h->width, &header) == DECODE_OK)
-        h->there[i] = SAMPLE_THERE;
+    if (message_decode(o->message, frame, h->values + i * h->width, &header) != DECODE_OK) return;
+    h->there[i] = SAMPLE_THERE;
+    for (int64_t k = 0; k < o->n_forwards; k++) forward_remember(o->forwards + k, i);
 }
 
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
@@ -95,17 +97,16 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     return 0;
 }
 
-void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns)
+int32_t node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns)
 {
     bus_t *b = n->buses + bus;
     frame->bus = (uint8_t)bus;
-    if (n->clock == CLOCK_WALL) {
-        bus_send(b, frame);
-        return;
-    }
+    if (n->clock == CLOCK_WALL) return bus_send(b, frame);
     frame->t_ns = now_ns;
     b->sent++;
-    if (!ring_put(b->tx, frame)) b->send_failed++;
+    if (ring_put(b->tx, frame)) return 0;
+    b->send_failed++;
+    return ENOBUFS;
 }
 
 /* ---- a slot ---- */

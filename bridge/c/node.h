@@ -44,6 +44,17 @@ typedef struct {
     uint8_t *there;         /* capacity, SAMPLE_... */
 } history_t;
 
+/* A message made of another one as it comes: what gateways do. */
+typedef struct {
+    const message_t *message;
+    const int32_t *sources; /* values of the message it is made of, one a value */
+    double *values;         /* forwarded last, `width` */
+    int32_t width, bus;
+    history_t *of, *to;     /* replay: of the two messages; else NULL */
+    int64_t sent, failed;   /* samples; failed: not handed over */
+    histogram_t transit;    /* wall clock: from arrival to hand-over */
+} forward_t;
+
 /* A message this node hears. */
 typedef struct {
     const message_t *message;
@@ -59,7 +70,9 @@ typedef struct {
     int32_t accept_simulated, previewed;
     int64_t transit_ns;     /* what the network took, of the newest */
     history_t *history;     /* of its sender: replay; else NULL */
-    int32_t sender, reserved;   /* number of the node that sends it */
+    int32_t sender;         /* number of the node that sends it */
+    int32_t n_forwards;
+    forward_t *forwards;    /* what goes on at once when a sample was accepted */
 } reception_t;
 
 /* Two positions that have to be near each other at the start, each of a message heard. */
@@ -106,6 +119,8 @@ typedef struct {
     double *decoded;        /* as the receivers see them */
     history_t *history;     /* filled with what was sent: replay; else NULL */
     int64_t sent, saturated;
+    forward_t *forwards;    /* replay: what gateways have made of it, each behind what it is made of */
+    int64_t n_forwards;
 } outlet_t;
 
 /* A table of the engine's that begins with the run, not with this life: weights of edges. */
@@ -176,6 +191,7 @@ typedef struct node {
     const message_t **peer_messages;    /* heartbeats, one a peer */
     played_t *played;
     int64_t n_played;
+    int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
 } node_t;
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
@@ -203,14 +219,23 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 void node_hear(node_t *n, int64_t limit_ns);
 /* A message of an outlet, with the values it has. node.c */
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
-void node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
+/* 0, or why it was not handed over: of bus_send. */
+int32_t node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
+/* A sample or preview of r that has been accepted, as the messages made of it, with the number, time
+ * and status of its first sender. node_pass: a command from one bus, on all others. node_rest: until
+ * the deadline (CLOCK_MONOTONIC); a gateway hears, and forwards, meanwhile. forward.c */
+void node_forward(node_t *n, const reception_t *r, const header_t *header, const frame_t *came);
+void node_pass(node_t *n, const message_t *m, const double *values, const frame_t *came);
+void forward_remember(forward_t *f, int64_t sample);
+int64_t node_rest(node_t *n, int64_t deadline_ns);
 /* What a node says besides its outlets; the preview only in messages that tell it from samples.
  * ESTOP: the node that raised it repeats it every 10 ms until RESET; one that heard it passes it on
- * ten times, on all its buses. service.c */
+ * ten times, on all its buses (a gateway the first time at once). service.c */
 void node_heartbeat(node_t *n, int64_t now_ns);
 void node_preview(node_t *n, int64_t now_ns);
 void node_sync(node_t *n, int64_t now_ns);
 void node_alarm(node_t *n, int64_t now_ns);
+void node_estop(node_t *n, int64_t now_ns);
 /* Before the start, on the wall clock: heartbeats and previews, until START is obeyed. START is held
  * until 100 ms before start_ns and obeyed then, or in the 80 ms after it, as soon as required peers
  * are there, inputs with a `stop` were previewed, drives have watchdogs and positions are near each
@@ -236,7 +261,7 @@ API int32_t node_live(node_t *n);
 API void node_enable(node_t *n, int64_t now_ns);
 
 /* Simulated clock: all nodes to the end, the next deadline first; frames take frame_ns on their bus,
- * one after the other. `routes`: for each node and bus the number of the shared network, or -1. */
+ * one after the other, and are forwarded when they arrive. `routes`: for each node and bus the number of the shared network, or -1. */
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time)(const frame_t *, double, double),
                            const double *bitrates, int32_t n_networks, const int32_t *routes,
                            int32_t n_routes);

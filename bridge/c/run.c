@@ -68,7 +68,7 @@ API int32_t node_live(node_t *n)
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
         uint32_t flags = 0;
-        if (woke < deadline) woke = pace_wait(deadline, n->spin_ns, &n->quit);
+        if (woke < deadline) woke = node_rest(n, deadline);
         if (*(volatile int32_t *)&n->quit) break;
         const int32_t missed = late_slot(n, woke - deadline, &flags);
         prepare_end(n);
@@ -121,6 +121,24 @@ static int64_t deadline_of(const node_t *n)
     return n->slot < n->slots ? n->slot * n->h_ns + n->phase_ns : INT64_MAX;
 }
 
+/* When what has come to a gateway came first, INT64_MAX: nothing has. */
+static int64_t arrival_at(node_t *n)
+{
+    int64_t first = INT64_MAX;
+    for (int32_t b = 0; n->gateway && b < n->n_buses; b++) {
+        if (!n->has_pending[b]) n->has_pending[b] = bus_receive(n->buses + b, n->pending + b);
+        if (n->has_pending[b] && n->pending[b].t_ns < first) first = n->pending[b].t_ns;
+    }
+    return first;
+}
+
+/* When a node has to do something next; at its end it does nothing any more. */
+static int64_t due(node_t *n)
+{
+    const int64_t slot = deadline_of(n), frame = slot == INT64_MAX ? slot : arrival_at(n);
+    return frame < slot ? frame : slot;
+}
+
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
                            int64_t (*frame_time)(const frame_t *, double, double),
                            const double *bitrates, int32_t n_networks, const int32_t *routes,
@@ -129,12 +147,15 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
     twin_t w = {nodes, routes, n_nodes, n_routes, frame_time, bitrates, {0}};
     if (n_networks > 64) return -1;
     for (;;) {
-        int32_t next = 0;
-        for (int32_t i = 1; i < n_nodes; i++)
-            if (deadline_of(nodes[i]) < deadline_of(nodes[next])) next = i;
-        const int64_t now = deadline_of(nodes[next]);
-        if (now == INT64_MAX) return 0;
-        const int32_t result = node_slot(nodes[next], now, now, 0);
+        int32_t next = -1, result = 0;
+        int64_t now = INT64_MAX;
+        for (int32_t i = 0; i < n_nodes; i++) {
+            const int64_t t = due(nodes[i]);
+            if (t < now) now = t, next = i;
+        }
+        if (next < 0) return 0;
+        if (now < deadline_of(nodes[next])) node_hear(nodes[next], now);
+        else result = node_slot(nodes[next], now, now, 0);
         if (result) return result;
         hand_over(&w, next);
     }

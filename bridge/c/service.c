@@ -50,12 +50,12 @@ void node_sync(node_t *n, int64_t now_ns)
     }
 }
 
-static void estop(node_t *n, int64_t now_ns)
+void node_estop(node_t *n, int64_t now_ns)
 {
     for (int32_t b = 0; b < n->n_buses; b++) {
         frame_t frame;
         header_t header;
-        const double by[2] = {n->number, n->life.reasons};
+        const double by[2] = {n->number, n->life.reasons | WHY_ESTOP};
         memset(&frame, 0, sizeof frame);
         memset(&header, 0, sizeof header);
         message_encode(n->estop, by, &header, &frame);
@@ -76,7 +76,7 @@ void node_alarm(node_t *n, int64_t now_ns)
         n->alarm_ns = now_ns;
     }
     if ((n->alarms > 0 || n->alarm == ALARM_OURS) && now_ns >= n->alarm_ns) {
-        estop(n, now_ns);
+        node_estop(n, now_ns);
         n->alarms -= n->alarms > 0;
         n->alarm_ns = now_ns + ALARM_NS;
     }

@@ -101,7 +101,7 @@ int32_t node_wait(node_t *n)
         }
         node_alarm(n, next);
         next += IDLE_NS;
-        pace_wait(next, 0, &n->quit);
+        node_rest(n, next);
         if (pace_now() > next + IDLE_NS) next = pace_now();
     }
 }

@@ -79,9 +79,13 @@ class RingStruct(c.Structure):
     _fields_ = (
         ("head", c.c_uint64),
         ("dropped", c.c_uint64),
-        ("pad0", c.c_uint64 * 6),
+        ("bell", c.c_int32),
+        ("reserved0", c.c_int32),
+        ("pad0", c.c_uint64 * 5),
         ("tail", c.c_uint64),
-        ("pad1", c.c_uint64 * 7),
+        ("asleep", c.c_uint32),
+        ("reserved", c.c_uint32),
+        ("pad1", c.c_uint64 * 6),
         ("capacity", c.c_int64),
         ("frames", c.POINTER(Frame)),
     )

@@ -36,6 +36,23 @@ class History(c.Structure):
     )
 
 
+class Forward(c.Structure):
+    """``forward_t``."""
+
+    _fields_ = (
+        ("message", c.POINTER(message.Message)),
+        ("sources", c.c_void_p),
+        ("values", c.c_void_p),
+        ("width", c.c_int32),
+        ("bus", c.c_int32),
+        ("of", c.POINTER(History)),
+        ("to", c.POINTER(History)),
+        ("sent", c.c_int64),
+        ("failed", c.c_int64),
+        ("transit", Histogram),
+    )
+
+
 class Reception(c.Structure):
     """``reception_t``."""
 
@@ -57,7 +74,8 @@ class Reception(c.Structure):
         ("transit_ns", c.c_int64),
         ("history", c.POINTER(History)),
         ("sender", c.c_int32),
-        ("reserved", c.c_int32),
+        ("n_forwards", c.c_int32),
+        ("forwards", c.POINTER(Forward)),
     )
 
 
@@ -130,6 +148,8 @@ class Outlet(c.Structure):
         ("history", c.POINTER(History)),
         ("sent", c.c_int64),
         ("saturated", c.c_int64),
+        ("forwards", c.POINTER(Forward)),
+        ("n_forwards", c.c_int64),
     )
 
 
@@ -221,6 +241,7 @@ class Node(c.Structure):
         ("peer_messages", c.c_void_p),
         ("played", c.POINTER(Played)),
         ("n_played", c.c_int64),
+        ("gateway", c.c_int64),
     )
 
 

@@ -6,21 +6,33 @@ every listener, and in a router; what is not allowed is denied.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from bridge.zenoh.names import Names
 
 #: Who may send commands to nodes, and ask them: the common name of an operator's certificate.
 OPERATOR = "operator"
+#: Who may hear everything and say nothing, besides: of ``cosim monitor --listen``.
+MONITOR = "monitor"
 BOTH = ["ingress", "egress"]
 Table = dict[str, Any]
 
 
-def access_control(names: Names, nodes: Iterable[str], operator: str = OPERATOR) -> Table:
-    """The section ``access_control`` of a Zenoh configuration for these nodes."""
+def access_control(
+    names: Names,
+    nodes: Iterable[str],
+    operator: str = OPERATOR,
+    monitor: str = MONITOR,
+    gateways: Collection[str] = (),
+) -> Table:
+    """The section ``access_control`` of a Zenoh configuration for these nodes.
+
+    `gateways`: those of them that pass on commands from their other buses.
+    """
     listed = list(nodes)
-    rules, policies = _everybody(names, [*listed, operator])
+    everybody = list(dict.fromkeys((*listed, operator, monitor)))
+    rules, policies = _everybody(names, everybody)
     for node in listed:
         own = [f"{names.prefix}/{node}/**"]
         mine = [
@@ -28,6 +40,8 @@ def access_control(names: Names, nodes: Iterable[str], operator: str = OPERATOR)
             _rule(f"{node} stops", ["ingress"], ["put"], [names.shared("estop")]),
             _rule(f"{node} is", ["ingress"], ["liveliness_token"], own),
         ]
+        if node in gateways:
+            mine.append(_rule(f"{node} passes on", ["ingress"], ["put"], [names.shared("nmt")]))
         rules += mine
         policies.append(_policy(mine, [node]))
     commands = [names.shared("nmt"), names.shared("estop")]
@@ -39,7 +53,7 @@ def access_control(names: Names, nodes: Iterable[str], operator: str = OPERATOR)
         "enabled": True,
         "default_permission": "deny",
         "rules": rules + told,
-        "subjects": [{"id": n, "cert_common_names": [n]} for n in (*listed, operator)],
+        "subjects": [{"id": n, "cert_common_names": [n]} for n in everybody],
         "policies": [*policies, _policy(told, [operator])],
     }
 

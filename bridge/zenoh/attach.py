@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bridge.journal import Journal
+from bridge.routes import gateways
 from bridge.system import System
 from bridge.zenoh.access import access_control
 from bridge.zenoh.channel import Traffic, ZenohAttachment
@@ -35,6 +36,8 @@ def traffic_of(system: System, bus: str, node: str) -> Traffic:
         publishes[names.shared("estop")] = hears[names.shared("estop")] = service.estop.message.id
     if service.nmt is not None:
         hears[names.shared("nmt")] = service.nmt.message.id
+        if system.nodes[node].forwards:
+            publishes[names.shared("nmt")] = service.nmt.message.id
     awaited = tuple(keys[name] for name in own if name in elsewhere)
     return Traffic(node, publishes, hears, peers, awaited)
 
@@ -52,5 +55,5 @@ def open_bus(
         options_of(system.deployment, bus, node),
         number=number,
         log=log,
-        access=access_control(names, nodes),
+        access=access_control(names, nodes, gateways=gateways(system.deployment)),
     )

@@ -214,7 +214,7 @@ def put(*path, value):
          "no component 'slvae'; the scenario has: master, master_control, slave",
          "nodes.slave.components"),
         (put("nodes", "slave", "components", value=[]),
-         "has no component; expected one at least", "nodes.slave.components"),
+         "has no component and forwards nothing", "nodes.slave.components"),
         (put("messages", "STATE_1", "carries", value=[]),
          "carries nothing; expected outputs", "messages.STATE_1.carries"),
         (put("messages", "STATE_1", "carries", value=["master.q", "slave.dq"]),

@@ -1,0 +1,152 @@
+"""What a node hears, as C takes it: receptions of messages, and the inlets behind them."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping
+from typing import Any, final
+
+import numpy as np
+
+from bridge import apart, drives
+from bridge.cut import Inlet
+from bridge.deploy import StaleSpec
+from bridge.latency import delays_for, newest_for
+from bridge.native import message as messages
+from bridge.native import node as native
+from bridge.native.delay import DelayLine
+from bridge.protect import Span, age_slot, emulated, input_of
+from bridge.system import Carried, System
+from cosim.plan import Wire
+
+
+@final
+class Receiving:
+    """Binds them to `struct`, and keeps alive what it points to.
+
+    By message: `receptions`, `receivers`; by target: `lines`; by gate: `gates`, function and
+    context; `inlets` in the plan's order. `real`: simulated samples are refused.
+    """
+
+    def __init__(self, system: System, name: str, struct: native.Node, *, real: bool) -> None:
+        self._system, self._name, self._struct, self._real = system, name, struct, real
+        self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
+        self._buses = system.buses_of(name)
+        self._alive: list[Any] = []
+        self.receivers: dict[str, messages.Receiver] = {}
+        self.lines: dict[str, DelayLine] = {}
+        self.drives: list[drives.Drive] = []
+        self.gates: dict[str, tuple[int, int]] = {}
+        self.receptions = self._receptions()
+        self._aparts()
+        self.inlets = self._inlets()
+
+    def _receptions(self) -> Mapping[str, native.Reception]:
+        heard = self._system.heard_by(self._name)
+        made = (native.Reception * max(1, len(heard)))()
+        for i, name in enumerate(heard):
+            self._reception(made[i], self._system.messages[name])
+        self._struct.receptions, self._struct.n_receptions = c.addressof(made), len(heard)
+        self._alive.append(made)
+        return dict(zip(heard, made, strict=False))
+
+    def _reception(self, r: native.Reception, carried: Carried) -> None:
+        message = carried.encoding.message
+        receiver = messages.receiver(carried.period_ns, messages.Profile(message.e2e))
+        values = np.zeros(carried.outlet.width)
+        r.message, r.receiver = c.pointer(message), c.pointer(receiver)
+        r.values, r.width = values.ctypes.data, values.size
+        r.bus = self._buses.index(carried.bus)
+        r.period_ns, r.offset_ns = carried.period_ns, carried.offset_ns
+        r.max_age_ns = carried.max_age_ns
+        r.newest = r.arrival_ns = -1
+        r.time_bits = message.header[message.time].length if message.time >= 0 else 0
+        r.accept_simulated = not self._real
+        r.sender = self._system.deployment.nodes[carried.node].number
+        self.receivers[carried.name] = receiver
+        self._alive += [receiver, values]
+
+    def _aparts(self) -> None:
+        """Positions that are compared before the start."""
+        system = self._system
+        found = apart.structs(system.deployment, self._name, system.messages, self.receptions)
+        aparts = (native.Apart * max(1, len(found)))(*found)
+        self._struct.aparts, self._struct.n_aparts = c.addressof(aparts), len(found)
+        self._alive.append(aparts)
+
+    def _inlets(self) -> c.Array[native.Inlet]:
+        inlets = (native.Inlet * max(1, len(self._plan.inlets)))()
+        for i, inlet in enumerate(self._plan.inlets):
+            inlets[i] = self._inlet(inlet)
+            self.gates[inlet.gate] = (
+                native.address("inlet_pass"),
+                c.addressof(inlets) + i * c.sizeof(native.Inlet),
+            )
+        self._struct.inlets = c.addressof(inlets)
+        self._struct.n_inlets = len(self._plan.inlets)
+        return inlets
+
+    def _inlet(self, inlet: Inlet) -> native.Inlet:
+        line = self._line(inlet, self._system.messages[inlet.message])
+        self.lines[inlet.target.name] = line
+        initial = np.zeros(inlet.target.size)
+        entry = native.Inlet(
+            node=c.addressof(self._struct),
+            reception=c.pointer(self.receptions[inlet.message]),
+            delay=c.pointer(line.struct),
+            first=inlet.first,
+            count=inlet.target.size,
+            target=inlet.target.start,
+            gain=inlet.gain,
+            offset=inlet.offset,
+            period=inlet.ticks // self._plan.ticks,
+            held=-1,
+            newest=-1,
+            last_newest=-1,
+            link_age=-1 if inlet.age is None else inlet.age.start,
+            initial=initial.ctypes.data,
+            later=self._plan.plan.component(inlet.component).kind == "continuous",
+        )
+        self._alive.append(initial)
+        self._stale(entry, inlet)
+        self._drive(entry, inlet)
+        return entry
+
+    def _line(self, inlet: Inlet, carried: Carried) -> DelayLine:
+        plan, sent = self._system.plan, carried.outlet.ticks
+        if inlet.link is not None and self._system.deployment.latency:
+            spec = delays_for(inlet.link, plan.ticks, carried.outlet.period)
+        else:
+            edge = inlet.link or Wire(inlet.source, inlet.target)
+            spec = newest_for(edge, sent, inlet.ticks, plan.h)
+        return spec.line(self._struct.phase_ns - carried.offset_ns)
+
+    def _stale(self, entry: native.Inlet, inlet: Inlet) -> None:
+        d = self._system.deployment
+        name = f"{inlet.component}.{inlet.target.port}"
+        spec = self._spec.stale.get(name, StaleSpec())
+        place = ("nodes", self._name, "stale", name)
+        entry.age = -1
+        entry.stop_ns = round(d.seconds(spec.stop, *place, "stop") * 1e9)
+        if spec.age:
+            entry.age = age_slot(self._plan, inlet, spec.age, d.place(*place, "age"))
+
+    def _drive(self, entry: native.Inlet, inlet: Inlet) -> None:
+        spec, d = self._spec.drive, self._system.deployment
+        entry.q = entry.dq = -1
+        if spec is None or inlet.target.port != spec.port:
+            return
+        place = d.place("nodes", self._name, "drive")
+        joints, component = inlet.target.size, inlet.component
+        q, dq, tau = (
+            input_of(self._plan, component, port, place).start
+            for port in (spec.q, spec.dq, spec.port)
+        )
+        at = Span(0, inlet.target.start - tau, joints)
+        drive = emulated(spec, d, at).build(joints, inlet.ticks * self._system.plan.h, place)
+        self.drives.append(drive)
+        command = np.zeros(joints)
+        entry.drive = c.pointer(drive.struct)
+        entry.command = command.ctypes.data
+        entry.q, entry.dq = q + at.entry, dq + at.entry
+        self._alive.append(command)

@@ -1,0 +1,153 @@
+"""What a node sends, as C takes it: outlets of its components, and messages it forwards."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, final
+
+import numpy as np
+
+from bridge import safety
+from bridge.cut import Outlet
+from bridge.native import node as native
+from bridge.protect import emulated, limits, span
+from bridge.system import Carried, System
+from cosim.errors import ScenarioError
+
+
+@final
+class Sending:
+    """Binds outlets to `struct`, and keeps alive what it points to.
+
+    By message: `guards`; by gate: `gates`, function and context; `outlets` in the plan's order.
+    """
+
+    def __init__(self, system: System, name: str, struct: native.Node) -> None:
+        self._system, self._name, self._struct = system, name, struct
+        self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
+        self._alive: list[Any] = []
+        self.guards: dict[str, safety.TorqueGuard] = {}
+        self.gates: dict[str, tuple[int, int]] = {}
+        self.outlets = self._outlets()
+
+    def keep(self, forwarded: Forwarding) -> None:
+        """As long as the outlets it is bound to."""
+        self._alive.append(forwarded)
+
+    def _outlets(self) -> c.Array[native.Outlet]:
+        outlets = (native.Outlet * max(1, len(self._plan.outlets)))()
+        for i, outlet in enumerate(self._plan.outlets):
+            outlets[i] = self._outlet(outlet)
+            self.gates[outlet.gate] = (
+                native.address("outlet_pass"),
+                c.addressof(outlets) + i * c.sizeof(native.Outlet),
+            )
+        self._struct.outlets = c.addressof(outlets)
+        self._struct.n_outlets = len(self._plan.outlets)
+        return outlets
+
+    def _outlet(self, outlet: Outlet) -> native.Outlet:
+        encoding = self._system.messages[outlet.message].encoding
+        sources = np.array(
+            [p.start + k for p in outlet.parts for k in range(p.size)], dtype=np.int64
+        )
+        values = np.zeros(outlet.width)
+        entry = native.Outlet(
+            node=c.addressof(self._struct),
+            message=c.pointer(encoding.message),
+            width=outlet.width,
+            bus=self._system.buses_of(self._name).index(outlet.bus),
+            sources=sources.ctypes.data,
+            values=values.ctypes.data,
+            every=outlet.period,
+            hit_ticks=outlet.ticks // outlet.period // self._plan.ticks,
+            q=-1,
+            dq=-1,
+            measured_q=-1,
+            measured_dq=-1,
+        )
+        self._guard(entry, outlet)
+        self._measured(entry, outlet)
+        self._alive += [sources, values, encoding]
+        return entry
+
+    def _guard(self, entry: native.Outlet, outlet: Outlet) -> None:
+        spec, d = self._spec.guard, self._system.deployment
+        if spec is None:
+            return
+        slots, place = self._plan.plan.slots(), d.place("nodes", self._name, "guard")
+        torque = slots.get(f"{outlet.component}.{spec.port}")
+        at = span(outlet, torque, place)
+        if at is None or torque is None:
+            return
+        if at.size > native.JOINTS:
+            raise ScenarioError(f"{at.size} joints, expected at most {native.JOINTS}", place)
+        period = outlet.ticks // outlet.period * self._system.plan.h
+        guard = limits(spec, at).build(at.size, period, place)
+        entry.guard, entry.guarded, entry.joints = c.pointer(guard.struct), at.first, at.size
+        for field, port in (("q", spec.q), ("dq", spec.dq)):
+            slot = slots.get(f"{outlet.component}.{port}")
+            if slot is not None and slot.size == torque.size:
+                setattr(entry, field, slot.start + at.entry)
+        self.guards[outlet.message] = guard
+        self._alive.append(guard)
+
+    def _measured(self, entry: native.Outlet, outlet: Outlet) -> None:
+        """Positions and velocities leave as the encoders of the node's drive see them."""
+        spec, d = self._spec.drive, self._system.deployment
+        if spec is None or not any(i.target.port == spec.port for i in self._plan.inlets):
+            return
+        place, slots = d.place("nodes", self._name, "drive"), self._plan.plan.slots()
+        q, dq = (
+            span(outlet, slots.get(f"{outlet.component}.{port}"), place)
+            for port in (spec.q, spec.dq)
+        )
+        if q is None and dq is None:
+            return
+        joints = (q or dq).size  # type: ignore[union-attr]
+        drive = replace(emulated(spec, d), tau_max=None).build(joints, self._plan.h, place)
+        entry.measured_q = q.first if q else -1
+        entry.measured_dq = dq.first if dq else -1
+        entry.drive = c.pointer(drive.struct)
+        self._alive.append(drive)
+
+
+@final
+class Forwarding:
+    """Messages that are made of others, `made` by name; `alive` with this.
+
+    `buses`: the node's, or none: nobody sends (replay).
+    """
+
+    def __init__(self, forwarded: Sequence[Carried], buses: Sequence[str] = ()) -> None:
+        self._array = (native.Forward * max(1, len(forwarded)))()
+        self._alive: list[Any] = []
+        for entry, carried in zip(self._array, forwarded, strict=False):
+            assert carried.forward is not None
+            sources = np.array(carried.forward.sources, dtype=np.int32)
+            values = np.zeros(sources.size)
+            entry.message = c.pointer(carried.encoding.message)
+            entry.sources, entry.values = sources.ctypes.data, values.ctypes.data
+            entry.width = sources.size
+            entry.bus = buses.index(carried.bus) if buses else -1
+            self._alive += [sources, values, carried]
+        self.made = {m.name: e for m, e in zip(forwarded, self._array, strict=False)}
+
+    def bind(self, owner: native.Reception | native.Outlet) -> None:
+        """All of them are made when `owner` has a sample."""
+        owner.forwards, owner.n_forwards = self._array, len(self.made)
+
+
+def forwardings(
+    system: System, name: str, receptions: Mapping[str, native.Reception]
+) -> list[Forwarding]:
+    """Bound to the receptions of a node, those of each message together."""
+    found = []
+    for message, reception in receptions.items():
+        made = [system.messages[f.message] for f in system.nodes[name].forwards if f.of == message]
+        if made:
+            found.append(Forwarding(made, system.buses_of(name)))
+            found[-1].bind(reception)
+    return found

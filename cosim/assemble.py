@@ -46,6 +46,7 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")
+        fmu = component if isinstance(component, FmuComponent) else None
         inputs, start = _slots(name, component.inputs, start)
         outputs, start = _slots(name, component.outputs, start)
         values, starts = _values(spec, component, presets, place)
@@ -60,6 +61,8 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
                 outputs=outputs,
                 start=starts,
                 extrapolate=spec.extrapolate == "linear",
+                discrete=fmu.discrete if fmu else frozenset(),
+                sloped=fmu.sloped if fmu else frozenset(),
             )
         )
     return steps

@@ -25,10 +25,10 @@
 #define INLINE static inline
 #endif
 
-#define ENGINE_ABI 5
+#define ENGINE_ABI 6
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
-       OP_AHEAD, OP_BETWEEN, OP_GATE };
+       OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
 enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE };
@@ -56,7 +56,9 @@ typedef int (*access2_t)(void *, const uint32_t *, size_t, void *);
 typedef int (*access3_t)(void *, const uint32_t *, size_t, void *, size_t);
 typedef int (*mode_t3)(void *);
 typedef int (*update_t)(void *, _Bool *, _Bool *, _Bool *, _Bool *, _Bool *, double *);
-typedef int (*clock_t3)(void *, const uint32_t *, size_t, const _Bool *);
+typedef int (*set_clock_t3)(void *, const uint32_t *, size_t, const _Bool *);
+typedef int (*get_clock_t3)(void *, const uint32_t *, size_t, _Bool *);
+typedef int (*slopes2_t)(void *, const uint32_t *, size_t, const int32_t *, const double *);
 
 /* All variables of one FMI type: one call moves them, by way of a buffer of that type. */
 typedef struct {
@@ -76,13 +78,33 @@ typedef struct {
     int64_t period, shift;
 } ticker_t;
 
-/* An FMU with other types than float64, with event mode, or both. */
+/* A clock the FMU ticks itself; `clocks`: those it belongs to, as indices of typed_t's `active`. */
+typedef struct {
+    uint32_t reference;
+    int32_t n_clocks;
+    const int32_t *clocks;
+} triggered_t;
+
+/* Variables of the same clocks: set and got while one of them is active. */
 typedef struct {
     const access_t *inputs, *outputs;
-    const access_t *discrete, *clocked; /* inputs set in Event Mode: on change, on a tick */
+    const int32_t *clocks;  /* indices of `active` */
+    int64_t n_inputs, n_outputs;
+    int32_t n_clocks, fed;  /* fed: its inputs were set in this instant */
+} partition_t;
+
+/* An FMU with other types than float64, with event mode, with slopes of inputs, or all of it. */
+typedef struct {
+    const access_t *inputs, *outputs;
+    const access_t *discrete;   /* inputs set in Event Mode, on change */
     const ticker_t *clocks;
-    void *enter_event, *update, *enter_step, *set_clock; /* NULL: no event mode */
-    int64_t n_inputs, n_outputs, n_discrete, n_clocked, n_clocks;
+    const triggered_t *triggered;
+    partition_t *partitions;
+    _Bool *active;              /* which tick now: of `clocks`, then of `triggered` */
+    const access_t *slopes;     /* or NULL */
+    const int32_t *orders;      /* of `slopes`: all 1 */
+    void *enter_event, *update, *enter_step, *set_clock, *get_clock; /* NULL: no event mode */
+    int64_t n_inputs, n_outputs, n_discrete, n_clocks, n_triggered, n_partitions;
     double next_event;      /* s, the time event it announced, or infinity */
     int32_t fmi, variable;  /* variable: steps may be cut at that time */
 } typed_t;
@@ -276,6 +298,21 @@ static void extrapolate(const operation_t *op, double *s)
     }
 }
 
+/* The same line, for an FMU that takes slopes: the value where its step begins, and behind the last
+ * values what it changes by a second. */
+static void draw(const operation_t *op, double h, double *s)
+{
+    const double length = (double)op->period * h, *source = s + op->source;
+    double *target = s + op->target, *last = s + op->index, *slope = last + op->count;
+
+    for (int64_t i = 0; i < op->count; i++) {
+        const double value = op->gain * source[i] + op->offset;
+        target[i] = op->code == OP_SLOPE_AHEAD ? value : last[i];
+        slope[i] = (value - last[i]) / length;
+        last[i] = value;
+    }
+}
+
 /* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. */
 API int32_t engine_run(engine_t *e, int64_t ticks)
 {
@@ -300,6 +337,8 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
                 break;
             case OP_AHEAD:
             case OP_BETWEEN: extrapolate(op, s); break;
+            case OP_SLOPE_AHEAD:
+            case OP_SLOPE_BETWEEN: draw(op, e->h, s); break;
             case OP_PUSH: push(e->links + op->index, op, s + op->source); break;
             case OP_PULL:
                 result = pull(e->links + op->index, s + op->target);
@@ -327,51 +366,7 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
     return RUN_OK;
 }
 
-/* ---- what an FMU logs: a ring of the last lines, and as much text as there is room behind it;
- * C fills it, since FMI 2.0's loggers are variadic ---- */
-
-enum { LOG_LINES = 32, LOG_WIDTH = 512 };
-
-typedef struct {
-    int64_t count;
-    int64_t capacity, used, dropped; /* bytes of text that follows, bytes filled, lines left out */
-    int32_t level[LOG_LINES];
-    char line[LOG_LINES][LOG_WIDTH];
-} log_t;
-
-static void log_line(log_t *log, int level, const char *category, const char *text)
-{
-    static const char *const levels[] = {"ok", "warning", "discard", "error", "fatal", "pending"};
-    const int64_t i = log->count++ % LOG_LINES, room = log->capacity - log->used;
-    const char *name = level >= 0 && level < 6 ? levels[level] : "unknown";
-    char *target = (char *)(log + 1) + log->used;
-    int n;
-
-    log->level[i] = level;
-    snprintf(log->line[i], LOG_WIDTH, "%s", text);
-    if (!log->capacity) return;
-    n = snprintf(target, (size_t)room, "[%s] %s: %s\n", name, category ? category : "", text);
-    if (n >= 0 && n < room) log->used += n;
-    else log->dropped++;
-}
-
-API void engine_log2(void *environment, const char *instance, int status, const char *category,
-                     const char *format, ...)
-{
-    char text[LOG_WIDTH];
-    va_list arguments;
-    (void)instance;
-    if (!environment) return;
-    va_start(arguments, format);
-    vsnprintf(text, sizeof text, format ? format : "", arguments);
-    va_end(arguments);
-    log_line(environment, status, category, text);
-}
-
-API void engine_log3(void *environment, int status, const char *category, const char *message)
-{
-    if (environment) log_line(environment, status, category, message ? message : "");
-}
+#include "fmu_log.h"
 
 API int32_t engine_abi(void) { return ENGINE_ABI; }
 API size_t engine_sizes(int32_t which)
@@ -379,6 +374,6 @@ API size_t engine_sizes(int32_t which)
     static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
                                    sizeof(engine_t), sizeof(log_t), sizeof(player_t),
                                    sizeof(access_t), sizeof(ticker_t), sizeof(typed_t),
-                                   sizeof(gate_t)};
-    return which >= 0 && which < 10 ? sizes[which] : 0;
+                                   sizeof(gate_t), sizeof(triggered_t), sizeof(partition_t)};
+    return which >= 0 && which < 12 ? sizes[which] : 0;
 }

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from cosim import native
 from cosim.errors import RunError
 from cosim.failures import not_finite, sentence, starting
-from cosim.fmi import FmuComponent
+from cosim.fmi import FmuComponent, moves
 from cosim.fmi.layout import Layout, bind
 from cosim.fmi.refusals import refusal, wrong_value
 from cosim.fmi.remote import RemoteInstance, RemoteStep
 from cosim.interrupts import deferred
-from cosim.native import Code, Result
+from cosim.native import MEANS, SLOPES, Result
 from cosim.plan import Link, Plan, Slot, Step, Wire
 
 Vector = NDArray[np.float64]
@@ -86,10 +86,11 @@ class Engine:
                     _store(self._outputs[i], step.component.initial(self._inputs[i]))
             if self.signals.tobytes() == before:
                 break
-        for step in self.plan.components:
+        for i, step in enumerate(self.plan.components):
             if isinstance(step.component, FmuComponent):
                 with starting(step.name):
-                    step.component.exit_initialization()
+                    for port, value in step.component.exit_initialization().items():
+                        self._outputs[i][port][...] = value
         self._check_start()
         self._bind()
 
@@ -148,7 +149,7 @@ class Engine:
         state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
         state.h, state.tick = plan.h, 0
         for o in plan.operations:  # what there was before the start is what there is at the start
-            if o.code in (Code.AHEAD, Code.BETWEEN):
+            if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
 
     def _unit(self, index: int, step: Step) -> native.Unit:
@@ -158,7 +159,9 @@ class Engine:
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
         if isinstance(step.component, FmuComponent):
-            layout = step.component.layout(h, lag, step.period, unit.input, unit.output)
+            layout = moves.layout(
+                step.component, h, lag, step.period, unit.input, unit.output, self._slopes(step)
+            )
             if step.component.remote is None:
                 return bind(step.component.instance, layout, self._alive)
             function = self._remote_call_back(step, layout, step.component.remote)
@@ -169,11 +172,20 @@ class Engine:
         unit.step = native.address(call)
         return unit
 
+    def _slopes(self, step: Step) -> dict[int, int]:
+        """Where slopes of inputs are in the signals, by where the inputs are."""
+        return {
+            o.target + i: o.index + o.count + i
+            for o in (self.plan.operations if step.sloped else ())
+            if o.code in SLOPES and any(s.start <= o.target < s.start + s.size for s in step.inputs)
+            for i in range(o.count)
+        }
+
     def _remote_call_back(
         self, step: Step, layout: Layout, remote: RemoteInstance
     ) -> Callable[[int, float, float], int]:
         assert isinstance(step.component, FmuComponent)
-        there = step.component.layout(layout.h, layout.lag, layout.period, 0, layout.input_count)
+        there = moves.isolated(step.component, layout)
         stepped = RemoteStep(remote, layout, there, self.signals)
         remote.stopping = lambda: bool(self._state.stop)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim.errors import CosimError
 
-ABI = 5
+ABI = 6
 LOG_LINES, LOG_WIDTH = 32, 512
 
 
@@ -29,6 +29,13 @@ class Code(IntEnum):
     AHEAD = 8
     BETWEEN = 9
     GATE = 10
+    SLOPE_AHEAD = 11
+    SLOPE_BETWEEN = 12
+
+
+#: A line through the last two values: its mean over a step; its slope and the value it begins with.
+MEANS = frozenset({Code.AHEAD, Code.BETWEEN})
+SLOPES = frozenset({Code.SLOPE_AHEAD, Code.SLOPE_BETWEEN})
 
 
 class UnitKind(IntEnum):
@@ -104,6 +111,26 @@ class Ticker(c.Structure):
     )
 
 
+class Triggered(c.Structure):
+    """``triggered_t``."""
+
+    _fields_ = (("reference", c.c_uint32), ("n_clocks", c.c_int32), ("clocks", c.c_void_p))
+
+
+class Partition(c.Structure):
+    """``partition_t``."""
+
+    _fields_ = (
+        ("inputs", c.c_void_p),
+        ("outputs", c.c_void_p),
+        ("clocks", c.c_void_p),
+        ("n_inputs", c.c_int64),
+        ("n_outputs", c.c_int64),
+        ("n_clocks", c.c_int32),
+        ("fed", c.c_int32),
+    )
+
+
 class Typed(c.Structure):
     """``typed_t``."""
 
@@ -111,17 +138,23 @@ class Typed(c.Structure):
         ("inputs", c.c_void_p),
         ("outputs", c.c_void_p),
         ("discrete", c.c_void_p),
-        ("clocked", c.c_void_p),
         ("clocks", c.c_void_p),
+        ("triggered", c.c_void_p),
+        ("partitions", c.c_void_p),
+        ("active", c.c_void_p),
+        ("slopes", c.c_void_p),
+        ("orders", c.c_void_p),
         ("enter_event", c.c_void_p),
         ("update", c.c_void_p),
         ("enter_step", c.c_void_p),
         ("set_clock", c.c_void_p),
+        ("get_clock", c.c_void_p),
         ("n_inputs", c.c_int64),
         ("n_outputs", c.c_int64),
         ("n_discrete", c.c_int64),
-        ("n_clocked", c.c_int64),
         ("n_clocks", c.c_int64),
+        ("n_triggered", c.c_int64),
+        ("n_partitions", c.c_int64),
         ("next_event", c.c_double),
         ("fmi", c.c_int32),
         ("variable", c.c_int32),
@@ -257,7 +290,8 @@ def library() -> c.CDLL:
     engine.engine_unit.argtypes = (
         *(c.c_void_p, c.c_void_p, c.c_double, c.c_int64, c.c_void_p, c.c_void_p),
     )
-    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed, Gate)
+    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed, Gate,
+               Triggered, Partition)  # fmt: skip
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]
     if engine.engine_abi() != ABI or found != expected:

@@ -34,18 +34,31 @@ class Operation:
 
 
 @dataclass(frozen=True, slots=True)
+class Line:
+    """A wire whose values are taken as lines over a step: their means, or value and `slope`."""
+
+    wire: Wire
+    slope: bool
+
+    @property
+    def room(self) -> int:
+        """How many signals are kept of it behind those of the components."""
+        return self.wire.target.size * (2 if self.slope else 1)
+
+
+@dataclass(frozen=True, slots=True)
 class Connections:
     """Wires, links and players by the component they end at; links also by where they begin.
 
-    Links, players and gates come with their number in the plan. `last`: where the signal vector
-    keeps the last value of a wire that is extrapolated, by the wire's target.
+    Links, players and gates come with their number in the plan. `last`: a wire that is
+    extrapolated, and where the signal vector keeps its last value, by the wire's target.
     """
 
     sent: Mapping[str, Sequence[tuple[int, Link]]]
     links: Mapping[str, Sequence[tuple[int, Link]]]
     players: Mapping[str, Sequence[tuple[int, Player]]]
     wires: Mapping[str, Sequence[Wire]]
-    last: Mapping[int, int]
+    last: Mapping[int, tuple[Line, int]]
     gates: Mapping[str, Sequence[tuple[int, Gate]]]
 
     @classmethod
@@ -54,7 +67,7 @@ class Connections:
         wires: Iterable[Wire],
         links: Sequence[Link],
         players: Sequence[Player],
-        lines: Iterable[Wire] = (),
+        lines: Iterable[Line] = (),
         end: int = 0,
         gates: Sequence[Gate] = (),
     ) -> Connections:
@@ -62,10 +75,10 @@ class Connections:
 
         `lines`: the wires that are extrapolated; their last values are kept from `end` on.
         """
-        last: dict[int, int] = {}
-        for w in lines:
-            last[w.target.start] = end
-            end += w.target.size
+        last: dict[int, tuple[Line, int]] = {}
+        for line in lines:
+            last[line.wire.target.start] = line, end
+            end += line.room
         return cls(
             _grouped((x.source.component, (i, x)) for i, x in enumerate(links)),
             _grouped((x.target.component, (i, x)) for i, x in enumerate(links)),
@@ -172,10 +185,7 @@ def _copies(
     """
     copies: list[Operation] = []
     for w in wires:
-        plain = w.gain == 1.0 and w.offset == 0.0
-        code, last = Code.COPY if plain else Code.SCALE, found.last.get(w.target.start, 0)
-        if last:
-            code = Code.AHEAD if first is None else Code.BETWEEN
+        code, last = _way(found, w, late=first is not None)
         copy = Operation(
             code,
             last,
@@ -194,12 +204,22 @@ def _copies(
     return copies
 
 
+def _way(found: Connections, w: Wire, *, late: bool) -> tuple[Code, int]:
+    """How a wire carries, and where its last values are kept (0: nowhere)."""
+    if w.target.start not in found.last:
+        return (Code.COPY if w.gain == 1.0 and w.offset == 0.0 else Code.SCALE), 0
+    line, last = found.last[w.target.start]
+    if line.slope:
+        return (Code.SLOPE_BETWEEN if late else Code.SLOPE_AHEAD), last
+    return (Code.BETWEEN if late else Code.AHEAD), last
+
+
 def _continues(a: Operation, b: Operation) -> bool:
     """Whether `b` goes on where `a` ends, with the same factor."""
     return (
         a.code == b.code
         and (a.gain, a.offset) == (b.gain, b.offset)
-        and b.index == (a.index + a.count if a.index else 0)
+        and b.index == (a.index + a.count if a.index else 0)  # never where slopes are in between
         and a.source + a.count == b.source
         and a.target + a.count == b.target
     )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.component import Component, Kind
 from cosim.errors import PlanError
-from cosim.operations import Connections, Operation, lay_out
+from cosim.operations import Connections, Line, Operation, lay_out
 from cosim.order import Waiting, sequence, topological
 
 if TYPE_CHECKING:
@@ -66,6 +66,8 @@ class Step:
     outputs: tuple[Slot, ...]
     start: Mapping[str, tuple[float, ...]]  # inputs at the start, where nothing feeds them
     extrapolate: bool = False  # wires from continuous components, over a step
+    discrete: frozenset[str] = frozenset()  # inputs that are held all the same
+    sloped: frozenset[str] = frozenset()  # inputs that take the slope of what is extrapolated
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +181,7 @@ def compile_plan(
     `order`: all components, for ``"gauss-seidel"``; where it is not given, wires say it. Raises
     PlanError with the loop printed when sampled components wait for each other, for an `order`
     that is none of all components, and for an extrapolation without a meaning. Behind the slots
-    of the components, the signal vector keeps the last values of what is extrapolated.
+    of the components, the signal vector keeps the last values of what is extrapolated, and slopes.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
@@ -189,7 +191,7 @@ def compile_plan(
     now = _order(sampled, wires_, links_)
     later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
     n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
-    lines = _extrapolated({c.name: c for c in steps}, wires_)
+    lines = _lines({c.name: c for c in steps}, wires_)
     gates_ = tuple(sorted(gates, key=lambda g: g.name))
     connections = Connections.of(wires_, links_, players_, lines, n_signals, gates_)
     newest = algorithm == "gauss-seidel"
@@ -197,7 +199,7 @@ def compile_plan(
         h=h,
         ticks=ticks,
         algorithm=algorithm,
-        n_signals=n_signals + sum(w.target.size for w in lines),
+        n_signals=n_signals + sum(line.room for line in lines),
         components=steps,
         wires=wires_,
         links=links_,
@@ -209,9 +211,10 @@ def compile_plan(
     )
 
 
-def _extrapolated(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Wire, ...]:
+def _lines(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Line, ...]:
     """Wires whose values are taken as lines over a step: those between continuous components."""
     found = [w for w in wires if steps[w.target.component].extrapolate]
+    found = [w for w in found if w.target.port not in steps[w.target.component].discrete]
     found = [w for w in found if steps[w.source.component].kind == "continuous"]
     for step in steps.values():
         place = f'components.{step.name}.extrapolate = "linear"'
@@ -228,10 +231,10 @@ def _extrapolated(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Wir
     fed = {w.target.component for w in found}
     for name in (s.name for s in steps.values() if s.extrapolate and s.name not in fed):
         raise PlanError(
-            f'components.{name}.extrapolate = "linear": no wire comes from a continuous component; '
-            "what is sampled or comes over a link is held"
+            f'components.{name}.extrapolate = "linear": no wire comes from a continuous component '
+            "to a continuous input; what is sampled or comes over a link is held"
         )
-    return tuple(found)
+    return tuple(Line(w, w.target.port in steps[w.target.component].sloped) for w in found)
 
 
 def _later(

@@ -5,8 +5,6 @@
  */
 
 #define EXACT 9007199254740992.0 /* 2^53: whole numbers up to here are doubles */
-#define SLACK 1e-9               /* of a step: two times closer than this are one */
-enum { CALLS_AT_MOST = 100000 }; /* without getting anywhere, within one step */
 
 /* Whole numbers within [low, high] only: nothing is rounded silently. */
 #define PUT(T, low, high)                                                     \
@@ -119,95 +117,26 @@ static int get_typed(const access_t *a, int64_t n, void *instance, double *s, in
     return RUN_OK;
 }
 
-/* fmi3UpdateDiscreteStates until nothing changes, then Step Mode (FMI 3.0.2, 2.3.5). */
-static int leave_event_mode(typed_t *x, void *instance, int *status)
-{
-    _Bool again = 1, terminate = 0, nominals, values, defined = 0;
-    double next = 0.0;
+#include "events.h"
 
-    for (int i = 0; again && !terminate; i++) {
-        if (i == CALLS_AT_MOST) return RUN_STUCK;
-        again = 0;
-        *status = ((update_t)x->update)(instance, &again, &terminate, &nominals, &values,
-                                        &defined, &next);
-        if (*status > 1) return RUN_EVENT;
-    }
-    x->next_event = defined ? next : DBL_MAX;
-    if (terminate) return RUN_TERMINATED;
-    *status = ((mode_t3)x->enter_step)(instance);
-    return *status > 1 ? RUN_EVENT : RUN_OK;
+/* Slopes of inputs that are lines over the step, at its start (FMI 2.0.5, 4.2.1). */
+static int set_slopes(const typed_t *x, void *instance, const double *s, int *status)
+{
+    const access_t *a = x->slopes;
+
+    for (int64_t i = 0; i < a->count; i++) ((double *)a->buffer)[i] = s[a->places[i]];
+    *status = ((slopes2_t)a->call)(instance, a->references, (size_t)a->n_references, x->orders,
+                                   a->buffer);
+    return *status > 1 ? RUN_SET : RUN_OK;
 }
 
-static int enter_event_mode(const typed_t *x, void *instance, int *status)
+static int step_typed2(const unit_t *u, const double *s, double t, int *status)
 {
-    *status = ((mode_t3)x->enter_event)(instance);
-    return *status > 1 ? RUN_EVENT : RUN_OK;
-}
+    const int result = u->typed->slopes ? set_slopes(u->typed, u->instance, s, status) : RUN_OK;
 
-static int changed(const access_t *a, int64_t n, const double *s)
-{
-    int different = 0;
-    for (; n > 0; n--, a++)
-        for (int64_t i = 0; i < a->count; i++)
-            if (s[a->places[i]] != a->held[i]) {
-                a->held[i] = s[a->places[i]];
-                different = 1;
-            }
-    return different;
-}
-
-static int due(const ticker_t *c, int64_t hit)
-{
-    return hit >= c->shift && (hit - c->shift) % c->period == 0;
-}
-
-/* One event at the start of step `hit`: discrete inputs that changed, and all clocks due. */
-static int input_event(const unit_t *u, double *s, int64_t hit, int *status, int32_t *failed)
-{
-    static const _Bool active = 1;
-    typed_t *x = u->typed;
-    int result, needed = changed(x->discrete, x->n_discrete, s), ticks = 0;
-
-    for (int64_t i = 0; i < x->n_clocks; i++) ticks |= due(x->clocks + i, hit);
-    if (!needed && !ticks) return RUN_OK;
-    result = enter_event_mode(x, u->instance, status);
-    for (int64_t i = 0; i < x->n_clocks && result == RUN_OK; i++) {
-        if (!due(x->clocks + i, hit)) continue;
-        *status = ((clock_t3)x->set_clock)(u->instance, &x->clocks[i].reference, 1, &active);
-        if (*status > 1) return RUN_EVENT;
-    }
-    if (result == RUN_OK && needed)
-        result = set_typed(x->discrete, x->n_discrete, u->instance, s, status, failed);
-    if (result == RUN_OK && ticks)
-        result = set_typed(x->clocked, x->n_clocked, u->instance, s, status, failed);
-    return result == RUN_OK ? leave_event_mode(x, u->instance, status) : result;
-}
-
-/* doStep until t + h: the FMU may return early, and is stopped at the time events it announced. */
-static int advance(const unit_t *u, double t, int *status)
-{
-    typed_t *x = u->typed;
-    const double end = t + u->h, slack = SLACK * u->h;
-    double now = t;
-
-    for (int calls = 0; calls < CALLS_AT_MOST; calls++) {
-        _Bool event = 0, terminate = 0, early = 0;
-        double length = calls ? end - now : u->h, reached = now + length;
-        int cut = x->variable && x->next_event < end - slack && x->next_event > now + slack;
-        if (cut) length = x->next_event - now;
-        *status = ((step3_t)u->step)(u->instance, now, length, 1, &event, &terminate, &early,
-                                     &reached);
-        if (*status > 1) return RUN_STEP;
-        if (terminate) return RUN_TERMINATED;
-        now = early ? reached : cut ? x->next_event : end;
-        if (x->update && (event || x->next_event <= now + slack)) {
-            int result = enter_event_mode(x, u->instance, status);
-            if (result == RUN_OK) result = leave_event_mode(x, u->instance, status);
-            if (result != RUN_OK) return result;
-        }
-        if (now >= end - slack) return RUN_OK;
-    }
-    return RUN_STUCK;
+    if (result != RUN_OK) return result;
+    *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
+    return *status > 1 ? RUN_STEP : RUN_OK;
 }
 
 #if defined(__GNUC__)
@@ -217,17 +146,13 @@ static int step_typed(const unit_t *u, double *s, double t, int64_t hit, int *st
                       int32_t *failed)
 {
     const typed_t *x = u->typed;
-    int end = RUN_OK;
-    int result = set_typed(x->inputs, x->n_inputs, u->instance, s, status, failed);
-    if (result == RUN_OK && x->update) result = input_event(u, s, hit, status, failed);
+    const doing_t c = {u, s, status, failed};
+    int end, result = set_typed(x->inputs, x->n_inputs, u->instance, s, status, failed);
+
+    if (result == RUN_OK && x->update) result = input_event(&c, hit);
     if (result != RUN_OK) return result;
-    if (x->fmi == 2) {
-        *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
-        if (*status > 1) return RUN_STEP;
-    } else {
-        end = advance(u, t, status);
-        if (end != RUN_OK && end != RUN_TERMINATED) return end;
-    }
+    end = x->fmi == 2 ? step_typed2(u, s, t, status) : advance(&c, t);
+    if (end != RUN_OK && end != RUN_TERMINATED) return end;
     result = get_typed(x->outputs, x->n_outputs, u->instance, s, status, failed);
     return result != RUN_OK ? result : end;
 }

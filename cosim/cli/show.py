@@ -159,8 +159,10 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
     plain = (edge.gain, edge.offset) == (1.0, 0.0)
     factor = "" if plain else f", x {edge.gain:g} + {edge.offset:g}"
     source = plan.component(edge.source.component)
-    if step.extrapolate and source.kind == "continuous":
-        hold = f", as a line through the last two over {step.period * plan.h:g} s"
+    line = step.extrapolate and edge.target.port not in step.discrete
+    if line and source.kind == "continuous":
+        how = "value and slope" if edge.target.port in step.sloped else "the mean"
+        hold = f", as {how} of a line through the last two over {step.period * plan.h:g} s"
     return f"{_known(plan, source, step)}{factor}{hold}"
 
 

@@ -1,14 +1,17 @@
 """Clocks (FMI 3.0.2 §2.2.8) and step sizes: what of them a fixed step can keep.
 
 The engine ticks input clocks with a constant or fixed period that is a whole number of steps of
-their FMU. Output clocks tick inside the FMU, in its events. All others are refused, not ignored.
+their FMU. Output clocks are ticked by the FMU, in its events, and asked. All others are refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from cosim.errors import FmuError
 from cosim.fmi.description import Description
 from cosim.fmi.layout import Ticker
+from cosim.fmi.library import Triggered
 from cosim.fmi.variables import Variable
 
 
@@ -19,6 +22,35 @@ def tickers(description: Description, h: float, name: str) -> tuple[Ticker, ...]
         for v in description.variables
         if v.type == "Clock" and v.causality == "input"
     )
+
+
+def triggered(description: Description, name: str) -> tuple[Triggered, ...]:
+    """The clocks the FMU ticks, those that others depend on first. Raises FmuError for no such."""
+    clocks = [v for v in description.variables if v.type == "Clock"]
+    known = {v.reference for v in clocks if v.causality == "input"}
+    waiting = [v for v in clocks if v.causality == "output"]
+    found: list[Triggered] = []
+    while waiting:
+        ready = [v for v in waiting if set(v.clocks) <= known]
+        if not ready:
+            _check_clocks(waiting[0], known, name)
+        found += [Triggered(v.reference, v.clocks) for v in ready]
+        known |= {v.reference for v in ready}
+        waiting = [v for v in waiting if v not in ready]
+    for v in description.variables:
+        if v.causality in ("input", "output") and v.type != "Clock":
+            _check_clocks(v, known, name)
+    return tuple(found)
+
+
+def _check_clocks(variable: Variable, known: Collection[int], name: str) -> None:
+    """Raises FmuError where a variable belongs to what is no clock, or to itself."""
+    for reference in variable.clocks:
+        if reference not in known:
+            raise FmuError(
+                f"{name}: {variable.name!r} belongs to a clock of value reference {reference}; "
+                "expected that of an input or output clock, and no loop of clocks"
+            )
 
 
 def _ticker(clock: Variable, h: float, name: str) -> Ticker:

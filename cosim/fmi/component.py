@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from cosim import native
 from cosim.component import Kind, Outputs, Values
@@ -14,10 +14,9 @@ from cosim.errors import FmuError, UnitError
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import of_content
-from cosim.fmi.layout import Layout, Move
-from cosim.fmi.library import Instance, Setup, instantiate
+from cosim.fmi.library import Clocked, Instance, Setup, Triggered, instantiate
 from cosim.fmi.options import Options
-from cosim.fmi.ports import REAL, Group, groups
+from cosim.fmi.ports import Group, groups
 from cosim.fmi.remote import RemoteInstance
 from cosim.fmi.values import (
     check_range,
@@ -68,8 +67,8 @@ class FmuComponent:
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
-        self.inputs = tuple(port(g) for g in self._carried("input"))
-        self.outputs = tuple(port(g) for g in self._carried("output"))
+        self.inputs = tuple(port(g) for g in self.carried("input"))
+        self.outputs = tuple(port(g) for g in self.carried("output"))
         self.parameters = tuple(parameter(g) for g in self.groups.values() if settable(g))
         texts = {k: v for k, v in self.options.given.items() if has_text(self.groups, k)}
         self._texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
@@ -81,7 +80,8 @@ class FmuComponent:
         self._private: str | None = None
         self._last_text = ""
 
-    def _carried(self, causality: str) -> list[Group]:
+    def carried(self, causality: str) -> list[Group]:
+        """Inputs or outputs that are signals."""
         return [
             g for g in self.groups.values()
             if g.first.causality == causality and g.first.type in NUMERIC
@@ -101,7 +101,7 @@ class FmuComponent:
 
     def references(self, causality: str) -> tuple[int, ...]:
         """Value references of all carried inputs or outputs, in port order."""
-        return tuple(r for g in self._carried(causality) for r in g.references)
+        return tuple(r for g in self.carried(causality) for r in g.references)
 
     def unit(self, name: str) -> Unit | str:
         """A unit by the FMU's own definition, or its name where that says the same, or all."""
@@ -126,44 +126,29 @@ class FmuComponent:
         """Whether it is run with event mode: an FMU of FMI 3.0 that has one."""
         return self.description.fmi == "3.0" and bool(self.description.flags.get("hasEventMode"))
 
-    def layout(self, h: float, lag: int, period: int, inputs: int, outputs: int) -> Layout:
-        """How it is stepped every `h` s = `period` ticks; its signals start at these places.
-
-        Raises FmuError for a step or a clock that cannot be kept.
-        """
-        clocks.check_step(self.description, h, self.name)
-        moves: dict[str, dict[str, Move]] = {
-            m: {} for m in ("inputs", "discrete", "clocked", "outputs")
-        }
-        for causality, start in (("input", inputs), ("output", outputs)):
-            place = start
-            for group in self._carried(causality):
-                _add(moves[self._when(group)], group, place)
-                place += group.size
-        real = {g.first.type for c in ("input", "output") for g in self._carried(c)} <= set(REAL)
-        flags = self.description.flags
-        early = self.events or self._returns_early
-        return Layout(
-            h=h, lag=lag, period=period, input=inputs, output=outputs,
-            input_count=sum(p.size for p in self.inputs),
-            output_count=sum(p.size for p in self.outputs),
-            clocks=clocks.tickers(self.description, h, self.name) if self.events else (),
-            fmi=self.description.fmi, events=self.events, plain=real and not early,
-            variable=bool(flags.get("canHandleVariableCommunicationStepSize")),
-            **{name: tuple(found.values()) for name, found in moves.items()},
-        )  # fmt: skip
+    @property
+    def discrete(self) -> frozenset[str]:
+        """Inputs that change in jumps only."""
+        inputs = self.carried("input")
+        jumps = (g.name for g in inputs if any(v.variability != "continuous" for v in g.variables))
+        return frozenset(jumps)
 
     @property
-    def _returns_early(self) -> bool:
+    def sloped(self) -> frozenset[str]:
+        """Inputs whose slope over a step can be set (FMI 2.0.5 §4.2.1): the other ones, or none."""
+        can = self.description.fmi == "2.0" and self.description.flags.get("canInterpolateInputs")
+        return frozenset(p.name for p in self.inputs if can and p.name not in self.discrete)
+
+    @property
+    def triggered(self) -> tuple[Triggered, ...]:
+        """The clocks it ticks, where it is run with event mode. Raises FmuError for no such."""
+        return clocks.triggered(self.description, self.name) if self.events else ()
+
+    @property
+    def returns_early(self) -> bool:
+        """Whether a step may end before its time: an FMU of FMI 3.0 that can."""
         flags = ("canReturnEarlyAfterIntermediateUpdate", "canHandleVariableCommunicationStepSize")
         return self.description.fmi == "3.0" and all(map(self.description.flags.get, flags))
-
-    def _when(self, group: Group) -> Literal["inputs", "outputs", "discrete", "clocked"]:
-        if group.first.causality == "output":
-            return "outputs"
-        if self.events and group.first.clocks:
-            return "clocked"
-        return "discrete" if self.events and group.first.variability == "discrete" else "inputs"
 
     # ---- start -------------------------------------------------------------------------------
 
@@ -194,11 +179,12 @@ class FmuComponent:
         setup = Setup(
             fmi=d.fmi, path=binary, name=self.name, token=d.token,
             resources=self.archive.folder / "resources", logging=options.log,
-            event_mode=self.events, early_return=self.events or self._returns_early,
+            event_mode=self.events, early_return=self.events or self.returns_early,
         )  # fmt: skip
         room = LOG_ROOM if options.log else 0
         if options.isolate:
-            scalars = sum(p.size for p in (*self.inputs, *self.outputs))
+            slopes = self.inputs if self.sloped else ()
+            scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
             return RemoteInstance(setup, options, scalars, room)
         return instantiate(setup, native.log(room=room))
 
@@ -218,19 +204,30 @@ class FmuComponent:
         return self._outputs()
 
     def _outputs(self) -> dict[str, np.ndarray[Any, Any]]:
+        return {
+            g.name: self._shaped(g.name, self.instance.get(g.first.type, g.references, g.size))
+            for g in self.carried("output")
+        }
+
+    def exit_initialization(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Leave Initialization Mode, once; the first step does it if nobody has.
+
+        Returns the outputs of clocks that tick right then.
+        """
+        if not self._initializing:
+            return {}
+        clocked = [g for g in self.carried("output") if self.events and g.first.clocks]
+        found = self.instance.exit_initialization(
+            self.triggered,
+            [Clocked(g.name, g.first.type, g.references, g.size, g.first.clocks) for g in clocked],
+        )
+        self._initializing = False
+        return {name: self._shaped(name, values) for name, values in found.items()}
+
+    def _shaped(self, name: str, values: list[float]) -> np.ndarray[Any, Any]:
         import numpy as np
 
-        result = {}
-        for group in self._carried("output"):
-            values = self.instance.get(group.first.type, group.references, group.size)
-            result[group.name] = np.array(values).reshape(group.shape)
-        return result
-
-    def exit_initialization(self) -> None:
-        """Leave Initialization Mode, once; the first step does it if nobody has."""
-        if self._initializing:
-            self.instance.exit_initialization()
-            self._initializing = False
+        return np.array(values).reshape(self.groups[name].shape)
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
         """Set inputs, ``doStep(t, h)``, get outputs: the slow way, for tests and small uses.
@@ -293,10 +290,3 @@ class FmuComponent:
             "fmi": self.description.fmi,
             "tool": self.description.tool,
         }
-
-
-def _add(moves: dict[str, Move], group: Group, place: int) -> None:
-    kind = group.first.type
-    before = moves.get(kind, Move(kind, (), ()))
-    places = tuple(range(place, place + group.size))
-    moves[kind] = Move(kind, before.references + group.references, before.places + places)

@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim import native
 from cosim.errors import FmuError
-from cosim.fmi.library import NEVER, Calls, Setup, array_of, texts_of, uint32
+from cosim.fmi.library import NEVER, Calls, Clocked, Setup, Triggered, array_of, texts_of, uint32
 
 TYPES: Mapping[str, Any] = {
     "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
@@ -61,9 +61,12 @@ class Instance2:
         setup(self.handle, 0, 0.0, t0, 0, 0.0)
         self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
 
-    def exit_initialization(self) -> None:
-        """Leave Initialization Mode."""
+    def exit_initialization(
+        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
+    ) -> dict[str, list[float]]:
+        """Leave Initialization Mode; FMI 2.0 has no clocks."""
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
+        return {}
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
         suffix = "Integer" if kind == "Enumeration" else kind

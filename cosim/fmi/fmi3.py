@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim import native
 from cosim.errors import FmuError
-from cosim.fmi.library import NEVER, Calls, Setup, array_of, texts_of, uint32
+from cosim.fmi.library import NEVER, Calls, Clocked, Setup, Triggered, array_of, texts_of, uint32
 
 TYPES: Mapping[str, Any] = {
     "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
@@ -49,19 +49,39 @@ class Instance3:
         )
         enter(self.handle, False, 0.0, t0, False, 0.0)
 
-    def exit_initialization(self) -> None:
+    def exit_initialization(
+        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
+    ) -> dict[str, list[float]]:
         """Leave Initialization Mode, and the Event Mode that follows where it is used."""
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
+        ticked: dict[str, list[float]] = {}
         if self._event_mode:
-            self._leave_event_mode()
+            self._leave_event_mode(lambda: self._ticked(triggered, clocked, ticked))
+        return ticked
 
-    def _leave_event_mode(self) -> None:
+    def _ticked(
+        self, triggered: Sequence[Triggered], clocked: Sequence[Clocked], found: dict[str, Any]
+    ) -> None:
+        """Values of what belongs to clocks that tick in this instant."""
+        active: set[int] = set()
+        for clock in triggered:
+            if not clock.clocks or active.intersection(clock.clocks):
+                ticks = c.c_bool()
+                ask = self._calls.checked("GetClock", *(c.c_void_p,) * 2, c.c_size_t, c.c_void_p)
+                ask(self.handle, uint32([clock.reference]), 1, c.byref(ticks))
+                active |= {clock.reference} if ticks.value else set()
+        for x in clocked:
+            if active.intersection(x.clocks):
+                found[x.name] = self.get(x.type, x.references, x.count)
+
+    def _leave_event_mode(self, instant: Callable[[], None] = lambda: None) -> None:
         update = self._calls.checked("UpdateDiscreteStates", *(c.c_void_p,) * 7)
         again, stop, nominals, values, defined = (c.c_bool() for _ in range(5))
         time = c.c_double()
         flags = [c.byref(f) for f in (again, stop, nominals, values, defined)]
         for _ in range(_EVENTS_AT_MOST):
             again.value = False
+            instant()
             update(self.handle, *flags, c.byref(time))
             if stop.value:
                 raise FmuError(f"{self._calls.name}: asked to terminate the simulation in an event")

@@ -13,7 +13,7 @@ from itertools import chain
 from typing import Any
 
 from cosim import native
-from cosim.fmi.library import Instance
+from cosim.fmi.library import Instance, Triggered
 
 #: FMI type -> (FMI function's name, how engine.c carries it, the C type).
 _CARRIED2 = {
@@ -57,10 +57,20 @@ class Ticker:
 
 
 @dataclass(frozen=True, slots=True)
+class Partition:
+    """Variables that are set and got while one of `clocks` (value references) is active."""
+
+    clocks: tuple[int, ...]
+    inputs: tuple[Move, ...]
+    outputs: tuple[Move, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Layout:
     """How an FMU is stepped: `h` s, every `period` ticks, `lag` ticks after its interval began.
 
-    `discrete` and `clocked` inputs are set in Event Mode: when they change, when a clock ticks.
+    `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.
+    `slopes`: inputs whose slope is set as well, its place in the signals in place of theirs.
     (`input`, `input_count`), (`output`, `output_count`): its stretches of the signal vector.
     """
 
@@ -74,8 +84,10 @@ class Layout:
     inputs: tuple[Move, ...]
     outputs: tuple[Move, ...]
     discrete: tuple[Move, ...] = ()
-    clocked: tuple[Move, ...] = ()
+    partitions: tuple[Partition, ...] = ()
     clocks: tuple[Ticker, ...] = ()
+    triggered: tuple[Triggered, ...] = ()
+    slopes: Move | None = None
     fmi: str = "2.0"
     events: bool = False
     variable: bool = False
@@ -103,29 +115,64 @@ def bind(instance: Instance, layout: Layout, alive: list[Any]) -> native.Unit:
 
 def _typed(instance: Instance, x: Layout, alive: list[Any]) -> native.Typed:
     typed = native.Typed(
-        fmi=int(x.fmi[0]), variable=x.variable, n_clocks=len(x.clocks),
-        next_event=instance.next_event,
+        fmi=int(x.fmi[0]), variable=x.variable, next_event=instance.next_event
     )  # fmt: skip
-    for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set"),
-                       ("clocked", "Set")):  # fmt: skip
-        moves: tuple[Move, ...] = getattr(x, name)
-        accesses = [_access(instance, verb, m, x.fmi, name == "discrete", alive) for m in moves]
-        setattr(typed, name, _kept(native.Access, accesses, alive))
-        setattr(typed, f"n_{name}", len(moves))
-    tickers = [native.Ticker(t.reference, 0, t.period, t.shift) for t in x.clocks]
-    typed.clocks = _kept(native.Ticker, tickers, alive)
+    for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set")):
+        _move(typed, name, instance, verb, getattr(x, name), x.fmi, alive)
+    if x.slopes is not None:
+        slopes = _access(instance, "Set", x.slopes, x.fmi, held=False, alive=alive)
+        slopes.call = instance.address("SetRealInputDerivatives")
+        typed.slopes = _kept(native.Access, [slopes], alive)
+        typed.orders = _kept(c.c_int32, [1] * len(x.slopes.places), alive)
     if x.events:
         typed.enter_event = instance.address("EnterEventMode")
         typed.update = instance.address("UpdateDiscreteStates")
         typed.enter_step = instance.address("EnterStepMode")
-    if x.clocks:
-        typed.set_clock = instance.address("SetClock")
+        _clocked(typed, instance, x, alive)
     alive.append(typed)
     return typed
 
 
+def _clocked(typed: native.Typed, instance: Instance, x: Layout, alive: list[Any]) -> None:
+    """Clocks, and what they move; `active` has a place for each clock."""
+    references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]
+    index = {r: i for i, r in enumerate(references)}
+    typed.active = _kept(c.c_bool, [False] * len(index), alive)
+    tickers = [native.Ticker(t.reference, 0, t.period, t.shift) for t in x.clocks]
+    typed.clocks, typed.n_clocks = _kept(native.Ticker, tickers, alive), len(tickers)
+    triggered = []
+    for t in x.triggered:
+        places = _kept(c.c_int32, [index[r] for r in t.clocks], alive)
+        triggered.append(native.Triggered(t.reference, len(t.clocks), places))
+    typed.triggered = _kept(native.Triggered, triggered, alive)
+    typed.n_triggered = len(triggered)
+    partitions = []
+    for p in x.partitions:
+        places = _kept(c.c_int32, [index[r] for r in p.clocks], alive)
+        partition = native.Partition(clocks=places, n_clocks=len(p.clocks))
+        for name, verb, moves in (("inputs", "Set", p.inputs), ("outputs", "Get", p.outputs)):
+            _move(partition, name, instance, verb, moves, x.fmi, alive)
+        partitions.append(partition)
+    typed.partitions = _kept(native.Partition, partitions, alive)
+    typed.n_partitions = len(partitions)
+    if x.clocks:
+        typed.set_clock = instance.address("SetClock")
+    if x.triggered:
+        typed.get_clock = instance.address("GetClock")
+
+
+def _move(
+    struct: native.Typed | native.Partition, name: str, instance: Instance, verb: str,
+    moves: Sequence[Move], fmi: str, alive: list[Any],
+) -> None:  # fmt: skip
+    held = name == "discrete"
+    accesses = [_access(instance, verb, m, fmi, held=held, alive=alive) for m in moves]
+    setattr(struct, name, _kept(native.Access, accesses, alive))
+    setattr(struct, f"n_{name}", len(accesses))
+
+
 def _access(
-    instance: Instance, verb: str, move: Move, fmi: str, held: bool, alive: list[Any]
+    instance: Instance, verb: str, move: Move, fmi: str, *, held: bool, alive: list[Any]
 ) -> native.Access:
     suffix, code, kind = (_CARRIED2 if fmi == "2.0" else _CARRIED3)[move.type]
     count = len(move.places)

@@ -33,8 +33,10 @@ class Instance(Protocol):
     def enter_initialization(self, t0: float) -> None:
         """Set up the experiment from `t0` (s), without a stop time, and enter initialisation."""
 
-    def exit_initialization(self) -> None:
-        """Leave Initialization Mode for Step Mode."""
+    def exit_initialization(
+        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
+    ) -> dict[str, list[float]]:
+        """Leave Initialization Mode for Step Mode; values of `clocked` whose clocks ticked then."""
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values of variables of an FMI type, `count` scalars in all."""
@@ -71,6 +73,25 @@ class Instance(Protocol):
 
     def hot(self) -> tuple[int, int, int]:
         """Addresses of the functions that set, step and get in the loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Triggered:
+    """A clock that the FMU ticks; `clocks`: it can do so only while one of these is active."""
+
+    reference: int
+    clocks: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Clocked:
+    """An output of `count` scalars that can be got while one of `clocks` is active."""
+
+    name: str
+    type: str
+    references: tuple[int, ...]
+    count: int
+    clocks: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)

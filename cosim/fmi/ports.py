@@ -50,7 +50,7 @@ def groups(variables: Iterable[Variable]) -> tuple[Group, ...]:
     """Group variables into signals, in the order of their first appearance.
 
     FMI 2.0 scalars ``a[i]``/``a[i,j]`` become one array when they fill a whole grid from 0 or 1
-    and share type, unit and causality; what does not stays scalar under its own name.
+    and share type, unit, causality and clocks; what does not stays scalar under its own name.
     """
     families: dict[str, list[tuple[tuple[int, ...], Variable]]] = {}
     order: list[str] = []
@@ -69,8 +69,8 @@ def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> I
     indices = [index for index, _ in members]
     first = members[0][1]
     alike = all(
-        (v.type, v.unit, v.causality, v.initial)
-        == (first.type, first.unit, first.causality, first.initial)
+        (v.type, v.unit, v.causality, v.initial, v.clocks)
+        == (first.type, first.unit, first.causality, first.initial, first.clocks)
         for _, v in members
     )
     if not alike or any(not i or len(i) != len(indices[0]) for i in indices):

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from cosim import native
 from cosim.errors import FmuError
 from cosim.fmi.layout import Layout
-from cosim.fmi.library import NEVER, Setup
+from cosim.fmi.library import NEVER, Clocked, Setup, Triggered
 from cosim.fmi.options import Options
 from cosim.fmi.worker import ANSWER, STEP
 
@@ -120,9 +120,12 @@ class RemoteInstance:
         """Enter Initialization Mode."""
         self._call("enter_initialization", t0)
 
-    def exit_initialization(self) -> None:
-        """Leave Initialization Mode."""
-        self._call("exit_initialization")
+    def exit_initialization(
+        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
+    ) -> dict[str, list[float]]:
+        """Leave Initialization Mode; values of `clocked` whose clocks ticked then."""
+        found: dict[str, list[float]] = self._call("exit_initialization", triggered, clocked)
+        return found
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values of variables of an FMI type."""
@@ -200,7 +203,7 @@ class RemoteInstance:
 class RemoteStep:
     """A step there for a signal vector `signals` here.
 
-    `here` and `there`: where its signals are in each; there, its inputs come first.
+    `here` and `there`: where its signals are in each; there, its inputs come first, slopes last.
     """
 
     def __init__(
@@ -208,9 +211,13 @@ class RemoteStep:
     ) -> None:
         n, m = here.input_count, here.output_count
         self._fed = signals[here.input : here.input + n]
+        self._signals = signals
+        self._sloped = list(here.slopes.places if here.slopes else ())
+        self._slopes = remote.signals()[n + m : n + m + len(self._sloped)]
         self._given = signals[here.output : here.output + m]
         shared = remote.signals()
         self._inputs, self._outputs = shared[:n], shared[n : n + m]
+        self._outputs[:] = self._given  # those of clocks are held until they tick
         self._remote, self._here = remote, here
         remote.bind(there)
 
@@ -218,6 +225,8 @@ class RemoteStep:
         """Step from `t` (s) in tick `tick`: (result, the FMU's status, signal here at fault)."""
         here = self._here
         self._inputs[:] = self._fed
+        if self._sloped:
+            self._slopes[:] = self._signals[self._sloped]
         result, status, place = self._remote.step(t, (tick - here.lag) // here.period)
         self._given[:] = self._outputs
         fed = place < here.input_count

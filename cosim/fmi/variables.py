@@ -70,7 +70,7 @@ def variables2(root: Element) -> Iterable[Variable]:
             typed,
             _declared(types, typed, name),
             shape=(),
-            variability="continuous",
+            variability="continuous" if typed.tag == "Real" else "discrete",
             start=(start,) if start is not None else (),
         )
 

@@ -45,5 +45,5 @@ def test_gauss_seidel_shows_its_order_and_whom_each_sees(tmp_path, order):
 def test_a_line_is_shown_where_one_is_taken(tmp_path):
     text = shown(tmp_path, algorithm="jacobi")
     found = {line.split()[0]: line for line in text.splitlines() if "<-" in line}
-    assert "as a line through the last two over 0.25 s" in found["x.u"]
+    assert "as the mean of a line through the last two over 0.25 s" in found["x.u"]
     assert "holds it 0.25 s" in found["v.u"]

@@ -78,6 +78,39 @@ def events3(clock: str = 'intervalVariability="constant" intervalDecimal="0.2"')
  start="0"/></ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
+def clocked3(variables: str = "", flags: str = "") -> str:
+    """Two input clocks (0.1 s; 0.3 s from 0.1 s on), two that the FMU ticks, variables of each."""
+    clocks = "".join(
+        f'<Clock name="{name}" valueReference="{i}" causality="{causality}" {more}/>'
+        for i, name, causality, more in (
+            (1, "fast", "input", 'intervalVariability="constant" intervalDecimal="0.1"'),
+            (2, "slow", "input",
+             'intervalVariability="constant" intervalDecimal="0.3" shiftDecimal="0.1"'),
+            (4, "echo", "output", 'intervalVariability="triggered" clocks="1"'),
+            (3, "bell", "output", 'intervalVariability="triggered"'),
+        )
+    )  # fmt: skip
+    inputs = "".join(
+        f'<Float64 name="u_{name}" valueReference="{9 + i}" causality="input" clocks="{i}" '
+        'variability="discrete" start="0"/>'
+        for i, name in ((1, "fast"), (2, "slow"), (3, "bell"))
+    )
+    outputs = "".join(
+        f'<{kind} name="{name}" valueReference="{r}" causality="output" clocks="{clocks}" '
+        'variability="discrete"/>'
+        for kind, name, r, clocks in (
+            ("Float64", "y_fast", 20, "1"), ("Float64", "y_slow", 21, "2"),
+            ("Float64", "y_bell", 22, "3"), ("Float64", "heard", 23, "3"),
+            ("Float64", "y_both", 24, "2 1"), ("Int32", "y_echo", 40, "4"),
+        )
+    )  # fmt: skip
+    return f"""<fmiModelDescription fmiVersion="3.0" modelName="clocked" instantiationToken="t">
+<CoSimulation modelIdentifier="clocked3" canHandleVariableCommunicationStepSize="true"
+ hasEventMode="true" {flags}/>
+<ModelVariables>{clocks}{inputs}{outputs}<Float64 name="time" valueReference="30"
+ causality="output"/>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
 def nasty2(attributes: str = "") -> str:
     """Every type of FMI 2.0; `how` and `when` it goes wrong."""
 
@@ -107,6 +140,33 @@ def nasty2(attributes: str = "") -> str:
 {UNITS}<TypeDefinitions><SimpleType name="Mode"><Enumeration>{_ENUMERATION}</Enumeration>
 </SimpleType></TypeDefinitions><ModelVariables>{"".join(variables)}</ModelVariables>
 <ModelStructure/></fmiModelDescription>"""
+
+
+def sloped2(attributes: str = 'canInterpolateInputs="true"') -> str:
+    """Two lags x' = u - x that take slopes of u; a discrete Real and an Integer input do not."""
+
+    def scalar(name: str, reference: int, causality: str, typed: str, variability: str) -> str:
+        return (
+            f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+            f'variability="{variability}">{typed}</ScalarVariable>'
+        )
+
+    pairs = "".join(
+        scalar(f"{name}[{i}]", first + i, causality, typed, "continuous")
+        for name, first, causality, typed in (
+            ("u", 0, "input", '<Real start="0" unit="m"/>'),
+            ("x", 10, "output", '<Real unit="m"/>'),
+            ("slope", 12, "output", "<Real/>"),
+        )
+        for i in range(2)
+    )
+    return f"""<fmiModelDescription fmiVersion="2.0" modelName="sloped" guid="t">
+<CoSimulation modelIdentifier="sloped2" canHandleVariableCommunicationStepSize="true" {attributes}/>
+<ModelVariables>{pairs}{scalar("held", 2, "input", '<Real start="0"/>', "discrete")}
+{scalar("count", 3, "input", '<Integer start="0"/>', "discrete")}
+{scalar("slopes", 14, "output", "<Real/>", "continuous")}
+{scalar("most", 4, "parameter", '<Real start="1e9"/>', "fixed")}
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
 @lru_cache

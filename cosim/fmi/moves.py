@@ -1,0 +1,105 @@
+"""Which variables of an FMU move when: sorted as the standard lets them be set and got."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from cosim.fmi import clocks
+from cosim.fmi.layout import Layout, Move, Partition
+from cosim.fmi.ports import REAL, Group
+
+if TYPE_CHECKING:
+    from cosim.fmi.component import FmuComponent
+
+#: What variables have in common that move together: "input" or "output", how, and their clocks.
+Key = tuple[str, str, tuple[int, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """Variables by when they move; `events`: whether the FMU is run with event mode."""
+
+    events: bool
+    _found: dict[Key, dict[str, Move]] = field(default_factory=dict)
+
+    def add(self, group: Group, place: int) -> None:
+        """A signal whose scalars are from `place` on."""
+        found = self._found.setdefault(self._key(group), {})
+        before = found.get(group.first.type, Move(group.first.type, (), ()))
+        places = tuple(range(place, place + group.size))
+        found[group.first.type] = Move(
+            before.type, before.references + group.references, before.places + places
+        )
+
+    def _key(self, group: Group) -> Key:
+        first = group.first
+        if self.events and first.clocks:
+            return first.causality, "clocked", tuple(sorted(first.clocks))
+        discrete = self.events and first.variability == "discrete" and first.causality == "input"
+        return first.causality, "discrete" if discrete else "step", ()
+
+    def of(
+        self, causality: str, how: str = "step", clocks: tuple[int, ...] = ()
+    ) -> tuple[Move, ...]:
+        """The moves of one key, one a type."""
+        return tuple(self._found.get((causality, how, clocks), {}).values())
+
+    def partitions(self) -> tuple[Partition, ...]:
+        """The clocked ones by their clocks."""
+        clocks = sorted({key[2] for key in self._found if key[1] == "clocked"})
+        return tuple(
+            Partition(c, self.of("input", "clocked", c), self.of("output", "clocked", c))
+            for c in clocks
+        )
+
+
+def layout(
+    x: FmuComponent,
+    h: float,
+    lag: int,
+    period: int,
+    inputs: int,
+    outputs: int,
+    slopes: Mapping[int, int],
+) -> Layout:
+    """How `x` is stepped every `h` s = `period` ticks; its signals start at these places.
+
+    `slopes`: places of slopes by those of their inputs. Raises FmuError for a step or a clock that
+    cannot be kept.
+    """
+    clocks.check_step(x.description, h, x.name)
+    moves, found = Moves(x.events), _slopes(x, inputs, slopes)
+    for causality, place in (("input", inputs), ("output", outputs)):
+        for group in x.carried(causality):
+            moves.add(group, place)
+            place += group.size
+    real = all(g.first.type in REAL for c in ("input", "output") for g in x.carried(c))
+    return Layout(
+        h=h, lag=lag, period=period, input=inputs, output=outputs,
+        input_count=sum(p.size for p in x.inputs),
+        output_count=sum(p.size for p in x.outputs),
+        inputs=moves.of("input"), outputs=moves.of("output"),
+        discrete=moves.of("input", "discrete"), slopes=found,
+        clocks=clocks.tickers(x.description, h, x.name) if x.events else (),
+        triggered=x.triggered, partitions=moves.partitions(),
+        fmi=x.description.fmi, events=x.events,
+        variable=bool(x.description.flags.get("canHandleVariableCommunicationStepSize")),
+        plain=real and found is None and not (x.events or x.returns_early),
+    )  # fmt: skip
+
+
+def _slopes(x: FmuComponent, inputs: int, slopes: Mapping[int, int]) -> Move | None:
+    """The inputs that have a slope, which is where they have theirs (FMI 2.0: scalars only)."""
+    places = {r: slopes.get(inputs + i) for i, r in enumerate(x.references("input"))}
+    found = {r: place for r, place in places.items() if place is not None}
+    return Move("Real", tuple(found), tuple(found.values())) if found else None
+
+
+def isolated(x: FmuComponent, here: Layout) -> Layout:
+    """The same in a process of its own, where inputs come first, then outputs, then slopes."""
+    first = here.input_count + here.output_count
+    sloped = {r: first + i for i, r in enumerate(here.slopes.references if here.slopes else ())}
+    places = {i: sloped[r] for i, r in enumerate(x.references("input")) if r in sloped}
+    return layout(x, here.h, here.lag, here.period, 0, here.input_count, places)

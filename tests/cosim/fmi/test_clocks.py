@@ -1,0 +1,139 @@
+"""Clocked variables of an FMU that insists on the rules of FMI 3.0.2 (2.2.8, 2.3.5)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy import extract, read_model_description
+from fmpy.fmi3 import FMU3Slave
+
+from cosim.errors import CosimError
+from cosim.fmi import Options
+from cosim.plan import Plan
+from tests.cosim.fmi.exporter import clocked3, column, export, plan_of, run
+
+STEPS = 10  # of 0.1 s
+EARLY = 'canReturnEarlyAfterIntermediateUpdate="true"'
+FAST, SLOW, BELL, ECHO = 1, 2, 3, 4
+OUTPUTS = {"y_fast": 20, "y_slow": 21, "y_bell": 22, "heard": 23, "y_both": 24}
+OF = {20: {FAST}, 21: {SLOW}, 22: {BELL}, 23: {BELL}, 24: {FAST, SLOW}}
+#: Inputs at every step, and what each says who sees it.
+FED = {
+    "u_fast": np.arange(STEPS, dtype=float),
+    "u_slow": 100.0 + np.arange(STEPS),
+    "u_bell": 1000.0 + np.arange(STEPS),
+}
+
+
+@pytest.fixture(scope="module")
+def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export(clocked3(), tmp_path_factory.mktemp("fmu") / "clocked3.fmu")
+
+
+def outputs(plan: Plan, feed=FED) -> dict[str, list[float]]:
+    """All outputs at the start and after every step."""
+    rows, engine = run(plan, feed)
+    engine.close()
+    ports = plan.components[0].component.outputs
+    return {p.name: column(plan, rows, p.name).tolist() for p in ports}
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+@pytest.mark.parametrize("kind", ["continuous", "sampled"])
+def test_outputs_hold_what_they_were_when_their_clock_ticked(clocked, kind, isolate) -> None:
+    found = outputs(plan_of(clocked, STEPS, kind=kind, options=Options(isolate=isolate)))
+    steps = range(STEPS)
+    assert found["y_fast"] == [-1.0, *(sum(range(k + 1)) for k in steps)]
+    slow = [sum(100.0 + i for i in range(1, k + 1, 3)) or -1.0 for k in steps]
+    assert found["y_slow"] == [-1.0, *slow]
+    assert found["y_echo"] == [-1.0] * 4 + [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    assert found["y_both"] == pytest.approx([-1.0, *(0.1 * k for k in steps)])
+    assert found["time"][1:] == pytest.approx([0.1 * (k + 1) for k in steps])
+
+
+@pytest.mark.parametrize("flags", ["", EARLY])
+def test_a_clock_that_the_fmu_ticks_is_heard_in_its_events(tmp_path: Path, flags: str) -> None:
+    """At 0, in the Event Mode after initialization, and then every 0.25 s."""
+    found = outputs(plan_of(export(clocked3(flags=flags), tmp_path / "x.fmu"), STEPS))
+    assert found["y_bell"] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0, 4.0, 4.0, 5.0]
+    heard = [0.0, 0.0, 0.0, 1002.0, 1002.0, 1004.0, 1004.0, 1004.0, 1007.0, 1007.0, 1009.0]
+    assert found["heard"] == heard
+
+
+def test_fmpy_sees_the_same_values_in_event_mode(clocked: Path) -> None:
+    assert outputs(plan_of(clocked, STEPS)) == by_fmpy(clocked)
+
+
+def by_fmpy(path: Path) -> dict[str, list[float]]:
+    """The same run by FMPy's calls, written as the standard's state machine reads."""
+    description = read_model_description(str(path), validate=False)
+    fmu = FMU3Slave(
+        guid=description.guid, unzipDirectory=extract(str(path)), modelIdentifier="clocked3"
+    )
+    fmu.instantiate(eventModeUsed=True)
+    fmu.enterInitializationMode()
+    now = {name: fmu.getFloat64([r])[0] for name, r in OUTPUTS.items()}
+    now |= {"y_echo": float(fmu.getInt32([40])[0]), "time": fmu.getFloat64([30])[0]}
+    fmu.exitInitializationMode()
+    event(fmu, now, set(), {})
+    found = {name: [value] for name, value in now.items()}
+    for k in range(STEPS):
+        u = {FAST: FED["u_fast"][k], SLOW: FED["u_slow"][k], BELL: FED["u_bell"][k]}
+        fmu.enterEventMode()
+        event(fmu, now, {FAST, SLOW} if k % 3 == 1 else {FAST}, u)
+        happened, *_ = fmu.doStep(k * 0.1, 0.1)
+        if happened:
+            fmu.enterEventMode()
+            event(fmu, now, set(), u)
+        now["time"] = fmu.getFloat64([30])[0]
+        for name, value in now.items():
+            found[name].append(value)
+    fmu.terminate()
+    fmu.freeInstance()
+    return found
+
+
+def event(fmu: FMU3Slave, now: dict[str, float], ticks: set[int], u: dict[int, float]) -> None:
+    """One Event Mode: instants until nothing changes, `ticks` in the first."""
+    again, active = True, set(ticks)
+    for clock in ticks:
+        fmu.setClock([clock], [True])
+    while again:
+        for clock in active:
+            fmu.setFloat64([9 + clock], [u[clock]])
+        if fmu.getClock([BELL])[0]:
+            active.add(BELL)
+            if u:
+                fmu.setFloat64([12], [u[BELL]])
+        if FAST in active and fmu.getClock([ECHO])[0]:
+            now["y_echo"] = float(fmu.getInt32([40])[0])
+        for name, reference in OUTPUTS.items():
+            if OF[reference] & active:
+                now[name] = fmu.getFloat64([reference])[0]
+        again, *_ = fmu.updateDiscreteStates()
+        active.clear()
+    fmu.enterStepMode()
+
+
+@pytest.mark.parametrize(
+    ("variables", "message"),
+    [
+        ('<Float64 name="y" valueReference="50" causality="output" variability="discrete" '
+         'clocks="99"/>', "'y' belongs to a clock of value reference 99; expected that of"),
+        ('<Clock name="a" valueReference="50" causality="output" '
+         'intervalVariability="triggered" clocks="51"/><Clock name="b" valueReference="51" '
+         'causality="output" intervalVariability="triggered" clocks="50"/>',
+         "'a' belongs to a clock of value reference 51; .* no loop of clocks"),
+    ],
+)  # fmt: skip
+def test_what_belongs_to_no_clock_is_refused(tmp_path: Path, variables: str, message: str) -> None:
+    with pytest.raises(CosimError, match=message):
+        run(plan_of(export(clocked3(variables), tmp_path / "x.fmu"), 1))
+
+
+def test_a_binary_that_cannot_tell_its_clocks_is_refused(tmp_path: Path) -> None:
+    lacking = clocked3().replace('"clocked3"', '"events3"')
+    with pytest.raises(CosimError, match="the binary lacks fmi3Get"):
+        run(plan_of(export(lacking, tmp_path / "x.fmu"), 1))

@@ -8,22 +8,24 @@ Faults of processes and buses are a list of events that whoever supervises the n
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from hashlib import sha256
 from math import isinf
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from bridge.native import faults as native
 from bridge.native.faults import Fault, Injector
 from cosim.errors import ScenarioError
 
 Action = Literal[
-    "kill", "start", "freeze", "thaw", "bus-down", "bus-up", "babble", "hush", "clock-jump"
-]
+    "kill", "start", "freeze", "thaw", "bus-down", "bus-up", "babble", "hush", "clock-jump",
+    "net-down", "net-delay", "net-loss", "net-rate", "net-over",
+]  # fmt: skip
 OF_BUSES = ("bus-down", "bus-up", "babble", "hush")
+OF_LINKS = ("net-down", "net-delay", "net-loss", "net-rate", "net-over")
 KINDS = {
     "drop": native.DROP,
     "sync-loss": native.DROP,
@@ -62,8 +64,8 @@ class FrameFault:
 class Event:
     """Something to be done to a process or a bus `t` s after the start; `index`: of its table.
 
-    `target`: a node or a bus. `id`, `rate` (frames/s), `length` (bytes): of a babbling peer;
-    `by`: s, of a clock that jumps.
+    `target`: a node, a bus or a link of the network. `id`, `rate` (frames/s), `length` (bytes): of
+    a babbling peer; `by`: s, of a clock that jumps; `spec`: what a link of the network is like.
     """
 
     t: float
@@ -74,6 +76,12 @@ class Event:
     rate: float = 0.0
     length: int = 0
     by: float = 0.0
+    spec: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """As a rehearsal notes it."""
+        return f"{self.action} {self.target}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +149,9 @@ class FaultScript:
         """Events in the order of time; ``"*"`` stands for each of `nodes` or `buses`."""
         found: list[Event] = []
         for event in self.events:
+            if event.action in OF_LINKS:
+                found.append(event)
+                continue
             every = buses if event.action in OF_BUSES else nodes
             targets = every if event.target == "*" else (event.target,)
             found += [replace(event, target=target) for target in targets]
@@ -156,7 +167,7 @@ class FaultScript:
                     _known(message, messages, "message", self.place(fault.index, "message"))
             if fault.bus:
                 _known(fault.bus, buses, "bus", self.place(fault.index, "bus"))
-        for event in self.events:
+        for event in (e for e in self.events if e.action not in OF_LINKS):
             what, names = ("bus", buses) if event.action in OF_BUSES else ("node", nodes)
             _known(event.target, names, what, self.place(event.index, what))
 
@@ -177,14 +188,14 @@ def _matching(
     if "*" in messages:
         yield "*", 0, 0
         return
-    found: dict[int, str] = {m: f"{m:#x}" for m in messages if isinstance(m, int)}
+    plain = [m for m in messages if isinstance(m, int)]
+    found = {m | (EXTENDED if m > 0x7FF else 0): f"{m:#x}" for m in plain}
     for name in sorted(ids):
         if any(isinstance(m, str) and fnmatchcase(name, m) for m in messages):
             found[ids[name]] = name
     for identifier, name in found.items():
-        long = identifier & EXTENDED or identifier > 0x7FF
-        number = identifier & 0x1FFFFFFF | (native.EXTENDED if long else 0)
-        yield name, number, _ALL_BITS
+        long = native.EXTENDED if identifier & EXTENDED else 0
+        yield name, identifier & 0x1FFFFFFF | long, _ALL_BITS
 
 
 def _rule(fault: FrameFault, identifier: int, mask: int, random: int) -> Fault:

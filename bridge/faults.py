@@ -9,125 +9,36 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Any
-
-import msgspec
+from typing import Any
 
 from bridge.fault_script import Action, Event, FaultScript, FrameFault
+from bridge.fault_specs import (
+    SPECS,
+    BabbleSpec,
+    BusDownSpec,
+    ClockJumpSpec,
+    CountSpec,
+    DropSpec,
+    DuplicateSpec,
+    FreezeSpec,
+    KillSpec,
+    LateSpec,
+    Names,
+    NetDelaySpec,
+    NetDownSpec,
+    NetLossSpec,
+    NetRateSpec,
+    Range,
+    ReorderSpec,
+    RestartSpec,
+    Spec,
+    SyncLossSpec,
+)
 from cosim.errors import ScenarioError
 from cosim.scenario import Number, convert, number, read_document
 
-Names = str | tuple[str, ...]
-Range = Number | tuple[Number, Number]
-Count = Annotated[int, msgspec.Meta(ge=1, le=2**20)]
-
-
-class _Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One table ``[[fault]]``; the fields say what a kind may have."""
-
-    kind: str
-
-
-class SyncLossSpec(_Spec, frozen=True, kw_only=True, rename={"start": "from", "end": "to"}):
-    """The messages called SYNC are not received. No `end`: to the end of the run."""
-
-    node: Names = "*"
-    start: Number = 0
-    end: Number | None = None
-    probability: Number = 1
-
-
-class DropSpec(SyncLossSpec, frozen=True, kw_only=True):
-    """Frames are not received: of `message` (a name, a pattern or an identifier), on `bus`."""
-
-    message: str | int | tuple[str | int, ...] = "*"
-    bus: str = ""
-
-
-class CountSpec(DropSpec, frozen=True, kw_only=True):
-    """`burst`: frames lost in a row; `corrupt`: bits flipped in one."""
-
-    count: Count = 1
-
-
-class LateSpec(DropSpec, frozen=True, kw_only=True):
-    """`delay`, `jitter`: by so long, or by a time between two."""
-
-    by: Range
-
-
-class DuplicateSpec(CountSpec, frozen=True, kw_only=True):
-    """`count` more, each `by` later than the first."""
-
-    by: Range = 0
-
-
-class ReorderSpec(DropSpec, frozen=True, kw_only=True):
-    """After the next one, or `within` so long if there is none."""
-
-    within: Number = 1
-
-
-class KillSpec(_Spec, frozen=True, kw_only=True):
-    """SIGKILL, for good."""
-
-    node: Names
-    at: Number
-
-
-class RestartSpec(KillSpec, frozen=True, kw_only=True, rename={"lasts": "for"}):
-    """SIGKILL, and a new process `lasts` later."""
-
-    lasts: Number = 0
-
-
-class FreezeSpec(KillSpec, frozen=True, kw_only=True, rename={"lasts": "for"}):
-    """SIGSTOP, and SIGCONT `lasts` later."""
-
-    lasts: Number
-
-
-class ClockJumpSpec(KillSpec, frozen=True, kw_only=True):
-    """The node's clock jumps `by`, forwards or (negative) back."""
-
-    by: Number
-
-
-class BusDownSpec(_Spec, frozen=True, kw_only=True, rename={"lasts": "for"}):
-    """The interface is down for `lasts`."""
-
-    bus: Names
-    at: Number
-    lasts: Number
-
-
-class BabbleSpec(_Spec, frozen=True, kw_only=True, rename={"start": "from", "end": "to"}):
-    """Somebody sends frames of `length` bytes with this identifier at this rate."""
-
-    bus: Names
-    id: Annotated[int, msgspec.Meta(ge=0, le=0x9FFFFFFF)]
-    rate: Number
-    length: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8
-    start: Number = 0
-    end: Number | None = None
-
-
-SPECS: dict[str, type[_Spec]] = {
-    "drop": DropSpec,
-    "burst": CountSpec,
-    "delay": LateSpec,
-    "jitter": LateSpec,
-    "duplicate": DuplicateSpec,
-    "reorder": ReorderSpec,
-    "corrupt": CountSpec,
-    "sync-loss": SyncLossSpec,
-    "kill": KillSpec,
-    "restart": RestartSpec,
-    "freeze": FreezeSpec,
-    "clock-jump": ClockJumpSpec,
-    "bus-down": BusDownSpec,
-    "babble": BabbleSpec,
-}
+#: s between two draws of a network's delay.
+HOLD = 0.03
 
 
 def load(path: Path) -> FaultScript:
@@ -196,7 +107,7 @@ class _Place:
         return low, high
 
 
-def _spec(table: Any, place: _Place) -> _Spec:
+def _spec(table: Any, place: _Place) -> Spec:
     kind = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(kind, str) or kind not in SPECS:
         found = "no kind" if kind is None else f"unknown kind {kind!r}"
@@ -231,7 +142,7 @@ def _tuple(names: Names) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names
 
 
-def _events(spec: _Spec, place: _Place) -> list[Event]:
+def _events(spec: Spec, place: _Place) -> list[Event]:
     """What happens to the targets of a table, each on its own."""
     if isinstance(spec, BabbleSpec):
         t0, t1 = place.span(spec.start, spec.end)
@@ -242,6 +153,8 @@ def _events(spec: _Spec, place: _Place) -> list[Event]:
         t = place.value("at", spec.at)
         end = t + place.value("for", spec.lasts)
         return _each(spec.bus, place, ("bus-down", t, {}), ("bus-up", end, {}))
+    if isinstance(spec, NetDownSpec):
+        return _on_network(spec, place)
     assert isinstance(spec, KillSpec)
     t = place.value("at", spec.at)
     if isinstance(spec, ClockJumpSpec):
@@ -254,6 +167,36 @@ def _events(spec: _Spec, place: _Place) -> list[Event]:
         end = t + place.value("for", spec.lasts)
         return _each(spec.node, place, ("freeze", t, {}), ("thaw", end, {}))
     return _each(spec.node, place, ("kill", t, {}))
+
+
+def _on_network(spec: NetDownSpec, place: _Place) -> list[Event]:
+    """A link as a table of :class:`bridge.relay.impair.LinkSpec`, and its end."""
+    source, _, target = spec.link.partition(">")
+    if spec.link != "*" and not (source and target):
+        raise ScenarioError(f'is {spec.link!r}; expected "FROM>TO" or "*"', place.of("link"))
+    t = place.value("at", spec.at)
+    end = t + place.value("for", spec.lasts)
+    action, table = _impaired(spec, place)
+    return _each(spec.link, place, (action, t, {"spec": table}), ("net-over", end, {}))
+
+
+def _impaired(spec: NetDownSpec, place: _Place) -> tuple[Action, dict[str, Any]]:
+    if isinstance(spec, NetDelaySpec):
+        low, high = place.between(spec.by)
+        law = {"law": "uniform", "low": low, "high": high, "hold": HOLD}
+        if low == high:
+            law = {"law": "constant", "delay": low}
+        return "net-delay", {"delay": law, "ordered": spec.ordered}
+    if isinstance(spec, NetLossSpec):
+        p = place.value("probability", spec.probability, "1", 0, 1)
+        r = 1 / place.value("burst", spec.burst, "1", 1)
+        if r == 1 or p == 1:
+            return "net-loss", {"loss": {"law": "independent", "p": p}}
+        bad = min(1.0, r * p / (1 - p))  # so that the share of packets lost is p
+        return "net-loss", {"loss": {"law": "gilbert-elliott", "p": bad, "r": r}}
+    if isinstance(spec, NetRateSpec):
+        return "net-rate", {"rate": place.value("rate", spec.rate, "bit/s", 1e3, 1e12)}
+    return "net-down", {"down": True}
 
 
 def _each(names: Names, place: _Place, *done: tuple[Action, float, dict[str, Any]]) -> list[Event]:

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import signal
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any, final
 
 from bridge import babble
 from bridge.attach import can_spec
 from bridge.fault_script import Event as Planned
 from bridge.fault_script import FaultScript
 from bridge.rehearse import Event, Rehearsal
+from bridge.relay.network import Network
 from bridge.system import System
 from cosim.errors import RunError, ScenarioError
 
 
-def events(script: FaultScript, system: System) -> tuple[Event, ...]:
+def events(
+    script: FaultScript, system: System, network: Network | None = None
+) -> tuple[Event, ...]:
     """The events of a script, to be done by :meth:`Rehearsal.run`.
 
-    Raises ScenarioError for names the deployment does not have.
+    `network`: between the hosts its nodes are on. Raises ScenarioError for names the deployment
+    does not have, and for faults of a network without one.
     """
     d = system.deployment
     messages = {m for node in system.nodes for m in system.identifiers(node)}
     script.check(list(d.nodes), list(d.buses), sorted(messages))
     babblers: dict[tuple[str, int], subprocess.Popen[bytes]] = {}
+    links = _Links(network)
     return tuple(
-        Event(e.t, f"{e.action} {e.target}", _deed(e, system, babblers, script))
+        Event(e.t, e.text, _deed(e, system, babblers, links, script))
         for e in script.process_events(list(d.nodes), list(d.buses))
     )
 
@@ -34,6 +40,7 @@ def _deed(
     event: Planned,
     system: System,
     babblers: dict[tuple[str, int], subprocess.Popen[bytes]],
+    links: _Links,
     script: FaultScript,
 ) -> Callable[[Rehearsal], None]:
     target = event.target
@@ -56,10 +63,45 @@ def _deed(
         case "hush":
             return lambda r: _hush(babblers.pop((target, event.index)))
         case _:
+            links.check(event, script)
+            return lambda r: links.change(event)
+
+
+@final
+class _Links:
+    """What is wrong with each link of a network now: of several faults at once, all of it."""
+
+    def __init__(self, network: Network | None) -> None:
+        self._network = network
+        self._wrong: dict[str, dict[int, Mapping[str, Any]]] = {}
+
+    def check(self, event: Planned, script: FaultScript) -> None:
+        """Raise ScenarioError where there is no such link."""
+        if self._network is None:
             raise ScenarioError(
-                f"{event.action} cannot be done to a rehearsal here",
+                f"{event.action} needs nodes on hosts of their own, with a network between them: "
+                "cosim soak",
                 script.place(event.index, "kind"),
             )
+        if event.target != "*" and event.target not in self._network.names:
+            raise ScenarioError(
+                f"no link {event.target!r}; there are: {', '.join(self._network.names)}",
+                script.place(event.index, "link"),
+            )
+
+    def change(self, event: Planned) -> None:
+        """A fault begins, or is over."""
+        assert self._network is not None
+        for link in self._network.names if event.target == "*" else (event.target,):
+            wrong = self._wrong.setdefault(link, {})
+            if event.action == "net-over":
+                wrong.pop(event.index, None)
+            else:
+                wrong[event.index] = event.spec
+            whole: dict[str, Any] = {}
+            for spec in wrong.values():
+                whole |= spec
+            self._network.set(link, **whole)
 
 
 def set_link(system: System, bus: str, state: str) -> None:

@@ -93,7 +93,7 @@ def _expected(system: System, spec: RunSpec, outcome: Outcome, judged: Judged) -
         ]
         if not stopped:
             yield f"expected {spec.node or 'a node'} to stop; {_said(judged.ended)}"
-        elif spec.because and not any(_reasons(outcome, r) & set(spec.because) for r in stopped):
+        elif spec.because and not any(reasons(outcome, r) & set(spec.because) for r in stopped):
             yield f"expected {' or '.join(spec.because)}; {_said(judged.ended)}"
     for name in spec.sees:
         if not judged.seen.get(name):
@@ -124,7 +124,7 @@ def _node(report: NodeReport) -> str:
     return report.life.partition(".")[0]
 
 
-def _reasons(outcome: Outcome, report: NodeReport) -> set[str]:
+def reasons(outcome: Outcome, report: NodeReport) -> set[str]:
     """Names of everything that stopped a life."""
     return set(names(Why(int(outcome.rows[report.life]["reasons"][-1]))))
 
@@ -134,7 +134,7 @@ def _ended(system: System, outcome: Outcome) -> Iterator[tuple[str, str]]:
     for report in outcome.reports:
         end = report.said.get("end", "killed")
         if end != "finished":
-            why = ", ".join(sorted(_reasons(outcome, report)))
+            why = ", ".join(sorted(reasons(outcome, report)))
             yield report.life, f"{end} ({why})" if why else str(end)
 
 
@@ -192,7 +192,9 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
 def _newest(system: System, outcome: Outcome, report: NodeReport, message: str) -> list[int]:
     """Sequence numbers that were the newest accepted in some slot."""
     inlets = system.nodes[_node(report)].inlets
-    index = next(i for i, inlet in enumerate(inlets) if inlet.message == message)
+    index = next((i for i, inlet in enumerate(inlets) if inlet.message == message), None)
+    if index is None:
+        return []  # a gateway forwards it; its counters tell
     newest = outcome.rows[report.life]["inlets"]["newest"][:, index]
     return [int(n) for n in np.unique(newest)]
 

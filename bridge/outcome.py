@@ -21,9 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from bridge import collect, replay, report, twin
+from bridge import collect, evidence, replay, report, twin
+from bridge.evidence import Evidence
+from bridge.evidence_links import Network
+from bridge.fault_script import FaultScript
 from bridge.rehearse import NODES, STARTED, Ended
 from bridge.report import NodeReport
+from bridge.signs import Shown
 from bridge.system import System
 from bridge.wiring import Rows
 from cosim.clock import monotonic_ns, realtime_ns
@@ -49,6 +53,7 @@ class Outcome:
     twin_rms: float
     buses: Sequence[str]
     notes: Sequence[str]
+    faults: Sequence[Evidence] = ()
 
     @property
     def finished(self) -> bool:
@@ -76,8 +81,14 @@ def complete(
     *,
     with_twin: bool = True,
     formats: tuple[str, ...] = ("log",),
+    script: FaultScript | None = None,
+    network: Network | None = None,
 ) -> Outcome:
-    """Make the run folder out of what the nodes have left. Raises CosimError."""
+    """Make the run folder out of what the nodes have left. Raises CosimError.
+
+    `script`: the faults that were injected, each to be found in the report; `network`: of those
+    between hosts.
+    """
     nodes = folder / NODES
     rows = replay.load(nodes)
     ticks = collect.write_trajectories(system, rows, folder)
@@ -90,9 +101,12 @@ def complete(
     rms = float("nan")
     if with_twin:
         rms = positions_rms(system, folder, run_twin(system, folder / TWIN), ticks)
+    faults: Sequence[Evidence] = ()
+    if script is not None:
+        faults = evidence.find(script, Shown(system, rows, reports, nodes, ended.notes), network)
     outcome = Outcome(
         folder, ticks, rows, reports, ages, replayed, error, rms,
-        report.bus_lines(system, logs), ended.notes,
+        report.bus_lines(system, logs), ended.notes, faults,
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     return outcome
@@ -160,6 +174,7 @@ def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dic
         "rehearsal": {
             "finished": outcome.finished,
             "notes": list(outcome.notes),
+            "faults": [fault.facts() for fault in outcome.faults],
             "nodes": {
                 r.life: {
                     "lateness": r.lateness.facts(),
@@ -189,7 +204,9 @@ def lines(system: System, outcome: Outcome) -> list[str]:
     ]
     said += report.age_lines(system, outcome.rows)
     said += outcome.buses
+    said += report.forward_lines(outcome.reports)
     said += report.fault_lines(outcome.reports)
+    said += [report.line(f"fault {f.index}", f.text()) for f in outcome.faults]
     if outcome.twin_rms == outcome.twin_rms:
         said.append(
             report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS")

@@ -11,7 +11,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
@@ -24,6 +24,7 @@ from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
 from cosim.errors import Interrupted, RunError
 
+Inside = Callable[[str], AbstractContextManager[None]]
 #: Names in a run folder.
 NODES = "nodes"
 STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
@@ -60,6 +61,7 @@ class Settings:
     script: str = ""
     events: Sequence[Event] = ()
     nodes: tuple[str, ...] = ()  # those started here; empty: all
+    inside: Inside = lambda node: nullcontext()  # the host a node's process is started on
 
 
 @dataclass(slots=True)
@@ -101,21 +103,21 @@ class Rehearsal:
         """Start a node's process; a second life of it is called ``NAME.2``."""
         lives = sum(p.start.node == name for p in self.ended.lives)
         s = self.settings
-        process = self._kind(
-            Start(
-                s.scenario,
-                s.deployment,
-                s.changes,
-                name,
-                name if not lives else f"{name}.{lives + 1}",
-                self.folder / NODES,
-                boots=lives + 1,
-                warm_up=s.warm_up if not lives else 0.0,
-                realtime=s.realtime,
-                real=s.real,
-                script=s.script,
-            )
+        start = Start(
+            s.scenario,
+            s.deployment,
+            s.changes,
+            name,
+            name if not lives else f"{name}.{lives + 1}",
+            self.folder / NODES,
+            boots=lives + 1,
+            warm_up=s.warm_up if not lives else 0.0,
+            realtime=s.realtime,
+            real=s.real,
+            script=s.script,
         )
+        with s.inside(name):
+            process = self._kind(start)
         self._stack.callback(process.end)
         self.ended.lives.append(process)
         self.current[name] = process

@@ -111,14 +111,15 @@ def age_lines(system: System, rows: Mapping[str, Rows]) -> list[str]:
                 )
                 continue
             real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
+            p50, p99, worst = np.median(real), np.percentile(real, 99), real.max()
             configured = "none"
             if inlet.link is not None and system.deployment.latency:
                 configured = f"{(total - real).mean():.0f} ms"
             lines.append(
                 line(
                     "age",
-                    f"configured {configured}, real p50 {np.median(real):.2f} p99 "
-                    f"{np.percentile(real, 99):.2f} ms, total mean {total.mean():.1f} ms  "
+                    f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} ms, "
+                    f"total mean {total.mean():.1f} ms  "
                     f"{inlet.source.name} -> {inlet.target.name}",
                 )
             )
@@ -154,6 +155,24 @@ def bus_lines(system: System, logs: Mapping[str, FrameLog]) -> list[str]:
 
 
 __all__ = ["BURST", "NodeReport", "age_lines", "bus_lines", "line", "node_reports", "seconds"]
+
+
+# ---- gateways -------------------------------------------------------------------------------
+
+
+def forward_lines(reports: Sequence[NodeReport]) -> list[str]:
+    """What each gateway passed on, and how long after it came."""
+    return [
+        line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
+        for report in reports
+        for message, facts in report.said.get("forwards", {}).items()
+    ]
+
+
+def _forwarded(facts: Mapping[str, Any]) -> str:
+    us = ", ".join(f"{name} {value:.0f}" for name, value in facts["transit_us"].items())
+    said = [f"{facts['sent']} frames", *([f"{us} us after they came"] if us else [])]
+    return ", ".join([*said, *([f"{facts['failed']} not sent"] if facts["failed"] else [])])
 
 
 # ---- faults ---------------------------------------------------------------------------------

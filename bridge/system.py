@@ -16,6 +16,8 @@ from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
 from bridge.cut import NodePlan, Outlet, cut, start_values
 from bridge.deploy import Deployment, NodeSpec
+from bridge.fault_script import EXTENDED
+from bridge.native.frame import Flags
 from bridge.native.message import Message
 from bridge.routes import Forward
 from bridge.zenoh import names
@@ -100,16 +102,16 @@ class System:
         return max(node.ticks for node in self.nodes.values() if node.plan.components)
 
     def identifiers(self, node: str) -> dict[str, int]:
-        """Identifiers of everything a node hears, by the message's name."""
-        found = {name: self.messages[name].encoding.message.id for name in self.heard_by(node)}
+        """Identifiers of everything a node hears, by the message's name; bit 31: a 29-bit one."""
+        found = {name: self.messages[name].encoding for name in self.heard_by(node)}
         for bus in self.buses_of(node):
             service = self.services.get(bus)
             if service is None:
                 continue
-            found |= {f"HEARTBEAT_{n}": e.message.id for n, e in service.heartbeats.items()}
+            found |= {f"HEARTBEAT_{n}": e for n, e in service.heartbeats.items()}
             named = {"SYNC": service.sync, "NMT": service.nmt, "ESTOP": service.estop}
-            found |= {name: e.message.id for name, e in named.items() if e is not None}
-        return found
+            found |= {name: e for name, e in named.items() if e is not None}
+        return {name: _identifier(encoding.message) for name, encoding in found.items()}
 
     def peers_of(self, node: str) -> tuple[str, ...]:
         """Nodes on a bus of its own, or that it requires."""
@@ -119,6 +121,10 @@ class System:
             for other in self.deployment.nodes
             if other != node and here & set(self.buses_of(other))
         )
+
+
+def _identifier(message: Message) -> int:
+    return int(message.id) | (EXTENDED if message.flags & Flags.EXTENDED else 0)
 
 
 def load_system(scenario: Path, deployment: str, settings: Sequence[str] = ()) -> System:

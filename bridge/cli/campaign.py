@@ -115,7 +115,9 @@ def _rehearsed(
         try:
             rehearsal.run()
             rehearsal.end()
-            outcome = complete(system, folder, rehearsal.ended, facts, with_twin=False)
+            outcome = complete(
+                system, folder, rehearsal.ended, facts, with_twin=False, script=script
+            )
         except RunError as error:
             return judge.lost(spec.script, error)
     return judge.judge(system, spec, outcome)

@@ -166,7 +166,9 @@ def _run(
         except Interrupted:
             interrupted = True
         rehearsal.end()
-        outcome = complete(system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats)
+        outcome = complete(
+            system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats, script=script
+        )
     _say(system, outcome, plot, quiet)
     if interrupted:
         typer.echo(f"interrupted; recorded until then: {folder}", err=True)

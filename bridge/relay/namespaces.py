@@ -13,6 +13,8 @@ from cosim.errors import CosimError
 
 NEWNET = 0x40000000
 _FOLDER = Path("/run/netns")
+#: Names of ours: this, the process that made them, ``-``, and more.
+PREFIX = "cosim-"
 
 
 class NetworkError(CosimError, OSError):
@@ -28,6 +30,22 @@ def add(name: str) -> None:
 def delete(name: str) -> None:
     """Remove a namespace; processes in it keep it alive until they end."""
     ip("netns", "del", name)
+
+
+def multicast(name: str) -> None:
+    """Multicast in a namespace goes over its loopback interface. Raises NetworkError."""
+    ip("-n", name, "link", "set", "lo", "multicast", "on")
+    ip("-n", name, "route", "add", "224.0.0.0/4", "dev", "lo")
+
+
+def abandoned() -> list[str]:
+    """Namespaces of ours whose process is gone: it was killed."""
+    found = []
+    for path in _FOLDER.glob(f"{PREFIX}*") if _FOLDER.is_dir() else ():
+        pid = path.name.removeprefix(PREFIX).partition("-")[0]
+        if pid.isdigit() and not Path(f"/proc/{pid}").exists():
+            found.append(path.name)
+    return sorted(found)
 
 
 def ip(*arguments: str) -> str:

@@ -39,7 +39,7 @@ class Network:
         links: Mapping[str, Mapping[str, Any]] | None = None,
         seed: int = 0,
     ) -> None:
-        unique = f"cosim-{os.getpid()}-{next(_NUMBER)}"
+        unique = f"{namespaces.PREFIX}{os.getpid()}-{next(_NUMBER)}"
         self.namespaces = {host: f"{unique}-{host}" for host in hosts}
         self.addresses = {host: f"10.77.0.{i + 1}" for i, host in enumerate(hosts)}
         self.record, self._links, self._seed = record, dict(links or {}), seed

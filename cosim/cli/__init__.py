@@ -40,6 +40,7 @@ BRIDGE = {
     "replay": ("bridge.cli.replay", "replay"),
     "monitor": ("bridge.cli.monitor", "monitor"),
     "campaign": ("bridge.cli.campaign", "campaign"),
+    "soak": ("bridge.cli.soak", "soak"),
     "diff": ("bridge.cli.diff", "diff"),
     "keys": ("bridge.cli.keys", "keys"),
     "ping": ("bridge.cli.ping", "ping"),

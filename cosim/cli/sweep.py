@@ -58,7 +58,7 @@ def sweep(
         if not quiet:
             typer.echo(text)
 
-    with _progress(quiet) as progress:
+    with progress_of(quiet) as progress:
         try:
             table = drive.sweep(
                 loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
@@ -112,8 +112,8 @@ class Progress:
         self.count, self._failed, self._all, self._quiet = 0, 0, 0, quiet
         self._show, self._watch, self._start = show, stopwatch(), start
 
-    def begin(self, begun: Begun, title: str) -> None:
-        """Say what is to be done."""
+    def begin(self, begun: Begun, title: str, noun: str = "points") -> None:
+        """Say what is to be done; `noun`: what there are so many of."""
         from cosim.clock import stopwatch
 
         self._all, self._watch = begun.todo, stopwatch()
@@ -121,7 +121,7 @@ class Progress:
             return
         typer.echo(title)
         same = begun.points - begun.runs
-        text = f"{begun.points} points" + (f", {same} of them twice" if same else "")
+        text = f"{begun.points} {noun}" + (f", {same} of them twice" if same else "")
         text += f"; {begun.found} there already" if begun.found else ""
         text += f", {begun.again} of them failed" if begun.again else ""
         typer.echo(f"{text}; {begun.todo} to run")
@@ -137,7 +137,7 @@ class Progress:
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Progress]:
+def progress_of(quiet: bool) -> Iterator[Progress]:
     """A bar on a terminal's standard error; a line now and then elsewhere; nothing when quiet."""
     import sys
 

@@ -211,8 +211,9 @@ def test_names_that_are_not_there_are_refused(said, message):
 
 def test_there_is_a_script_of_every_kind():
     campaign = load_campaign(FOLDER / "campaign.toml")
-    assert {run.script.removesuffix(".toml") for run, _ in campaign.runs} == set(SPECS)
-    files = {p.name for p in FOLDER.glob("*.toml")} - {"campaign.toml"}
+    here = {kind for kind in SPECS if not kind.startswith("net-")}  # those need hosts: cosim soak
+    assert {run.script.removesuffix(".toml") for run, _ in campaign.runs} == here
+    files = {p.name for p in FOLDER.glob("*.toml")} - {"campaign.toml", "soak.toml"}
     assert {run.script for run, _ in campaign.runs} == files
     assert campaign.scenario.resolve().is_file()
     for run, found in campaign.runs:

@@ -1,0 +1,156 @@
+"""``cosim soak``: many short rehearsals with random faults, each judged."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bridge.cli.rehearse import Deploy, Interface, Set
+
+if TYPE_CHECKING:
+    from bridge.deploy import Deployment
+    from bridge.soak import Job
+
+
+def soak(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    deploy: Deploy = "zenoh",
+    hours: Annotated[float, typer.Option(min=0.0, help="Time of all runs together, h.")] = 1.0,
+    run: Annotated[str, typer.Option(help="Time of one run.")] = "20 s",
+    parallel: Annotated[
+        int, typer.Option(min=1, help="Runs at once, where each has namespaces of its own.")
+    ] = 2 * (os.cpu_count() or 1),
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    faults: Annotated[
+        Path | None,
+        typer.Option(help="What to draw from [default: faults/soak.toml beside the scenario]."),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(help="Of results; goes on there [default: runs/soak-SCENARIO-DEPLOYMENT]."),
+    ] = None,
+    network: Annotated[
+        bool, typer.Option("--network/--no-network", help="A network between hosts, with faults.")
+    ] = True,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Keep run folders also where all was well.")
+    ] = False,
+    set_: Set = None,
+    interface: Interface = None,
+    realtime: Annotated[
+        bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
+    ] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    """Rehearse again and again with faults drawn at random, several runs at once.
+
+    Every run is judged: nothing crashed, every fault is in the report, torque stayed in bounds,
+    the replay is the run, and the arms came together or stopped safely. Goes on where it was
+    interrupted. Exits with 1 where anything was not as it had to be.
+    """
+    from bridge import soak_table
+    from bridge.soak_drive import SUMMARY, count
+    from cosim.cli.show import aligned
+    from cosim.scenario import number
+
+    seconds = number(run, "s", "--run")
+    job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)
+    job, why = _hosted(job, realtime)
+    if why:
+        typer.echo(f"one run after the other, without faults of a network: {why}", err=True)
+    records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, quiet)
+    if not quiet:
+        typer.echo("\n".join(aligned(soak_table.kinds(records))))
+        typer.echo("\n" + "\n".join(aligned(soak_table.facts(records))))
+    path = job.folder / SUMMARY
+    path.write_text(soak_table.markdown(records, job.soak.spec.title), encoding="utf-8")
+    wrong = soak_table.failures(records)
+    for line in wrong:
+        typer.echo(f"not as it has to be: {line}", err=True)
+    if not quiet:
+        typer.echo(f"{'folder':<16} {job.folder}")
+    if wrong:
+        raise typer.Exit(1)
+
+
+def _job(
+    scenario: Path,
+    deploy: str,
+    seconds: float,
+    seed: int,
+    faults: Path | None,
+    folder: Path | None,
+    network: bool,
+    keep: bool,
+    set_: list[str] | None,
+    interface: str | None,
+) -> Job:
+    """What was asked for. Raises ScenarioError."""
+    from bridge import deploy as deployments
+    from bridge.cli.options import bus_settings
+    from bridge.soak import Job
+    from bridge.soak_spec import load_soak
+    from cosim.errors import ScenarioError
+
+    path = deployments.find(scenario, deploy)
+    drawn = load_soak(scenario, faults)
+    if seconds <= drawn.last:
+        raise ScenarioError(
+            f"--run {seconds:g} s: faults may last until {drawn.last:g} s; expected more",
+            str(drawn.path),
+        )
+    said = bus_settings(deployments.load(path), interface, [], None, None, None)
+    changes = (*drawn.spec.settings, *said, *(set_ or []), f"run.stop={seconds}")
+    name = f"soak-{scenario.stem}-{path.stem}"
+    return Job(
+        scenario.resolve(), path.resolve(), changes, drawn,
+        (folder or Path("runs") / name).resolve(), seed, True, network, keep=keep,
+    )  # fmt: skip
+
+
+def _hosted(job: Job, realtime: bool) -> tuple[Job, str]:
+    """The job as this machine can do it, and why that is less, if it is."""
+    from dataclasses import replace
+
+    from bridge import hosts
+    from bridge.system import load_system
+
+    system = load_system(job.scenario, str(job.deployment), job.changes)
+    why = _own_bus(system.deployment) or hosts.missing()
+    network = job.network and not why and len(hosts.groups(system)) > 1
+    return replace(job, hosted=not why, network=network, realtime=realtime), why
+
+
+def _own_bus(deployment: Deployment) -> str:
+    """The CAN bus that is this machine's and no other's, as a reason; "": none."""
+    for name, bus in deployment.buses.items():
+        if bus.kind == "can" and bus.interface != "udp_multicast":
+            return f"bus {name} is {bus.interface}; -i udp_multicast is there for each run anew"
+    return ""
+
+
+def _driven(job: Job, runs: int, parallel: int, quiet: bool) -> list[dict[str, object]]:
+    from bridge.soak_drive import soak as drive
+    from cosim.cli.sweep import progress_of
+
+    with progress_of(quiet) as progress:
+        try:
+            return drive(
+                job, runs, parallel,
+                begun=lambda b: progress.begin(b, job.soak.spec.title, "runs"),
+                done=progress.done,
+                stopping=lambda: typer.echo(
+                    "stopping: waiting for the runs that are under way (Ctrl-C again: not)",
+                    err=True,
+                ),
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            typer.echo(
+                f"interrupted; {progress.count} runs more are in {job.folder}, the same command "
+                "goes on",
+                err=True,
+            )
+            raise typer.Exit(130) from None

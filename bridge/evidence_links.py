@@ -1,0 +1,91 @@
+"""Faults of the network between hosts, held against what receivers report (bridge.evidence)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from bridge.fault_script import Event
+from bridge.signs import SIGNS, Place, Shown
+from bridge.wiring import Rows
+
+#: Packets of samples below which a fault had nothing to act on.
+FEW = 5
+#: s that count as held.
+HELD = 0.02
+#: Bytes of IPv4 and UDP, and of all that stands in a sample's payload besides its values.
+_HEADERS = 28 + 24
+
+
+class Packets(Protocol):
+    """What a network recorded (:class:`bridge.relay.network.Network`), and who is where."""
+
+    names: Sequence[str]
+
+    def of(self, link: str) -> Rows:
+        """Packets of a link."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A network, its hosts' nodes, and t = 0 on its clock."""
+
+    packets: Packets
+    hosts: Mapping[str, Sequence[str]]
+    start_ns: int
+
+
+def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterator[Place]:
+    """A place each life that receives something over a link the fault acted on."""
+    packets = network.packets
+    for link in packets.names if first.target == "*" else (first.target,):
+        rows = packets.of(link)
+        t = (rows["t_ns"] - network.start_ns) * 1e-9
+        rows = rows[(t >= first.t) & (t < t1)]
+        for life, message in _receivers(link, first.t, t1, shown, network):
+            size = _HEADERS + 8 * shown.system.messages[message].outlet.width
+            acted, least = _acted(first.action, rows[rows["length"] >= size])
+            done = acted if acted >= FEW else 0
+            sign = _link_sign(first, t1, shown, life, message, least) if done else ""
+            yield Place(f"{life} {message}", done, sign)
+
+
+def _receivers(
+    link: str, t0: float, t1: float, shown: Shown, network: Network
+) -> Iterator[tuple[str, str]]:
+    source, _, target = link.partition(">")
+    for node in network.hosts[target]:
+        for message in shown.system.heard_by(node):
+            carried = shown.system.messages[message]
+            zenoh = shown.system.deployment.buses[carried.bus].kind == "zenoh"
+            if zenoh and carried.node in network.hosts[source]:
+                for life in shown.alive(node, t0, t1):
+                    yield life, message
+
+
+def _acted(action: str, rows: Rows) -> tuple[int, float]:
+    """(packets a link did something to, s that each of them was held at least)."""
+    through = rows[rows["left_ns"] >= 0]
+    held = (through["left_ns"] - through["t_ns"]) * 1e-9
+    if action == "net-delay":
+        return len(through), float(through["delay_ns"].min(initial=10**18)) * 1e-9
+    if action == "net-rate":
+        long = held[held >= HELD]
+        return len(long), float(np.median(long)) if len(long) else 0.0
+    return int((rows["delay_ns"] < 0).sum()), 0.0
+
+
+def _link_sign(first: Event, t1: float, shown: Shown, life: str, message: str, least: float) -> str:
+    said = []
+    for sign in SIGNS[first.action]:
+        if sign == "age":
+            said.append(shown.age(life, message, first.t, t1, least))
+        elif sign == "silence":
+            said.append(shown.silence(life, message, first.t, t1))
+        else:
+            said.append(shown.counted(life, message, [sign], 1))
+    return ", ".join(s for s in said if s)

@@ -1,0 +1,156 @@
+"""What a rehearsal's journals and reports show of faults: the signs of :mod:`bridge.evidence`.
+
+Times are s since the start of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.collect import lives_of
+from bridge.journal import Journal
+from bridge.report import NodeReport
+from bridge.system import System
+from bridge.wiring import Rows
+
+#: What a report has to show of each kind, one of these at least: counters of receivers, or signs.
+SIGNS: Mapping[str, tuple[str, ...]] = {
+    "drop": ("lost",),
+    "burst": ("lost",),
+    "sync-loss": ("syncs",),
+    "corrupt": ("crc", "length", "invalid", "range"),
+    "duplicate": ("repeated", "reordered"),
+    "reorder": ("reordered",),
+    "delay": ("age",),
+    "jitter": ("age", "reordered"),
+    "kill": ("ended",),
+    "restart": ("life",),
+    "freeze": ("late", "ended"),
+    "clock-jump": ("late", "ended"),
+    "bus-down": ("health",),
+    "babble": ("frames",),
+    "net-down": ("silence", "lost"),
+    "net-delay": ("age",),
+    "net-loss": ("lost",),
+    "net-rate": ("age", "lost"),
+}
+COUNTERS = ("lost", "crc", "length", "invalid", "range", "repeated", "reordered")
+#: Share of what was done that has to show, in numbers and in time.
+ENOUGH, LONG = 0.5, 0.8
+#: s after the end of a fault within which what it did may show.
+AFTER = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a fault did something `done` times, and what is to be seen of it there; "": nothing."""
+
+    name: str
+    done: int
+    sign: str
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`."""
+
+    system: System
+    rows: Mapping[str, Rows]
+    reports: Sequence[NodeReport]
+    nodes: Path
+    notes: Sequence[str]
+
+    def said(self, life: str) -> Mapping[str, Any]:
+        """The report of a life; empty where it did not live to tell."""
+        return next((r.said for r in self.reports if r.life == life), {})
+
+    def lives(self, node: str) -> list[str]:
+        """By their first slots."""
+        return lives_of(self.rows, node)
+
+    def record(self, life: str) -> Rows | None:
+        """What was done to frames as a life received them (INJECTED); None: no script."""
+        path = self.nodes / f"{life}.faults"
+        return Journal.open(path) if path.is_file() else None
+
+    # ---- counters ----------------------------------------------------------------------------
+
+    def counted(self, life: str, message: str, names: Sequence[str], done: int) -> str:
+        """``41 lost``: counters of a receiver, if they are enough for `done` frames; else ""."""
+        counts = self.said(life).get("messages", {}).get(message, {})
+        found = {name: counts.get(name, 0) for name in names}
+        if sum(found.values()) < max(1.0, ENOUGH * done):
+            return ""
+        return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in found.items() if n)
+
+    # ---- times -------------------------------------------------------------------------------
+
+    def age(self, life: str, message: str, t0: float, t1: float, least: float) -> str:
+        """``up to 412 ms on the way``, if a sample of this time took nearly `least` s; else ""."""
+        taken = [
+            rows["transit_ns"][rows["newest"] >= 0].max(initial=0) * 1e-9
+            for rows in self._inlets(life, message, t0, t1 + AFTER)
+        ]
+        worst = max(taken, default=0.0)
+        return f"up to {worst * 1e3:.0f} ms on the way" if worst >= LONG * least > 0 else ""
+
+    def silence(self, life: str, message: str, t0: float, t1: float) -> str:
+        """``nothing for 1.52 s``, if that is nearly all of the time; else ""."""
+        longest = 0.0
+        for t, newest in self._newest(life, message):
+            new = np.flatnonzero(np.diff(newest)) + 1
+            at = np.concatenate([t[:1], t[new], t[-1:]])
+            over = (at[:-1] < t1) & (at[1:] > t0)
+            longest = max(longest, float(np.diff(at)[over].max(initial=0.0)))
+        return f"nothing for {longest:.2f} s" if longest >= LONG * (t1 - t0) else ""
+
+    def late(self, node: str, t0: float, t1: float) -> str:
+        """``1.02 s late``, if a slot of this time was nearly so late; else ""."""
+        worst = 0.0
+        for life in self.lives(node):
+            rows = self.rows[life]
+            t = self._t(life)
+            there = rows[(t >= t0 - 0.2) & (t <= t1 + AFTER)]
+            late = (there["woke_ns"] - there["deadline_ns"]).max(initial=0)
+            worst = max(worst, float(late) * 1e-9)
+        return f"{worst:.2f} s late" if worst >= LONG * (t1 - t0) else ""
+
+    def ended(self, node: str, t0: float, t1: float) -> str:
+        """``slave has ended``, if a life of the node did in this time; else ""."""
+        for life in self.lives(node):
+            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and not self.said(life):
+                return f"{life} has ended"
+        return ""
+
+    def alive(self, node: str, t0: float, t1: float) -> list[str]:
+        """Lives of a node with slots in this time that have lived to tell."""
+        return [
+            life
+            for life in self.lives(node)
+            if self.said(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
+        ]
+
+    def _t(self, life: str) -> NDArray[np.float64]:
+        h = self.system.nodes[life.partition(".")[0]].h
+        return np.asarray(self.rows[life]["slot"] * h, dtype=np.float64)
+
+    def _newest(self, life: str, message: str) -> Iterator[tuple[Any, Any]]:
+        for i in self._indices(life, message):
+            yield self._t(life), self.rows[life]["inlets"]["newest"][:, i]
+
+    def _inlets(self, life: str, message: str, t0: float, t1: float) -> Iterator[Rows]:
+        t = self._t(life)
+        there = (t >= t0) & (t <= t1)
+        for i in self._indices(life, message):
+            yield self.rows[life]["inlets"][there, i]
+
+    def _indices(self, life: str, message: str) -> list[int]:
+        inlets = self.system.nodes[life.partition(".")[0]].inlets
+        return [i for i, inlet in enumerate(inlets) if inlet.message == message]

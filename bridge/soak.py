@@ -1,0 +1,284 @@
+"""One run of a soak: real nodes, faults drawn from a seed, and whether all was as it has to be.
+
+Plain data goes in and comes out; it runs in a process of its own (:mod:`cosim.sweep.workers`).
+"""
+
+from __future__ import annotations
+
+import shutil
+import signal
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge import evidence_links, happen, judge
+from bridge.campaign import RunSpec
+from bridge.fault_script import FaultScript
+from bridge.faults import build
+from bridge.hosts import Hosts, groups, settings
+from bridge.judge import Judged
+from bridge.outcome import Outcome, complete
+from bridge.rehearse import NODES, Node, Rehearsal, Settings
+from bridge.soak_spec import Soak, draw, text
+from bridge.system import System, load_system
+from bridge.wiring import Rows
+from cosim.analysis import declared
+from cosim.analysis.metrics import evaluate
+from cosim.clock import stopwatch
+from cosim.errors import CosimError
+from cosim.failures import sentence
+from cosim.record import Run
+from cosim.sweep.perform import Row
+
+RUNS, SCRIPT = "runs", "script.toml"
+#: What a node may stop for, by the kind of fault that explains it; of "": any.
+STOPS: Mapping[str, frozenset[str]] = {
+    "": frozenset({"stale", "watchdog", "peer", "sync", "jump"}),
+    "freeze": frozenset({"overrun"}),
+    "restart": frozenset({"apart"}),
+}
+#: What a process says on standard error when it has crashed.
+CRASHED = ("Traceback (most recent", "panicked at", "Fatal Python error", "Segmentation fault")
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What all runs of a soak have in common; `changes`: of scenario and deployment.
+
+    `hosted`: each run in network namespaces of its own, `network`: with faults of the network
+    between them. `keep`: run folders also of runs in which all was well.
+    """
+
+    scenario: Path
+    deployment: Path
+    changes: tuple[str, ...]
+    soak: Soak
+    folder: Path
+    seed: int
+    hosted: bool
+    network: bool
+    realtime: bool = True
+    keep: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """A run that came to its end, with all there is to judge it by."""
+
+    system: System
+    script: FaultScript
+    outcome: Outcome
+    judged: Judged
+    lives: Sequence[Node]
+
+
+def perform(job: Job, k: int) -> Row:
+    """Run `k`; what goes wrong becomes the reason of its row."""
+    name, watch = f"{k:05d}", stopwatch()
+    folder = job.folder / RUNS / name
+    shutil.rmtree(folder, ignore_errors=True)
+    cells: dict[str, Any] = {"faults": ""}
+    measures: dict[str, float] = {}
+    try:
+        with _terminated(), np.errstate(all="ignore"):
+            done = _run(job, k, folder)
+            measures = _measures(job, done)
+            failures = list(_failures(job, done, measures))
+        cells["faults"] = ", ".join(f.kind for f in done.outcome.faults)
+        cells["ended"] = "; ".join(f"{x}: {why}" for x, why in done.judged.ended.items())
+    except CosimError as error:
+        failures = [f"no run: {error}"]
+    except Exception as error:
+        failures = [f"no verdict: {sentence(error)}"]
+    if not failures and not job.keep:
+        shutil.rmtree(folder, ignore_errors=True)
+    return Row(
+        name, cells, job.changes, not failures, "; ".join(failures), wall=watch(), measures=measures
+    )
+
+
+@contextmanager
+def _terminated() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does: namespaces and processes go with it."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _run(job: Job, k: int, folder: Path) -> _Done:
+    """Rehearse with what is drawn for this run, and make its folder."""
+    folder.mkdir(parents=True)
+    system = load_system(job.scenario, str(job.deployment), job.changes)
+    with ExitStack() as stack:
+        changes, hosts = job.changes, None
+        if job.hosted:
+            parts = groups(system) if job.network else {next(iter(system.nodes)): [*system.nodes]}
+            hosts = Hosts(parts, folder / "packets", job.seed * 100_003 + k)
+            if hosts.network is not None:
+                changes += tuple(settings(system, parts, hosts.addresses, job.soak.zenoh))
+            stack.enter_context(hosts)
+            system = load_system(job.scenario, str(job.deployment), changes)
+        script = _script(job, k, system, folder, hosts)
+        return _rehearsed(job, system, changes, script, folder, hosts)
+
+
+def _script(job: Job, k: int, system: System, folder: Path, hosts: Hosts | None) -> FaultScript:
+    network = hosts.network if hosts else None
+    links = tuple(network.names) if network else ()
+    document = draw(job.soak, system, links, job.seed, k)
+    (folder / SCRIPT).write_text(text(document), encoding="utf-8")
+    return build(document, folder / SCRIPT)
+
+
+def _rehearsed(
+    job: Job,
+    system: System,
+    changes: tuple[str, ...],
+    script: FaultScript,
+    folder: Path,
+    hosts: Hosts | None,
+) -> _Done:
+    network = hosts.network if hosts else None
+    given = Settings(
+        job.scenario, job.deployment, changes, warm_up=0.0, realtime=job.realtime,
+        script=str(script.path), events=happen.events(script, system, network),
+    )  # fmt: skip
+    if hosts is not None:
+        given = _inside(given, hosts)
+    facts = {"settings": list(changes), "faults": str(script.path), "real": False}
+    with Rehearsal(system, given, folder) as rehearsal:
+        rehearsal.run()
+        rehearsal.end()
+        ended = rehearsal.ended
+        there = network and evidence_links.Network(network, hosts.hosts, ended.start_ns)  # type: ignore[union-attr]
+        outcome = complete(
+            system, folder, ended, facts, with_twin=False, formats=(), script=script, network=there
+        )
+    spec = RunSpec(script=str(script.path))
+    return _Done(system, script, outcome, judge.judge(system, spec, outcome), ended.lives)
+
+
+def _inside(given: Settings, hosts: Hosts) -> Settings:
+    from dataclasses import replace
+
+    return replace(given, inside=hosts.inside)
+
+
+# ---- what came of it ------------------------------------------------------------------------
+
+
+def _measures(job: Job, done: _Done) -> dict[str, float]:
+    """Numbers of a run: faults by kind, torque (N.m), slots missed, lateness (ms), …"""
+    found: dict[str, float] = {"s": done.system.plan.ticks * done.system.plan.h}
+    for fault in done.outcome.faults:
+        for what in ("injected", fault.verdict):
+            key = f"{fault.kind}.{what}"
+            found[key] = found.get(key, 0.0) + 1.0
+    reports = done.outcome.reports
+    found |= {
+        "crashes": float(len(list(_crashes(done)))),
+        "corrupted": float(done.judged.corrupted),
+        "accepted": float(done.judged.undetected),
+        "torque": torque(done.system, done.outcome.rows),
+        "slots": float(sum(r.slots for r in reports)),
+        "missed": float(sum(r.lateness.missed for r in reports)),
+        "late_p99_ms": max(r.lateness.late.p99 for r in reports) * 1e-6,
+        "lives": float(len(done.lives)),
+        "stopped": float(sum(r.said.get("end") == "fault" for r in reports)),
+    }
+    if job.soak.spec.together is not None:
+        found["together"] = _together(job, done)
+    return found
+
+
+def torque(system: System, rows: Mapping[str, Rows]) -> float:
+    """The greatest torque that any controller has computed, N.m; NaN if one was not a number."""
+    worst = [0.0]
+    for life, recorded in rows.items():
+        for step in system.nodes[life.partition(".")[0]].plan.components:
+            if step.kind != "sampled":
+                continue
+            for slot in step.outputs:
+                if slot.unit == "N.m":
+                    values = recorded["signals"][:, slot.start : slot.start + slot.size]
+                    worst.append(float(np.abs(values).max(initial=0.0)))
+    return float(np.max(worst))
+
+
+def _together(job: Job, done: _Done) -> float:
+    """How far the arms are from each other at the end."""
+    assert job.soak.spec.together is not None
+    wanted = [
+        m for m in declared.metrics(done.system.scenario) if m.name == job.soak.spec.together.metric
+    ]
+    results = evaluate(wanted, Run.open(done.outcome.folder))
+    return float(results[0].value) if results else float("nan")
+
+
+def _failures(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterator[str]:
+    """What had to be otherwise."""
+    yield from done.judged.failures
+    yield from _crashes(done)
+    yield from (f"not in the report: {f.text()}" for f in done.outcome.faults if f.missing)
+    yield from _stops(done)
+    if not measures["torque"] <= job.soak.torque_max:
+        yield f"a torque of {measures['torque']:.3g} N.m"
+    yield from _ways_apart(job, done, measures)
+
+
+def _crashes(done: _Done) -> Iterator[str]:
+    """Processes that did not end as they were told, or left nothing to read."""
+    killed = [e.target for e in done.script.events if e.action == "kill"]
+    for process in done.lives:
+        life, node = process.start.life, process.start.node
+        errors = done.outcome.folder / NODES / f"{life}.err"
+        said = errors.read_text(encoding="utf-8", errors="replace") if errors.is_file() else ""
+        if any(word in said for word in CRASHED):
+            yield f"{life} crashed: {said.strip().splitlines()[-1]}"
+        elif process.code == -signal.SIGKILL and node in killed:
+            killed.remove(node)
+        elif process.code != 0:
+            yield f"{life} ended with exit code {process.code}"
+        if life not in done.outcome.rows:
+            yield f"{life} has left no journal"
+    for report in done.outcome.reports:
+        if report.said.get("error"):
+            yield f"{report.life}: {report.said['error']}"
+
+
+def _stops(done: _Done) -> Iterator[str]:
+    """Nodes that stopped for a reason that no fault explains."""
+    kinds = {f.kind for f in done.outcome.faults}
+    explained = frozenset().union(*(STOPS.get(kind, frozenset()) for kind in ("", *kinds)))
+    for report in done.outcome.reports:
+        last = done.outcome.rows[report.life][-1]
+        why = judge.reasons(done.outcome, report)
+        if why - explained:
+            yield f"{report.life} stopped: {', '.join(sorted(why - explained))}"
+        if report.said.get("end") == "fault" and last["scale"] != 0.0:
+            yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
+
+
+def _ways_apart(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterator[str]:
+    """Arms that are not together although everybody works and had the time."""
+    plan, rows = done.system.plan, done.outcome.rows
+    for life, recorded in rows.items():
+        if not np.isfinite(recorded["signals"][-1]).all():
+            yield f"{life} ended with signals that are not numbers"
+    last = {r.life.partition(".")[0]: r for r in done.outcome.reports}
+    working = all(r.said.get("end") == "finished" for r in last.values())
+    since = [f.t1 for f in done.outcome.faults]
+    since += [float(rows[r.life]["slot"][0]) * done.system.nodes[n].h for n, r in last.items()]
+    rest = plan.ticks * plan.h - max(since)
+    if working and rest >= job.soak.settle and not measures.get("together", 0.0) <= job.soak.within:
+        yield f"{measures['together']:.3g} apart, {rest:.1f} s after the last fault"

@@ -1,0 +1,111 @@
+"""A soak: runs side by side until their time adds up, each once, whatever ends the process."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from hashlib import sha256
+from math import ceil
+from typing import Any
+
+from bridge.relay import namespaces
+from bridge.soak import RUNS, Job, perform
+from cosim.errors import ScenarioError
+from cosim.interrupts import deferred
+from cosim.simulate import versions
+from cosim.sweep import store as stores
+from cosim.sweep import workers
+from cosim.sweep.drive import Begun
+from cosim.sweep.perform import Row
+from cosim.sweep.store import Store
+
+#: Of the measures of a run, besides numbers of faults.
+UNITS: Mapping[str, str] = {"s": "s", "torque": "N.m", "late_p99_ms": "ms", "together": "rad"}
+TABLE, SUMMARY = "soak.parquet", "summary.md"
+Record = dict[str, Any]
+
+
+def count(hours: float, seconds: float) -> int:
+    """Runs of so many seconds that make so many hours."""
+    return max(1, ceil(hours * 3600.0 / seconds))
+
+
+def soak(
+    job: Job,
+    runs: int,
+    parallel: int,
+    begun: Callable[[Begun], None] = lambda begun: None,
+    done: Callable[[Row], None] = lambda row: None,
+    stopping: Callable[[], None] = lambda: None,
+) -> list[Record]:
+    """Make the runs that the folder does not have yet; rows of all there are, in their order.
+
+    `begun` is called once, `done` with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt
+    comes when the runs under way have ended (at a second Ctrl-C, at once). Raises ScenarioError
+    for a folder that was begun with something else, never for a run that fails.
+    """
+    with stores.locked(job.folder):
+        _claim(job)
+        for name in namespaces.abandoned():
+            namespaces.delete(name)
+        with Store(job.folder, UNITS) as store:
+            todo = [k for k in range(runs) if f"{k:05d}" not in store.done]
+            begun(Begun(runs, runs, runs - len(todo), len(todo), False, 0))
+            _run(job, todo, parallel, store, done, stopping)
+        found = stores.rows(job.folder)
+        records = [found[name] for name in sorted(found)]
+        stores.write_table(job.folder / TABLE, records, UNITS)
+    return records
+
+
+def _run(
+    job: Job,
+    todo: Sequence[int],
+    parallel: int,
+    store: Store,
+    done: Callable[[Row], None],
+    stopping: Callable[[], None],
+) -> None:
+    pressed: list[bool] = []
+
+    def stop() -> None:
+        pressed.append(True)
+        stopping()
+
+    opened = partial(workers.processes, parallel)
+    with deferred(stop):
+        for k, result in workers.spread(opened, partial(perform, job), todo, lambda: bool(pressed)):
+            if isinstance(result, str):
+                result = Row(f"{k:05d}", {"faults": ""}, job.changes, False, result)
+            store.append(result)
+            done(result)
+
+
+def _claim(job: Job) -> None:
+    """Take the folder, which is empty or has runs of the same soak. Raises ScenarioError."""
+    state = stores.read_state(job.folder)
+    present = sorted(p.name for p in job.folder.iterdir() if p.name != stores.LOCK)
+    if present and not state:
+        raise ScenarioError(
+            f"the folder holds {present[0]} but no soak; expected an empty one", str(job.folder)
+        )
+    files = (job.scenario, job.deployment, job.soak.path)
+    facts = {
+        "scenario": str(job.scenario),
+        "deployment": str(job.deployment),
+        "settings": list(job.changes),
+        "seed": job.seed,
+        "network": job.network,
+        "fingerprint": sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest(),
+    }
+    for key, value in facts.items():
+        if state and state.get(key) != value:
+            raise ScenarioError(
+                f"was begun with another {key}, {state.get(key)}; expected {value}, or another "
+                "folder",
+                str(job.folder),
+            )
+    if not state:
+        shutil.rmtree(job.folder / RUNS, ignore_errors=True)
+    stores.write_state(job.folder, {"title": job.soak.spec.title, **facts, "versions": versions()})

@@ -12,6 +12,7 @@ import threading
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from bridge.native import library_path
 from bridge.vcan import cpus, guest, packages, supervise
 from bridge.vcan.abilities import bytes_of, memory_folder
 from bridge.vcan.errors import VcanError
@@ -60,7 +61,7 @@ def _boot(
             guest.kernel_command(folder, request, parts, files),
             cpu=cpu,
             files=files,
-            env={"TMPDIR": str(memory), "HOME": str(folder), "PATH": os.defpath},
+            env=environment(memory, folder),
             stdin=subprocess.DEVNULL,
             stdout=console,
             stderr=console,
@@ -80,6 +81,12 @@ def _boot(
             pump.join()
         os.close(control)
     return cause
+
+
+def environment(memory: Path, folder: Path) -> dict[str, str]:
+    """Of the kernel as a process; what is loaded first is ``bridge/c/xstate.c``."""
+    found = {"TMPDIR": str(memory), "HOME": str(folder), "PATH": os.defpath}
+    return {**found, "LD_PRELOAD": str(library_path())}
 
 
 def _cpu(wanted: str, stack: ExitStack) -> int | None:

@@ -15,9 +15,9 @@ import zenoh
 
 from bridge.can.health import BusHealth, bus_health
 from bridge.journal import Journal
-from bridge.native import pace
 from bridge.native.bus import Bus
-from bridge.native.frame import DATA, Frame, Ring
+from bridge.native.frame import Frame, Ring
+from bridge.native.mail import bringer, keep_thread, taker
 from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
 from bridge.zenoh.presence import Presence
@@ -64,7 +64,7 @@ class ZenohAttachment:
         self.session = open_session(configure(options, traffic.node, access), name)
         self._wake = Wake()
         self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
-        self._stop, self._writing = threading.Event(), threading.Lock()
+        self._stop = threading.Event()
         self._publishers = {
             number: control_publisher(
                 self.session, key, options.reliability, block=options.lockstep
@@ -120,32 +120,30 @@ class ZenohAttachment:
 
     def _receiver(self, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
         """Of one key: called on Zenoh's threads, of which there may be several."""
+        bring = bringer(self._rx, number)
 
         def receive(sample: zenoh.Sample) -> None:
-            t_ns = pace.now()
-            data = sample.payload.to_bytes()
-            if len(data) > DATA:  # no message of ours; counted as not fitting
-                self._rx.struct.dropped += 1
-                return
-            frame = Frame.of(number, data, 0, t_ns)
-            with self._writing:
-                self._rx.put(frame)
+            keep_thread()
+            bring(sample.payload.to_bytes())
 
         return zenoh.handlers.Callback(receive, indirect=False)
 
     def _send(self) -> None:
         """Frames of the ring, to their publishers; sleeps until `bus_send` wakes it."""
         frame = Frame()
-        while True:
-            self._wake.wait()
-            while self._tx.get(frame):
-                try:
-                    self._publishers[frame.id].put(frame.payload)
-                except (zenoh.ZError, KeyError) as error:
-                    self._refused += 1
-                    self._fault = f"frame {frame.id:#x}: {error}"
-            if self._stop.is_set():
-                return
+        take = taker(self._tx, self._wake.out, frame)
+        while not self._stop.is_set():
+            while take():
+                self._put(frame)
+        while self._tx.get(frame):  # sent before the stop
+            self._put(frame)
+
+    def _put(self, frame: Frame) -> None:
+        try:
+            self._publishers[frame.id].put(frame.payload)
+        except (zenoh.ZError, KeyError) as error:
+            self._refused += 1
+            self._fault = f"frame {frame.id:#x}: {error}"
 
 
 def control_publisher(

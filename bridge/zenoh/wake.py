@@ -9,18 +9,14 @@ from typing import final
 
 @final
 class Wake:
-    """A descriptor to write to (`inn`, 8 bytes) and a wait for it: an eventfd, or a pipe."""
+    """A descriptor to write 8 bytes to (`inn`), and one to read from (`out`): eventfd or pipe."""
 
     def __init__(self) -> None:
         if sys.platform == "linux":
-            self._out = self.inn = os.eventfd(0, os.EFD_CLOEXEC)
+            self.out = self.inn = os.eventfd(0, os.EFD_CLOEXEC)
         else:
-            self._out, self.inn = os.pipe()
+            self.out, self.inn = os.pipe()
             os.set_blocking(self.inn, False)
-
-    def wait(self) -> None:
-        """Until somebody has written since the last wait."""
-        os.read(self._out, 65536)
 
     def set(self) -> None:
         """End the wait."""
@@ -28,5 +24,5 @@ class Wake:
 
     def close(self) -> None:
         """Close the descriptors."""
-        for descriptor in {self._out, self.inn}:
+        for descriptor in {self.out, self.inn}:
             os.close(descriptor)

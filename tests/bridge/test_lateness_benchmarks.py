@@ -54,3 +54,18 @@ def test_a_launcher_without_an_interface_is_said(tmp_path: Path) -> None:
     done = subprocess.run([*command, env], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "vcan0: found no such interface under the launcher either" in done.stderr
+
+
+@pytest.mark.slow
+def test_zenoh(tmp_path: Path) -> None:
+    pytest.importorskip("zenoh")
+    found, said = run("zenoh_latency.py", tmp_path)
+    kinds = {row["kind"] for row in found["rows"]}
+    assert {"ours", "zenoh, default call-back", "zenoh, direct call-back", "udp"} <= kinds
+    assert "zeromq" in kinds or "zeromq: not installed" in said
+    assert {row["case"] for row in found["rows"]} == {
+        "round trip", "one way, 200 Hz", "one way, 1000 Hz",
+    }  # fmt: skip
+    assert all(row["us"]["p50"] > 0 for row in found["rows"])
+    assert [row["kind"] for row in found["rings"]] == ["ours", "bare zenoh"]
+    assert all(0 <= row["unheard"] < 80 for row in found["rings"])

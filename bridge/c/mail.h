@@ -1,0 +1,23 @@
+/* mail.h: a ring between a C loop and threads of Python, each of which may sleep until there is something.
+ *
+ * The loop says and hears by bus_send and bus_receive; here is the other side, and the loop's sleep.
+ */
+#ifndef BRIDGE_MAIL_H
+#define BRIDGE_MAIL_H
+
+#include "frame.h"
+
+/* Brings what has arrived just now: 1, or 0: full, or longer than a frame (counted as dropped). Wakes
+ * who sleeps in mail_wait. One writer at a time: several threads have to hold Python's lock. */
+API int32_t mail_bring(ring_t *ring, uint32_t id, const void *data, int64_t length);
+
+/* Sleeps until there is something to take, or the deadline (CLOCK_MONOTONIC, ns): 1, or 0: there is
+ * nothing. What is not brought by mail_bring is seen at the deadline only, and where there is no
+ * futex (not Linux) at one of many looks. */
+API int32_t mail_wait(ring_t *ring, int64_t deadline_ns);
+
+/* Takes the next frame; if there is none, first sleeps until `fd` (bus_t) is written to: 1, or 0: woken
+ * and nothing there. */
+API int32_t mail_next(ring_t *ring, int32_t fd, frame_t *frame);
+
+#endif

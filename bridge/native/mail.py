@@ -1,0 +1,68 @@
+"""``mail.h``: the far side of a bus of rings, as Python's threads fill and empty it."""
+
+from __future__ import annotations
+
+import ctypes as c
+import threading
+from collections.abc import Callable
+from functools import lru_cache
+
+from bridge.native.frame import Frame, Ring, RingStruct
+from bridge.native.library import library, library_path
+
+
+def bringer(ring: Ring, number: int) -> Callable[[bytes], int]:
+    """A function that puts bytes that have arrived now into `ring`, as frames of a number.
+
+    It returns 0 for what does not fit (counted). Python's lock is kept: it is one of the writers
+    at a time, and nobody else runs in between.
+    """
+    bring, struct = _holding().mail_bring, c.byref(ring.struct)
+    return lambda data: int(bring(struct, number, data, len(data)))
+
+
+def taker(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]:
+    """A function that takes the next frame out of `ring`; sleeps first while there is none.
+
+    What it sleeps on is `descriptor`, without Python's lock; 0: woken, and there is nothing.
+    """
+    take, arguments = _declared().mail_next, (c.byref(ring.struct), descriptor, c.byref(frame))
+    return lambda: int(take(*arguments))
+
+
+def wait(ring: Ring, deadline_ns: int) -> bool:
+    """Sleep until `ring` has something, or until a time (monotonic, ns); whether it has."""
+    return bool(_declared().mail_wait(c.byref(ring.struct), deadline_ns))
+
+
+def keep_thread() -> None:
+    """Let the calling thread, which is not one of Python's, keep its state for good.
+
+    Else each call-back makes one and takes it down again, which is most of what it costs.
+    """
+    ident = threading.get_ident()
+    if ident not in _kept:
+        _kept.add(ident)
+        c.pythonapi.PyGILState_Ensure()
+
+
+_kept: set[int] = set()
+
+
+@lru_cache(maxsize=1)
+def _holding() -> c.PyDLL:
+    """The functions that are called without giving Python's lock away."""
+    lib = c.PyDLL(str(library_path()))
+    lib.mail_bring.argtypes = (c.POINTER(RingStruct), c.c_uint32, c.c_char_p, c.c_int64)
+    lib.mail_bring.restype = c.c_int32
+    return lib
+
+
+@lru_cache(maxsize=1)
+def _declared() -> c.CDLL:
+    lib = library()
+    lib.mail_next.argtypes = (c.POINTER(RingStruct), c.c_int32, c.POINTER(Frame))
+    lib.mail_next.restype = c.c_int32
+    lib.mail_wait.argtypes = (c.POINTER(RingStruct), c.c_int64)
+    lib.mail_wait.restype = c.c_int32
+    return lib

@@ -71,11 +71,11 @@ def tables(s: Snapshot) -> list[Table]:
             ("bus", "frames/s", "load"),
             [(b.name, str(b.frames), "" if isnan(b.load) else f"{b.load:.1%}") for b in s.buses],
         ),
-        Table("metrics", ("metric", "now"), [(r.label, _result(r)) for r in s.metrics]),
+        Table("metrics", ("metric", "now"), [(r.label, result(r)) for r in s.metrics]),
         Table(
             "outputs",
             ("signal", "unit", "values"),
-            [(x.name, x.unit, _values(x.values)) for x in s.signals],
+            [(x.name, x.unit, values(x.values)) for x in s.signals],
         ),
         Table("not readable", ("file", "why"), list(s.unreadable.items())),
     ]
@@ -115,15 +115,17 @@ def _ms(value: float) -> str:
     return "never" if isnan(value) else f"{value:.2f}"
 
 
-def _result(r: Result) -> str:
+def result(r: Result) -> str:
+    """A number with its unit, or why there is none."""
     if isnan(r.value):
         return f"no number: {r.detail}"
     return f"{r.value:.4g}" + ("" if r.unit == "1" else f" {r.unit}")
 
 
-def _values(values: Sequence[float], most: int = 8) -> str:
-    text = "  ".join(f"{v:9.4g}" for v in values[:most])
-    return text + (f"  … {len(values)}" if len(values) > most else "")
+def values(found: Sequence[float], most: int = 8) -> str:
+    """Numbers one below the other with those of another row; how many, where not all fit."""
+    text = "  ".join(f"{v:9.4g}" for v in found[:most])
+    return text + (f"  … {len(found)}" if len(found) > most else "")
 
 
 def line(s: Snapshot) -> str:
@@ -132,6 +134,6 @@ def line(s: Snapshot) -> str:
     late = [f"{n.late.p99 * 1e-3:.0f}" for n in s.nodes if n.late is not None]
     parts = [f"t = {s.t:.2f} of {s.length:g} s", ", ".join(nodes)]
     parts += [f"late p99 {'/'.join(late)} us"] if late else []
-    parts += [f"{r.label} {_result(r)}" for r in s.metrics if not isnan(r.value)]
+    parts += [f"{r.label} {result(r)}" for r in s.metrics if not isnan(r.value)]
     parts += [f"{b.name} {b.load:.1%}" for b in s.buses if not isnan(b.load)]
     return "; ".join(parts)

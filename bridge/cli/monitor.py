@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -55,9 +55,24 @@ def monitor(
     listen: Annotated[
         bool,
         typer.Option(
-            "--listen", help="Listen on the CAN buses of --scenario and --deploy instead."
+            "--listen",
+            help="Listen on the buses of --scenario and --deploy instead, CAN and Zenoh.",
         ),
     ] = False,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Of Zenoh, with --listen: not where the deployment's nodes are.",
+        ),
+    ] = None,
+    as_: Annotated[
+        str, typer.Option("--as", help="Name of the certificate, with --listen, if there are any.")
+    ] = "monitor",
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value, with --listen."),
+    ] = None,
     interface: Interface = None,
     channel: Channel = None,
     bitrate: Bitrate = None,
@@ -66,18 +81,20 @@ def monitor(
 ) -> None:
     """Look at a rehearsal that runs, without disturbing it, or at one that has ended.
 
-    Reads the files its nodes write; with --listen, from any machine, what is on its CAN buses.
+    Reads the files its nodes write; with --listen, from any machine, what is on its buses.
     Ctrl-C ends the view, not the run.
     """
     from bridge.watched import Watched, find_run, goes_on
 
     if listen:
+        _refuse({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
+                 "--plot": plot, "a run folder": run})  # fmt: skip
         buses = (interface, channel or [], bitrate, data_bitrate, fd)
-        _listen(_system(scenario, deploy, buses), once)
+        _listen(_system(scenario, deploy, buses, set_ or []), once, connect or [], as_)
         return
     folder = run or find_run(Path("runs"))
-    if sys.platform != "win32" and goes_on(folder):
-        os.nice(10)  # behind the nodes, also where they have no real-time priority
+    if goes_on(folder):
+        _behind()
     with ExitStack() as stack:
         watched = stack.enter_context(Watched.open(folder, scenario, deploy))
         feed = _feed(stack, watched, mcap, foxglove, plotjuggler, force)
@@ -132,25 +149,50 @@ def _look(watched: Watched, feed: Feed, once: bool) -> None:
     _print(view(snapshot(watched, monotonic_ns())))
 
 
-def _listen(system: System, once: bool) -> None:
-    """On the buses, until Ctrl-C; once: for a little more than a second."""
-    from bridge.listen import SPAN_NS, Listener, view
+def _behind() -> None:
+    """Behind the nodes, also where they have no real-time priority."""
+    if sys.platform != "win32":
+        os.nice(10)
+
+
+def _listen(system: System, once: bool, connect: list[str], who: str) -> None:
+    """On the buses, until Ctrl-C; once: a little more than a second from the last one heard of."""
+    from bridge.heard import SPAN_NS
+    from bridge.listen import Listener
+    from bridge.listened import view
     from cosim.clock import monotonic_ns, sleep
 
-    with Listener(system) as listener, suppress(KeyboardInterrupt), ExitStack() as stack:
+    _behind()
+    with (
+        Listener(system, connect, who) as listener,
+        suppress(KeyboardInterrupt),
+        ExitStack() as stack,
+    ):
         show = None if once else stack.enter_context(_display())
-        end, shown = monotonic_ns() + SPAN_NS * 6 // 5, 0
-        while not once or monotonic_ns() < end:
+        begun, shown = monotonic_ns(), 0
+        while not once or monotonic_ns() < max(begun, listener.new_ns) + SPAN_NS * 6 // 5:
             now = monotonic_ns()
             listener.take(now)
             if show is not None and now >= shown + round(REFRESH * 1e9):
                 shown = now
                 show(view(listener, now), now)
             sleep(DRAIN)
-        _print(view(listener, monotonic_ns()))
+        listener.take(now := monotonic_ns())
+        _print(view(listener, now))
 
 
-def _system(scenario: Path | None, deploy: str | None, buses: tuple[Any, ...]) -> System:
+def _refuse(said: Mapping[str, object]) -> None:
+    """What goes with files only."""
+    from cosim.errors import ScenarioError
+
+    for name, value in said.items():
+        if value is not None:
+            raise ScenarioError(f"--listen reads no files and writes none; expected no {name}")
+
+
+def _system(
+    scenario: Path | None, deploy: str | None, buses: tuple[Any, ...], settings: list[str]
+) -> System:
     from bridge import deploy as deployments
     from bridge.cli.options import bus_settings
     from bridge.system import load_system
@@ -159,8 +201,8 @@ def _system(scenario: Path | None, deploy: str | None, buses: tuple[Any, ...]) -
     if scenario is None:
         raise ScenarioError("--listen needs --scenario, and --deploy for another than can")
     path = deployments.find(scenario, deploy or "can")
-    settings = bus_settings(deployments.load(path), *buses)
-    return load_system(scenario, str(path), settings)
+    said = bus_settings(deployments.load(path), *buses)
+    return load_system(scenario, str(path), [*settings, *said])
 
 
 def _print(view: View) -> None:

@@ -126,6 +126,20 @@ def _connect(
     return tuple(e for other in before for e in listen.get(other, ()))
 
 
+def endpoints_of(deployment: Deployment, bus: str) -> tuple[str, ...]:
+    """Where somebody who is no node connects to: what all nodes connect to, a router; else where
+    they listen; else where they connect to. Raises ScenarioError.
+    """
+    given, place = deployment.buses[bus].options, deployment.place("buses", bus, "options")
+    value = given.get("connect")
+    if value is not None and not isinstance(value, dict):
+        return _endpoints(value, f"{place}.connect")
+    found = _by_node(given.get("listen", {}), deployment, f"{place}.listen")
+    if not any(found.values()):
+        found = _by_node(value or {}, deployment, f"{place}.connect")
+    return tuple(dict.fromkeys(e for endpoints in found.values() for e in endpoints))
+
+
 def check_endpoint(endpoint: str, place: str, *, insecure: bool) -> None:
     """Protocol, address; nothing leaves this machine in clear text unless `insecure`.
 

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
@@ -209,6 +209,11 @@ def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
 
 def read_document(path: Path) -> dict[str, Any]:
     """A TOML file, parsed; an SSP in the same words. Raises ScenarioError."""
+    if path.suffix == ".fmu":
+        raise ScenarioError(
+            f"{path}: an FMU is no scenario; expected a file (.toml, .ssp) where it is the model "
+            f"of a component (cosim info {path.name} says what it has)"
+        )
     if path.suffix == ".ssp":
         from cosim.ssp.document import document
 
@@ -294,12 +299,23 @@ def convert(value: Any, kind: type[T], path: Path, place: str) -> T:
         message, _, inside = str(error).partition(" - at `$")
         if not inside and "unknown field" in message:
             message += f"; expected one of {', '.join(_keys(kind))}"
+        if words := _words(kind, inside.strip(".`")) if "enum" in message else ():
+            message += f"; expected one of {', '.join(words)}"
         raise ScenarioError(message, f"{path} at {place}{inside.rstrip('`')}") from None
 
 
 def _keys(kind: type[Any]) -> list[str]:
     """The keys a table may have."""
     return [field.encode_name for field in msgspec.structs.fields(kind)]
+
+
+def _words(kind: Any, key: str) -> tuple[str, ...]:
+    """The words a table's key may have, or, without a key, a value: where it is one of some."""
+    tables = [t for t in (kind, *get_args(kind)) if isinstance(t, type)]
+    fields = [f for t in tables if issubclass(t, msgspec.Struct) for f in msgspec.structs.fields(t)]
+    types = [f.type for f in fields if f.encode_name == key] if key else [kind]
+    types = [t for found in types for t in (found, *get_args(found))]
+    return tuple(word for t in types if get_origin(t) is Literal for word in get_args(t))
 
 
 def number(value: Number, unit: str | Unit, place: str) -> float:

@@ -48,7 +48,7 @@ WRONG = [
     ("run.stop=-1", "must be positive"),
     ("run.record.every=0", "at run.record.every: Expected `int` >= 1"),
     ("run.seed=-1", "at run.seed: Expected `int` >= 0"),
-    ("run.algorithm=newton", "at run.algorithm: Invalid enum value 'newton'"),
+    ("run.algorithm=newton", "value 'newton'; expected one of sampled, jacobi, gauss-seidel"),
     # metrics and figures
     (
         "metrics.tracking_error.target=[1, 2, 3]",

@@ -179,6 +179,7 @@ WRONG = [
     ({"a": {"model": "Gain", "sizes": {"n": 3}}}, "at components.a.sizes"),
     ({"a": {"model": "tests.cosim.blocks:Gone"}}, "has no 'Gone'"),
     ({"a": {"model": "tests.cosim.nowhere:Gain"}}, "cannot import"),
+    ({"a": {"model": "../other.ssp"}}, "cannot import '../other.ssp': that is no name of a module"),
     ({"a": {"model": "tests.cosim.blocks"}}, "no function fmu"),
     ({"a": {"model": "nowhere/plant.fmu"}}, "no such file"),
     ({"a": {"model": "Wide", "inputs": {"u[2]": "a.y[0]"}}}, "outside of a.u, which has shape"),

@@ -75,7 +75,10 @@ def test_settings_change_one_value(file, setting, read, value):
         ("links.3.name='x'", "'3' is no index below 1"),
         ("links.x=3", "'x' is no index below 1"),
         ("run.step.x=1", "run.step is not a table"),
-        ("components.plant.kind=both", "at components.plant.kind: Invalid enum value 'both'"),
+        (
+            "components.plant.kind=both",
+            "components.plant.kind: Invalid enum value 'both'; expected one of sampled, continuous",
+        ),
         ("runn.step=1", "no 'runn' in the file; it has components, links, run, title"),
     ],
 )

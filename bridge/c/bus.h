@@ -17,6 +17,7 @@
 #include "journal.h"
 
 enum { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
+enum { BUS_BATCH = 8 };
 enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
 
 /* Which frames a ring gives (a socket has its filters in the kernel): those with
@@ -64,6 +65,10 @@ typedef struct {
     int32_t stepped;        /* in this drain, or the one before */
     int64_t wall_ns;        /* when the two clocks were compared last, by the wall clock; 0: never well */
     int64_t began_ns;       /* when this drain did; CLOCK_MONOTONIC */
+    int32_t batched, given; /* BUS_SOCKET: frames that one call to the kernel gave, and passed on of them */
+    int32_t emptied;        /* they were all there was */
+    int32_t reserved;
+    frame_t batch[BUS_BATCH];
 } bus_t;
 
 /* What a BUS_SOCKET needs of its socket: arrival stamps and the count of lost frames. 0 or errno. */
@@ -74,6 +79,12 @@ API int32_t bus_prepare(int32_t fd);
  * but not given. Never blocks. If the wall clock was set since a frame arrived, its t_ns is bounded
  * by when the drain before began and by now. */
 API int32_t bus_receive(bus_t *bus, frame_t *frame);
+
+/* Who stops before there is none says so: behind what was taken by then, more may have come. */
+static inline void bus_leave(bus_t *bus)
+{
+    bus->emptied = 0;
+}
 
 /* Hand over a frame: 0, or an errno (EINVAL: a length no CAN frame has; ENETDOWN; ENOBUFS: queue
  * full, also that of a ring; ...). Sets frame->t_ns where it is 0 (not on a BUS_MEMORY), and logs what was handed

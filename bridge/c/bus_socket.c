@@ -142,15 +142,21 @@ static void unpack(frame_t *frame, const struct canfd_frame *raw, int fd)
         memcpy(frame->data, raw->data, frame->length);
 }
 
-/* recvmsg() said errno: 1: try again, 0: nothing there. */
+/* Nothing is left in the queue. */
+static void drained(bus_t *bus)
+{
+    if (bus->draining)
+        bus->empty_ns = bus->began_ns;
+    bus->draining = 0;
+}
+
+/* recvmmsg() said errno: 1: try again, 0: nothing there. */
 static int trouble(bus_t *bus)
 {
     if (errno == EINTR)
         return 1;
     if (errno == EAGAIN || errno == EWOULDBLOCK) {
-        if (bus->draining)
-            bus->empty_ns = bus->began_ns;
-        bus->draining = 0;
+        drained(bus);
         return 0;
     }
     bus->last_errno = errno;
@@ -161,34 +167,68 @@ static int trouble(bus_t *bus)
     return 0;
 }
 
+typedef union { char bytes[128]; struct cmsghdr align; } control_t;
+
+static void take(bus_t *bus, struct mmsghdr *message, const struct canfd_frame *raw)
+{
+    frame_t *frame = bus->batch + bus->batched;
+    int64_t stamp_ns;
+
+    if (message->msg_len != CAN_MTU && message->msg_len != CANFD_MTU)
+        return;
+    stamp_ns = read_control(bus, &message->msg_hdr);
+    if (!bus->draining)
+        begin_drain(bus, stamp_ns);
+    unpack(frame, raw, message->msg_len == CANFD_MTU);
+    frame->t_ns = arrival(bus, stamp_ns);
+    bus->batched++;
+}
+
+/* What has arrived, in one call: 1: something, or try again; 0: nothing. */
+static int fill(bus_t *bus)
+{
+    struct canfd_frame raw[BUS_BATCH];
+    control_t control[BUS_BATCH];
+    struct iovec parts[BUS_BATCH];
+    struct mmsghdr messages[BUS_BATCH];
+    int i, n;
+
+    memset(messages, 0, sizeof messages);
+    for (i = 0; i < BUS_BATCH; i++) {
+        parts[i] = (struct iovec){ raw + i, sizeof raw[i] };
+        messages[i].msg_hdr.msg_iov = parts + i;
+        messages[i].msg_hdr.msg_iovlen = 1;
+        messages[i].msg_hdr.msg_control = control[i].bytes;
+        messages[i].msg_hdr.msg_controllen = sizeof control[i].bytes;
+    }
+    n = recvmmsg(bus->fd, messages, BUS_BATCH, MSG_DONTWAIT, NULL);
+    if (n < 0)
+        return trouble(bus);
+    for (i = 0; i < n; i++)
+        take(bus, messages + i, raw + i);
+    bus->emptied = n < BUS_BATCH;
+    if (bus->emptied)
+        drained(bus);
+    return 1;
+}
+
 int socket_next(bus_t *bus, frame_t *frame)
 {
-    struct canfd_frame raw;
-    union { char bytes[128]; struct cmsghdr align; } control;
-    struct iovec part = { &raw, sizeof raw };
-    struct msghdr message;
-    ssize_t n;
     int tries = 4;
 
-    for (; tries > 0; tries--) {
-        memset(&message, 0, sizeof message);
-        message.msg_iov = &part;
-        message.msg_iovlen = 1;
-        message.msg_control = control.bytes;
-        message.msg_controllen = sizeof control.bytes;
-        n = recvmsg(bus->fd, &message, MSG_DONTWAIT);
-        if (n == CAN_MTU || n == CANFD_MTU) {
-            const int64_t stamp_ns = read_control(bus, &message);
-            if (!bus->draining)
-                begin_drain(bus, stamp_ns);
-            unpack(frame, &raw, n == CANFD_MTU);
-            frame->t_ns = arrival(bus, stamp_ns);
-            return 1;
-        }
-        if (n < 0 && !trouble(bus))
+    if (bus->given == bus->batched) {
+        const int asked = bus->emptied;
+        bus->batched = bus->given = bus->emptied = 0;
+        if (asked)
             return 0;
+        while (!bus->batched && !bus->emptied && tries-- > 0)
+            if (!fill(bus))
+                return 0;
+        if (!bus->batched)
+            return bus->emptied = 0;
     }
-    return 0;
+    *frame = bus->batch[bus->given++];
+    return 1;
 }
 
 /* Lengths that a frame can have: 0 to 8, and for CAN FD 12, 16, 20, 24, 32, 48, 64. */

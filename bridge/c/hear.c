@@ -251,7 +251,10 @@ void node_hear(node_t *n, int64_t limit_ns)
         for (;;) {
             if (!n->has_pending[b]) n->has_pending[b] = bus_receive(n->buses + b, n->pending + b);
             if (!n->has_pending[b]) break;
-            if (started(n) && n->pending[b].t_ns - n->start_ns > limit_ns) break;
+            if (started(n) && n->pending[b].t_ns - n->start_ns > limit_ns) {
+                bus_leave(n->buses + b);
+                break;
+            }
             n->has_pending[b] = 0;
             n->pending[b].bus = (uint8_t)b;
             if (n->faults) faults_put(n->faults, n->pending + b, n->start_ns);

@@ -92,6 +92,10 @@ class Rate:
         return self.bits / bitrate + self.data_bits / (data_bitrate or bitrate)
 
 
+#: Frames of one call to the kernel, at most.
+BATCH = 8
+
+
 class BusStruct(c.Structure):
     """``bus_t``."""
 
@@ -123,6 +127,11 @@ class BusStruct(c.Structure):
         ("stepped", c.c_int32),
         ("wall_ns", c.c_int64),
         ("began_ns", c.c_int64),
+        ("batched", c.c_int32),
+        ("given", c.c_int32),
+        ("emptied", c.c_int32),
+        ("reserved", c.c_int32),
+        ("batch", Frame * BATCH),
     )
 
 

@@ -1,0 +1,83 @@
+"""Frames of a socket come several to a call of the kernel; nobody notices."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+
+import pytest
+
+from bridge.native.bus import BATCH, Bus
+from bridge.native.frame import Frame
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="sockets of the tick are Linux's")
+
+
+class Pair:
+    """A pair of UNIX sockets, which keep the bounds of frames as SocketCAN does."""
+
+    def __init__(self):
+        self.here, self.there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.bus = Bus.of_socket(self.here.fileno())
+
+    def send(self, *numbers):
+        for n in numbers:
+            self.there.send(struct.pack("=IB3x8s", 0x100 + n, 8, bytes(8)))
+
+    def drain(self):
+        return [frame.id - 0x100 for frame in self.bus.drain()]
+
+
+@pytest.fixture
+def pair():
+    made = Pair()
+    with made.here, made.there:
+        yield made
+
+
+@pytest.mark.parametrize("n", [0, 1, BATCH - 1, BATCH, BATCH + 1, 3 * BATCH])
+def test_a_drain_gives_all_there_is_in_order(pair, n):
+    for _ in range(2):
+        pair.send(*range(n))
+        assert pair.drain() == list(range(n))
+    assert pair.bus.struct.received == 2 * n
+
+
+def test_what_is_no_frame_is_passed_over(pair):
+    for _ in range(2):
+        pair.there.send(b"no frame")
+        pair.send(1)
+        for _ in range(BATCH + 1):
+            pair.there.send(b"no frame")
+        pair.send(2)
+        assert pair.drain() + pair.drain() == [1, 2]
+
+
+def test_only_what_is_no_frame_hides_nothing_that_comes_later(pair):
+    pair.there.send(b"no frame")
+    assert pair.drain() == []
+    pair.send(1)
+    assert pair.drain() == [1]
+
+
+def test_after_the_last_frame_comes_what_has_come_meanwhile(pair):
+    pair.send(1)
+    assert pair.drain() == [1]
+    pair.send(2)
+    assert pair.drain() == [2]
+
+
+def test_who_has_left_finds_what_has_come_meanwhile(pair):
+    frame = Frame()
+    pair.send(1, 2)
+    assert pair.bus.receive(frame) and frame.id == 0x101
+    pair.bus.struct.emptied = 0  # bus_leave(): as a node does with a frame that is too early
+    pair.send(3)
+    assert pair.drain() == [2, 3]
+
+
+def test_stamps_are_those_of_the_arrival(pair):
+    pair.send(1, 2, 3)
+    first, second, third = pair.bus.drain()
+    assert 0 < first.t_ns < second.t_ns < third.t_ns

@@ -181,11 +181,15 @@ class _Others:
 
 
 class _Zenoh(_Others):
-    """Bare zenoh-python, our configuration and QoS; `direct`: call-backs on Zenoh's threads."""
+    """Bare zenoh-python, our configuration and QoS; `direct`: call-backs on Zenoh's threads.
 
-    def __init__(self, near: bool, ports: list[int], direct: bool) -> None:
+    `threads`: of Zenoh itself, as our sessions have them.
+    """
+
+    def __init__(self, near: bool, ports: list[int], direct: bool, threads: bool = False) -> None:
         super().__init__()
-        self.session = open_session(configure(where(near, ports), "end"), "net")
+        config = configure(where(near, ports), "end")
+        self.session = open_session(config, "net") if threads else zenoh.open(config)
         self.close = self.session.close
         said = ("ping", "way") if near else ("pong",)
         self._publishers = {
@@ -269,6 +273,7 @@ KINDS: dict[str, Callable[[bool, list[int], str], End]] = {
     "ours": lambda near, ports, path: _Ours(near, ports, tick_library(path)),
     "zenoh, default call-back": lambda near, ports, path: _Zenoh(near, ports, direct=False),
     "zenoh, direct call-back": lambda near, ports, path: _Zenoh(near, ports, direct=True),
+    "zenoh, default, our threads": lambda near, ports, path: _Zenoh(near, ports, False, True),
     "udp": lambda near, ports, path: _Udp(near, ports),
     "zeromq": lambda near, ports, path: _ZeroMQ(near, ports),
 }

@@ -38,7 +38,7 @@ from bridge.native import pace
 from bridge.realtime import Realtime, enter
 from bridge.zenoh.channel import Traffic, ZenohAttachment, control_publisher
 from bridge.zenoh.names import Names, codec
-from bridge.zenoh.session import configure, open_session
+from bridge.zenoh.session import configure
 from cosim.clock import monotonic_ns, sleep
 
 RATE = 200
@@ -122,7 +122,7 @@ class _Bare(_Node):
 
     def __init__(self, i: int, ports: list[int], path: str) -> None:
         super().__init__(i, ports, path)
-        self._session = open_session(configure(self.options, f"n{i}"), "net")
+        self._session = zenoh.open(configure(self.options, f"n{i}"))
         self._publisher = control_publisher(self._session, key(i), "best-effort")
         self._newest: tuple[int, ...] = (-1, 0, 0)
         self._came = 0

@@ -8,6 +8,7 @@ connects by itself, retries within 200 ms.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -40,6 +41,9 @@ WITHOUT_FILE: dict[str, Any] = {
     "transport/unicast/accept_timeout": 1000,
     "transport/shared_memory/enabled": False,
 }
+#: One thread that receives, where the environment says nothing: with two (Zenoh's default) each
+#: message wakes both, on two processors.
+RUNTIME = "(rx: (worker_threads: 1))"
 _FILES = (
     *(f"transport/link/tls/{name}" for name in ("root_ca_certificate",)),
     *(
@@ -133,7 +137,11 @@ def _beside(options: Options) -> Any:
 
 
 def open_session(config: zenoh.Config, bus: str) -> zenoh.Session:
-    """Open a session. Raises BusError, which says what could not be opened."""
+    """Open a session. Raises BusError, which says what could not be opened.
+
+    The first one of a process decides about Zenoh's threads: `RUNTIME`.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:

@@ -1,12 +1,12 @@
 """Clocks (FMI 3.0.2 §2.2.8) and step sizes: what of them a fixed step can keep.
 
-The engine ticks input clocks with a constant or fixed period that is a whole number of steps of
-their FMU. Output clocks are ticked by the FMU, in its events, and asked. All others are refused.
+The engine ticks input clocks with a constant, fixed or tunable period (it tunes nothing) that is a
+whole number of steps of their FMU; where it is not written, the FMU is asked. Output clocks are ticked by the FMU, in its events, and asked. All others are refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from cosim.errors import FmuError
 from cosim.fmi.description import Description
@@ -14,14 +14,27 @@ from cosim.fmi.layout import Ticker
 from cosim.fmi.library import Triggered
 from cosim.fmi.variables import Variable
 
+#: Interval and shift (s) of clocks that do not state them, by value reference, as the FMU said.
+Intervals = Mapping[int, tuple[float, float]]
+_PERIODIC = ("constant", "fixed", "tunable")
 
-def tickers(description: Description, h: float, name: str) -> tuple[Ticker, ...]:
+
+def tickers(description: Description, h: float, name: str, said: Intervals) -> tuple[Ticker, ...]:
     """The clocks the engine ticks, for steps of `h` (s). Raises FmuError for any it cannot."""
-    return tuple(
-        _ticker(v, h, name)
-        for v in description.variables
-        if v.type == "Clock" and v.causality == "input"
-    )
+    return tuple(_ticker(v, h, name, said) for v in _inputs(description))
+
+
+def unstated(description: Description) -> list[int]:
+    """Value references of periodic clocks whose interval is the FMU's to say (FMI 3.0.2 §2.2.8)."""
+    return [
+        v.reference for v in _inputs(description)
+        if v.attributes.get("intervalVariability") in ("fixed", "tunable")
+        and not {"intervalDecimal", "intervalCounter"} & v.attributes.keys()
+    ]  # fmt: skip
+
+
+def _inputs(description: Description) -> list[Variable]:
+    return [v for v in description.variables if v.type == "Clock" and v.causality == "input"]
 
 
 def triggered(description: Description, name: str) -> tuple[Triggered, ...]:
@@ -53,14 +66,17 @@ def _check_clocks(variable: Variable, known: Collection[int], name: str) -> None
             )
 
 
-def _ticker(clock: Variable, h: float, name: str) -> Ticker:
+def _ticker(clock: Variable, h: float, name: str, said: Intervals) -> Ticker:
     kind = clock.attributes.get("intervalVariability", "")
-    if kind not in ("constant", "fixed"):
+    if kind not in _PERIODIC:
         raise FmuError(
-            f"{name}: clock {clock.name!r} has intervalVariability {kind!r}; expected 'constant' "
-            "or 'fixed'; an interval that changes, counts down or is triggered is not supported"
+            f"{name}: clock {clock.name!r} has intervalVariability {kind!r}; expected one of "
+            f"{', '.join(_PERIODIC)}; an interval that changes, counts down or is triggered is not "
+            "supported"
         )
-    period, shift = _interval(clock, name)
+    period, shift = said.get(clock.reference) or _interval(clock, name)
+    if not (period > 0.0 and shift >= 0.0):
+        raise FmuError(f"{name}: clock {clock.name!r} has interval {period:g} s, shift {shift:g} s")
     return Ticker(
         clock.reference,
         _steps(period, h, f"{name}: the interval of clock {clock.name!r}"),
@@ -74,22 +90,15 @@ def _interval(clock: Variable, name: str) -> tuple[float, float]:
     try:
         if "intervalCounter" in a:
             resolution = float(a["resolution"])
-            found = (
-                int(a["intervalCounter"]) / resolution,
-                int(a.get("shiftCounter", 0)) / resolution,
-            )
-        else:
-            found = float(a["intervalDecimal"]), float(a.get("shiftDecimal", 0.0))
+            return int(a["intervalCounter"]) / resolution, int(
+                a.get("shiftCounter", 0)
+            ) / resolution
+        return float(a["intervalDecimal"]), float(a.get("shiftDecimal", 0.0))
     except (KeyError, ValueError, ZeroDivisionError):
         raise FmuError(
             f"{name}: clock {clock.name!r} states no interval; expected intervalDecimal, or "
             "intervalCounter and resolution"
         ) from None
-    if not (found[0] > 0.0 and found[1] >= 0.0):
-        raise FmuError(
-            f"{name}: clock {clock.name!r} has interval {found[0]:g} s, shift {found[1]:g} s"
-        )
-    return found
 
 
 def check_step(description: Description, h: float, name: str) -> None:

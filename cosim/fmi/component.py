@@ -75,6 +75,8 @@ class FmuComponent:
         self._sizes = [(self.groups[k].first.reference, n) for k, n in sizes.items()]
         #: Names of `options.given` that are no values of signals or parameters.
         self.taken = frozenset({*sizes, *texts})
+        #: Interval and shift (s) of clocks whose FMU was asked, by value reference.
+        self.intervals: clocks.Intervals = {}
         self._instance: Instance | None = None
         self._initializing = False
         self._private: str | None = None
@@ -216,6 +218,8 @@ class FmuComponent:
         """
         if not self._initializing:
             return {}
+        asked = clocks.unstated(self.description) if self.events else []
+        self.intervals = self.instance.intervals(asked) if asked else {}
         clocked = [g for g in self.carried("output") if self.events and g.first.clocks]
         found = self.instance.exit_initialization(
             self.triggered,

@@ -61,6 +61,10 @@ class Instance2:
         setup(self.handle, 0, 0.0, t0, 0, 0.0)
         self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
 
+    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
+        """FMI 2.0 has no clocks."""
+        raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
+
     def exit_initialization(
         self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
     ) -> dict[str, list[float]]:

@@ -49,6 +49,17 @@ class Instance3:
         )
         enter(self.handle, False, 0.0, t0, False, 0.0)
 
+    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
+        """``fmi3GetIntervalDecimal``, ``fmi3GetShiftDecimal``, of periodic clocks."""
+        n, references, some = len(clocks), uint32(clocks), (c.c_void_p, c.c_void_p, c.c_size_t)
+        intervals, shifts, qualifiers = (c.c_double * n)(), (c.c_double * n)(), (c.c_int * n)()
+        get = self._calls.checked("GetIntervalDecimal", *some, c.c_void_p, c.c_void_p)
+        get(self.handle, references, n, intervals, qualifiers)
+        self._calls.checked("GetShiftDecimal", *some, c.c_void_p)(
+            self.handle, references, n, shifts
+        )
+        return dict(zip(clocks, zip(intervals, shifts, strict=True), strict=True))
+
     def exit_initialization(
         self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
     ) -> dict[str, list[float]]:

@@ -33,6 +33,9 @@ class Instance(Protocol):
     def enter_initialization(self, t0: float) -> None:
         """Set up the experiment from `t0` (s), without a stop time, and enter initialisation."""
 
+    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
+        """Interval and shift (s) of periodic clocks, in Initialization Mode."""
+
     def exit_initialization(
         self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
     ) -> dict[str, list[float]]:

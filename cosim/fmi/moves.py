@@ -82,7 +82,7 @@ def layout(
         output_count=sum(p.size for p in x.outputs),
         inputs=moves.of("input"), outputs=moves.of("output"),
         discrete=moves.of("input", "discrete"), slopes=found,
-        clocks=clocks.tickers(x.description, h, x.name) if x.events else (),
+        clocks=clocks.tickers(x.description, h, x.name, x.intervals) if x.events else (),
         triggered=x.triggered, partitions=moves.partitions(),
         fmi=x.description.fmi, events=x.events,
         variable=bool(x.description.flags.get("canHandleVariableCommunicationStepSize")),

@@ -120,6 +120,11 @@ class RemoteInstance:
         """Enter Initialization Mode."""
         self._call("enter_initialization", t0)
 
+    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
+        """Interval and shift (s) of periodic clocks."""
+        found: dict[int, tuple[float, float]] = self._call("intervals", clocks)
+        return found
+
     def exit_initialization(
         self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
     ) -> dict[str, list[float]]:

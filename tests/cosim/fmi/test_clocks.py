@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,16 @@ def test_a_clock_that_the_fmu_ticks_is_heard_in_its_events(tmp_path: Path, flags
     assert found["y_bell"] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0, 4.0, 4.0, 5.0]
     heard = [0.0, 0.0, 0.0, 1002.0, 1002.0, 1004.0, 1004.0, 1004.0, 1007.0, 1007.0, 1009.0]
     assert found["heard"] == heard
+
+
+@pytest.mark.parametrize("kind", ["fixed", "tunable"])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, isolate) -> None:
+    silent = re.sub(r'="constant" [^/]*/>', f'="{kind}"/>', clocked3())
+    assert "intervalDecimal" not in silent and kind in silent
+    path = export(silent, tmp_path / "x.fmu")
+    found = outputs(plan_of(path, STEPS, options=Options(isolate=isolate)))
+    assert found == outputs(plan_of(clocked, STEPS))
 
 
 def test_fmpy_sees_the_same_values_in_event_mode(clocked: Path) -> None:

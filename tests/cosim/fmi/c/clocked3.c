@@ -160,6 +160,22 @@ FMI int fmi3GetInt32(fmu_t *x, const uint32_t *r, size_t n, int32_t *v, size_t m
     return 0;
 }
 
+FMI int fmi3GetIntervalDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v, int *qualifiers)
+{
+    for (size_t i = 0; i < n; i++) {
+        if (!x->initializing || r[i] > SLOW) return refuse(x, "this interval is not for now");
+        v[i] = r[i] == FAST ? 0.1 : 0.3;
+        qualifiers[i] = 2; /* changed: it was not known before */
+    }
+    return 0;
+}
+FMI int fmi3GetShiftDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v)
+{
+    (void)x;
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == FAST ? 0.0 : 0.1;
+    return 0;
+}
+
 /* What a complete FMU has as well, and nobody calls. */
 #define UNUSED(name) FMI int fmi3##name(void) { return 3; }
 UNUSED(GetVersion) UNUSED(SetDebugLogging) UNUSED(InstantiateModelExchange) UNUSED(Reset)
@@ -176,6 +192,5 @@ UNUSED(CompletedIntegratorStep) UNUSED(SetTime) UNUSED(SetContinuousStates)
 UNUSED(GetContinuousStateDerivatives) UNUSED(GetEventIndicators) UNUSED(GetContinuousStates)
 UNUSED(GetNominalsOfContinuousStates) UNUSED(GetNumberOfEventIndicators)
 UNUSED(GetNumberOfContinuousStates) UNUSED(GetOutputDerivatives) UNUSED(ActivateModelPartition)
-UNUSED(GetIntervalDecimal) UNUSED(GetIntervalFraction) UNUSED(GetShiftDecimal)
-UNUSED(GetShiftFraction) UNUSED(SetIntervalDecimal) UNUSED(SetIntervalFraction)
+UNUSED(GetIntervalFraction) UNUSED(GetShiftFraction) UNUSED(SetIntervalDecimal) UNUSED(SetIntervalFraction)
 UNUSED(SetShiftDecimal) UNUSED(SetShiftFraction) UNUSED(EvaluateDiscreteStates)

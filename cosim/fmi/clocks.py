@@ -1,7 +1,8 @@
 """Clocks (FMI 3.0.2 §2.2.8) and step sizes: what of them a fixed step can keep.
 
 The engine ticks input clocks with a constant, fixed or tunable period (it tunes nothing) that is a
-whole number of steps of their FMU; where it is not written, the FMU is asked. Output clocks are ticked by the FMU, in its events, and asked. All others are refused.
+whole number of steps of their FMU; where it is not written, the FMU is asked. Output clocks are
+ticked by the FMU, in its events, and asked. All others are refused.
 """
 
 from __future__ import annotations

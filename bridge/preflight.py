@@ -16,6 +16,9 @@ from bridge.safety import in_si
 from bridge.system import System
 from cosim.check.finding import Finding
 
+#: s; what comes later over a network than this is nothing a controller wants.
+LATE = 10.0
+
 
 def timings(system: System) -> dict[str, BusTiming]:
     """Bit rates of the CAN buses."""
@@ -78,6 +81,8 @@ def overruns(system: System) -> list[Finding]:
     d = system.deployment
     found: list[Finding] = []
     for name, m in system.messages.items():
+        if m.forward is not None:
+            continue  # a gateway numbers nothing
         profile = Profile(m.encoding.message.e2e)
         turn = (1 << profile.counter_bits) * m.period_ns * 1e-9
         overrun = d.seconds(d.nodes[m.node].overrun, "nodes", m.node, "overrun")
@@ -98,7 +103,38 @@ def overruns(system: System) -> list[Finding]:
     return found
 
 
+def forwarded(system: System) -> list[Finding]:
+    """Forwarded messages whose numbers turn faster than a network may be slow."""
+    d = system.deployment
+    found: list[Finding] = []
+    for name, m in system.messages.items():
+        message = m.encoding.message
+        if m.forward is None or message.e2e == Profile.NONE:
+            continue
+        stamp = message.header[message.time].length if message.time >= 0 else 0
+        counter = (1 << Profile(message.e2e).counter_bits) * m.period_ns * 1e-9
+        latest = 0.75 * ((1 << stamp) * 1e-6 if stamp else counter)
+        allowed = system.messages[m.forward.of].max_age_ns * 1e-9
+        if latest > LATE or 0 < allowed <= latest:
+            continue
+        what = "time stamp" if stamp else "counter"
+        found.append(
+            Finding(
+                rule="forward",
+                severity="warning",
+                where=name,
+                number=latest,
+                unit="s",
+                reason=f"its {what} tells samples apart that are at most {latest * 1e3:.3g} ms old:"
+                " later ones would be numbered wrongly",
+                advice=f'messages.{m.forward.of}.max_age = "{latest * 1e3:.3g} ms" drops them,'
+                f" or another layout for {d.messages[name].bus}",
+            )
+        )
+    return found
+
+
 def check(system: System) -> list[Finding]:
     """Findings: of the buses, then of the nodes."""
     found = check_buses(messages(system), timings(system), watchdogs(system))
-    return [*found, *overruns(system)]
+    return [*found, *overruns(system), *forwarded(system)]

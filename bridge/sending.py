@@ -140,6 +140,15 @@ class Forwarding:
         owner.forwards, owner.n_forwards = self._array, len(self.made)
 
 
+def forwarded_facts(entry: native.Forward) -> dict[str, Any]:
+    """Samples sent and not handed over; us from their arrival to their hand-over (wall clock)."""
+    transit = entry.transit
+    us = {f"p{q:g}": transit.quantile(q / 100) / 1e3 for q in (50, 99) if transit.count}
+    if transit.count:
+        us["max"] = transit.maximum / 1e3
+    return {"sent": int(entry.sent), "failed": int(entry.failed), "transit_us": us}
+
+
 def forwardings(
     system: System, name: str, receptions: Mapping[str, native.Reception]
 ) -> list[Forwarding]:

@@ -28,6 +28,7 @@ from bridge.sending import Sending, forwardings
 from bridge.system import System
 from cosim import native as engine_native
 from cosim.engine import Engine
+from cosim.native import Code
 
 Rows = NDArray[np.void]
 
@@ -100,18 +101,25 @@ class Wired:
         s.record_row = s.engine + kind.row.offset
         s.engine_tick = s.engine + kind.tick.offset
         s.n_signals = self.plan.plan.n_signals
-        self._bind_played(state.players)
+        self._bind_played(state)
         return self
 
-    def _bind_played(self, players: int) -> None:
-        """Weights of edges go on where the run is, also in a second life."""
-        kind, plan = engine_native.Player, self.plan.plan
-        rows = (native.Played * max(1, len(plan.players)))()
-        for i, player in enumerate(plan.players):
-            rows[i].row = players + i * c.sizeof(kind) + kind.row.offset
-            rows[i].period = plan.component(player.target.component).period
-        self.struct.played, self.struct.n_played = rows, len(plan.players)
-        self._alive.append(rows)
+    def _bind_played(self, state: engine_native.EngineState) -> None:
+        """Tables of edges, weights and links, go on where the run is, also in a second life."""
+        player, link = engine_native.Player, engine_native.Link
+        kinds = {
+            Code.PLAY: (state.players, player, player.row.offset),
+            Code.PULL: (state.links, link, link.row.offset),
+            Code.PUSH: (state.links, link, link.before.offset),
+        }
+        rows = []
+        for o in self.plan.plan.operations:
+            if o.code in kinds:
+                start, kind, field = kinds[Code(o.code)]
+                rows.append(native.Played(start + o.index * c.sizeof(kind) + field, o.period))
+        played = (native.Played * max(1, len(rows)))(*rows)
+        self.struct.played, self.struct.n_played = played, len(rows)
+        self._alive.append(played)
 
     def __exit__(self, *_: object) -> None:
         self.engine.close()
@@ -155,7 +163,8 @@ class Wired:
         s.h, s.h_ns = self.plan.h, round(self.plan.h * 1e9)
         s.phase_ns = round(d.seconds(self.spec.phase, *place, "phase") * 1e9)
         s.slots = self.plan.slots
-        s.overrun_ns = round(d.seconds(self.spec.overrun, *place, "overrun") * 1e9)
+        overrun = d.seconds(self.spec.overrun, *place, "overrun")
+        s.overrun_ns = round(overrun * 1e9) if self.spec.components else 0  # gateways move nothing
         s.simulated = not self.real
         s.life = safety.LifeSpec(self.spec.ramp).build(self.plan.h, d.place(*place))
         beat = d.seconds(self.spec.heartbeat, *place, "heartbeat")

@@ -18,6 +18,7 @@ from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
 from bridge.native.safety import Command, State
 from bridge.safety import explain
+from bridge.sending import forwarded_facts
 from bridge.system import Encoding
 from bridge.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
@@ -80,6 +81,7 @@ def state(wired: Wired, end: ZenohAttachment) -> dict[str, Any]:
         "messages": {
             name: {"ok": int(r.ok), "lost": int(r.lost)} for name, r in wired.receivers.items()
         },
+        "forwards": {name: forwarded_facts(f) for name, f in wired.forwards.items()},
     }
 
 

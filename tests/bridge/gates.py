@@ -1,0 +1,109 @@
+"""One live gateway on rings: the test is everybody else on its buses."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes as c
+import os
+import threading
+import time
+
+from bridge.control import Control
+from bridge.native import node as native
+from bridge.native.bus import Bus
+from bridge.native.frame import Frame, Ring
+from bridge.native.message import Header
+from bridge.native.safety import State, Status
+from bridge.wiring import Wired
+from cosim.clock import monotonic_ns
+from tests.bridge.bench import until
+
+SAMPLE = State.ACTIVE | Status.SIMULATED
+
+
+class Gate:
+    """`name` of a system, live, and started; with slots of minutes it does nothing but forward.
+
+    `sockets`: descriptors of buses that are no rings.
+    """
+
+    def __init__(self, system, name, folder, *, real=False, sockets=()):
+        self.system, self.result = system, None
+        names = system.buses_of(name)
+        self.rings = {bus: (Ring(4096), Ring(4096)) for bus in names}
+        self.bells = [os.eventfd(0, os.EFD_NONBLOCK) for _ in names]
+        for (rx, _), bell in zip(self.rings.values(), self.bells, strict=True):
+            rx.struct.bell = bell
+        buses = {
+            bus: Bus.of_socket(sockets[bus], n)
+            if bus in sockets
+            else Bus.of_rings(*self.rings[bus], n)
+            for n, bus in enumerate(names)
+        }
+        self.wired = Wired(system, name, buses, folder / "journal", native.WALL, real=real)
+        self.struct, self.control = self.wired.struct, Control(self.wired.struct)
+
+    def __enter__(self):
+        self.wired.__enter__()
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+        if self.wired.real:
+            self.control.arm()
+            until(lambda: self.struct.life.armed)
+        self.start_ns = monotonic_ns() + 200_000_000
+        self.control.start(self.start_ns)
+        until(lambda: self.struct.begun and self.struct.slot > 0)
+        return self
+
+    def __exit__(self, *_):
+        self.struct.quit = 1
+        for rx, _ in self.rings.values():
+            rx.put(Frame.of(0x7FF))  # it wakes and sees that it is to end
+        self._thread.join()
+        self.wired.__exit__()
+        for bell in self.bells:
+            os.close(bell)
+
+    def _live(self):
+        self.result = native.functions().node_live(c.byref(self.struct))
+
+    # ---- what it is told ----
+
+    def put(self, bus, frame):
+        frame.t_ns = monotonic_ns()
+        self.rings[bus][0].put(frame)
+
+    def say(self, message, counter, values, status=SAMPLE, late=0.0):
+        """A message, `late` s after it was sent."""
+        carried = self.system.messages[message]
+        sent = counter * carried.period_ns + carried.offset_ns
+        frame = carried.encoding.frame(values, Header(counter, status, sent // 1000))
+        while monotonic_ns() - self.start_ns < sent + late * 1e9:
+            time.sleep(0.001)
+        self.put(carried.bus, frame)
+        return frame
+
+    # ---- what it says ----
+
+    def frames(self, encoding, bus, seconds=0.0):
+        """(values, header) of every frame of a message that is there, or comes meanwhile."""
+        found, end, frame = [], time.monotonic() + seconds, Frame()
+        while True:
+            while self.rings[bus][1].get(frame):
+                if frame.id == encoding.message.id:
+                    _, values, header = encoding.decode(frame.payload)
+                    found.append(([*values], header))
+            if time.monotonic() >= end:
+                return found
+            time.sleep(0.002)
+
+    def heard(self, message, n=1):
+        """The next `n` of a message, and no more."""
+        carried, found = self.system.messages[message], []
+        with contextlib.suppress(AssertionError):
+            until(lambda: len(self._more(found, carried)) >= n, 5.0)
+        return found
+
+    def _more(self, found, carried):
+        found += self.frames(carried.encoding, carried.bus)
+        return found

@@ -1,0 +1,340 @@
+"""Gateways: which way a signal takes, what is forwarded and what is not, and the twin of it all."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from bridge import lockstep, preflight, replay
+from bridge.native.frame import Frame
+from bridge.native.message import Header
+from bridge.native.safety import State, Status, Why
+from cosim.errors import CosimError
+from tests.bridge.deployments import CONFIGS, SHORT, document, named, run_twin, signal, system_of
+from tests.bridge.gates import SAMPLE, Gate
+
+LINK2 = str(CONFIGS / "can" / "link2.dbc")
+#: Slots so long that whatever is forwarded is not forwarded in one.
+SLOW = ('deploy.nodes.left_gateway.step="100 s"', "run.stop=1000")
+
+
+# ---- the way of a signal ------------------------------------------------------------------------
+
+
+def test_receivers_listen_on_the_bus_they_are_on():
+    system = named("gateway")
+    assert system.heard_by("slave_control") == ("STATE_3", "XI_2")
+    assert system.buses_of("slave_control") == ("right",)
+    assert system.heard_by("left_gateway") == ("LINK_2", "xi_slave")
+    assert system.buses_of("left_gateway") == ("left", "net")
+    assert system.peers_of("right_gateway") == ("slave", "slave_control", "left_gateway")
+
+
+def test_a_forwarded_message_has_numbers_and_times_of_its_first_sender():
+    messages = named("gateway").messages
+    first, last = messages["LINK_2"], messages["XI_2"]
+    assert last.node == "right_gateway" and last.bus == "right"
+    assert (last.period_ns, last.offset_ns) == (first.period_ns, first.offset_ns)
+    assert last.forward.origin == "LINK_2" and last.forward.of == "xi_master"
+    assert messages["xi_master"].forward.sources == (2, 3)  # behind the torque
+    assert last.outlet.carries == ("master_control.xi",)
+
+
+def test_who_is_on_none_of_the_buses_listens_to_the_first_sender(tmp_path):
+    found = document("gateway")
+    for name in ("LINK_4", "STATE_3", "xi_slave", "XI_4"):
+        del found["messages"][name]
+    del found["messages"]["XI_2"]
+    found["messages"]["xi_master"]["by"] = "left_gateway"
+    found["nodes"]["slave"]["components"] += found["nodes"].pop("slave_control")["components"]
+    del found["nodes"]["slave"]["drive"], found["nodes"]["right_gateway"]
+    del found["buses"]["right"]
+    del found["nodes"]["master_control"]["stale"]["master_control.xi_in"]
+    found["messages"]["back"] = {"bus": "net", "carries": ["slave_control.xi"]}
+    system = system_of(found, tmp_path)
+    assert system.heard_by("slave") == ("xi_master",)  # it speaks on net
+    assert system.heard_by("master_control") == ("STATE_1", "back")  # the only one there is
+
+
+def test_arms_are_compared_where_their_nodes_are(tmp_path):
+    found = document("gateway")
+    found["messages"]["q_net"] = {"bus": "net", "forwards": "STATE_1", "by": "left_gateway"}
+    found["messages"]["q_right"] = {
+        "bus": "right", "forwards": "q_net", "by": "right_gateway", "name": "STATE_1",
+    }  # fmt: skip
+    apart = {"of": "master.q", "other": "slave.q", "within": "9 rad"}
+    found["nodes"]["slave_control"]["apart"] = apart
+    system = system_of(found, tmp_path)
+    assert system.heard_by("slave_control") == ("STATE_3", "XI_2", "q_right")
+    assert system.buses_of("slave_control") == ("right",)
+
+
+def test_loads_of_both_buses_contain_what_is_forwarded():
+    system = named("gateway")
+    sent = {(m.bus, m.name, m.node) for m in preflight.messages(system)}
+    assert ("left", "XI_4", "left_gateway") in sent
+    assert ("right", "XI_2", "right_gateway") in sent
+    assert ("left", "HEARTBEAT_5", "left_gateway") in sent
+    assert not [f for f in preflight.check(system) if f.severity != "note"]
+
+
+def test_a_stamp_that_turns_sooner_than_a_network_is_slow_is_warned_of(tmp_path):
+    found = _classic_right()
+    found["messages"]["xi_master"].pop("max_age")
+    (warning,) = preflight.forwarded(system_of(found, tmp_path))
+    assert warning.where == "XI_2" and warning.number == pytest.approx(0.049152)
+    found["messages"]["xi_master"]["max_age"] = "40 ms"
+    assert not preflight.forwarded(system_of(found, tmp_path))
+
+
+def _classic_right():
+    """The right island with 8-byte frames."""
+    found = document("gateway")
+    found["buses"]["right"] |= {"dbc": LINK2, "fd": False}
+    m = found["messages"]
+    m["XI_2"]["name"] = "XI_2"
+    m["LINK_4"] |= {"carries": ["slave_control.xi"], "name": "XI_4"}
+    m["tau"] = {"bus": "right", "carries": ["slave_control.tau"], "name": "TAU_4"}
+    m["STATE_3"] |= {"carries": ["slave.q"], "name": "POS_3"}
+    m["dq"] = {"bus": "right", "carries": ["slave.dq"], "name": "VEL_3"}
+    return found
+
+
+# ---- what is wrong, and where -------------------------------------------------------------------
+
+
+def put(*path, value):
+    def change(found):
+        for part in path[:-1]:
+            found = found[part]
+        found[path[-1]] = value
+
+    return change
+
+
+def second_gateway(found):
+    """In parallel with the left one and the right one."""
+    found["nodes"]["third"] = {"number": 7}
+    found["messages"]["more"] = {
+        "bus": "right",
+        "forwards": "LINK_2",
+        "by": "third",
+        "name": "LINK_2",
+    }
+
+
+MASTER = ("messages", "xi_master")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence", "place"),
+    [
+        (put(*MASTER, "forwards", value="LINK_9"),
+         "no message 'LINK_9'; there are: LINK_2", "messages.xi_master.forwards"),
+        (put(*MASTER, "forwards", value="XI_2"),
+         "xi_master -> XI_2 -> xi_master is a loop", "messages.XI_2.forwards"),
+        (put(*MASTER, "by", value="gate"),
+         "no node 'gate'; expected one of left_gateway", "messages.xi_master.by"),
+        (put(*MASTER, "by", value=""),
+         "says no node that forwards LINK_2; expected one of", "messages.xi_master.by"),
+        (put("messages", "LINK_2", "by", value="left_gateway"),
+         "says who forwards it (left_gateway), but not what", "messages.LINK_2.by"),
+        (put(*MASTER, "bus", value="left"),
+         "LINK_2 has been on bus left already (left -> left)", "messages.xi_master.bus"),
+        (put("messages", "XI_2", "bus", value="left"),
+         "xi_master has been on bus left already (left -> net -> left)", "messages.XI_2.bus"),
+        (put(*MASTER, "period", value="5 ms"),
+         "has a period, but comes when LINK_2 comes", "messages.xi_master.period"),
+        (put(*MASTER, "carries", value=["master_control.theta_hat"]),
+         "master_control.theta_hat[0] is not in LINK_2", "messages.xi_master.carries"),
+        (put("messages", "XI_2", "carries", value=["master_control.tau"]),
+         "master_control.tau[0] is not in xi_master", "messages.XI_2.carries"),
+        (put("messages", "XI_2", "signals", value=["xi1"]),
+         "1 signals for 2 values", "messages.XI_2.signals"),
+        (put("nodes", "idle", value={"number": 9}),
+         "has no component and forwards nothing", "nodes.idle.components"),
+        (put("nodes", "master", "step", value="1 ms"),
+         "has a step and components", "nodes.master.step"),
+        (put("nodes", "left_gateway", "step", value="0.5 ms"),
+         "0.0005 s is no multiple of the base step 0.001 s", "nodes.left_gateway.step"),
+        (put("nodes", "master_control", "requires", value=["slave"]),
+         "slave is on no bus of master_control, and heartbeats are not forwarded; expected one of "
+         "master, left_gateway", "nodes.master_control.requires"),
+        (second_gateway, "joins left and right, which are joined already (by left_gateway, "
+         "right_gateway)", "nodes.third"),
+        (put("nodes", "left_gateway", "guard", value={"tau_max": 1}),
+         "no message of the node carries a port 'tau'", "nodes.left_gateway.guard"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_said_with_its_place(change, sentence, place, tmp_path):
+    found = document("gateway")
+    change(found)
+    with pytest.raises(CosimError) as error:
+        system_of(found, tmp_path)
+    assert sentence in str(error.value)
+    assert f"test.toml at {place}" in str(error.value)
+
+
+# ---- what is forwarded, live --------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def gate(tmp_path_factory):
+    with Gate(named("gateway", *SLOW), "left_gateway", tmp_path_factory.mktemp("gate")) as found:
+        yield found
+
+
+def test_number_time_status_and_values_go_on_at_once(gate):
+    slot = gate.struct.slot
+    gate.say("LINK_2", 3, [1, 2, 0.25, -0.5], SAMPLE | Status.DEADMAN)
+    ((values, header),) = gate.heard("xi_master")
+    assert values == [0.25, -0.5]
+    assert (header.counter, header.t_us) == (3, 15_500)
+    assert header.status == SAMPLE | Status.DEADMAN
+    assert gate.struct.slot == slot  # not in one of its slots
+
+
+def test_a_counter_of_eight_bits_goes_on_unwrapped(gate):
+    gate.say("LINK_2", 260, [1, 2, 3, 4])
+    ((_, header),) = gate.heard("xi_master")
+    assert header.counter == 260 and header.t_us == 260 * 5000 + 500
+
+
+def test_what_comes_late_keeps_its_number(gate):
+    gate.say("xi_slave", 262, [0.5, 1.5], late=0.9)
+    ((values, header),) = gate.heard("XI_4")
+    assert values == [0.5, 1.5] and header.counter == 262 % 256
+    assert header.t_us == 262 * 5000 + 500
+
+
+def test_what_is_refused_does_not_go_on(gate):
+    gate.say("LINK_2", 600, [0, 0, 1, 1])
+    assert len(gate.heard("xi_master")) == 1
+    wrong = Frame.from_buffer_copy(gate.say("LINK_2", 600, [0, 0, 2, 2]))  # repeated
+    wrong.data[12] ^= 1
+    gate.put("left", wrong)
+    gate.say("LINK_2", 598, [0, 0, 3, 3])  # older
+    gate.say("LINK_2", 601, [0, 0, float("nan"), 0])
+    gate.say("xi_slave", 603, [float("inf"), 0])
+    gate.say("xi_slave", 604, [7, 7], late=2.2)  # beyond max_age
+    gate.say("LINK_2", 1100, [0, 0, 5, 5])
+    assert [values for values, _ in gate.heard("xi_master")] == [[5, 5]]
+    assert gate.heard("XI_4", 0) == []
+    link, xi = (gate.wired.receivers[name] for name in ("LINK_2", "xi_slave"))
+    assert (link.repeated, link.crc, link.reordered) == (1, 1, 1)
+    assert link.invalid == xi.invalid == xi.stale == 1
+    assert gate.wired.forwards["xi_master"].sent == link.ok
+
+
+def test_senders_that_do_not_run_yet_are_seen_behind_it(gate):
+    gate.say("LINK_2", 0, [0, 0, 9, 9], State.INACTIVE | Status.SIMULATED)
+    ((values, header),) = gate.heard("xi_master")
+    assert values == [9, 9] and header.status & 7 == State.INACTIVE
+
+
+def test_commands_go_to_the_other_buses_only(gate):
+    nmt = gate.system.services["left"].nmt
+    gate.put("left", nmt.frame([2, 9], Header()))  # STOP, to somebody else
+    time.sleep(0.1)
+    assert [values for values, _ in gate.frames(nmt, "net")] == [[2, 9]]
+    assert gate.frames(nmt, "left") == []
+    assert gate.struct.life.state == State.ACTIVE
+    gate.put("net", gate.system.services["net"].nmt.frame([128, 3], Header()))
+    time.sleep(0.1)
+    assert [values for values, _ in gate.frames(nmt, "left")] == [[128, 3]]
+
+
+def test_an_emergency_stop_goes_on_at_once(gate):
+    estop, slot = gate.system.services["net"].estop, gate.struct.slot
+    for _ in range(3):
+        gate.put("net", estop.frame([4, int(Why.ESTOP)], Header()))
+    time.sleep(0.1)
+    assert len(gate.frames(estop, "left")) == 1
+    assert gate.struct.slot == slot and gate.struct.life.now & Why.ESTOP
+
+
+def test_for_real_drives_nothing_simulated_goes_on(tmp_path):
+    with Gate(named("gateway", *SLOW), "left_gateway", tmp_path, real=True) as gate:
+        gate.say("LINK_2", 100, [0, 0, 1, 1])
+        gate.say("LINK_2", 101, [0, 0, 2, 2], State.ACTIVE)
+        assert [values for values, _ in gate.heard("xi_master")] == [[2, 2]]
+        assert gate.wired.receivers["LINK_2"].simulated == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="arrivals are stamped by Linux")
+def test_it_sleeps_on_sockets_too(tmp_path):
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    with near, far:
+        far.settimeout(20)
+        ends = {"left": near.fileno()}
+        system = named("gateway", *SLOW)
+        with Gate(system, "left_gateway", tmp_path, sockets=ends) as gate:
+            frame = system.messages["LINK_2"].encoding.frame([1, 2, 3, 4], Header(2, SAMPLE, 10500))
+            far.send(struct.pack("IBB2x64s", frame.id, frame.length, 5, frame.payload))
+            ((values, header),) = gate.heard("xi_master")
+            assert values == [3, 4] and header.counter == 2
+            gate.say("xi_slave", 20, [5, 6])
+            raw = b""
+            while not raw.startswith(struct.pack("I", 0x3A4)):  # heartbeats come, too
+                raw = far.recv(72)
+            _, values, header = system.messages["XI_4"].encoding.decode(raw[8 : 8 + raw[4]])
+            assert [*values] == [5, 6] and header.counter == 20
+            far.send(b"")  # it wakes and sees that it is to end
+
+
+# ---- the twin, and its replay -------------------------------------------------------------------
+
+
+def exact(system, rows, folder):
+    (folder / "again").mkdir()
+    found = replay.replay(system, rows, folder / "again")
+    return (found.first, found.alone) == (None, ())
+
+
+def test_the_twin_forwards_when_frames_arrive(tmp_path):
+    system = named("gateway", SHORT, "deploy.latency=false")
+    rows = run_twin(system, tmp_path / "twin")
+    assert len(rows["left_gateway"]) == 400  # slots of 5 ms, in which no frame waits
+    inlets = rows["slave_control"]["inlets"]
+    xi = [i.target.port for i in system.nodes["slave_control"].inlets].index("xi_in")
+    held, transit = inlets["held"][1:, xi], inlets["transit_ns"][1:, xi]
+    assert np.array_equal(held, np.arange(len(held)))
+    assert (transit > 100_000).all() and (transit < 400_000).all()  # two frames of CAN FD, no slot
+    sent = signal(system, rows, "master_control", "master_control.xi")
+    heard = signal(system, rows, "slave_control", "slave_control.xi_in")
+    assert np.abs(heard[1:] - sent[:-1]).max() <= 2**-21  # an LSB of the frames is 2^-20 rad/s
+    assert exact(system, rows, tmp_path)
+    assert set(rows) == set(system.nodes)
+
+
+def test_replay_knows_what_every_codec_on_the_way_does(tmp_path):
+    """float64 on the network, 2^-10 rad/s on classic CAN behind it."""
+    found = _classic_right()
+    found["nodes"]["master"]["components"].append("master_control")
+    found["nodes"]["master"].pop("drive")
+    found["messages"] = {
+        **{name: found["messages"][name] for name in ("LINK_4", "STATE_3", "dq", "tau")},
+        "xi_slave": {"bus": "net", "forwards": "LINK_4", "by": "right_gateway"},
+        "xi_master": {"bus": "net", "carries": ["master_control.xi"]},
+        "XI_2": {"bus": "right", "forwards": "xi_master", "by": "right_gateway"},
+    }
+    found |= {"sync": "slave"}
+    for name in ("left_gateway", "master_control"):
+        del found["nodes"][name]
+    del found["buses"]["left"]
+    system = system_of(found, tmp_path, SHORT)
+    rows = run_twin(system, tmp_path / "twin")
+    held = rows["slave_control"]["inlets"]["held"][:, -1] >= 0  # before: as the scenario begins
+    heard = signal(system, rows, "slave_control", "slave_control.xi_in")[held] * 2**10
+    assert len(np.unique(heard)) > 50 and np.array_equal(heard, np.round(heard))
+    assert exact(system, rows, tmp_path)
+
+
+def test_lock_step_has_no_gateways():
+    with pytest.raises(CosimError, match="expected all buses to be Zenoh"):
+        lockstep.wanted(named("gateway", "deploy.buses.net.options.lockstep=true"))

@@ -31,6 +31,7 @@ from bridge.native.safety import State
 from bridge.process import Start
 from bridge.realtime import enter, verdict, warm_up
 from bridge.safety import explain
+from bridge.sending import forwarded_facts
 from bridge.system import System, load_system
 from bridge.wiring import Wired
 from cosim.clock import monotonic_ns, realtime_ns
@@ -194,6 +195,7 @@ def _report(
         "syncs": {"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
         "unknown_frames": int(s.unknown),
         "messages": {name: _counts(r) for name, r in wired.receivers.items()},
+        "forwards": {name: forwarded_facts(f) for name, f in wired.forwards.items()},
         "guards": {name: g.trips() for name, g in wired.guards.items()},
         "drive_faults": sum(int(drive.struct.faults) for drive in wired.drives),
         "buses": {name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},

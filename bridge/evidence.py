@@ -171,7 +171,12 @@ def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -
 def _restarted(shown: Shown, node: str, t0: float, t1: float) -> str:
     h = shown.system.nodes[node].h
     later = [x for x in shown.lives(node) if shown.rows[x]["slot"][0] * h > t0]
-    return f"{later[0]} began" if later else ""
+    if later:
+        return f"{later[0]} began"
+    refused = (
+        note for note in shown.notes if "refuses to start" in note and f": node {node}." in note
+    )
+    return next(refused, "").partition(": node ")[2]
 
 
 def _stopped(shown: Shown, node: str, t0: float, t1: float) -> str:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from bridge.fault_script import Event
+from bridge.relay.router import UDP
 from bridge.signs import SIGNS, Place, Shown
 from bridge.wiring import Rows
 
@@ -72,11 +73,15 @@ def _acted(action: str, rows: Rows) -> tuple[int, float]:
     through = rows[rows["left_ns"] >= 0]
     held = (through["left_ns"] - through["t_ns"]) * 1e-9
     if action == "net-delay":
-        return len(through), float(through["delay_ns"].min(initial=10**18)) * 1e-9
+        drawn = through["delay_ns"][through["delay_ns"] > 0]
+        return len(drawn), float(drawn.min(initial=10**18)) * 1e-9
     if action == "net-rate":
         long = held[held >= HELD]
         return len(long), float(np.median(long)) if len(long) else 0.0
-    return int((rows["delay_ns"] < 0).sum()), 0.0
+    lost = rows[rows["delay_ns"] < 0]
+    if action == "net-loss":  # what TCP carried it repeats
+        lost = lost[lost["protocol"] == UDP]
+    return len(lost), 0.0
 
 
 def _link_sign(first: Event, t1: float, shown: Shown, life: str, message: str, least: float) -> str:

@@ -59,9 +59,14 @@ def settings(
         found.append(f"{at}.options.insecure=true")
         for host, nodes in hosts.items():
             for i, node in enumerate(n for n in nodes if name in system.buses_of(n)):
-                to = f"{addresses[host]}:{PORT + i}"
-                found.append(f'{at}.options.listen.{node}=["tcp/{to}?rel=1", "udp/{to}?rel=0"]')
+                found.append(listening(name, node, f"{addresses[host]}:{PORT + i}"))
     return found
+
+
+def listening(bus: str, node: str, to: str) -> str:
+    """The setting by which a node listens on ``ADDRESS:PORT``: TCP, and UDP for samples."""
+    both = f'["tcp/{to}?rel=1", "udp/{to}?rel=0"]'
+    return f"deploy.buses.{bus}.options.listen.{node}={both}"
 
 
 def _text(path: str) -> str:

@@ -28,6 +28,8 @@ from bridge.wiring import Rows
 
 #: Counters of what a receiver refuses because of a frame's content.
 REFUSED = ("crc", "length", "invalid", "range")
+#: ns that a slot's nominal time may be before the arrival of what it used.
+BEFORE = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +171,11 @@ def _corrupted(system: System, outcome: Outcome, report: NodeReport) -> tuple[in
         copies = int(rows["copies"].sum())
         counts = report.said.get("messages", {}).get(name)
         refused = sum(counts[r] for r in REFUSED) if counts else copies
-        bad = injected.undetected(_sequences(rows, carried), _newest(system, outcome, report, name))
+        first = _accepted(system, outcome, report, name)
+        numbers = _sequences(rows, carried)
+        # A node that begins again counts from 0 until it is started: no sample of its first life.
+        new = [first.get(n, 0) >= t - BEFORE for n, t in zip(numbers, rows["t_ns"], strict=True)]
+        bad = injected.undetected(numbers[new], first)
         total += copies
         accepted += max(len(bad), copies - refused, 0)
     return total, accepted
@@ -189,14 +195,14 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
     )
 
 
-def _newest(system: System, outcome: Outcome, report: NodeReport, message: str) -> list[int]:
-    """Sequence numbers that were the newest accepted in some slot."""
-    inlets = system.nodes[_node(report)].inlets
-    index = next((i for i, inlet in enumerate(inlets) if inlet.message == message), None)
-    if index is None:
-        return []  # a gateway forwards it; its counters tell
-    newest = outcome.rows[report.life]["inlets"]["newest"][:, index]
-    return [int(n) for n in np.unique(newest)]
+def _accepted(system: System, outcome: Outcome, report: NodeReport, message: str) -> dict[int, int]:
+    """When (ns, of its slot) each sequence number was first the newest accepted."""
+    node = system.nodes[_node(report)]
+    index = next(i for i, inlet in enumerate(node.inlets) if inlet.message == message)
+    rows = outcome.rows[report.life]
+    newest, at = np.unique(rows["inlets"]["newest"][:, index], return_index=True)
+    times = rows["slot"][at] * round(node.h * 1e9)
+    return {int(n): int(t) for n, t in zip(newest, times, strict=True)}
 
 
 # ---- torques --------------------------------------------------------------------------------

@@ -41,11 +41,15 @@ LEAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something done to a rehearsal at `t` (s): see :mod:`bridge.faults`."""
+    """Something done to a rehearsal at `t` (s): see :mod:`bridge.faults`.
+
+    `revives`: it starts a node again, for which a run waits of which nobody is left.
+    """
 
     t: float
     what: str
     do: Callable[[Rehearsal], None]
+    revives: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +195,7 @@ class Rehearsal:
     def _watch(self, progress: Callable[[float, float], None]) -> None:
         length = self.system.plan.ticks * self.system.plan.h
         events = sorted(self.settings.events, key=lambda e: e.t)
-        while any(p.code is None for p in self.current.values()):
+        while any(p.code is None for p in self.current.values()) or _revived(events, length):
             while events and events[0].t <= self.t:
                 event = events.pop(0)
                 self.ended.notes.append(f"t = {self.t:.3f} s: {event.what}")
@@ -266,6 +270,11 @@ class Rehearsal:
         self.expected.discard(name)
         process = self.start_node(name)
         process.tell("start", start_ns=self.ended.start_ns)
+
+
+def _revived(events: Sequence[Event], length: float) -> bool:
+    """Whether a node is still to be started, in time."""
+    return any(e.revives and e.t < length for e in events)
 
 
 @contextmanager

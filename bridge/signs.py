@@ -30,7 +30,7 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "delay": ("age",),
     "jitter": ("age", "reordered"),
     "kill": ("ended",),
-    "restart": ("life",),
+    "restart": ("life", "refusal"),
     "freeze": ("late", "ended"),
     "clock-jump": ("late", "ended"),
     "bus-down": ("health",),

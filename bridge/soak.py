@@ -81,7 +81,7 @@ def perform(job: Job, k: int) -> Row:
     name, watch = f"{k:05d}", stopwatch()
     folder = job.folder / RUNS / name
     shutil.rmtree(folder, ignore_errors=True)
-    cells: dict[str, Any] = {"faults": ""}
+    cells: dict[str, Any] = {"faults": "", "zenoh": Path(job.soak.zenoh(job.seed, k)).stem}
     measures: dict[str, float] = {}
     try:
         with _terminated(), np.errstate(all="ignore"):
@@ -125,7 +125,8 @@ def _run(job: Job, k: int, folder: Path) -> _Done:
             parts = groups(system) if job.network else {next(iter(system.nodes)): [*system.nodes]}
             hosts = Hosts(parts, folder / "packets", job.seed * 100_003 + k)
             if hosts.network is not None:
-                changes += tuple(settings(system, parts, hosts.addresses, job.soak.zenoh))
+                zenoh = job.soak.zenoh(job.seed, k)
+                changes += tuple(settings(system, parts, hosts.addresses, zenoh))
             stack.enter_context(hosts)
             system = load_system(job.scenario, str(job.deployment), changes)
         script = _script(job, k, system, folder, hosts)
@@ -249,7 +250,8 @@ def _crashes(done: _Done) -> Iterator[str]:
             killed.remove(node)
         elif process.code != 0:
             yield f"{life} ended with exit code {process.code}"
-        if life not in done.outcome.rows:
+        stayed = any(f"node {life} refuses to start" in note for note in done.outcome.notes)
+        if life not in done.outcome.rows and not stayed:
             yield f"{life} has left no journal"
     for report in done.outcome.reports:
         if report.said.get("error"):

@@ -51,11 +51,11 @@ class TogetherSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class SoakSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A soak as read; see the module. `zenoh`: configuration beside the file, between hosts."""
+    """A soak as read; see the module. `zenoh`: configurations between hosts, beside the file."""
 
     title: str = ""
     settings: tuple[str, ...] = ()
-    zenoh: str = ""
+    zenoh: str | tuple[str, ...] = ()
     faults: tuple[int, int] = (1, 3)
     first: Number
     last: Number
@@ -77,10 +77,13 @@ class Soak(msgspec.Struct, frozen=True):
     torque_max: float
     kinds: dict[str, dict[str, Value]]
 
-    @property
-    def zenoh(self) -> str:
-        """The configuration between hosts; "": the deployment's own."""
-        return str(self.path.parent / self.spec.zenoh) if self.spec.zenoh else ""
+    def zenoh(self, seed: int, k: int) -> str:
+        """The configuration between hosts in run `k`; "": the deployment's own."""
+        given = self.spec.zenoh
+        files = (given,) if isinstance(given, str) else given
+        if not files:
+            return ""
+        return str(self.path.parent / files[np.random.default_rng((seed, k, 1)).choice(len(files))])
 
 
 def load_soak(scenario: Path, given: Path | None) -> Soak:

@@ -17,9 +17,14 @@ from cosim.errors import ScenarioError
 
 _TUN, _NO_PI, _SETIFF = 0x0001, 0x1000, 0x400454CA
 PACKET: Any = [
-    ("t_ns", "<i8"), ("left_ns", "<i8"), ("delay_ns", "<i8"), ("link", "<i4"), ("length", "<i4"),
+    ("t_ns", "<i8"), ("left_ns", "<i8"), ("delay_ns", "<i8"), ("link", "<i4"), ("length", "<i2"),
+    ("protocol", "<i2"),
 ]  # fmt: skip
-"""A row of the record: CLOCK_MONOTONIC when it came and left, the delay drawn; -1: lost."""
+"""A row of the record: CLOCK_MONOTONIC when it came and left, the delay drawn; -1: lost.
+
+`length`: bytes; `protocol`: of IP, see :data:`TCP` and :data:`UDP`.
+"""
+TCP, UDP = 6, 17
 INTERFACE = "net0"
 _LOOK = 0.2
 
@@ -103,16 +108,17 @@ class Router:
                 continue  # neither IPv4 nor to one of us
             name = f"{source}>{target}"
             delay, leaves = self.links[name].fate(t_ns, len(packet))
-            row = self._recorded(t_ns, delay, name, len(packet))
+            row = self._recorded(t_ns, delay, name, packet)
             if leaves >= 0:
                 self._count += 1
                 entry = (leaves, self._count, row, self._tuns[target], packet)
                 heapq.heappush(self._waiting, entry)
 
-    def _recorded(self, t_ns: int, delay: int, name: str, length: int) -> int:
+    def _recorded(self, t_ns: int, delay: int, name: str, packet: bytes) -> int:
         """The number of a packet's row; -1: the record is full."""
         row = len(self._record)
-        there = self._record.append(t_ns, -1, delay, self._numbers[name], length)
+        number, length = self._numbers[name], min(len(packet), 32767)
+        there = self._record.append(t_ns, -1, delay, number, length, packet[9])
         return row if there else -1
 
     def _release(self, now: Callable[[], int]) -> None:

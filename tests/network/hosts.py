@@ -1,11 +1,13 @@
 """Rehearsals whose nodes are on hosts of their own."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bridge.hosts import PORT, listening
 from bridge.process import Process
 from bridge.rehearse import Event, Rehearsal
 from bridge.relay.network import Network
@@ -19,11 +21,7 @@ def settings(network: Network, nodes: Sequence[str], bus: str = "net") -> list[s
     """Declarations over TCP, samples over UDP, the network's delays only."""
     found = ["deploy.latency=false", f'deploy.buses.{bus}.zenoh="{WIDE}"']
     found.append(f"deploy.buses.{bus}.options.insecure=true")
-    for node in nodes:
-        at = network.addresses[node]
-        both = f'["tcp/{at}:7461?rel=1", "udp/{at}:7461?rel=0"]'
-        found.append(f"deploy.buses.{bus}.options.listen.{node}={both}")
-    return found
+    return found + [listening(bus, n, f"{network.addresses[n]}:{PORT}") for n in nodes]
 
 
 class Hosted:
@@ -33,11 +31,11 @@ class Hosted:
         self.network, self.ahead = network, ahead or {}
 
     def place(self, running: Rehearsal) -> None:
+        running.settings = replace(running.settings, inside=self.network.inside)
         start = running.start_node
 
         def start_node(name: str) -> Process:
-            with self.network.inside(name):
-                process = start(name)
+            process = start(name)
             shift, tell = self.ahead.get(name, 0), process.tell
 
             def told(command: str, **values: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent
+    from cosim.fmi.variables import Variable
 
 
 def info(
@@ -33,12 +35,22 @@ def info(
 
 def _signals(component: FmuComponent) -> list[list[str]]:
     rows = [["signal", "causality", "type", "unit", "start", "description"]]
+    clocks = {v.reference: v.name for v in component.description.variables if v.type == "Clock"}
     for group in component.groups.values():
         v = group.first
         shape = f"[{','.join(str(n) for n in group.shape)}]" if group.shape else ""
         start = " ".join(f"{float(t):g}" if _is_number(t) else t for t in group.start)
-        rows.append([group.name + shape, v.causality, v.type, v.unit, start, v.description])
+        rows.append(
+            [group.name + shape, v.causality, _type(v, clocks), v.unit, start, v.description]
+        )
     return rows
+
+
+def _type(v: Variable, clocks: Mapping[int, str]) -> str:
+    """``Float64 of fast, slow`` for what belongs to clocks, ``Clock constant`` for one."""
+    kind = f"Clock {v.attributes.get('intervalVariability', '')}" if v.type == "Clock" else v.type
+    belongs = ", ".join(clocks.get(r, str(r)) for r in v.clocks)
+    return f"{kind} of {belongs}" if belongs else kind
 
 
 def _is_number(text: str) -> bool:

@@ -261,11 +261,16 @@ class FmuComponent:
     # ---- what it says, and the end -----------------------------------------------------------
 
     def results(self) -> dict[str, list[str]]:
-        """String and Binary outputs as they stand, Binary as hexadecimal text."""
+        """String and Binary outputs as they stand, Binary as hexadecimal text.
+
+        Those of clocks are left out: between ticks they cannot be got.
+        """
         return {
             g.name: self.instance.get_texts(g.first.type, g.references, g.size)
             for g in self.groups.values()
-            if g.first.causality == "output" and g.first.type in TEXTS
+            if g.first.causality == "output"
+            and g.first.type in TEXTS
+            and not (self.events and g.first.clocks)
         }
 
     def log_text(self) -> str:

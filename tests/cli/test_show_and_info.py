@@ -9,6 +9,7 @@ import pytest
 import cosim as package
 from fmus.models import operator, planar2r, teleoperation
 from tests.cli.command import CONFIG, Command, finished
+from tests.cosim.fmi.exporter import clocked3, export
 
 
 def section(text: str, title: str) -> list[list[str]]:
@@ -93,6 +94,14 @@ def test_show_has_weights_and_what_is_left_of_an_input(cosim: Command) -> None:
     assert ["b.u", "<-", "edge [2, 1]", "weight of the edge at t_k"] in inputs
     assert ["d.u[1]", "<-", "e.y[0]", "computed in this tick, holds it 0.005 s"] in inputs
     assert ["d.u[0,0], d.u[0,1], d.u[0,2]", "<-", "nothing", "keeps 0 0 0 [mm]"] in inputs
+
+
+def test_info_says_what_belongs_to_which_clock(cosim: Command) -> None:
+    path = export(clocked3(), Path("clocked.fmu"))
+    text = cosim("info", "--no-validate", path).out
+    kinds = {line.split()[0]: line for line in text.splitlines() if "put " in line}
+    assert "Clock constant" in kinds["fast"] and "Clock triggered of fast" in kinds["echo"]
+    assert "Float64 of slow, fast" in kinds["y_both"] and "Int32 of echo" in kinds["y_echo"]
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

@@ -63,6 +63,13 @@ def test_a_clock_that_the_fmu_ticks_is_heard_in_its_events(tmp_path: Path, flags
     assert found["heard"] == heard
 
 
+def test_texts_of_clocks_are_left_alone_at_the_end(tmp_path: Path) -> None:
+    text = '<String name="said" valueReference="60" causality="output" clocks="1"/>'
+    _, engine = run(plan_of(export(clocked3(text), tmp_path / "x.fmu"), 1))
+    with engine:
+        assert engine.texts() == {}
+
+
 @pytest.mark.parametrize("kind", ["fixed", "tunable"])
 @pytest.mark.parametrize("isolate", [False, True])
 def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, isolate) -> None:

@@ -25,7 +25,7 @@
 #define INLINE static inline
 #endif
 
-#define ENGINE_ABI 6
+#define ENGINE_ABI 7
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
@@ -127,6 +127,7 @@ typedef struct {
     const int32_t *table;   /* held sample at each hit of the receiver, for this chunk */
     const double *initial;  /* pre-history */
     int64_t width, capacity, sent, row, rows, held;
+    int64_t before;         /* samples sent before this began: it holds none of them */
 } link_t;
 
 typedef struct {
@@ -258,7 +259,8 @@ static int pull(link_t *l, double *target)
     const double *value = l->initial;
 
     if (l->row >= l->rows) return RUN_HISTORY;
-    held = l->table[l->row++];
+    held = l->table[l->row++] - l->before;
+    if (held < 0) held = -1;
     if (held == l->held) return RUN_OK;
     if (held >= 0) {
         if (held >= l->sent || held < l->sent - l->capacity) return RUN_HISTORY;

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim.errors import CosimError
 
-ABI = 6
+ABI = 7
 LOG_LINES, LOG_WIDTH = 32, 512
 
 
@@ -198,6 +198,7 @@ class Link(c.Structure):
         ("row", c.c_int64),
         ("rows", c.c_int64),
         ("held", c.c_int64),
+        ("before", c.c_int64),
     )
 
 

@@ -123,7 +123,7 @@ typedef struct {
     int64_t n_forwards;
 } outlet_t;
 
-/* A table of the engine's that begins with the run, not with this life: weights of edges. */
+/* A table of the engine's that begins with the run, not with this life: of edges, weights and links. */
 typedef struct {
     int64_t *row;
     int64_t period;         /* slots of a row */

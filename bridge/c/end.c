@@ -64,10 +64,10 @@ void node_let_down(node_t *n)
 }
 
 /* The last torque has held for as long as any other: then zero. */
-static void hold_last(const node_t *n)
+static void hold_last(node_t *n)
 {
     const int64_t end = n->start_ns + n->phase_ns + n->slots * n->h_ns;
-    if (pace_now() < end) pace_wait(end, 0, &n->quit);
+    if (pace_now() < end) node_rest(n, end);
 }
 
 int32_t node_end(node_t *n)

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from bridge.can.load import log_bits, seconds
+from bridge.can.load import of_rows
 from bridge.can.log import FrameLog
 from bridge.can.timing import BusTiming
 from bridge.collect import lives_of
 from bridge.lateness import Lateness, of_journal
 from bridge.native.bus import State as BusState
-from bridge.native.node import BURST
 from bridge.native.safety import State
-from bridge.safety import explain, explain_guard
+from bridge.safety import explain
 from bridge.system import System
 from bridge.wiring import Rows
 
@@ -118,8 +117,8 @@ def age_lines(system: System, rows: Mapping[str, Rows]) -> list[str]:
             lines.append(
                 line(
                     "age",
-                    f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} ms, "
-                    f"total mean {total.mean():.1f} ms  "
+                    f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} "
+                    f"ms, total mean {total.mean():.1f} ms  "
                     f"{inlet.source.name} -> {inlet.target.name}",
                 )
             )
@@ -137,24 +136,17 @@ def bus_lines(system: System, logs: Mapping[str, FrameLog]) -> list[str]:
             continue
         bus = system.deployment.buses[name]
         timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
-        r = log.rows
-        bits = log_bits(r["id"], r["flags"], r["length"], r["data"])
-        length = max(float(r["t_ns"][-1] - r["t_ns"][0]) * 1e-9, 1e-3)
+        load = of_rows(log.rows, timing, window_ns=10**9)
         data_rate = timing.data_bitrate or timing.bitrate
-        times = bits[:, 0] / timing.bitrate + bits[:, 1] / data_rate
-        second = ((r["t_ns"] - r["t_ns"][0]) // 10**9).astype(np.int64)
-        peak = np.bincount(second, weights=times).max(initial=0.0)
+        rate = f"{timing.bitrate / 1e6:g}" + (f"/{data_rate / 1e6:g}" if bus.fd else "")
         lines.append(
             line(
                 f"bus {name}",
-                f"{len(r)} frames, load {times.sum() / length:.1%} (busiest second {peak:.1%}) of "
-                f"{bus.bitrate / 1e6:g}" + (f"/{data_rate / 1e6:g}" if bus.fd else "") + " Mbit/s",
+                f"{len(log.rows)} frames, load {load.mean:.1%} (busiest second {load.peak:.1%}) of "
+                f"{rate} Mbit/s",
             )
         )
     return lines
-
-
-__all__ = ["BURST", "NodeReport", "age_lines", "bus_lines", "line", "node_reports", "seconds"]
 
 
 # ---- gateways -------------------------------------------------------------------------------
@@ -215,8 +207,3 @@ def _health(health: Mapping[str, Any]) -> str:
     if state:
         said.insert(0, f"at the end {BusState(state).name.lower()}")
     return ", ".join(said)
-
-
-def guard_words(bits: int) -> str:
-    """Bits of a row in words."""
-    return explain_guard(bits)

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.can.load import log_bits
+from bridge.can.load import log_bits, log_times
+from bridge.can.log import once
+from bridge.can.timing import BusTiming
 from bridge.cut import NodePlan
 from bridge.held import Held
 from bridge.lateness import Spread
@@ -225,17 +227,8 @@ def _bus(system: System, name: str, frames: Mapping[tuple[str, str], Rows]) -> B
     if spec.kind != "can":
         return BusView(name, len(rows), float("nan"))
     bits = log_bits(rows["id"], rows["flags"], rows["length"], rows["data"])
-    seconds = bits[:, 0] / spec.bitrate
-    seconds = seconds + bits[:, 1] / (spec.data_bitrate if spec.fd else spec.bitrate)
-    return BusView(name, len(rows), float(seconds.sum()) / SPAN)
-
-
-def once(parts: Sequence[Rows]) -> Rows:
-    """What was on a bus: what nodes sent, and of others what the best listener heard; unsorted."""
-    sent = [p[p["flags"] & Flags.SENT != 0] for p in parts]
-    known = np.unique(np.concatenate([p["id"] for p in sent]))
-    heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(p["id"], known)] for p in parts]
-    return np.concatenate([*sent, max(heard, key=len)])
+    timing = BusTiming(spec.bitrate, spec.data_bitrate if spec.fd else None)
+    return BusView(name, len(rows), float(log_times(bits, timing).sum()) * 1e-9 / SPAN)
 
 
 def _signals(system: System, rows: Mapping[str, Rows]) -> list[SignalView]:

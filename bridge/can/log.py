@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 import struct
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,6 @@ from cosim.errors import CosimError
 
 ERROR_FLAG = 0x20000000
 """CAN_ERR_FLAG of linux/can.h, as candump text has it."""
-_FORMAT = Flags.FD | Flags.REMOTE | Flags.EXTENDED | Flags.ERROR
 _CANDUMP = re.compile(r"\((\d+)\.(\d{1,9})\)\s+(\S+)\s+([0-9A-Fa-f]{3,8})#(#?)(\S*)(?:\s+[RT])?\s*")
 _OTHER = (".asc", ".blf", ".mf4")
 
@@ -47,15 +45,6 @@ class FrameLog:
             yield frame_of(row)
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """A frame that was on a bus: when, which source sent it (-1: none of them), who has it."""
-
-    t_ns: int
-    sender: int
-    sources: set[int]
-
-
 def frame_of(row: np.void) -> Frame:
     """A row of a log as a frame."""
     length = min(int(row["length"]), row["data"].size)
@@ -63,68 +52,16 @@ def frame_of(row: np.void) -> Frame:
     return Frame.of(int(row["id"]), data, int(row["flags"]), int(row["t_ns"]))
 
 
-def merge(
-    sources: Sequence[FrameLog], window_ns: int = 10**9, tolerance_ns: int = 10**6
-) -> FrameLog:
-    """What was on the buses, by time: each frame once, though its sender and its receivers have it.
+def once(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Rows of one bus by its nodes: what they sent, and of others what the best listener heard.
 
-    Buses of the same name are the same bus. A received row is the copy of the oldest equal frame
-    (identifier, format, data) that this source does not have yet and that is no older than
-    `window_ns`; `tolerance_ns` is how far a receiver's stamp may lie before the sender's. Of a
-    frame with a sender among the sources, the time is the sender's.
+    By time; each frame is there once, at its sender's time if that is one of the nodes.
     """
-    names = tuple(dict.fromkeys(name for source in sources for name in source.buses))
-    parts = [_renumbered(source, names) for source in sources]
-    rows = np.concatenate(parts) if parts else np.zeros(0, frame_dtype())
-    origin = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    order = np.lexsort((rows["flags"] & Flags.SENT == 0, rows["t_ns"]))
-    waiting: dict[tuple[object, ...], deque[tuple[int, _Seen]]] = {}
-    kept: list[int] = []
-    for index in order:
-        row, source = rows[index], int(origin[index])
-        same = waiting.setdefault(_key(row), deque())
-        while same and same[0][1].t_ns < row["t_ns"] - window_ns:
-            same.popleft()
-        _sort_in(same, kept, int(index), source, row, tolerance_ns)
-    result = rows[np.array(kept, np.int64)]
-    return FrameLog(result[np.argsort(result["t_ns"], kind="stable")], names)
-
-
-def _sort_in(
-    same: deque[tuple[int, _Seen]],
-    kept: list[int],
-    index: int,
-    source: int,
-    row: np.void,
-    tolerance_ns: int,
-) -> None:
-    """A row is a copy of one of `same`, equal ones before it, or a frame of its own."""
-    sent, t = bool(row["flags"] & Flags.SENT), int(row["t_ns"])
-    for place, (_, seen) in enumerate(same):
-        if source in seen.sources or (sent and (seen.sender >= 0 or t > seen.t_ns + tolerance_ns)):
-            continue
-        seen.sources.add(source)
-        if sent:
-            kept[same[place][0]] = index
-            same[place] = (same[place][0], _Seen(seen.t_ns, source, seen.sources))
-        return
-    kept.append(index)
-    same.append((len(kept) - 1, _Seen(t, source if sent else -1, {source})))
-
-
-def _key(row: np.void) -> tuple[object, ...]:
-    data = row["data"][: row["length"]].tobytes()
-    return int(row["bus"]), int(row["id"]), int(row["flags"]) & _FORMAT, int(row["length"]), data
-
-
-def _renumbered(source: FrameLog, names: tuple[str, ...]) -> NDArray[np.void]:
-    numbers = np.array([names.index(name) for name in source.buses], np.uint8)
-    rows = _cut(source.rows)
-    if len(rows) and rows["bus"].max() >= len(numbers):
-        found = int(rows["bus"].max())
-        raise LogError(f"a log with a frame of bus {found}; expected one of {len(numbers)} buses")
-    rows["bus"] = numbers[rows["bus"]] if len(rows) else 0
-    return rows
+    sent = [p[p["flags"] & Flags.SENT != 0] for p in parts]
+    known = np.unique(np.concatenate([p["id"] for p in sent]))
+    heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(p["id"], known)] for p in parts]
+    rows = np.concatenate([*sent, max(heard, key=len)])
+    return rows[np.argsort(rows["t_ns"], kind="stable")]
 
 
 def write_log(log: FrameLog, path: Path | str, wall_ns: int = 0) -> None:

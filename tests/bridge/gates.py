@@ -24,11 +24,11 @@ SAMPLE = State.ACTIVE | Status.SIMULATED
 class Gate:
     """`name` of a system, live, and started; with slots of minutes it does nothing but forward.
 
-    `sockets`: descriptors of buses that are no rings.
+    `sockets`: descriptors of buses that are no rings; `start`: by itself, not by NMT.
     """
 
-    def __init__(self, system, name, folder, *, real=False, sockets=()):
-        self.system, self.result = system, None
+    def __init__(self, system, name, folder, *, real=False, sockets=(), start=True):
+        self.system, self.result, self._start = system, None, start
         names = system.buses_of(name)
         self.rings = {bus: (Ring(4096), Ring(4096)) for bus in names}
         self.bells = [os.eventfd(0, os.EFD_NONBLOCK) for _ in names]
@@ -50,10 +50,15 @@ class Gate:
         if self.wired.real:
             self.control.arm()
             until(lambda: self.struct.life.armed)
-        self.start_ns = monotonic_ns() + 200_000_000
-        self.control.start(self.start_ns)
-        until(lambda: self.struct.begun and self.struct.slot > 0)
+        if self._start:
+            self.start_ns = monotonic_ns() + 200_000_000
+            self.control.start(self.start_ns)
+            self.begun()
         return self
+
+    def begun(self):
+        """Wait until it is."""
+        until(lambda: self.struct.begun and self.struct.slot > 0)
 
     def __exit__(self, *_):
         self.struct.quit = 1
@@ -78,7 +83,7 @@ class Gate:
         carried = self.system.messages[message]
         sent = counter * carried.period_ns + carried.offset_ns
         frame = carried.encoding.frame(values, Header(counter, status, sent // 1000))
-        while monotonic_ns() - self.start_ns < sent + late * 1e9:
+        while counter and monotonic_ns() - self.start_ns < sent + late * 1e9:
             time.sleep(0.001)
         self.put(carried.bus, frame)
         return frame

@@ -258,6 +258,16 @@ def test_an_emergency_stop_goes_on_at_once(gate):
     assert gate.struct.slot == slot and gate.struct.life.now & Why.ESTOP
 
 
+def test_a_start_over_the_network_starts_the_island_behind_it(tmp_path):
+    with Gate(named("gateway", *SLOW), "left_gateway", tmp_path, start=False) as gate:
+        gate.say("LINK_2", 0, [0, 0, 1, 1], State.INACTIVE | Status.SIMULATED)
+        assert len(gate.heard("xi_master")) == 1  # already
+        nmt = gate.system.services["net"].nmt
+        gate.put("net", nmt.frame([1, 0], Header()))
+        gate.begun()
+        assert [values for values, _ in gate.frames(nmt, "left")] == [[1, 0]]
+
+
 def test_for_real_drives_nothing_simulated_goes_on(tmp_path):
     with Gate(named("gateway", *SLOW), "left_gateway", tmp_path, real=True) as gate:
         gate.say("LINK_2", 100, [0, 0, 1, 1])

@@ -3,7 +3,9 @@
 
 #include <errno.h>
 
-enum { LOOK_NS = 30000 };
+#include "mail.h"
+
+enum { LOOK_NS = 30000, SLEEP_NS = 1000000 };
 
 API size_t lockstep_sizes(int32_t which)
 {
@@ -76,6 +78,15 @@ static int32_t awaited(const lockstep_t *l)
     return -1;
 }
 
+/* Until something may have come. The end of a run is looked for as often, too. */
+static int64_t sleep_from(const lockstep_t *l, int64_t now)
+{
+    if (l->node->n_buses > 1 || l->outside->kind != BUS_RING)
+        return pace_wait(now + LOOK_NS, 0, &l->node->quit);
+    mail_wait(l->outside->rx, now + SLEEP_NS);
+    return pace_now();
+}
+
 /* Until the next slot is due: 0, or why not. */
 static int32_t wait_for_samples(lockstep_t *l)
 {
@@ -88,7 +99,7 @@ static int32_t wait_for_samples(lockstep_t *l)
         if (ended(l->node)) return LIVE_STOPPED;
         if (came) last = now;
         if (now - last > l->patience_ns) return LOCKSTEP_STALLED;
-        now = pace_wait(now + LOOK_NS, 0, &l->node->quit);
+        now = sleep_from(l, now);
     }
     l->waited_ns += now - began;
     return 0;

@@ -162,7 +162,7 @@ class Heard:
 
 
 def _tells_life(message: Message) -> bool:
-    return message.status >= 0 and message.header[message.status].scale == 1.0
+    return bool(message.status >= 0 and message.header[message.status].scale == 1.0)
 
 
 def _time_bits(message: Message) -> int:

@@ -92,7 +92,7 @@ def _heard_row(h: Heard, now_ns: int) -> tuple[str, ...]:
     late, lost = h.late * 1e3, str(h.lost) if h.message.e2e else ""
     jitter = (f"{np.median(late):.2f}", f"{late.max():.2f}") if len(late) else ("", "")
     refused = [f"{n} refused: {why}" for why, n in h.refused.items()]
-    sender = "; ".join(filter(None, (*refused, h.sender())))
+    sender = "; ".join(filter(None, (*refused, h.sender().removeprefix("active "))))  # as should be
     rate, ago = str(len(h.recent)), _ago(h.t_ns, now_ns)
     return (h.carried.name, h.carried.node, rate, ago, *jitter, lost, sender)
 

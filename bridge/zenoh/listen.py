@@ -8,17 +8,15 @@ messages are subscribed to from the first one until its token has gone.
 from __future__ import annotations
 
 import json
-import threading
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import final
 
 import zenoh
 
-from bridge.native import pace
 from bridge.native.bus import Traffic, traffic_add
-from bridge.native.frame import DATA, Frame
+from bridge.native.frame import DATA, Frame, Ring
+from bridge.native.mail import bringer, keep_thread
 from bridge.system import System
 from bridge.zenoh.access import MONITOR, access_control
 from bridge.zenoh.attach import traffic_of
@@ -28,8 +26,8 @@ from bridge.zenoh.presence import Presence
 from bridge.zenoh.session import configure, open_session
 from cosim.errors import ScenarioError
 
-#: Samples kept between two looks.
-CAPACITY = 65536
+#: Samples kept between two looks, a power of two.
+CAPACITY = 8192
 
 
 @final
@@ -47,18 +45,15 @@ class ZenohEar:
         options: Options,
         who: str = MONITOR,
     ) -> None:
-        self._names, self._says, self._options = names, says, options
-        self._frames: deque[Frame] = deque(maxlen=CAPACITY)
+        self._says, self._options = says, options
+        beats = {node: names.of(node, "heartbeat") for node in says}
+        self._beats = {says[n][key]: n for n, key in beats.items() if key in says[n]}
         self._beating: set[str] = set()
-        self._lock = threading.Lock()
+        self._ring = Ring(CAPACITY)
         self.traffic = Traffic()
         self.session = open_session(_configured(options, who, names, says), bus)
         self.presence = Presence(self.session, names, "")  # it declares no token
-        self._beats = [
-            self._subscribe(key, says[node][key], node)
-            for node in says
-            if (key := names.of(node, "heartbeat")) in says[node]
-        ]
+        self._first = [self._subscribe(beats[n], number) for number, n in self._beats.items()]
         self._messages: dict[str, list[zenoh.Subscriber[None]]] = {}
 
     @property
@@ -79,43 +74,37 @@ class ZenohEar:
 
     def drain(self) -> list[Frame]:
         """All frames that have come since the last time."""
-        found = [self._frames.popleft() for _ in range(len(self._frames))]
-        for frame in found:
+        found: list[Frame] = []
+        while self._ring.get(frame := Frame()):
+            found.append(frame)
             traffic_add(self.traffic, frame)
+            if frame.id in self._beats:
+                self._beating.add(self._beats[frame.id])
         return found
 
     def follow(self) -> bool:
         """Subscribe to nodes that wait no more, leave those that have gone; whether any came."""
-        there, new = self.presence.there, False
-        for node in self._says:
-            with self._lock:
-                if node not in there:
-                    self._beating.discard(node)
-                runs = node in self._beating
-            if runs and node not in self._messages:
-                beat = self._names.of(node, "heartbeat")
-                own = {k: n for k, n in self._says[node].items() if k != beat}
-                self._messages[node] = [self._subscribe(k, n, node) for k, n in own.items()]
-                new = True
-            elif not runs:
-                for subscriber in self._messages.pop(node, []):
-                    subscriber.undeclare()  # type: ignore[no-untyped-call]
-        return new
+        self._beating &= self.presence.there
+        new = self._beating - self._messages.keys()
+        for node in new:
+            others = {k: n for k, n in self._says[node].items() if n not in self._beats}
+            self._messages[node] = [self._subscribe(k, n) for k, n in others.items()]
+        for node in self._messages.keys() - self._beating:
+            for subscriber in self._messages.pop(node):
+                subscriber.undeclare()  # type: ignore[no-untyped-call]
+        return bool(new)
 
     def close(self) -> None:
         """Close the session."""
         self.session.close()  # type: ignore[no-untyped-call]
 
-    def _subscribe(self, key: str, number: int, node: str) -> zenoh.Subscriber[None]:
-        """Frames of one key; of a heartbeat also that its node runs."""
-        beat = key == self._names.of(node, "heartbeat")
+    def _subscribe(self, key: str, number: int) -> zenoh.Subscriber[None]:
+        """What comes of a key is a frame of this number."""
+        bring = bringer(self._ring, number)
 
         def receive(sample: zenoh.Sample) -> None:
-            data = sample.payload.to_bytes()[:DATA]
-            self._frames.append(Frame.of(number, data, 0, pace.now()))
-            if beat and node not in self._beating:
-                with self._lock:
-                    self._beating.add(node)
+            keep_thread()
+            bring(sample.payload.to_bytes()[:DATA])
 
         return self.session.declare_subscriber(
             key,

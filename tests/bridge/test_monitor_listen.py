@@ -75,7 +75,7 @@ def test_values_status_and_losses(system, talker):
         assert heard.lost == len(skipped) and len(heard.recent) == sent and not heard.refused
         now = monotonic_ns()
         row = next(r for r in tables(listener, now)[1].rows if r[0] == "LINK_2")
-        assert row[1] == "master_control" and row[7] == "active deadman simulated"
+        assert row[1] == "master_control" and row[7] == "deadman simulated"
         listener.take(now + 2 * SECOND)
         assert not heard.recent
         assert talker.bus.drain() == []  # nothing was sent to it

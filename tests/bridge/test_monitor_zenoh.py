@@ -59,7 +59,7 @@ def test_values_states_and_losses(system: System, master: ZenohAttachment):
         assert listener.there("slave") is False
         assert master.bus.drain() == []  # nothing was sent to it
         row = next(r for r in tables(listener, monotonic_ns())[1].rows if r[0] == "xi_master")
-        assert row[1] == "master" and row[6:] == ("3", "active simulated")
+        assert row[1] == "master" and row[6] == "3" and row[7].endswith("simulated")
         assert "master active" in view(listener, monotonic_ns()).line
 
 

@@ -99,10 +99,6 @@ void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns);
 /* Adds a frame to what was on the bus. */
 API void traffic_add(traffic_t *traffic, const frame_t *frame);
 
-/* Receives from n (at most 16) BUS_SOCKETs, logging what comes, until *stop != 0 (looked at every
- * timeout_ms, and after each batch). Blocks: a thread of its own. 0, or an errno of poll(). */
-API int32_t bus_log_run(bus_t *const *buses, int64_t n, const volatile int32_t *stop, int32_t timeout_ms);
-
 /* 0: bus_t, 1: accept_t, 2: traffic_t, 3: journal_t; else 0 */
 API size_t bus_sizes(int32_t which);
 

@@ -206,17 +206,6 @@ class Bus:
         return int(_declared().bus_send(c.byref(self.struct), c.byref(frame)))
 
 
-def log_run(buses: Sequence[Bus], stop: c.c_int32, timeout_ms: int = 50) -> None:
-    """Log what arrives at buses of sockets until `stop` is not zero; blocks, the GIL released.
-
-    Raises OSError where waiting for the sockets fails.
-    """
-    pointers = (c.POINTER(BusStruct) * len(buses))(*[c.pointer(b.struct) for b in buses])
-    error = _declared().bus_log_run(pointers, len(buses), c.byref(stop), timeout_ms)
-    if error:
-        raise OSError(error, "the logger cannot wait for its buses")
-
-
 def traffic_add(traffic: Traffic, frame: Frame) -> None:
     """Count a frame as one that was on the bus."""
     _declared().traffic_add(c.byref(traffic), c.byref(frame))
@@ -237,10 +226,6 @@ def _declared() -> c.CDLL:
     lib.bus_prepare.restype = c.c_int32
     lib.traffic_add.argtypes = (c.POINTER(Traffic), c.POINTER(Frame))
     lib.traffic_add.restype = None
-    lib.bus_log_run.argtypes = (
-        c.POINTER(c.POINTER(BusStruct)), c.c_int64, c.POINTER(c.c_int32), c.c_int32,
-    )  # fmt: skip
-    lib.bus_log_run.restype = c.c_int32
     lib.bus_sizes.argtypes = (c.c_int32,)
     lib.bus_sizes.restype = c.c_size_t
     return lib

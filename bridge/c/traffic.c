@@ -1,14 +1,5 @@
-/* bus_log.c: what is on a bus, counted and logged without a tick; see bus.h */
-#define _GNU_SOURCE
-#include <errno.h>
-
+/* traffic.c: what is on a bus, counted; see bus.h */
 #include "bus.h"
-
-#if !defined(_WIN32)
-#include <poll.h>
-#endif
-
-enum { MOST_BUSES = 16, BATCH = 1024 };
 
 /* Bits of a classic frame with 3 bits of inter-frame space: 47 + 8 n, or 67 + 8 n extended, of which
  * 34 + 8 n, or 54 + 8 n, are stuffed. CAN FD (ISO 11898-1:2015): 17 or 36 bits to BRS, stuffed, and
@@ -58,58 +49,3 @@ void traffic_add(traffic_t *traffic, const frame_t *frame)
     traffic->slot_bits[slot] += bits;
     traffic->slot_data_bits[slot] += data_bits;
 }
-
-#if !defined(_WIN32)
-
-/* Takes what is there, at most a batch. Returns how many. */
-static int drain(bus_t *bus)
-{
-    frame_t frame;
-    int n = 0;
-
-    while (n < BATCH && bus_receive(bus, &frame))
-        n++;
-    return n;
-}
-
-int32_t bus_log_run(bus_t *const *buses, int64_t n, const volatile int32_t *stop, int32_t timeout_ms)
-{
-    struct pollfd polls[MOST_BUSES];
-    int64_t i;
-    int ready, faulty, taken;
-
-    if (n < 1 || n > MOST_BUSES)
-        return EINVAL;
-    while (!*stop) {
-        for (i = 0; i < n; i++)
-            polls[i] = (struct pollfd){ buses[i]->fd, POLLIN, 0 };
-        ready = poll(polls, (nfds_t)n, timeout_ms);
-        if (ready < 0 && errno != EINTR)
-            return errno;
-        for (i = 0, faulty = 0, taken = 0; ready > 0 && i < n; i++) {
-            if (polls[i].revents & POLLNVAL)
-                return EBADF;
-            if (polls[i].revents)
-                taken += drain(buses[i]);
-            faulty |= polls[i].revents & (POLLERR | POLLHUP);
-        }
-        if (faulty && !taken)
-            poll(NULL, 0, 10);  /* a socket that is always in error does not make this loop spin */
-    }
-    for (i = 0; i < n; i++)
-        drain(buses[i]);
-    return 0;
-}
-
-#else
-
-int32_t bus_log_run(bus_t *const *buses, int64_t n, const volatile int32_t *stop, int32_t timeout_ms)
-{
-    (void)buses;
-    (void)n;
-    (void)stop;
-    (void)timeout_ms;
-    return ENOSYS;
-}
-
-#endif

@@ -65,7 +65,8 @@ frame of lower priority that has just begun, all frames of higher priority, earl
 same message, jitter and, if asked for, errors (Davis, Burns, Bril, Lukkien, Real-Time Systems 35,
 2007). In the tests no simulated bus exceeds it, and the critical instant reaches it. It holds for
 nodes that send their most urgent frame first. A node that sends in the order of queueing, as the
-default queue of Linux and many USB adapters do, can take longer; `arbiter_t` simulates both.
+default queue of Linux and many USB adapters do, can take longer; `bridge/can/arbitration.py`
+simulates both.
 
 **The check** (`bridge/check.py`) refuses more than 100 % in the worst case, one identifier from two
 nodes, frames that the bus or CAN does not have, messages more frequent than they are long, and

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-/* ---- bits ---- */
-
 typedef struct {
     uint32_t crc;           /* CRC-15 of what was sent, stuff bits apart */
     uint32_t state;         /* 5 * last bit + how often it was sent in a row - 1 */
@@ -142,118 +140,7 @@ int64_t frame_time_ns(const frame_t *frame, double bitrate, double data_bitrate)
     return (int64_t)(bits.nominal * 1e9 / bitrate + bits.data * 1e9 / rate + 0.5);
 }
 
-uint32_t frame_rank(const frame_t *f)
-{
-    uint32_t remote = (f->flags & FRAME_REMOTE) != 0;
-    if (f->flags & FRAME_EXTENDED)
-        return (f->id >> 18 & 0x7FFu) << 21 | 3u << 19 | (f->id & 0x3FFFFu) << 1 | remote;
-    return (f->id & 0x7FFu) << 21 | remote << 20;
-}
-
-/* ---- arbitration ---- */
-
-int32_t arbiter_put(arbiter_t *a, const frame_t *frame, uint32_t node, int64_t request_ns)
-{
-    int64_t duration = frame_time_ns(frame, a->bitrate, a->data_bitrate);
-    request_t *r;
-    if (a->n >= a->capacity || duration == 0) {
-        a->dropped++;
-        return 0;
-    }
-    r = &a->waiting[a->n++];
-    r->request_ns = request_ns;
-    r->duration_ns = duration;
-    r->rank = frame_rank(frame);
-    r->node = node;
-    r->frame = *frame;
-    return 1;
-}
-
-/* When the next transmission begins; n > 0, none on the wire. */
-static int64_t next_start(const arbiter_t *a)
-{
-    int64_t earliest = a->waiting[0].request_ns;
-    return a->free_ns > earliest ? a->free_ns : earliest;
-}
-
-/* Whether the node of request i has handed over another before it. */
-static int32_t queued_behind(const arbiter_t *a, int64_t i)
-{
-    for (int64_t j = 0; j < i; j++)
-        if (a->waiting[j].node == a->waiting[i].node)
-            return 1;
-    return 0;
-}
-
-/* The request that wins arbitration at start_ns. */
-static int64_t winner(const arbiter_t *a, int64_t start_ns)
-{
-    int64_t best = 0;
-    for (int64_t i = 1; i < a->n && a->waiting[i].request_ns <= start_ns; i++)
-        if (a->waiting[i].rank < a->waiting[best].rank && !(a->fifo && queued_behind(a, i)))
-            best = i;
-    return best;
-}
-
-static int64_t arrival(const arbiter_t *a, const request_t *r, int64_t end_ns)
-{
-    int64_t gap = (int64_t)(LOAD_INTERMISSION * 1e9 / a->bitrate + 0.5);
-    return r->duration_ns > gap ? end_ns - gap : end_ns;
-}
-
-/* The winner at start_ns moves to waiting[0] and is on the wire. */
-static void begin(arbiter_t *a, int64_t start_ns)
-{
-    int64_t i = winner(a, start_ns);
-    request_t r = a->waiting[i];
-    memmove(&a->waiting[1], &a->waiting[0], (size_t)i * sizeof r);
-    a->waiting[0] = r;
-    a->sending = 1;
-    a->free_ns = start_ns + r.duration_ns;
-    a->busy_ns += r.duration_ns;
-    a->sent++;
-}
-
-int32_t arbiter_next(arbiter_t *a, int64_t now_ns, frame_t *frame, uint32_t *node)
-{
-    int64_t at;
-    if (a->n == 0)
-        return 0;
-    if (!a->sending) {
-        int64_t start = next_start(a);
-        if (start >= now_ns)
-            return 0;       /* somebody may still ask for the bus at `start` */
-        begin(a, start);
-    }
-    at = arrival(a, &a->waiting[0], a->free_ns);
-    if (at > now_ns)
-        return 0;
-    *frame = a->waiting[0].frame;
-    frame->t_ns = at;
-    if (node)
-        *node = a->waiting[0].node;
-    a->sending = 0;
-    a->n--;
-    memmove(&a->waiting[0], &a->waiting[1], (size_t)a->n * sizeof *a->waiting);
-    return 1;
-}
-
-int64_t arbiter_due(const arbiter_t *a)
-{
-    int64_t start;
-    const request_t *r;
-    if (a->n == 0)
-        return LOAD_NEVER;
-    if (a->sending)
-        return arrival(a, &a->waiting[0], a->free_ns);
-    start = next_start(a);
-    r = &a->waiting[winner(a, start)];
-    return arrival(a, r, start + r->duration_ns);
-}
-
 size_t load_sizes(int32_t which)
 {
-    static const size_t sizes[] = { sizeof(bits_t), sizeof(request_t), sizeof(arbiter_t),
-                                    sizeof(frame_t) };
-    return which >= 0 && which < 4 ? sizes[which] : 0;
+    return which == 0 ? sizeof(bits_t) : 0;
 }

@@ -2,8 +2,7 @@
 
 What decides is the bits as they are sent: a dominant one wins. A node takes part with its most
 urgent frame, or (``fifo``) with the one it was handed first, as the default queue of Linux and many
-USB adapters have it. The same in C is ``bridge/c/load.h``; this one is its test oracle, and that
-of the response times.
+USB adapters have it. :func:`arbitrate` is the test oracle of the response times.
 """
 
 from __future__ import annotations

@@ -31,8 +31,6 @@ from cosim.errors import CosimError
 
 #: Bits after the CRC of a classic frame, and in the nominal phase after that of an FD frame.
 TAIL, FD_TAIL = 13, 12
-#: Bits between frames; a receiver has a frame so many bits before the next can begin.
-INTERMISSION = 3
 #: Lengths that FD frames have beyond 8 bytes.
 LONG = (12, 16, 20, 24, 32, 48, 64)
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.can.arbitration import Request, arbitrate, rank
+from bridge.can.arbitration import rank
 from bridge.can.load import kind_of, log_bits, log_times, measured, of_rows, planned
-from bridge.can.timing import INTERMISSION, Bits, BusTiming, Kind, TimingError, frame_bits
+from bridge.can.timing import Bits, BusTiming, Kind, TimingError, frame_bits
 from bridge.native import load as native
 from bridge.native.frame import Flags, Frame, frame_dtype
 from tests.bridge.can.test_timing import frames
@@ -36,9 +36,7 @@ def native_frame(drawn: Drawn) -> Frame:
 
 
 def test_structs_are_those_of_c() -> None:
-    structs = [native.Bits, native.Request, native.ArbiterStruct, Frame]
-    assert [native.sizes(i) for i in range(4)] == [ctypes.sizeof(s) for s in structs]
-    assert native.sizes(4) == 0
+    assert native.sizes(0) == ctypes.sizeof(native.Bits)
 
 
 @settings(max_examples=120, deadline=None)
@@ -51,7 +49,6 @@ def test_c_has_the_bits_and_times_of_python(
     assert native.frame_bits_exact(frame) == bits
     assert native.frame_time_ns(frame, timing) == timing.time_ns(bits)
     kind = drawn[2]
-    assert native.frame_rank(frame) == rank(drawn[0], kind.extended, kind.remote)
     assert kind_of(frame.flags) == kind
 
 
@@ -64,7 +61,6 @@ def test_what_is_no_can_frame_takes_no_time() -> None:
     ):
         assert native.frame_bits_exact(frame) == (0, 0)
         assert native.frame_time_ns(frame, MEGABIT) == 0
-        assert not native.Arbiter(MEGABIT).put(frame, 0, 0)
 
 
 @settings(max_examples=30, deadline=None)
@@ -154,64 +150,3 @@ def test_bits_that_arbitrate() -> None:
     ]  # fmt: skip
     assert order == sorted(order)
     assert len(set(order)) == len(order)
-
-
-@st.composite
-def traffic(draw: st.DrawFn) -> list[tuple[int, Drawn, int]]:
-    count = draw(st.integers(1, 12))
-    times = sorted(draw(st.lists(st.integers(0, 2_000_000), min_size=count, max_size=count)))
-    return [(t, draw(frames()), draw(st.integers(0, 3))) for t in times]
-
-
-@settings(max_examples=50, deadline=None)
-@given(traffic(), st.booleans(), st.integers(5_000, 400_000))
-def test_an_arbiter_sends_what_the_reference_sends(
-    handed: list[tuple[int, Drawn, int]], fifo: bool, every: int
-) -> None:
-    """However often it is asked: all at the end, and in steps of `every` ns."""
-    requests = []
-    for at, (identifier, data, kind, dlc), node in handed:
-        duration = FAST.time_ns(frame_bits(identifier, data, kind, dlc))
-        requests.append(Request(at, rank(identifier, kind.extended, kind.remote), duration, node))
-    gap = FAST.time_ns(Bits(INTERMISSION))
-    expected = [
-        (s.end - gap, s.request.rank, s.request.node) for s in arbitrate(requests, fifo=fifo)
-    ]
-    assert run(handed, fifo, None) == expected
-    assert run(handed, fifo, every) == expected
-
-
-def run(
-    handed: list[tuple[int, Drawn, int]], fifo: bool, every: int | None
-) -> list[tuple[int, int, int]]:
-    arbiter, frame = native.Arbiter(FAST, 16, fifo=fifo), Frame()
-    out: list[tuple[int, int, int]] = []
-
-    def take(now: int) -> None:
-        while (node := arbiter.next(now, frame)) is not None:
-            assert frame.t_ns <= now
-            out.append((frame.t_ns, native.frame_rank(frame), node))
-
-    now = 0
-    for at, drawn, node in handed:
-        while every and now + every <= at:
-            now += every
-            take(now)
-        assert arbiter.put(native_frame(drawn), node, at)
-    while (due := arbiter.due()) != native.NEVER:
-        take(due)
-        if out and arbiter.due() == due:
-            take(due + 1)
-    assert arbiter.struct.sent == len(handed) == len(out)
-    return out
-
-
-def test_a_full_arbiter_counts() -> None:
-    arbiter = native.Arbiter(MEGABIT, 2)
-    assert [arbiter.put(Frame.of(i), i, 0) for i in range(3)] == [True, True, False]
-    assert arbiter.struct.dropped == 1
-    frame = Frame()
-    assert arbiter.next(0, frame) is None  # somebody may still ask at 0
-    assert arbiter.due() == (native.frame_time_ns(Frame.of(0), MEGABIT) - 3000)
-    assert [arbiter.next(10**6, frame), frame.id] == [0, 0]
-    assert arbiter.struct.busy_ns == native.frame_time_ns(Frame.of(0), MEGABIT)

@@ -35,23 +35,28 @@ def soak(
     job: Job,
     runs: int,
     parallel: int,
+    retry: bool = False,
     begun: Callable[[Begun], None] = lambda begun: None,
     done: Callable[[Row], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
 ) -> list[Record]:
-    """Make the runs that the folder does not have yet; rows of all there are, in their order.
+    """Make the runs that the folder does not have yet; rows of all, in their order.
 
-    `begun` is called once, `done` with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt
-    comes when the runs under way have ended (at a second Ctrl-C, at once). Raises ScenarioError
-    for a folder that was begun with something else, never for a run that fails.
+    With `retry` also those again that were not as they had to be. `begun` is called once, `done`
+    with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs under
+    way have ended (at a second Ctrl-C, at once). Raises ScenarioError for a folder that was begun
+    with something else, never for a run that fails.
     """
     with stores.locked(job.folder):
         _claim(job)
         for name in namespaces.abandoned():
             namespaces.delete(name)
         with Store(job.folder, UNITS) as store:
-            todo = [k for k in range(runs) if f"{k:05d}" not in store.done]
-            begun(Begun(runs, runs, runs - len(todo), len(todo), False, 0))
+            names = {f"{k:05d}": k for k in range(runs)}
+            again = store.failed & set(names) if retry else set[str]()
+            todo = [k for name, k in names.items() if name not in store.done - again]
+            there = len(store.done & set(names))
+            begun(Begun(runs, runs, there, len(todo), False, 0, len(again)))
             _run(job, todo, parallel, store, done, stopping)
         found = stores.rows(job.folder)
         records = [found[name] for name in sorted(found)]

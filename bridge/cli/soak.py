@@ -35,6 +35,9 @@ def soak(
     network: Annotated[
         bool, typer.Option("--network/--no-network", help="A network between hosts, with faults.")
     ] = True,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Make runs again that were not as they had to be.")
+    ] = False,
     keep: Annotated[
         bool, typer.Option("--keep", help="Keep run folders also where all was well.")
     ] = False,
@@ -61,7 +64,7 @@ def soak(
     job, why = _hosted(job, realtime)
     if why:
         typer.echo(f"one run after the other, without faults of a network: {why}", err=True)
-    records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, quiet)
+    records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, retry, quiet)
     if not quiet:
         typer.echo("\n".join(aligned(soak_table.kinds(records))))
         typer.echo("\n" + "\n".join(aligned(soak_table.facts(records))))
@@ -132,14 +135,16 @@ def _own_bus(deployment: Deployment) -> str:
     return ""
 
 
-def _driven(job: Job, runs: int, parallel: int, quiet: bool) -> list[dict[str, object]]:
+def _driven(
+    job: Job, runs: int, parallel: int, retry: bool, quiet: bool
+) -> list[dict[str, object]]:
     from bridge.soak_drive import soak as drive
     from cosim.cli.sweep import progress_of
 
     with progress_of(quiet) as progress:
         try:
             return drive(
-                job, runs, parallel,
+                job, runs, parallel, retry,
                 begun=lambda b: progress.begin(b, job.soak.spec.title, "runs"),
                 done=progress.done,
                 stopping=lambda: typer.echo(

@@ -21,7 +21,7 @@ from bridge.native.mail import bringer, keep_thread, taker
 from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
 from bridge.zenoh.presence import Presence
-from bridge.zenoh.session import configure, open_session
+from bridge.zenoh.session import close_session, configure, open_session
 from bridge.zenoh.wake import Wake
 
 ENCODING = "application/octet-stream;cosim.sample.v1"
@@ -116,7 +116,7 @@ class ZenohAttachment:
         self._wake.close()
         for subscriber in self._subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
-        self.session.close()  # type: ignore[no-untyped-call]
+        close_session(self.session)
 
     def _receiver(self, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
         """Of one key: called on Zenoh's threads, of which there may be several."""

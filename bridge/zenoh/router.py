@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 
 from bridge.zenoh.options import Options, check_endpoint
-from bridge.zenoh.session import configure, open_session
+from bridge.zenoh.session import close_session, configure, open_session
 from cosim.errors import CosimError
 
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str]) -> int:
             pass
     except SystemExit:
         pass
-    session.close()  # type: ignore[no-untyped-call]
+    close_session(session)
     return 0
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -18,6 +20,8 @@ from bridge.can.socket import BusError
 from bridge.zenoh.options import Options, check_endpoint
 from cosim.errors import ScenarioError
 
+#: s that a session may take to close.
+CLOSING = 2.0
 #: What holds where the configuration file has nothing.
 DEFAULTS: dict[str, Any] = {
     "mode": "peer",
@@ -151,6 +155,21 @@ def open_session(config: zenoh.Config, bus: str) -> zenoh.Session:
             f"bus {bus}: Zenoh: {_short(error)}; it was to listen on {listen} and to connect to "
             f"{connect}"
         ) from error
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close a session, or leave it to the end of the process where that takes more than `CLOSING`.
+
+    Zenoh may wait for a peer that has gone, and gives up with an error after 10 s.
+    """
+
+    def close() -> None:
+        with suppress(zenoh.ZError):
+            session.close()  # type: ignore[no-untyped-call]
+
+    thread = threading.Thread(target=close, name="close", daemon=True)
+    thread.start()
+    thread.join(CLOSING)
 
 
 def _short(error: Exception) -> str:

@@ -52,12 +52,12 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
     )  # fmt: skip
 
 
-def corrupted(system, folder, k):
+def corrupted(system, folder, k, after_ns=1_000_000):
     """The record of LINK_4 number k, one bit of it flipped on its way to the slave."""
     codec = system.messages["LINK_4"].encoding
     data = codec.encode([1.0, 2.0, 3.0, 4.0], counter=k)
     row = np.zeros(1, INJECTED)
-    row["t_ns"], row["id"], row["length"] = k * 5_000_000 + 1_000_000, codec.message.id, len(data)
+    row["t_ns"], row["id"], row["length"] = k * 5_000_000 + after_ns, codec.message.id, len(data)
     row["crc"], row["crc_after"], row["copies"] = crc32(data), 1, 1
     row["data"][0, : len(data)] = list(data)
     with Journal.create(folder / "nodes" / "slave.faults", INJECTED, 10) as journal:
@@ -84,6 +84,13 @@ def test_a_corrupted_frame_that_was_accepted_fails_the_run(system, tmp_path, how
     judged = judge.judge(system, SPEC, found)
     assert judged.undetected == 1
     assert judged.failures == ("1 corrupted frames accepted",)
+
+
+def test_a_number_that_was_accepted_before_its_frame_was_corrupted_is_anothers(system, tmp_path):
+    """A node that begins again counts from 0 until it is started."""
+    found = outcome(system, tmp_path, newest=[7], counts={**COUNTS, "crc": 1, "ok": 1})
+    corrupted(system, tmp_path, 7, after_ns=1_200_000_000)
+    assert judge.judge(system, SPEC, found).undetected == 0
 
 
 @pytest.mark.parametrize(

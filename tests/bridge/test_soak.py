@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge import hosts, soak, soak_drive, soak_table
+from bridge import happen, hosts, soak, soak_drive, soak_table
 from bridge.evidence import find
 from bridge.evidence_links import Network
 from bridge.faults import build
@@ -19,6 +18,7 @@ from bridge.journal import Journal
 from bridge.native import faults as native
 from bridge.native.faults import INJECTED
 from bridge.native.frame import Frame
+from bridge.relay import namespaces
 from bridge.relay.router import PACKET, TCP, UDP
 from bridge.signs import SIGNS, Shown
 from bridge.soak_spec import FRAMES, LINKS, PROCESSES, draw, load_soak, text
@@ -29,6 +29,7 @@ from cosim.scenario import read_document
 from cosim.sweep.perform import Row
 from cosim.sweep.store import Store
 from tests.bridge.rehearsing import COSIM, ROOT, environment
+from tests.bridge.zenoh.rehearsed import prepared, sockets
 
 SCENARIO = ROOT / "configs" / "teleoperation.toml"
 BOTH = ("master>slave", "slave>master")
@@ -283,6 +284,44 @@ def test_a_message_of_zenoh_is_hit_by_its_name(system):
     assert rules.hits() == {0: 1}
 
 
+class Told:
+    """A network that keeps what it was told."""
+
+    names = BOTH
+
+    def __init__(self):
+        self.links = {}
+
+    def set(self, link, **spec):
+        self.links[link] = spec
+
+
+def test_faults_of_one_link_add_up_and_end_one_by_one(system):
+    network = Told()
+    given = script(
+        {"kind": "net-rate", "at": 1, "for": 3, "rate": 1e5},
+        {"kind": "net-down", "at": 2, "for": 1, "link": "master>slave"},
+    )
+    told = []
+    for event in happen.events(given, system, network):
+        event.do(None)
+        told.append(dict(network.links))
+    rate, both = {"rate": 1e5}, {"rate": 1e5, "down": True}
+    assert told[0] == dict.fromkeys(BOTH, rate)
+    assert told[1] == {"master>slave": both, "slave>master": rate}
+    assert told[2] == told[0] and told[3] == {link: {} for link in BOTH}
+
+
+def test_a_network_that_is_not_there_is_an_error(system):
+    given = script({"kind": "net-down", "at": 1, "for": 1, "link": "slave>x"})
+    with pytest.raises(ScenarioError, match=r"fault\.0\.kind: net-down needs nodes on hosts"):
+        happen.events(given, system)
+    with pytest.raises(ScenarioError, match=r"fault\.0\.link: no link 'slave>x'; there are: mas"):
+        happen.events(given, system, Told())
+    with pytest.raises(ScenarioError, match='expected "FROM>TO"'):
+        script({"kind": "net-down", "at": 1, "for": 1, "link": "slave"})
+
+
 # ---- what is counted ----------------------------------------------------------------------------
 
 
@@ -330,6 +369,20 @@ def test_a_table_by_kind_and_what_was_wrong(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_run_waits_for_nodes_of_which_none_is_left(tmp_path):
+    given = script(*(
+        {"kind": "restart", "node": node, "at": 0.5, "for": 0.3} for node in ("master", "slave")
+    ))  # fmt: skip
+    changes = ["run.step='5 ms'", "run.stop='6 s'", *sockets(("master", "slave"), tmp_path)]
+    system, running = prepared("teleoperation", "zenoh", changes, tmp_path / "run")
+    running.settings = replace(running.settings, events=happen.events(given, system))
+    with running:
+        ended = running.run()
+    assert [p.start.life for p in ended.lives] == ["master", "slave", "master.2", "slave.2"]
+    assert all(p.done and p.done["end"] == "finished" for p in ended.lives[2:])
+
+
+@pytest.mark.slow
 def test_two_runs_with_processes_and_a_network(tmp_path):
     if why := hosts.missing():
         pytest.skip(f"no hosts here: {why}")
@@ -352,4 +405,4 @@ def test_two_runs_with_processes_and_a_network(tmp_path):
     assert not list((tmp_path / "soak" / "runs").iterdir())  # all was well: nothing to keep
     again = run()
     assert "2 runs; 2 there already; 0 to run" in again.stdout
-    assert not [name for name in os.listdir("/run/netns") if "cosim-" in name]
+    assert namespaces.abandoned() == []

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zenoh
 
 from bridge.can.socket import BusError
 from bridge.journal import Journal
 from bridge.native import pace
 from bridge.native.frame import DATA, Frame
+from bridge.zenoh import session
 from bridge.zenoh.channel import ZenohAttachment
 from cosim.clock import sleep, stopwatch
 from tests.bridge.can.bus_contract import (
@@ -176,3 +178,25 @@ def test_closing_twice_is_closing_once(tmp_path: Path):
     for attachment in (a, a, b):
         attachment.close()
     assert a.bus.struct.fd == -1
+
+
+class Slow:
+    """A session that waits for a peer that has gone, and then says so."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds, self.asked = seconds, False
+
+    def close(self) -> None:
+        self.asked = True
+        sleep(self.seconds)
+        raise zenoh.ZError("close operation timed out!")
+
+
+@pytest.mark.parametrize("seconds", [0.0, 30.0])
+def test_a_session_that_does_not_close_holds_nobody(
+    monkeypatch: pytest.MonkeyPatch, seconds: float
+):
+    monkeypatch.setattr(session, "CLOSING", 0.05)
+    elapsed, slow = stopwatch(), Slow(seconds)
+    session.close_session(slow)  # type: ignore[arg-type]
+    assert slow.asked and elapsed() < PATIENCE

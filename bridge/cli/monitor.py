@@ -149,12 +149,12 @@ def _look(watched: Watched, feed: Feed, once: bool) -> None:
     _print(view(snapshot(watched, monotonic_ns())))
 
 
-def _behind() -> None:
+def _behind(*, wakes: bool = False) -> None:
     """Behind the nodes, also where they have no real-time priority.
 
-    Nor does a thread that wakes here interrupt one of theirs (SCHED_BATCH): half of what it costs.
+    `wakes`: with every sample; no thread of theirs is interrupted for that (SCHED_BATCH).
     """
-    if sys.platform == "linux":
+    if wakes and sys.platform == "linux":
         with suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     if sys.platform != "win32":
@@ -168,7 +168,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str) -> None:
     from bridge.listened import view
     from cosim.clock import monotonic_ns, sleep
 
-    _behind()
+    _behind(wakes=True)
     with (
         Listener(system, connect, who) as listener,
         suppress(KeyboardInterrupt),

@@ -24,6 +24,12 @@ from tests.bridge.deployments import TELEOPERATION, named
 SECOND = 10**9
 
 
+@pytest.fixture(autouse=True)
+def ahead(monkeypatch):
+    """The command steps behind other processes; the tests that follow do not."""
+    monkeypatch.setattr("bridge.cli.monitor._behind", lambda **_: None)
+
+
 @pytest.fixture
 def system(request):
     changes = [

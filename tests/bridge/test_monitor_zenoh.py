@@ -31,6 +31,12 @@ SECOND = 10**9
 NEVER_DROPPED = "deploy.buses.net.options.lockstep=true"
 
 
+@pytest.fixture(autouse=True)
+def ahead(monkeypatch):
+    """The command steps behind other processes; the tests that follow do not."""
+    monkeypatch.setattr("bridge.cli.monitor._behind", lambda **_: None)
+
+
 @pytest.fixture
 def system(tmp_path: Path) -> System:
     return loaded(*sockets(ARMS, tmp_path))

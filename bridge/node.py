@@ -195,6 +195,10 @@ def _report(
         "syncs": {"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
         "unknown_frames": int(s.unknown),
         "messages": {name: _counts(r) for name, r in wired.receivers.items()},
+        "sent": {
+            o.message: {"frames": int(e.sent), "saturated": int(e.saturated)}
+            for o, e in zip(wired.plan.outlets, wired.sending.outlets, strict=False)
+        },
         "forwards": {name: forwarded_facts(f) for name, f in wired.forwards.items()},
         "guards": {name: g.trips() for name, g in wired.guards.items()},
         "drive_faults": sum(int(drive.struct.faults) for drive in wired.drives),

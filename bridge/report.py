@@ -179,6 +179,10 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
             if wrong:
                 text = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in wrong.items())
                 lines.append(line("received", f"{report.life}: {message}: {text}"))
+        for message, counts in report.said.get("sent", {}).items():
+            if counts["saturated"]:
+                text = f"{counts['saturated']} of {counts['frames']} with values that did not fit"
+                lines.append(line("sent", f"{report.life}: {message}: {text}"))
         for message, trips in report.said.get("guards", {}).items():
             acted = {k: v for k, v in trips.items() if v}
             if acted:

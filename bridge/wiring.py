@@ -99,8 +99,6 @@ class Wired:
         kind = engine_native.EngineState
         s.record = s.engine + kind.record.offset
         s.record_row = s.engine + kind.row.offset
-        s.engine_tick = s.engine + kind.tick.offset
-        s.n_signals = self.plan.plan.n_signals
         self._bind_played(state)
         return self
 

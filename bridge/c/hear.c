@@ -115,7 +115,6 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     memset(&header, 0, sizeof header);
     if (refused(r, frame, &header)) return;
     const int64_t t = frame->t_ns - n->start_ns;
-    r->status = (int32_t)header.status;
     if (!runs(n, r, &header, t)) {
         if (!n->begun) preview(n, r);
         if (tells_life(r->message)) node_forward(n, r, &header, frame);

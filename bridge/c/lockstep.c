@@ -90,8 +90,7 @@ static int64_t sleep_from(const lockstep_t *l, int64_t now)
 /* Until the next slot is due: 0, or why not. */
 static int32_t wait_for_samples(lockstep_t *l)
 {
-    const int64_t began = pace_now();
-    int64_t last = began, now = began;
+    int64_t now = pace_now(), last = now;
     for (;;) {
         const int32_t came = gather(l);
         if (came < 0) return came;
@@ -101,7 +100,6 @@ static int32_t wait_for_samples(lockstep_t *l)
         if (now - last > l->patience_ns) return LOCKSTEP_STALLED;
         now = sleep_from(l, now);
     }
-    l->waited_ns += now - began;
     return 0;
 }
 

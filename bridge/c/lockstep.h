@@ -32,7 +32,6 @@ typedef struct {
     int32_t n_streams;
     int32_t awaited;        /* the stream that a slot waits for, -1: none */
     int64_t patience_ns;    /* without anything new: stalled */
-    int64_t waited_ns;      /* in all */
     int64_t found;          /* LOST: number of the sample that came instead, modulo 65536 */
 } lockstep_t;
 

@@ -65,9 +65,8 @@ typedef struct {
     int64_t offset_ns;      /* phase of the sender: nominal time of sample j is j*period + offset */
     int64_t max_age_ns;     /* by its time stamp: older is dropped; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
-    int32_t status;         /* of the last frame */
     int32_t time_bits;      /* of the time stamp, 0: none */
-    int32_t accept_simulated, previewed;
+    int32_t accept_simulated, previewed, reserved;
     int64_t transit_ns;     /* what the network took, of the newest */
     history_t *history;     /* of its sender: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
@@ -116,9 +115,8 @@ typedef struct {
     int64_t q, dq;          /* signals for the guard; -1: none */
     drive_t *drive;         /* measures what is sent; or NULL */
     int32_t measured_q, measured_dq;    /* first values of position, velocity; -1: none */
-    double *decoded;        /* as the receivers see them */
     history_t *history;     /* filled with what was sent: replay; else NULL */
-    int64_t sent, saturated;
+    int64_t sent, saturated;    /* messages; those with values that did not fit */
     forward_t *forwards;    /* replay: what gateways have made of it, each behind what it is made of */
     int64_t n_forwards;
 } outlet_t;
@@ -135,8 +133,6 @@ typedef struct node {
     double *signals;
     double **record;        /* &engine->record */
     int64_t *record_row;    /* &engine->row */
-    int64_t n_signals;
-    int64_t *engine_tick;   /* &engine->tick */
 
     int32_t clock, number;
     int64_t h_ns, phase_ns; /* length of a slot */
@@ -154,14 +150,14 @@ typedef struct node {
     outlet_t *outlets;
     peer_t *peers;
     faults_t *faults;       /* or NULL */
-    int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers, n_gates;
+    int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers;
     life_t life;
 
     const message_t *heartbeat, *sync, *nmt, *estop;    /* of this node; NULL: none */
     int64_t heartbeat_slots, sync_slots;
     uint32_t boots, sync_count;
     int64_t syncs_received, syncs_lost;
-    int32_t sync_last, heartbeat_bus;
+    int32_t sync_last;
     watchdog_t sync_watchdog;
 
     const apart_t *aparts;

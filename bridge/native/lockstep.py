@@ -44,7 +44,6 @@ class LockstepStruct(c.Structure):
         ("n_streams", c.c_int32),
         ("awaited", c.c_int32),
         ("patience_ns", c.c_int64),
-        ("waited_ns", c.c_int64),
         ("found", c.c_int64),
     )
 

@@ -13,6 +13,7 @@ import pytest
 import bridge.node
 from bridge.node import TOO_LATE, Options, run_node
 from bridge.rehearse import Event, Rehearsal, Settings
+from bridge.report import NodeReport, fault_lines
 from bridge.system import load_system
 from cosim.clock import monotonic_ns
 from cosim.errors import RunError
@@ -150,3 +151,22 @@ def test_when_a_rehearsal_is_left_all_nodes_are_told_before_any_is_waited_for(
         monkeypatch.setattr(rehearsal, "_kind", Fake)
         rehearsal.run()
     assert order == ["quit"] * 4 + ["end"] * 4
+
+
+# ---- what it says of what it sent -----------------------------------------------------------
+
+
+def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
+    """Positions of a frame end at 2048 rad; this arm stands further round."""
+    far = "components.master.start.q=[3000.0,0.0]"
+
+    def listen(control):
+        control.start(monotonic_ns() + 200_000_000)
+
+    system = load_system(TELEOPERATION, "can", changes(request.node.name, "run.stop=0.05", far))
+    options = Options("master", "master", tmp_path, warm_up=0.0, realtime=False)
+    report = run_node(system, options, lambda event: None, listen)
+    assert report["sent"]["STATE_1"]["saturated"] > 0
+    said = NodeReport("master", 50, None, "finished", "", report)
+    assert "STATE_1" in fault_lines([said])[0]
+    assert "did not fit" in fault_lines([said])[0]

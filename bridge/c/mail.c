@@ -55,15 +55,19 @@ int32_t mail_bring(ring_t *ring, uint32_t id, const void *data, int64_t length)
 
     if (length > FRAME_DATA) {
         __atomic_store_n(&ring->dropped, ring->dropped + 1, __ATOMIC_RELAXED);
-        return 0;
+        return MAIL_FULL;
     }
     memcpy(frame.data, data, (size_t)length);
     if (!ring_put(ring, &frame))
-        return 0;
+        return MAIL_FULL;
     __atomic_thread_fence(__ATOMIC_SEQ_CST);    /* either it sees the frame, or this its sleep */
-    if (__atomic_exchange_n(&ring->asleep, 0, __ATOMIC_SEQ_CST))
-        wake(&ring->asleep);
-    return 1;
+    return __atomic_load_n(&ring->asleep, __ATOMIC_RELAXED) ? MAIL_ASLEEP : MAIL_BROUGHT;
+}
+
+void mail_wake(ring_t *ring)
+{
+    __atomic_store_n(&ring->asleep, 0, __ATOMIC_SEQ_CST);
+    wake(&ring->asleep);
 }
 
 int32_t mail_wait(ring_t *ring, int64_t deadline_ns)

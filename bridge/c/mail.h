@@ -7,9 +7,15 @@
 
 #include "frame.h"
 
-/* Brings what has arrived just now: 1, or 0: full, or longer than a frame (counted as dropped). Wakes
- * who sleeps in mail_wait. One writer at a time: several threads have to hold Python's lock. */
+enum { MAIL_FULL, MAIL_BROUGHT, MAIL_ASLEEP };
+
+/* Brings what has arrived just now: BROUGHT; ASLEEP: brought, and who sleeps in mail_wait has to be
+ * woken by mail_wake; FULL: it is, or this is longer than a frame (counted as dropped). One writer at a
+ * time: several threads have to hold Python's lock. */
 API int32_t mail_bring(ring_t *ring, uint32_t id, const void *data, int64_t length);
+
+/* Better without Python's lock, which others will want as soon as somebody is awake. */
+API void mail_wake(ring_t *ring);
 
 /* Sleeps until there is something to take, or the deadline (CLOCK_MONOTONIC, ns): 1, or 0: there is
  * nothing. What is not brought by mail_bring is seen at the deadline only, and where there is no

@@ -11,14 +11,22 @@ from bridge.native.frame import Frame, Ring, RingStruct
 from bridge.native.library import library, library_path
 
 
-def bringer(ring: Ring, number: int) -> Callable[[bytes], int]:
+_ASLEEP = 2
+
+
+def bringer(ring: Ring, number: int) -> Callable[[bytes], None]:
     """A function that puts bytes that have arrived now into `ring`, as frames of a number.
 
-    It returns 0 for what does not fit (counted). Python's lock is kept: it is one of the writers
-    at a time, and nobody else runs in between.
+    What does not fit is counted. Python's lock is kept, so that there is one writer at a time,
+    but not while somebody is woken.
     """
-    bring, struct = _holding().mail_bring, c.byref(ring.struct)
-    return lambda data: int(bring(struct, number, data, len(data)))
+    bring, wake, struct = _holding().mail_bring, _declared().mail_wake, c.byref(ring.struct)
+
+    def brought(data: bytes) -> None:
+        if bring(struct, number, data, len(data)) == _ASLEEP:
+            wake(struct)
+
+    return brought
 
 
 def taker(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]:
@@ -63,6 +71,8 @@ def _declared() -> c.CDLL:
     lib = library()
     lib.mail_next.argtypes = (c.POINTER(RingStruct), c.c_int32, c.POINTER(Frame))
     lib.mail_next.restype = c.c_int32
+    lib.mail_wake.argtypes = (c.POINTER(RingStruct),)
+    lib.mail_wake.restype = None
     lib.mail_wait.argtypes = (c.POINTER(RingStruct), c.c_int64)
     lib.mail_wait.restype = c.c_int32
     return lib

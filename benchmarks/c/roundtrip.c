@@ -147,11 +147,16 @@ static void describe(table_t *t, uint32_t id, int32_t bytes)
                                  .low = -(1LL << (bits - 1)) + 1, .high = (1LL << (bits - 1)) - 1};
 }
 
-static int32_t bus_open(bus_t *bus, int32_t fd)
+/* One end: its bus, and the messages that go there and come back. */
+typedef struct { bus_t bus; table_t there, back; } end_t;
+
+static int32_t open_end(end_t *e, int32_t fd, int32_t bytes)
 {
-    memset(bus, 0, sizeof *bus);
-    bus->kind = BUS_SOCKET;
-    bus->fd = fd;
+    memset(e, 0, sizeof *e);
+    e->bus.kind = BUS_SOCKET;
+    e->bus.fd = fd;
+    describe(&e->there, PING, bytes);
+    describe(&e->back, ECHO, bytes);
     return bus_prepare(fd);
 }
 
@@ -181,17 +186,14 @@ API int32_t bridge_ping(int32_t fd, int32_t bytes, int64_t n, int64_t *taken_ns)
 {
     double out[VALUES] = {0}, in[VALUES] = {0};
     header_t header = {0};
-    table_t there, back;
-    bus_t bus;
-    int32_t error = bus_open(&bus, fd);
-    describe(&there, PING, bytes);
-    describe(&back, ECHO, bytes);
+    end_t e;
+    int32_t error = open_end(&e, fd, bytes);
     for (int64_t k = 0; k < n && !error; k++) {
-        out[k % there.message.n_fields] = (double)(k % 30000) / 1024;
+        out[k % e.there.message.n_fields] = (double)(k % 30000) / 1024;
         header = (header_t){.counter = (uint32_t)k, .t_us = (uint32_t)k};
         int64_t start = pace_now();
-        if ((error = hand_over(&bus, &there.message, out, &header, start)) ||
-            (error = await(&bus, &back.message, in, &header)))
+        if ((error = hand_over(&e.bus, &e.there.message, out, &header, start)) ||
+            (error = await(&e.bus, &e.back.message, in, &header)))
             break;
         taken_ns[k] = pace_now() - start;
         if (memcmp(in, out, sizeof in))
@@ -204,15 +206,12 @@ API int32_t bridge_echo(int32_t fd, int32_t bytes, int64_t n)
 {
     double values[VALUES] = {0};
     header_t header = {0};
-    table_t there, back;
-    bus_t bus;
-    int32_t error = bus_open(&bus, fd);
-    describe(&there, PING, bytes);
-    describe(&back, ECHO, bytes);
+    end_t e;
+    int32_t error = open_end(&e, fd, bytes);
     for (int64_t k = 0; k < n && !error; k++) {
-        error = await(&bus, &there.message, values, &header);
+        error = await(&e.bus, &e.there.message, values, &header);
         if (!error)
-            error = hand_over(&bus, &back.message, values, &header, 0);
+            error = hand_over(&e.bus, &e.back.message, values, &header, 0);
     }
     return error;
 }

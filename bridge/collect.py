@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.can.log import FrameLog, once, write_log
+from bridge.can.log import FrameLog, write_log
 from bridge.cut import NodePlan
 from bridge.journal import Journal
+from bridge.native.frame import Flags
 from bridge.system import System
 from bridge.wiring import Rows
+from cosim.links.grid import Grid
 from cosim.links.statistics import LinkStatistics, statistics
 from cosim.links.storage import TableWriter
 from cosim.plan import Link
@@ -145,8 +147,14 @@ def write_tables(
         facts = {**link.table.facts(), "recorded": recorded}
         with TableWriter(link_file(folder, link.name), facts) as writer:
             writer.write(held)
-        found[link.name] = statistics(held, link.table.grid)
+        found[link.name] = statistics(_possible(held, link.table.grid), link.table.grid)
     return found
+
+
+def _possible(held: IntArray, grid: Grid) -> IntArray:
+    """Without samples from the future, as clocks that differ make them look: of age 0 instead."""
+    newest = grid.n_r * np.arange(held.size, dtype=np.int64) // grid.n_s
+    return np.minimum(held, newest)
 
 
 # ---- buses ----------------------------------------------------------------------------------
@@ -159,10 +167,19 @@ def bus_logs(system: System, nodes: Path) -> dict[str, FrameLog]:
         files = sorted(nodes.glob(f"*.{name}.frames"))
         if bus.kind != "can" or not files:
             continue
-        rows = once([Journal.open(path) for path in files])
+        parts = [Journal.open(path) for path in files]
+        sent = [p[p["flags"] & Flags.SENT != 0] for p in parts]
+        known = np.unique(np.concatenate([p["id"] for p in sent]))
+        heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(p["id"], known)] for p in parts]
+        foreign = max(heard, key=len)
+        rows = np.concatenate([*sent, foreign])
         rows["bus"] = 0
-        logs[name] = FrameLog(rows, (bus.channel or name,))
+        logs[name] = FrameLog(rows[np.argsort(rows["t_ns"], kind="stable")], (_channel(bus, name),))
     return logs
+
+
+def _channel(bus: object, name: str) -> str:
+    return getattr(bus, "channel", "") or name
 
 
 def write_bus_logs(

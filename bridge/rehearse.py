@@ -35,6 +35,8 @@ IN_PROCESS = "virtual"
 PATIENCE, LOOK = 60.0, 0.05
 #: s; an event that comes later than that puts off those after it.
 LATE = 0.1
+#: s after the end; Zenoh stands by a connection that nobody answers any more for 10 s.
+ENDING = 20.0
 #: s from the last node's being ready to t = 0.
 LEAD = 0.5
 
@@ -205,7 +207,7 @@ class Rehearsal:
                     events = [replace(e, t=e.t + late) for e in events]
             self._look()
             progress(min(max(self.t, 0.0), length), length)
-            if self.t > length + 10.0:
+            if self.t > length + ENDING:
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
             next_ = events[0].t - self.t if events else LOOK
             sleep(min(LOOK, max(next_, 0.001)))

@@ -92,11 +92,11 @@ class Router:
                     if not command():
                         return
                 else:
-                    self._take(descriptor, now())
+                    self._take(descriptor, now)
             self._release(now)
 
-    def _take(self, descriptor: int, t_ns: int) -> None:
-        """All packets a host has sent."""
+    def _take(self, descriptor: int, now: Callable[[], int]) -> None:
+        """All packets a host has sent; each came when it is read, not before."""
         while True:
             try:
                 packet = os.read(descriptor, 65536)
@@ -106,7 +106,7 @@ class Router:
             source = self._hosts[descriptor]
             if target is None or target == source:
                 continue  # neither IPv4 nor to one of us
-            name = f"{source}>{target}"
+            t_ns, name = now(), f"{source}>{target}"
             delay, leaves = self.links[name].fate(t_ns, len(packet))
             row = self._recorded(t_ns, delay, name, packet)
             if leaves >= 0:

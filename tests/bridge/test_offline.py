@@ -87,3 +87,15 @@ def test_a_run_without_its_tables(tmp_path: Path):
         path.unlink()
     with pytest.raises(ScenarioError, match=r"no table of the link 'master_control\.xi->"):
         run_offline(system, run, replay.load(run / "nodes"))
+
+
+def test_clocks_that_differ(tmp_path: Path):
+    """A receiver whose clock is behind has samples before they were sent: by its clock."""
+    system = named("zenoh", "deploy.latency=false", "run.stop=1")
+    run = recorded(system, tmp_path)
+    rows = {name: r.copy() for name, r in replay.load(run / "nodes").items()}
+    rows["slave"]["inlets"]["held"] += 16
+    ages = write_tables(system, rows, run)
+    assert ages["master_control.xi->slave_control.xi_in[0]"].age_maximum == 0.0
+    with pytest.raises(ScenarioError, match=r"holds sample \d+, but \d+ samples are sent"):
+        run_offline(system, run, rows)

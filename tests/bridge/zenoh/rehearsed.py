@@ -1,15 +1,21 @@
-"""A rehearsal of a deployment over Zenoh as processes, and its replay."""
+"""A rehearsal of a deployment over Zenoh as processes, its run folder, and its replay."""
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Barrier, BrokenBarrierError
 from typing import Any
 
 from bridge import deploy, replay
-from bridge.rehearse import NODES, Ended, Event, Rehearsal, Settings
+from bridge.collect import write_tables, write_trajectories
+from bridge.outcome import deployed
+from bridge.rehearse import NODES, PATIENCE, Ended, Event, Rehearsal, Settings
 from bridge.system import System, load_system
 from bridge.wiring import Rows
+from cosim.record import write_metadata
+from cosim.simulate import metadata
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -50,11 +56,44 @@ def collect(system: System, ended: Ended, folder: Path) -> Rehearsed:
     """The journals of all lives, and the run again from them."""
     nodes = folder / NODES
     rows = replay.load(nodes)
+    write_trajectories(system, rows, folder)
+    write_tables(system, rows, folder)
+    write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, {}))
     again = folder / "again"
     again.mkdir()
     found = replay.replay(system, rows, again)
     reports = {p.stem: json.loads(p.read_text()) for p in nodes.glob("*.json")}
     return Rehearsed(system, ended, rows, reports, found)
+
+
+def together(waiting: Mapping[str, Rehearsal]) -> dict[str, Ended]:
+    """Run rehearsals side by side; none begins before all are ready: starting processes takes the
+    machine. Raises what the first that failed has raised.
+    """
+    ready = Barrier(len(waiting))
+    with ThreadPoolExecutor(len(waiting)) as pool:
+        ended = {name: pool.submit(_run, running, ready) for name, running in waiting.items()}
+    broken = [e.exception() for e in ended.values()]
+    for error in broken:
+        if error is not None and not isinstance(error, BrokenBarrierError):
+            raise error
+    return {name: e.result() for name, e in ended.items()}
+
+
+def _run(running: Rehearsal, ready: Barrier) -> Ended:
+    all_ready = running._all_ready
+
+    def everybody_ready() -> None:
+        all_ready()
+        ready.wait(PATIENCE)
+
+    running._all_ready = everybody_ready  # type: ignore[method-assign]
+    try:
+        with running:
+            return running.run()
+    except BaseException:
+        ready.abort()
+        raise
 
 
 def rehearse(scenario: str, deployment: str, changes: Sequence[str], folder: Path) -> Rehearsed:

@@ -1,0 +1,66 @@
+"""`cosim node` on two hosts, started by `cosim tell` on one of them: whose t = 0 is when?"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge import replay
+from bridge.relay.network import Network
+from bridge.system import load_system
+from tests.network.hosts import ARMS, Case, Site, settings
+
+SCENARIO = Path(__file__).parents[2] / "configs" / "teleoperation.toml"
+CALL = [sys.executable, "-c", "from cosim.cli import main; main()"]
+LATE = 0.2  # s, one way
+pytestmark = pytest.mark.slow
+
+
+def command(network: Network, host: str, what: str, *words: str) -> subprocess.Popen[str]:
+    call = [*CALL, what, str(SCENARIO), *words]
+    with network.inside(host):
+        return subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
+
+
+def ready(node: subprocess.Popen[str]) -> None:
+    assert node.stdout is not None
+    assert any("ready, waiting for NMT start" in line for line in iter(node.stdout.readline, ""))
+
+
+def started(network: Network, changes: Sequence[str], folder: Path) -> None:
+    """Both nodes to their end; the master's host tells them to start."""
+    said = ["--deploy", "zenoh", *(word for change in changes for word in ("--set", change))]
+    nodes = [
+        command(network, arm, "node", *said, "--node", arm, "--out", str(folder / arm))
+        for arm in ARMS
+    ]
+    for node in nodes:
+        ready(node)
+    teller = command(network, "master", "tell", *said[:2], "start", *said[2:])
+    for process in (*nodes, teller):
+        process.communicate(timeout=60.0)
+        assert process.returncode == 0
+
+
+def test_a_start_that_travels_shifts_clocks_by_what_it_took(tmp_path: Path):
+    """Further off in the slave, which hears of it later: as `docs/network.md` says."""
+    both = {"*": {"delay": {"law": "constant", "delay": f"{LATE} s"}}}
+    with Network(ARMS, tmp_path / "packets", both) as network:
+        changes = ['run.stop="2 s"', *settings(Case(2.0), Site(network, None))]
+        started(network, changes, tmp_path)
+    system = load_system(SCENARIO, "zenoh", changes)
+    rows = {arm: replay.load(tmp_path / arm / "nodes")[arm] for arm in ARMS}
+    begun = [
+        json.loads((tmp_path / a / "nodes" / f"{a}.json").read_text())["start_ns"] for a in ARMS
+    ]
+    apart = (begun[1] - begun[0]) * 1e-9
+    assert apart == pytest.approx(LATE, abs=0.5 * LATE)
+    taken = {a: np.median(rows[a]["inlets"]["transit_ns"][1000:]) * 1e-9 for a in ARMS}
+    assert taken["slave"] == pytest.approx(LATE - apart, abs=0.3 * LATE)
+    assert taken["master"] == pytest.approx(LATE + apart, abs=0.3 * LATE)
+    found = replay.replay(system, rows, tmp_path)
+    assert (found.greatest, found.first, found.alone) == (0.0, None, ())

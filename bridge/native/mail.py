@@ -10,7 +10,6 @@ from functools import lru_cache
 from bridge.native.frame import Frame, Ring, RingStruct
 from bridge.native.library import library, library_path
 
-
 _ASLEEP = 2
 
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from bridge.deploy import Deployment
     from bridge.system import System
     from bridge.zenoh.ping import Floats, Pinged
 
@@ -42,9 +41,9 @@ def ping(
     bus = _bus(system)
     here, there = _pair(system, bus, as_, to)
     if echo:
-        _echo(system.deployment, bus, there, here)
+        _echo(system, bus, there, here)
         return
-    with _Ends(system.deployment, bus, here, there, local=local) as ends:
+    with _Ends(system, bus, here, there, local=local) as ends:
         found = measuring.ping(
             ends.session, ends.names, here, there, n=count, period=period,
             reliability=ends.reliability,
@@ -94,21 +93,23 @@ def _pair(system: System, bus: str, here: str, there: str) -> tuple[str, str]:
 class _Ends:
     """The session of the pinging node, with an echo in this process if `local`."""
 
-    def __init__(self, d: Deployment, bus: str, here: str, there: str, *, local: bool) -> None:
+    def __init__(self, system: System, bus: str, here: str, there: str, *, local: bool) -> None:
+        from bridge.zenoh.attach import rules_of
         from bridge.zenoh.names import names_of
         from bridge.zenoh.options import options_of
         from bridge.zenoh.session import configure, open_session
 
+        d, rules = system.deployment, rules_of(system, bus)
         self.names = names_of(d, bus)
         options = options_of(d, bus, here)
         self.reliability = options.reliability
-        self.session = open_session(configure(options, here), bus)
+        self.session = open_session(configure(options, here, rules), bus)
         self._other = None
         if local:
             from bridge.zenoh.ping import Echo
 
             far = options_of(d, bus, there)
-            self._other = open_session(configure(far, there), bus)
+            self._other = open_session(configure(far, there, rules), bus)
             self._echo = Echo(self._other, self.names, there, here, far.reliability)
 
     def __enter__(self) -> _Ends:
@@ -120,11 +121,11 @@ class _Ends:
                 session.close()  # type: ignore[no-untyped-call]
 
 
-def _echo(d: Deployment, bus: str, node: str, other: str) -> None:
+def _echo(system: System, bus: str, node: str, other: str) -> None:
     from bridge.zenoh.ping import Echo
     from cosim.clock import sleep
 
-    with _Ends(d, bus, node, other, local=False) as ends:
+    with _Ends(system, bus, node, other, local=False) as ends:
         Echo(ends.session, ends.names, node, other, ends.reliability)
         typer.echo(f"{node} answers {other}; Ctrl-C ends it", err=True)
         try:

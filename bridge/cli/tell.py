@@ -12,6 +12,9 @@ import typer
 if TYPE_CHECKING:
     from bridge.system import System
 
+#: s; what `options.wait` of the bus is here where nodes do not wait for each other.
+PATIENCE = 3.0
+
 
 def tell(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
@@ -27,7 +30,10 @@ def tell(
         list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
     ] = None,
 ) -> None:
-    """Give a command to the nodes of a deployment, or ask them; prints what they answer."""
+    """Give a command to the nodes of a deployment, or ask them; prints what they answer.
+
+    A command waits until all nodes it is for are there (`options.wait`); a stop does not.
+    """
     from bridge.system import load_system
     from cosim.errors import ScenarioError
 
@@ -45,20 +51,26 @@ def tell(
 def _tell(
     system: System, bus: str, what: str, nodes: Sequence[str], name: str, *, every: bool
 ) -> None:
+    from bridge.zenoh.attach import rules_of
     from bridge.zenoh.names import names_of
     from bridge.zenoh.options import options_of
+    from bridge.zenoh.presence import Presence
     from bridge.zenoh.remote import READ, ask, command
     from bridge.zenoh.session import configure, open_session
 
     d = system.deployment
     names, nmt = names_of(d, bus), system.services[bus].nmt
-    session = open_session(configure(options_of(d, bus, name), name), bus)
+    options, number = options_of(d, bus, name), 0 if every else d.nodes[nodes[0]].number
+    session = open_session(configure(options, name, rules_of(system, bus)), bus)
     try:
         if what in READ:
             found = {n: ask(session, names, n, what) for n in nodes}
             typer.echo(json.dumps(found, indent=2))
         else:
             assert nmt is not None  # a Zenoh bus has one
-            command(session, names, nmt, what, 0 if every else d.nodes[nodes[0]].number)
+            if what == "stop":  # those it reaches already
+                command(session, names, nmt, what, number)
+            Presence(session, names, name).wait(nodes, {}, options.wait or PATIENCE)
+            command(session, names, nmt, what, number)
     finally:
         session.close()  # type: ignore[no-untyped-call]

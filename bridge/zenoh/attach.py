@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from bridge.journal import Journal
 from bridge.routes import gateways
 from bridge.system import System
 from bridge.zenoh.access import access_control
 from bridge.zenoh.channel import Traffic, ZenohAttachment
-from bridge.zenoh.names import Names, names_of
+from bridge.zenoh.names import names_of
 from bridge.zenoh.options import options_of
 
 
@@ -42,18 +44,23 @@ def traffic_of(system: System, bus: str, node: str) -> Traffic:
     return Traffic(node, publishes, hears, peers, awaited)
 
 
+def rules_of(system: System, bus: str) -> Mapping[str, object]:
+    """Who may say what on a bus: of every session on it, where its file wants rules."""
+    nodes = [n for n in system.deployment.nodes if bus in system.buses_of(n)]
+    names = names_of(system.deployment, bus)
+    return access_control(names, nodes, gateways=gateways(system.deployment))
+
+
 def open_bus(
     system: System, bus: str, node: str, *, number: int = 0, log: Journal | None = None
 ) -> ZenohAttachment:
     """Open a node's session on a Zenoh bus. Raises ScenarioError, BusError."""
-    names: Names = names_of(system.deployment, bus)
-    nodes = [n for n in system.deployment.nodes if bus in system.buses_of(n)]
     return ZenohAttachment(
         bus,
-        names,
+        names_of(system.deployment, bus),
         traffic_of(system, bus, node),
         options_of(system.deployment, bus, node),
         number=number,
         log=log,
-        access=access_control(names, nodes, gateways=gateways(system.deployment)),
+        access=rules_of(system, bus),
     )

@@ -18,8 +18,8 @@ from bridge.native.bus import Traffic, traffic_add
 from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import bringer, keep_thread
 from bridge.system import System
-from bridge.zenoh.access import MONITOR, access_control
-from bridge.zenoh.attach import traffic_of
+from bridge.zenoh.access import MONITOR
+from bridge.zenoh.attach import rules_of, traffic_of
 from bridge.zenoh.names import Names, names_of
 from bridge.zenoh.options import Options, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
@@ -34,7 +34,8 @@ CAPACITY = 8192
 class ZenohEar:
     """A session of its own that hears what nodes say on a bus.
 
-    `says`: keys and numbers of frames, by node. Raises ScenarioError, BusError.
+    `says`: keys and numbers of frames, by node; `rules`: who may say what. Raises ScenarioError,
+    BusError.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class ZenohEar:
         names: Names,
         says: Mapping[str, Mapping[str, int]],
         options: Options,
+        rules: Mapping[str, object],
         who: str = MONITOR,
     ) -> None:
         self._says, self._options = says, options
@@ -51,7 +53,7 @@ class ZenohEar:
         self._beating: set[str] = set()
         self._ring = Ring(CAPACITY)
         self.traffic = Traffic()
-        self.session = open_session(_configured(options, who, names, says), bus)
+        self.session = open_session(_configured(options, who, rules), bus)
         self.presence = Presence(self.session, names, "")  # it declares no token
         self._first = [self._subscribe(beats[n], number) for number, n in self._beats.items()]
         self._messages: dict[str, list[zenoh.Subscriber[None]]] = {}
@@ -131,14 +133,12 @@ def open_ear(system: System, bus: str, connect: Sequence[str] = (), who: str = M
         check_endpoint(endpoint, "--connect", insecure=options.insecure)
     where = tuple(connect) or endpoints_of(d, bus)
     options = replace(options, listen=(), connect=where)
-    return ZenohEar(bus, names, says, options, who)
+    return ZenohEar(bus, names, says, options, rules_of(system, bus), who)
 
 
-def _configured(
-    options: Options, who: str, names: Names, nodes: Mapping[str, object]
-) -> zenoh.Config:
+def _configured(options: Options, who: str, rules: Mapping[str, object]) -> zenoh.Config:
     """Listens nowhere; a peer also of routers, since a client waits for one before it opens."""
-    config = configure(options, who, access_control(names, nodes))
+    config = configure(options, who, rules)
     config.insert_json5("mode", '"peer"')
     config.insert_json5("listen/endpoints", "[]")
     scouts = json.loads(config.get_json("scouting/multicast/enabled"))

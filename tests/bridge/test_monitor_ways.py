@@ -5,8 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import typer
+from typer.testing import CliRunner
+
 from bridge.attach import can_spec
 from bridge.can.interface import attach
+from bridge.cli.ping import ping
+from bridge.cli.tell import tell
 from bridge.listen import Listener
 from bridge.listened import view
 from bridge.native.frame import Frame
@@ -48,18 +53,22 @@ def test_through_a_router(tmp_path: Path):
         router.close()
 
 
-def test_by_a_certificate_that_may_hear_and_not_speak(tmp_path: Path):
-    make_keys(tmp_path, [*ARMS, "monitor"])
+def secured(folder: Path) -> list[str]:
+    """Settings: certificates in a folder, and the rules that go with them."""
+    make_keys(folder, [*ARMS, "monitor", "operator"])
     ports = free_ports(2)
-    settings = [
+    return [
         f'deploy.buses.net.zenoh="{CONFIGS / "zenoh" / "secure.json5"}"',
-        f'deploy.buses.net.options.keys="{tmp_path}"',
+        f'deploy.buses.net.options.keys="{folder}"',
         *(
             f'deploy.buses.net.options.listen.{arm}="tls/127.0.0.1:{port}"'
             for arm, port in zip(ARMS, ports, strict=True)
         ),
     ]
-    system = loaded(*settings)
+
+
+def test_by_a_certificate_that_may_hear_and_not_speak(tmp_path: Path):
+    system = loaded(*secured(tmp_path))
     master, slave = (open_bus(system, "net", arm) for arm in ARMS)
     master.wait_for_peers()
     with Listener(system) as listener:
@@ -92,6 +101,30 @@ def test_by_a_certificate_that_may_hear_and_not_speak(tmp_path: Path):
     assert slave.presence.there == {"master"}
     for closed in (session, master, slave):
         closed.close()
+
+
+def test_an_operator_and_pings_with_certificates(tmp_path: Path):
+    app, settings = typer.Typer(), secured(tmp_path)
+    app.command()(tell)
+    app.command()(ping)
+    said = ["--deploy", "zenoh", *(x for text in settings for x in ("--set", text))]
+    scenario = str(CONFIGS / "teleoperation.toml")
+
+    def call(*arguments: str) -> str:
+        done = CliRunner().invoke(app, [*arguments, *said], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    out = ("--count", "10", "--no-predict", "--out", str(tmp_path / "ping"))
+    assert "10 pings" in call("ping", scenario, "--local", *out)
+    system = loaded(*settings)
+    master, slave = (open_bus(system, "net", arm) for arm in ARMS)
+    nmt = system.services["net"].nmt
+    assert nmt is not None
+    call("tell", scenario, "arm")
+    until(lambda: nmt.message.id in [f.id for f in master.bus.drain()])
+    for end in (master, slave):
+        end.close()
 
 
 def test_can_and_zenoh_beside_each_other(tmp_path: Path, request):

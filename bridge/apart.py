@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from bridge.deploy import ApartSpec, Deployment
 from bridge.native import node as native
+from cosim.convert import number
 from cosim.errors import ScenarioError
-from cosim.scenario import number
 
 if TYPE_CHECKING:
     from bridge.system import Carried

@@ -31,8 +31,9 @@ import msgspec
 from bridge.fault_script import FaultScript
 from bridge.faults import load
 from bridge.native.safety import Why
+from cosim.convert import convert
 from cosim.errors import ScenarioError
-from cosim.scenario import convert, read_document
+from cosim.scenario import read_document
 
 #: Reasons a node can have stopped for, and counters of a receiver, by their names here.
 REASONS = tuple((why.name or "").lower() for why in Why)

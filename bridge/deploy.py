@@ -12,8 +12,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
+from cosim.convert import Number, convert, number
 from cosim.errors import ScenarioError
-from cosim.scenario import Number, convert, number, read_document
+from cosim.scenario import read_document
 from cosim.settings import change
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from cosim.scenario import Number
+from cosim.convert import Number
 
 Names = str | tuple[str, ...]
 Range = Number | tuple[Number, Number]

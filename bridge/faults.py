@@ -34,8 +34,9 @@ from bridge.fault_specs import (
     Spec,
     SyncLossSpec,
 )
+from cosim.convert import Number, convert, number
 from cosim.errors import ScenarioError
-from cosim.scenario import Number, convert, number, read_document
+from cosim.scenario import read_document
 
 #: s between two draws of a network's delay.
 HOLD = 0.03

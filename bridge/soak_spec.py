@@ -28,8 +28,9 @@ import numpy as np
 
 from bridge.fault_specs import SPECS
 from bridge.system import System
+from cosim.convert import Number, convert, number
 from cosim.errors import ScenarioError
-from cosim.scenario import Number, convert, number, read_document
+from cosim.scenario import read_document
 
 #: Kinds a soak can draw, and what it says itself of each.
 FRAMES = ("drop", "burst", "corrupt", "duplicate", "reorder", "delay", "jitter")

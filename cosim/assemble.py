@@ -11,11 +11,12 @@ from typing import Any
 
 from cosim import connect
 from cosim.component import Component, Parameter, Port
+from cosim.convert import numbers
 from cosim.errors import FmuError, PlanError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.models import load_component
 from cosim.plan import Plan, Slot, Step, compile_plan
-from cosim.scenario import ComponentSpec, Scenario, numbers
+from cosim.scenario import ComponentSpec, Scenario
 
 
 def assemble(scenario: Scenario) -> Plan:

@@ -12,10 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from cosim.convert import numbers
 from cosim.errors import ScenarioError, UnitError
 from cosim.fmi import FmuComponent
 from cosim.plan import Link, Player, Slot, Step, Wire
-from cosim.scenario import LinkSpec, Scenario, WireSpec, numbers
+from cosim.scenario import LinkSpec, Scenario, WireSpec
 from cosim.units import Unit, conversion
 
 if TYPE_CHECKING:

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from cosim.component import Component, Kind, Parameter, Port
+from cosim.convert import number
 from cosim.errors import CosimError, FmuError, ScenarioError
 from cosim.failures import sentence
 from cosim.fmi import FmuComponent, Options
 from cosim.fmi.options import PATIENCE
-from cosim.scenario import ComponentSpec, number
+from cosim.scenario import ComponentSpec
 
 if TYPE_CHECKING:
     from types import ModuleType

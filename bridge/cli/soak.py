@@ -57,7 +57,7 @@ def soak(
     from bridge import soak_table
     from bridge.soak_drive import SUMMARY, count
     from cosim.cli.show import aligned
-    from cosim.scenario import number
+    from cosim.convert import number
 
     seconds = number(run, "s", "--run")
     job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)

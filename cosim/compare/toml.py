@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cosim.connect import unknown
+from cosim.convert import number
 from cosim.errors import ScenarioError
-from cosim.scenario import number
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:

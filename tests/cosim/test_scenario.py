@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.convert import numbers
 from cosim.errors import CosimError, ScenarioError
-from cosim.scenario import build, load, numbers
+from cosim.scenario import build, load
 
 TEXT = """
 title = "A loop"

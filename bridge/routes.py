@@ -99,6 +99,9 @@ def _check(d: Deployment, name: str, chain: Sequence[str]) -> None:
         text = f"no node {m.by!r}" if m.by else f"says no node that forwards {of}"
         nodes = ", ".join(sorted(d.nodes))
         raise ScenarioError(f"{text}; expected one of {nodes}", d.place("messages", name, "by"))
+    if m.by == _sender(d, of):
+        text = f"{m.by} sends {of} itself; expected another node (a message may carry it as well)"
+        raise ScenarioError(text, d.place("messages", name, "by"))
     if m.period is not None:
         text = f"has a period, but comes when {of} comes; expected none"
         raise ScenarioError(text, d.place("messages", name, "period"))
@@ -107,6 +110,14 @@ def _check(d: Deployment, name: str, chain: Sequence[str]) -> None:
         way = " -> ".join([*reversed(before), m.bus])
         text = f"{of} has been on bus {m.bus} already ({way}); expected another bus"
         raise ScenarioError(text, d.place("messages", name, "bus"))
+
+
+def _sender(d: Deployment, message: str) -> str:
+    """The node that sends it; none: ""."""
+    m = d.messages[message]
+    component = next(iter(m.carries), "").partition(".")[0]
+    homes = (name for name, node in d.nodes.items() if component in node.components)
+    return m.by or next(homes, "")
 
 
 def _forward(

@@ -131,6 +131,8 @@ MASTER = ("messages", "xi_master")
          "no node 'gate'; expected one of left_gateway", "messages.xi_master.by"),
         (put(*MASTER, "by", value=""),
          "says no node that forwards LINK_2; expected one of", "messages.xi_master.by"),
+        (put(*MASTER, "by", value="master_control"),
+         "master_control sends LINK_2 itself; expected another node", "messages.xi_master.by"),
         (put("messages", "LINK_2", "by", value="left_gateway"),
          "says who forwards it (left_gateway), but not what", "messages.LINK_2.by"),
         (put(*MASTER, "bus", value="left"),

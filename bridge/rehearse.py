@@ -150,7 +150,7 @@ class Rehearsal:
         for process in self.current.values():
             process.tell("start", start_ns=self.ended.start_ns)
         try:
-            with _terminated():
+            with terminated():
                 self._watch(progress)
         except KeyboardInterrupt:
             self.stop()
@@ -280,8 +280,8 @@ def _revived(events: Sequence[Event], length: float) -> bool:
 
 
 @contextmanager
-def _terminated() -> Iterator[None]:
-    """SIGTERM is a Ctrl-C, where this thread may say so."""
+def terminated() -> Iterator[None]:
+    """SIGTERM is a Ctrl-C, where this thread may say so: nothing is left running."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

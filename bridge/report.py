@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bridge.can.health import WRONG
 from bridge.can.load import of_rows
 from bridge.can.log import FrameLog
 from bridge.can.timing import BusTiming
@@ -199,14 +200,7 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
 
 def _health(health: Mapping[str, Any]) -> str:
     """What was wrong with a bus, in words; nothing: ""."""
-    words = {
-        "send_failed": "not sent",
-        "overruns": "lost on the way in",
-        "error_frames": "error frames",
-        "restarts": "restarts",
-        "log_dropped": "not logged",
-    }
-    said = [f"{health[key]} {text}" for key, text in words.items() if health.get(key)]
+    said = [f"{health[key]} {text}" for key, text in WRONG.items() if health.get(key)]
     state = int(health.get("state", 0))
     if state:
         said.insert(0, f"at the end {BusState(state).name.lower()}")

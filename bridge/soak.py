@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 import signal
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from bridge.faults import build
 from bridge.hosts import Hosts, groups, settings
 from bridge.judge import Judged
 from bridge.outcome import Outcome, complete
-from bridge.rehearse import NODES, Node, Rehearsal, Settings
+from bridge.rehearse import NODES, Node, Rehearsal, Settings, terminated
 from bridge.soak_spec import Soak, draw, text
 from bridge.system import System, load_system
 from bridge.wiring import Rows
@@ -84,7 +84,7 @@ def perform(job: Job, k: int) -> Row:
     cells: dict[str, Any] = {"faults": "", "zenoh": Path(job.soak.zenoh(job.seed, k)).stem}
     measures: dict[str, float] = {}
     try:
-        with _terminated(), np.errstate(all="ignore"):
+        with terminated(), np.errstate(all="ignore"):
             done = _run(job, k, folder)
             measures = _measures(job, done)
             failures = list(_failures(job, done, measures))
@@ -99,20 +99,6 @@ def perform(job: Job, k: int) -> Row:
     return Row(
         name, cells, job.changes, not failures, "; ".join(failures), wall=watch(), measures=measures
     )
-
-
-@contextmanager
-def _terminated() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: namespaces and processes go with it."""
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _run(job: Job, k: int, folder: Path) -> _Done:

@@ -8,6 +8,15 @@ from pathlib import Path
 
 from bridge.native.bus import Bus, Rate, State
 
+#: What may be wrong with a bus, in words, by the count that tells it.
+WRONG = {
+    "send_failed": "not sent",
+    "overruns": "lost on the way in",
+    "error_frames": "error frames",
+    "restarts": "restarts",
+    "log_dropped": "not logged",
+}
+
 
 @dataclass(frozen=True)
 class InterfaceCounters:
@@ -55,14 +64,7 @@ class BusHealth:
 
     def sentence(self) -> str:
         """State and what is wrong, in words."""
-        counted = {
-            "not sent": self.send_failed,
-            "lost on the way in": self.overruns,
-            "error frames": self.error_frames,
-            "restarts": self.restarts,
-            "not logged": self.log_dropped,
-        }
-        wrong = [f"{n} {what}" for what, n in counted.items() if n]
+        wrong = [f"{n} {what}" for key, what in WRONG.items() if (n := getattr(self, key))]
         reason = [self.last_error] if self.last_error else []
         state = self.state.name.lower()
         return f"{self.name}: {', '.join([state, *wrong, *reason])}"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bridge import lockstep, preflight, replay
+from bridge.zenoh.attach import rules_of
 from cosim.errors import CosimError
 from tests.bridge.deployments import CONFIGS, SHORT, document, named, run_twin, signal, system_of
 
@@ -70,6 +71,16 @@ def test_loads_of_both_buses_contain_what_is_forwarded():
     assert ("right", "XI_2", "right_gateway") in sent
     assert ("left", "HEARTBEAT_5", "left_gateway") in sent
     assert not [f for f in preflight.check(system) if f.severity != "note"]
+
+
+def test_gateways_may_pass_on_commands_where_nodes_have_certificates():
+    rules = rules_of(named("gateway"), "net")["rules"]
+    nmt = [
+        r["id"] for r in rules if "teleoperation/nmt" in r["key_exprs"] and "put" in r["messages"]
+    ]
+    assert nmt == ["left_gateway passes on", "right_gateway passes on", "operator says"]
+    plain = rules_of(named("mixed"), "net")["rules"]
+    assert not [r for r in plain if "passes on" in r["id"]]
 
 
 def test_a_stamp_that_turns_sooner_than_a_network_is_slow_is_warned_of(tmp_path):

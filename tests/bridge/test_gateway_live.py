@@ -12,6 +12,7 @@ import pytest
 from bridge.native.frame import Frame
 from bridge.native.message import Header
 from bridge.native.safety import State, Status, Why
+from cosim.clock import monotonic_ns
 from tests.bridge.deployments import named
 from tests.bridge.gates import SAMPLE, Gate
 
@@ -46,6 +47,14 @@ def test_what_comes_late_keeps_its_number(gate):
     ((values, header),) = gate.heard("XI_4")
     assert values == [0.5, 1.5] and header.counter == 262 % 256
     assert header.t_us == 262 * 5000 + 500
+
+
+def test_a_stamp_ahead_of_the_clock_waits_for_no_slot(gate):
+    carried, number = gate.system.messages["LINK_2"], 400
+    header = Header(number, SAMPLE, number * 5000 + 500)
+    frame = carried.encoding.frame([0, 0, 8, 8], header, monotonic_ns() + 100_000_000)
+    gate.rings["left"][0].put(frame)
+    assert [values for values, _ in gate.heard("xi_master")] == [[8, 8]]
 
 
 def test_what_is_refused_does_not_go_on(gate):

@@ -186,7 +186,7 @@ class _Zenoh(_Others):
     `threads`: of Zenoh itself, as our sessions have them.
     """
 
-    def __init__(self, near: bool, ports: list[int], direct: bool, threads: bool = False) -> None:
+    def __init__(self, near: bool, ports: list[int], direct: bool, threads: bool) -> None:
         super().__init__()
         config = configure(where(near, ports), "end")
         self.session = open_session(config, "net") if threads else zenoh.open(config)
@@ -269,20 +269,31 @@ class _ZeroMQ(_Others):
 
 # ---- a process -----------------------------------------------------------------------------------
 
-KINDS: dict[str, Callable[[bool, list[int], str], End]] = {
-    "ours": lambda near, ports, path: _Ours(near, ports, tick_library(path)),
-    "zenoh, default call-back": lambda near, ports, path: _Zenoh(near, ports, direct=False),
-    "zenoh, direct call-back": lambda near, ports, path: _Zenoh(near, ports, direct=True),
-    "zenoh, default, our threads": lambda near, ports, path: _Zenoh(near, ports, False, True),
-    "udp": lambda near, ports, path: _Udp(near, ports),
-    "zeromq": lambda near, ports, path: _ZeroMQ(near, ports),
-}
+#: All of Zenoh in one thread: what README says of it.
+ONE = "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx))"
+
+
+def make(kind: str, near: bool, ports: list[int], path: str) -> End:
+    """The end of a kind."""
+    if kind == "ours, all of Zenoh in one thread":
+        os.environ["ZENOH_RUNTIME"] = ONE
+    if kind.startswith("ours"):
+        return _Ours(near, ports, tick_library(path))
+    if kind.startswith("zenoh"):
+        return _Zenoh(near, ports, "direct" in kind, "our threads" in kind)
+    return _Udp(near, ports) if kind == "udp" else _ZeroMQ(near, ports)
+
+
+KINDS = (
+    "ours", "ours, all of Zenoh in one thread", "zenoh, default call-back",
+    "zenoh, direct call-back", "zenoh, default, our threads", "udp", "zeromq",
+)  # fmt: skip
 
 
 def main() -> None:
     kind, side, path, priority, *ports = sys.argv[1:]
     prefer(int(priority))
-    obey(KINDS[kind](side == "near", [int(port) for port in ports], path))
+    obey(make(kind, side == "near", [int(port) for port in ports], path))
 
 
 if __name__ == "__main__":

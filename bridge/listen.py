@@ -15,6 +15,7 @@ from bridge.attach import can_spec
 from bridge.can import interface
 from bridge.can.interface import Attachment
 from bridge.can.socket import BusError
+from bridge.deploy import BusSpec, Deployment
 from bridge.heard import Beat, Heard
 from bridge.native.bus import Traffic
 from bridge.native.frame import Frame
@@ -62,13 +63,19 @@ class CanEar:
 
 @final
 class Listener:
-    """All buses of a system, open for listening.
+    """Buses of a system, open for listening: `only` these, or all.
 
     `connect`: endpoints of Zenoh other than the deployment's; `who`: name of the certificate.
     Raises ScenarioError, BusError where a bus cannot be opened.
     """
 
-    def __init__(self, system: System, connect: Sequence[str] = (), who: str = WHO) -> None:
+    def __init__(
+        self,
+        system: System,
+        connect: Sequence[str] = (),
+        who: str = WHO,
+        only: Sequence[str] = (),
+    ) -> None:
         self.system = system
         self.beats: dict[str, Beat] = {}
         self.heard: dict[str, Heard] = {}
@@ -76,9 +83,7 @@ class Listener:
         self.nets: dict[str, ZenohEar] = {}
         self.new_ns = 0
         """When a message was last listened to that was not before, monotonic; 0: from the start."""
-        buses = system.deployment.buses
-        if not buses:
-            raise ScenarioError("no bus to listen to", str(system.deployment.path))
+        buses = _wanted(system.deployment, only)
         self._by_bus: dict[str, dict[int, Beat | Heard]] = {name: {} for name in buses}
         self.unknown: dict[str, int] = dict.fromkeys(buses, 0)
         for name in buses:
@@ -136,7 +141,9 @@ class Listener:
         """A node has begun a new life, and its messages with it."""
         node = next(n for n, b in self.beats.items() if b is beat)
         for heard in self.heard.values():
-            if heard.carried.node == node:
+            forward = heard.carried.forward
+            first = self.system.messages[forward.origin] if forward else heard.carried
+            if first.node == node:
                 heard.renew()
 
     def there(self, node: str) -> bool | None:
@@ -153,6 +160,16 @@ class Listener:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _wanted(d: Deployment, only: Sequence[str]) -> dict[str, BusSpec]:
+    for name in only:
+        if name not in d.buses:
+            raise ScenarioError(f"no bus {name!r}; there are: {', '.join(d.buses)}", str(d.path))
+    found = {name: bus for name, bus in d.buses.items() if not only or name in only}
+    if not found:
+        raise ScenarioError("no bus to listen to", str(d.path))
+    return found
 
 
 def _zenoh(system: System, bus: str, connect: Sequence[str], who: str) -> ZenohEar:

@@ -41,8 +41,7 @@ def _tables(
         Table("buses", ("bus", "frames/s", "load", ""),
               [_bus_row(listener, n, now_ns) for n in listener.ears]),
         _metrics(*metrics),
-        Table("signals", ("signal", "unit", "values"),
-              [row for h in listener.heard.values() for row in _signal_rows(h)]),
+        _signals([*listener.heard.values()]),
     ]  # fmt: skip
     return [table for table in found if table.rows]
 
@@ -110,13 +109,16 @@ def _without(h: Heard) -> str:
     return f" ({', '.join(bad)})" if bad else ""
 
 
-def _signal_rows(h: Heard) -> list[tuple[str, ...]]:
-    first = 0
-    rows: list[tuple[str, ...]] = []
-    for part in h.carried.outlet.parts:
-        rows.append((part.name, part.unit, values(h.values[first : first + part.size].tolist())))
-        first += part.size
-    return rows
+def _signals(heard: list[Heard]) -> Table:
+    """Newest values; of a signal that several messages carry, those of the last one."""
+    rows: dict[str, tuple[str, ...]] = {}
+    for h in (*heard, *sorted(heard, key=lambda h: h.t_ns)):  # the first time for their order
+        first = 0
+        for part in h.carried.outlet.parts:
+            found = h.values[first : first + part.size].tolist()
+            rows[part.name] = (part.name, part.unit, values(found))
+            first += part.size
+    return Table("signals", ("signal", "unit", "values"), [*rows.values()])
 
 
 def _ago(t_ns: int, now_ns: int) -> str:

@@ -66,6 +66,10 @@ def monitor(
             help="Of Zenoh, with --listen: not where the deployment's nodes are.",
         ),
     ] = None,
+    bus: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Only this bus, with --listen; all if not said."),
+    ] = None,
     as_: Annotated[
         str, typer.Option("--as", help="Name of the certificate, with --listen, if there are any.")
     ] = "monitor",
@@ -90,7 +94,8 @@ def monitor(
         _refuse({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
                  "--plot": plot, "a run folder": run})  # fmt: skip
         buses = (interface, channel or [], bitrate, data_bitrate, fd)
-        _listen(_system(scenario, deploy, buses, set_ or []), once, connect or [], as_)
+        system = _system(scenario, deploy, buses, set_ or [])
+        _listen(system, once, connect or [], as_, bus or [])
         return
     folder = run or find_run(Path("runs"))
     if goes_on(folder):
@@ -161,7 +166,7 @@ def _behind(*, wakes: bool = False) -> None:
         os.nice(10)
 
 
-def _listen(system: System, once: bool, connect: list[str], who: str) -> None:
+def _listen(system: System, once: bool, connect: list[str], who: str, only: list[str]) -> None:
     """On the buses, until Ctrl-C; once: a little more than a second from the last one heard of."""
     from bridge.heard import SPAN_NS
     from bridge.listen import Listener
@@ -170,7 +175,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str) -> None:
 
     _behind(wakes=True)
     with (
-        Listener(system, connect, who) as listener,
+        Listener(system, connect, who, only) as listener,
         suppress(KeyboardInterrupt),
         ExitStack() as stack,
     ):

@@ -157,5 +157,7 @@ def test_can_and_zenoh_beside_each_other(tmp_path: Path, request):
         sync = next(text for text in shown.splitlines() if "sync error" in text)
         assert abs(float(sync.split()[-2]) - 0.5) < 1e-3
         assert "others" in shown and "master.tau_h" in shown  # on no bus
+    with Listener(system, only=["net"]) as listener:
+        assert [*listener.ears] == ["net"] and [*listener.heard] == ["xi_master", "xi_slave"]
     for end in (arm, other, control):
         end.close()

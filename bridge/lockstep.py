@@ -18,6 +18,7 @@ from bridge.native import lockstep as native
 from bridge.native import node as nodes
 from bridge.native.bus import Bus, BusStruct, Kind
 from bridge.native.frame import Frame, Ring
+from bridge.routes import gateways
 from bridge.system import System
 from bridge.wiring import Wired
 from cosim.errors import ScenarioError
@@ -39,6 +40,9 @@ def wanted(system: System) -> bool:
             "to be Zenoh with lockstep = true",
             d.place("buses"),
         )
+    if asked and (found := sorted(gateways(d))):
+        text = f"lock-step has no gateways, and {found[0]} is one; expected nodes with components"
+        raise ScenarioError(text, d.place("nodes", found[0]))
     if asked and d.sync:
         raise ScenarioError("lock-step has no SYNC", d.place("sync"))
     return bool(asked)

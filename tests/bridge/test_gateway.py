@@ -230,6 +230,14 @@ def test_replay_knows_what_every_codec_on_the_way_does(tmp_path):
     assert exact(system, rows, tmp_path)
 
 
-def test_lock_step_has_no_gateways():
+def test_lock_step_has_no_gateways(tmp_path):
     with pytest.raises(CosimError, match="expected all buses to be Zenoh"):
         lockstep.wanted(named("gateway", "deploy.buses.net.options.lockstep=true"))
+    found = document("zenoh")
+    found["buses"]["far"] = {"kind": "zenoh"}
+    found["nodes"]["gate"] = {"number": 3}
+    found["messages"]["on"] = {"bus": "far", "forwards": "xi_master", "by": "gate"}
+    for bus in found["buses"].values():
+        bus.setdefault("options", {})["lockstep"] = True
+    with pytest.raises(CosimError, match="lock-step has no gateways, and gate is one"):
+        lockstep.wanted(system_of(found, tmp_path))

@@ -13,6 +13,7 @@ from bridge.native.frame import Frame
 from bridge.native.message import Header
 from bridge.native.safety import State, Status, Why
 from cosim.clock import monotonic_ns
+from tests.bridge.bench import until
 from tests.bridge.deployments import named
 from tests.bridge.gates import SAMPLE, Gate
 
@@ -101,6 +102,15 @@ def test_an_emergency_stop_goes_on_at_once(gate):
     time.sleep(0.1)
     assert len(gate.frames(estop, "left")) == 1
     assert gate.struct.slot == slot and gate.struct.life.now & Why.ESTOP
+
+
+def test_in_fault_it_forwards_still(tmp_path):
+    with Gate(named("gateway", "run.stop=1000"), "left_gateway", tmp_path) as gate:
+        gate.put("net", gate.system.services["net"].estop.frame([4, int(Why.ESTOP)], Header()))
+        until(lambda: gate.struct.life.state == State.FAULT)
+        gate.say("LINK_2", 60, [0, 0, 1, 1], State.FAULT | Status.SIMULATED)
+        ((_, header),) = gate.heard("xi_master")
+        assert header.status & 7 == State.FAULT  # its sender's
 
 
 def test_a_start_over_the_network_starts_the_island_behind_it(tmp_path):

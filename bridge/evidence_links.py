@@ -13,8 +13,8 @@ from bridge.relay.router import UDP
 from bridge.signs import SIGNS, Place, Shown
 from bridge.wiring import Rows
 
-#: Packets of samples below which a fault had nothing to act on.
-FEW = 5
+#: Packets of samples below which a fault had nothing to act on; some are of handshakes.
+FEW = {"net-delay": 20, "net-rate": 20, "net-loss": 5, "net-down": 5}
 #: s that count as held.
 HELD = 0.02
 #: Bytes of IPv4 and UDP, and of all that stands in a sample's payload besides its values.
@@ -50,7 +50,7 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
         for life, message in _receivers(link, first.t, t1, shown, network):
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
             acted, least = _acted(first.action, rows[rows["length"] >= size])
-            done = acted if acted >= FEW else 0
+            done = acted if acted >= FEW[first.action] else 0
             sign = _link_sign(first, t1, shown, life, message, least) if done else ""
             yield Place(f"{life} {message}", done, sign)
 

@@ -64,8 +64,11 @@ def settings(
 
 
 def listening(bus: str, node: str, to: str) -> str:
-    """The setting by which a node listens on ``ADDRESS:PORT``: TCP, and UDP for samples."""
-    both = f'["tcp/{to}?rel=1", "udp/{to}?rel=0"]'
+    """The setting by which a node listens on ``ADDRESS:PORT``: TCP, and UDP for samples.
+
+    Who connects goes on to UDP when TCP stands: declarations that go two ways may get lost.
+    """
+    both = f'["tcp/{to}?rel=1#exit_on_failure=true", "udp/{to}?rel=0"]'
     return f"deploy.buses.{bus}.options.listen.{node}={both}"
 
 

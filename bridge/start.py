@@ -6,6 +6,7 @@ needs; a node does not.
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any, cast
 
@@ -14,4 +15,7 @@ cast(dict[str, Any], sys.modules).setdefault("asammdf", None)
 from bridge.node import main  # noqa: E402
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    code = main(sys.argv[1:])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # all is written; threads of a library may hold a process at its end for seconds

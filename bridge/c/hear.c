@@ -147,6 +147,16 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
             delay_put(n->inlets[i].delay, j, sampled(r, j), t, r->values + n->inlets[i].first);
 }
 
+/* On a bus without protection all with its identifier is an emergency stop, whoever sends it. With
+ * protection a message of somebody else, which a network has delivered under this name, is none. */
+int32_t node_is_estop(const node_t *n, const frame_t *frame)
+{
+    double v[ESTOP_VALUES];
+    header_t header;
+    if (!n->estop || frame->id != n->estop->id) return 0;
+    return n->estop->e2e == E2E_NONE || message_decode(n->estop, frame, v, &header) == DECODE_OK;
+}
+
 /* An emergency stop. It reaches all that a gateway joins before this node has its next slot. */
 static void alarmed(node_t *n, int64_t t)
 {
@@ -237,7 +247,7 @@ static void dispatch(node_t *n, const frame_t *frame)
         sample(n, r, frame);
         return;
     }
-    if (n->estop && frame->id == n->estop->id) alarmed(n, t);
+    if (node_is_estop(n, frame)) alarmed(n, t);
     else if (n->nmt && frame->id == n->nmt->id) managed(n, frame);
     else if (n->sync && frame->id == n->sync->id) synced(n, frame, t);
     else if (!heartbeat(n, frame, t)) n->unknown++;

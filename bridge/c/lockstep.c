@@ -57,7 +57,7 @@ static int32_t gather(lockstep_t *l)
     frame_t frame;
     for (int32_t b = 0; b < l->node->n_buses; b++) {
         while (bus_receive(l->outside + b, &frame)) {
-            if (l->node->estop && frame.id == l->node->estop->id) l->node->quit = 1;
+            if (node_is_estop(l->node, &frame)) l->node->quit = 1;
             if (keep(l, &frame, b)) return LOCKSTEP_LOST;
             came++;
         }

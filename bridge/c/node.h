@@ -26,6 +26,7 @@ enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2, LIVE_FAULT
 /* Values of heartbeats and NMT, in this order. */
 enum { HEARTBEAT_LIFE, HEARTBEAT_WHY, HEARTBEAT_BOOTS, HEARTBEAT_ARMED, HEARTBEAT_VALUES };
 enum { NMT_COMMAND, NMT_NODE, NMT_VALUES };
+enum { ESTOP_NODE, ESTOP_REASONS, ESTOP_VALUES };
 enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
 
 /* Emergency stop of this node: none, to be obeyed, its own until RESET. */
@@ -232,6 +233,7 @@ void node_preview(node_t *n, int64_t now_ns);
 void node_sync(node_t *n, int64_t now_ns);
 void node_alarm(node_t *n, int64_t now_ns);
 void node_estop(node_t *n, int64_t now_ns);
+int32_t node_is_estop(const node_t *n, const frame_t *frame);
 /* Before the start, on the wall clock: heartbeats and previews, until START is obeyed. START is held
  * until 100 ms before start_ns and obeyed then, or in the 80 ms after it, as soon as required peers
  * are there, inputs with a `stop` were previewed, drives have watchdogs and positions are near each

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes as c
+import threading
 import time
 
 import numpy as np
@@ -9,12 +11,16 @@ import pytest
 
 from bridge.control import why
 from bridge.native import node as native
-from bridge.native.frame import Frame
+from bridge.native.bus import Bus
+from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import State, Status, Why
+from bridge.system import load_system
+from bridge.wiring import Wired
 from cosim.clock import monotonic_ns
 from cosim.errors import ScenarioError
 from tests.bridge.bench import Bench, until
+from tests.bridge.deployments import TELEOPERATION
 
 APART = 'deploy.nodes.master_control.apart={of="master.q",other="slave.q",within="0.1 rad"}'
 LAW = 'components.master_control.model="tests.bridge.laws:Law"'
@@ -223,3 +229,27 @@ def test_an_emergency_stop_before_the_start_keeps_it_from_starting(tmp_path):
         until(lambda: bench.struct.life.state == State.FAULT)
         start(bench)
         assert refused(bench) & Why.ESTOP
+
+
+def test_on_a_bus_with_protection_what_is_no_emergency_stop_is_none(tmp_path):
+    """A network may deliver a message under another one's name."""
+    system = load_system(TELEOPERATION, "zenoh", ["run.stop=1"])
+    beat = system.services["net"].heartbeats[system.deployment.nodes["slave"].number]
+    rx, tx = Ring(64), Ring(64)
+    buses = {"net": Bus.of_rings(rx, tx, 0)}
+    with Wired(system, "master", buses, tmp_path / "journal", native.WALL, boots=1) as wired:
+        node = wired.struct
+        live = threading.Thread(target=native.functions().node_live, args=(c.byref(node),))
+        live.start()
+        try:
+            number = system.services["net"].estop.message.id
+            rx.put(Frame.of(number, beat.encode([2, 0, 1, 1]), 0, monotonic_ns()))
+            until(lambda: node.unknown == 1)
+            assert node.life.reasons == 0
+            data = system.services["net"].estop.encode([2, Why.ESTOP])
+            rx.put(Frame.of(number, data, 0, monotonic_ns()))
+            until(lambda: node.life.state == State.FAULT)
+            assert node.life.reasons == Why.ESTOP
+        finally:
+            node.quit = 1
+            live.join()

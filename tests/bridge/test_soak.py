@@ -18,6 +18,7 @@ from bridge.journal import Journal
 from bridge.native import faults as native
 from bridge.native.faults import INJECTED
 from bridge.native.frame import Frame
+from bridge.native.safety import Why
 from bridge.relay import namespaces
 from bridge.relay.router import PACKET, TCP, UDP
 from bridge.signs import SIGNS, Shown
@@ -121,7 +122,8 @@ def test_nodes_find_each_other_by_the_addresses_of_their_hosts(system):
     addresses = {"master": "10.0.0.1", "slave": "10.0.0.2"}
     said = hosts.settings(system, hosts.groups(system), addresses, "")
     again = load_system(SCENARIO, "zenoh", said).deployment.buses["net"].options
-    assert again["listen"]["slave"] == ["tcp/10.0.0.2:7461?rel=1", "udp/10.0.0.2:7461?rel=0"]
+    tcp, udp = again["listen"]["slave"]
+    assert tcp.startswith("tcp/10.0.0.2:7461?rel=1") and udp == "udp/10.0.0.2:7461?rel=0"
     assert again["insecure"]
     fixed = load_system(SCENARIO, "zenoh", ['deploy.buses.net.options.connect="tcp/127.0.0.1:1"'])
     with pytest.raises(ScenarioError, match="connects to an address of its own"):
@@ -320,6 +322,77 @@ def test_a_network_that_is_not_there_is_an_error(system):
         happen.events(given, system, Told())
     with pytest.raises(ScenarioError, match='expected "FROM>TO"'):
         script({"kind": "net-down", "at": 1, "for": 1, "link": "slave"})
+
+
+# ---- what fails a run ---------------------------------------------------------------------------
+
+
+def life(name, code=0):
+    node = name.partition(".")[0]
+    return SimpleNamespace(start=SimpleNamespace(life=name, node=node), code=code)
+
+
+def ended(system, folder, lives, script_=None, faults=()):
+    """A run whose processes ended so; everybody finished."""
+    run = shown(system, folder)
+    (folder / "nodes").mkdir()
+    for report in run.reports:
+        report.said = {"end": "finished"}
+    outcome = SimpleNamespace(
+        folder=folder, rows=run.rows, reports=run.reports, notes=[],
+        faults=[SimpleNamespace(kind=kind, missing=(), t1=4.0) for kind in faults],
+    )  # fmt: skip
+    judged = SimpleNamespace(failures=())
+    return SimpleNamespace(
+        system=system, script=script_ or script(), outcome=outcome, judged=judged, lives=lives
+    )
+
+
+BOTH_LIVES = (life("master"), life("slave"))
+WELL = {"torque": 50.0, "together": 0.01}
+
+
+def wrong(folder, done, **measures):
+    return list(soak._failures(job(folder), done, {**WELL, **measures}))
+
+
+def test_a_process_that_crashed_fails_a_run_and_one_that_was_killed_does_not(system, tmp_path):
+    restart = script({"kind": "restart", "node": "slave", "at": 2, "for": 0.5})
+    lives = [life("master"), life("slave", -9)]
+    done = ended(system, tmp_path, lives, restart, ["restart"])
+    assert wrong(tmp_path, done) == []
+    done.script = script()
+    assert wrong(tmp_path, done) == ["slave ended with exit code -9"]
+    (tmp_path / "nodes" / "master.err").write_text("Traceback (most recent call last):\nOh: no\n")
+    assert wrong(tmp_path, done)[0] == "master crashed: Oh: no"
+    done.lives.append(life("slave.2"))
+    assert "slave.2 has left no journal" in wrong(tmp_path, done)
+    done.outcome.notes.append("t = 3 s: node slave.2 refuses to start: apart")
+    assert "slave.2 has left no journal" not in wrong(tmp_path, done)
+
+
+def test_who_stopped_needs_a_fault_that_explains_it_and_no_torque(system, tmp_path):
+    done = ended(system, tmp_path, BOTH_LIVES, faults=["drop"])
+    done.outcome.reports[0].said["end"] = "fault"
+    done.outcome.rows["master"]["reasons"] = Why.OVERRUN
+    assert wrong(tmp_path, done, together=9.0) == ["master stopped: overrun"]
+    done.outcome.faults[0].kind = "freeze"
+    assert wrong(tmp_path, done, together=9.0) == []  # who stopped need not arrive
+    done.outcome.rows["master"]["scale"][-1] = 0.5
+    assert wrong(tmp_path, done) == ["master stopped, with torque at 50%"]
+
+
+def test_arms_that_work_and_have_the_time_come_together(tmp_path):
+    longer = load_system(SCENARIO, "zenoh", ["run.step='5 ms'", "run.stop='20 s'"])
+    done = ended(longer, tmp_path, BOTH_LIVES, faults=["drop"])
+    assert wrong(tmp_path, done) == []
+    assert wrong(tmp_path, done, together=0.4) == ["0.4 apart, 16.0 s after the last fault"]
+    assert wrong(tmp_path, done, together=np.nan) == ["nan apart, 16.0 s after the last fault"]
+    done.outcome.faults[0].t1 = 12.0
+    assert wrong(tmp_path, done, together=0.4) == []
+    assert wrong(tmp_path, done, torque=101.0) == ["a torque of 101 N.m"]
+    done.outcome.rows["slave"]["signals"][-1, 0] = np.inf
+    assert wrong(tmp_path, done) == ["slave ended with signals that are not numbers"]
 
 
 # ---- what is counted ----------------------------------------------------------------------------

@@ -1,39 +1,27 @@
-"""A soak: what is drawn, what of it a report has to show, what is counted, and two real runs."""
+"""A soak: what is drawn, what fails a run, what is counted, and real runs."""
 
 from __future__ import annotations
 
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bridge import happen, hosts, soak, soak_drive, soak_table
-from bridge.evidence import find
-from bridge.evidence_links import Network
 from bridge.faults import build
-from bridge.journal import Journal
-from bridge.native import faults as native
-from bridge.native.faults import INJECTED
-from bridge.native.frame import Frame
 from bridge.native.safety import Why
 from bridge.relay import namespaces
-from bridge.relay.router import PACKET, TCP, UDP
-from bridge.signs import SIGNS, Shown
 from bridge.soak_spec import FRAMES, LINKS, PROCESSES, draw, load_soak, text
 from bridge.system import load_system
-from bridge.wiring import row_dtype
 from cosim.errors import ScenarioError
 from cosim.scenario import read_document
 from cosim.sweep.perform import Row
 from cosim.sweep.store import Store
+from tests.bridge.faulty import BOTH, SCENARIO, script, shown
 from tests.bridge.rehearsing import COSIM, ROOT, environment
 from tests.bridge.zenoh.rehearsed import prepared, sockets
-
-SCENARIO = ROOT / "configs" / "teleoperation.toml"
-BOTH = ("master>slave", "slave>master")
 
 
 @pytest.fixture(scope="module")
@@ -128,200 +116,6 @@ def test_nodes_find_each_other_by_the_addresses_of_their_hosts(system):
     fixed = load_system(SCENARIO, "zenoh", ['deploy.buses.net.options.connect="tcp/127.0.0.1:1"'])
     with pytest.raises(ScenarioError, match="connects to an address of its own"):
         hosts.settings(fixed, hosts.groups(fixed), addresses, "")
-
-
-# ---- what a report has to show ------------------------------------------------------------------
-
-COUNTS = dict.fromkeys(("ok", "lost", "crc", "length", "invalid", "range"), 0)
-COUNTS |= {"repeated": 0, "reordered": 0}
-
-
-def script(*tables):
-    return build({"fault": list(tables)}, Path("script.toml"))
-
-
-def shown(system, folder, counts=None, end="finished", notes=()):
-    """A run of 10 s in which the master heard every sample."""
-    rows = {name: np.zeros(plan.slots, row_dtype(plan)) for name, plan in system.nodes.items()}
-    for r in rows.values():
-        r["slot"] = np.arange(len(r))
-        r["inlets"]["newest"][:, 0] = r["slot"]
-    said = {"end": end, "messages": {"xi_slave": {**COUNTS, **(counts or {})}}, "syncs": {}}
-    reports = [
-        SimpleNamespace(life=life, said=said if life == "master" else {"end": "finished"})
-        for life in system.nodes
-    ]
-    return Shown(system, rows, reports, folder, list(notes))
-
-
-def injected(system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0):
-    """The record of `n` frames of xi_slave at the master, 5 ms apart."""
-    rows = np.zeros(n, INJECTED)
-    rows["t_ns"] = (t + 0.005 * np.arange(n)) * 1e9
-    rows["through_ns"] = rows["t_ns"] + round(wait * 1e9)
-    rows["id"] = system.messages["xi_slave"].encoding.message.id
-    rows["kinds"], rows["copies"], rows["crc_after"] = 1 << kind, copies, changed
-    with Journal.create(folder / "master.faults", INJECTED, max(n, 1)) as journal:
-        for row in rows:
-            journal.append(*row)
-
-
-def drop(**more):
-    return {"kind": "drop", "node": "master", "message": "xi_slave", "from": 1, "to": 5, **more}
-
-
-@pytest.mark.parametrize(
-    ("frames", "counts", "verdict"),
-    [(40, {"lost": 41}, "seen"), (40, {"lost": 3}, "unseen"), (0, {"lost": 9}, "idle")],
-)
-def test_frames_that_were_dropped_have_to_be_counted_as_lost(
-    system, tmp_path, frames, counts, verdict
-):
-    injected(system, tmp_path, frames, native.DROP, copies=0)
-    (found,) = find(script(drop()), shown(system, tmp_path, counts))
-    assert (found.verdict, found.done) == (verdict, frames)
-    assert found.kind in found.text() and found.facts()["verdict"] == verdict
-
-
-@pytest.mark.parametrize(
-    ("kind", "number", "counts", "done"),
-    [
-        ("corrupt", native.CORRUPT, {"crc": 20}, {"changed": True}),
-        ("corrupt", native.CORRUPT, {"length": 1, "crc": 19}, {"changed": True}),
-        ("duplicate", native.DUPLICATE, {"repeated": 12, "reordered": 8}, {"copies": 2}),
-        ("reorder", native.REORDER, {"reordered": 18}, {}),
-        ("burst", native.BURST, {"lost": 20}, {"copies": 0}),
-    ],
-)
-def test_each_kind_has_counters_of_its_own(system, tmp_path, kind, number, counts, done):
-    injected(system, tmp_path, 20, number, **done)
-    more = {"probability": 0.5}
-    given = script(drop(kind=kind, **more))
-    assert find(given, shown(system, tmp_path, counts))[0].verdict == "seen"
-    others = {"ok": 99, "simulated": 5}
-    assert find(given, shown(system, tmp_path, others))[0].verdict == "unseen"
-
-
-def test_a_delay_shows_in_the_time_on_the_way(system, tmp_path):
-    injected(system, tmp_path, 20, native.DELAY, wait=0.3)
-    given, run = script(drop(kind="delay", by=0.3)), shown(system, tmp_path)
-    assert find(given, run)[0].verdict == "unseen"
-    run.rows["master"]["inlets"]["transit_ns"][450:460, 0] = 301_000_000
-    assert find(given, run)[0].shown == ("master xi_slave: up to 301 ms on the way",)
-
-
-def test_a_frame_that_another_fault_has_hidden_is_none_of_this_one(system, tmp_path):
-    injected(system, tmp_path, 20, native.DUPLICATE, copies=0)  # dropped by a later rule
-    (found,) = find(script(drop(kind="duplicate")), shown(system, tmp_path))
-    assert found.verdict == "idle"
-
-
-def test_a_frozen_node_is_late(system, tmp_path):
-    given = script({"kind": "freeze", "node": "slave", "at": 2, "for": 0.5})
-    run = shown(system, tmp_path, notes=["t = 2.011 s: freeze slave", "t = 2.512 s: thaw slave"])
-    assert find(given, run)[0].verdict == "unseen"
-    run.rows["slave"]["woke_ns"][400:402] = 480_000_000
-    assert find(given, run)[0].shown == ("slave: 0.48 s late",)
-
-
-def test_a_second_life_is_seen_and_an_event_that_never_came_is_idle(system, tmp_path):
-    given = script({"kind": "restart", "node": "slave", "at": 2, "for": 0.5})
-    assert find(given, shown(system, tmp_path))[0].verdict == "idle"
-    run = shown(system, tmp_path, notes=["t = 2.001 s: kill slave", "t = 2.502 s: start slave"])
-    assert find(given, run)[0].verdict == "unseen"
-    both = {**run.rows, "slave.2": run.rows["slave"][600:]}
-    assert find(given, replace(run, rows=both))[0].shown == ("slave: slave.2 began",)
-
-
-def packets(n, lost=0, delay=0.0, protocol=UDP):
-    """Of xi_slave on its way to the master, from 2 s on; the first are lost."""
-    rows = np.zeros(n, PACKET)
-    rows["t_ns"] = (2.0 + 0.005 * np.arange(n)) * 1e9
-    rows["delay_ns"], rows["length"] = round(delay * 1e9), 98
-    rows["protocol"] = protocol
-    rows["left_ns"] = rows["t_ns"] + rows["delay_ns"]
-    rows["delay_ns"][:lost] = rows["left_ns"][:lost] = -1
-    there = {"slave>master": rows, "master>slave": rows[:0]}
-    recorded = SimpleNamespace(names=BOTH, of=there.__getitem__)
-    return Network(recorded, {n: (n,) for n in ("master", "slave")}, 0)
-
-
-def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
-    def judged(table, network, counts=None, change=lambda inlets: None):
-        run = shown(system, tmp_path, counts, notes=[f"t = 2 s: {table['kind']} slave>master"])
-        change(run.rows["master"]["inlets"][:, 0])
-        given = script({"link": "slave>master", "at": 2, "for": 1, **table})
-        return find(given, run, network)[0].verdict
-
-    def silent(inlets):
-        inlets["newest"][400:600] = 399
-
-    def late(inlets):
-        inlets["transit_ns"][430:440] = 200_000_000
-
-    down = {"kind": "net-down"}
-    assert judged(down, packets(200, lost=200)) == "unseen"
-    assert judged(down, packets(200, lost=200), change=silent) == "seen"
-    assert judged(down, packets(3, lost=3)) == "idle"
-    slow = {"kind": "net-delay", "by": 0.2}
-    assert judged(slow, packets(200, delay=0.2)) == "unseen"
-    assert judged(slow, packets(200, delay=0.2), change=late) == "seen"
-    loss = {"kind": "net-loss", "probability": 0.3}
-    assert judged(loss, packets(200, lost=60)) == "unseen"
-    assert judged(loss, packets(200, lost=60), {"lost": 60}) == "seen"
-    assert judged(loss, packets(200, lost=60, protocol=TCP)) == "idle"  # it repeats them
-
-
-def test_what_shows_a_fault_is_on_the_page():
-    page = (ROOT / "docs" / "faults.md").read_text()
-    for kind in SIGNS:
-        assert f"\n| {kind} | " in page, kind
-
-
-def test_a_message_of_zenoh_is_hit_by_its_name(system):
-    """Its number is above all 11-bit identifiers, and yet no 29-bit one."""
-    rules = script(drop()).frames_for("master", system.identifiers("master"), {"net": 0})
-    number = system.messages["xi_slave"].encoding.message.id
-    rules.injector.put(Frame.of(number, bytes(40), 0, 2_000_000_000 + 1), 1)
-    assert rules.hits() == {0: 1}
-
-
-class Told:
-    """A network that keeps what it was told."""
-
-    names = BOTH
-
-    def __init__(self):
-        self.links = {}
-
-    def set(self, link, **spec):
-        self.links[link] = spec
-
-
-def test_faults_of_one_link_add_up_and_end_one_by_one(system):
-    network = Told()
-    given = script(
-        {"kind": "net-rate", "at": 1, "for": 3, "rate": 1e5},
-        {"kind": "net-down", "at": 2, "for": 1, "link": "master>slave"},
-    )
-    told = []
-    for event in happen.events(given, system, network):
-        event.do(None)
-        told.append(dict(network.links))
-    rate, both = {"rate": 1e5}, {"rate": 1e5, "down": True}
-    assert told[0] == dict.fromkeys(BOTH, rate)
-    assert told[1] == {"master>slave": both, "slave>master": rate}
-    assert told[2] == told[0] and told[3] == {link: {} for link in BOTH}
-
-
-def test_a_network_that_is_not_there_is_an_error(system):
-    given = script({"kind": "net-down", "at": 1, "for": 1, "link": "slave>x"})
-    with pytest.raises(ScenarioError, match=r"fault\.0\.kind: net-down needs nodes on hosts"):
-        happen.events(given, system)
-    with pytest.raises(ScenarioError, match=r"fault\.0\.link: no link 'slave>x'; there are: mas"):
-        happen.events(given, system, Told())
-    with pytest.raises(ScenarioError, match='expected "FROM>TO"'):
-        script({"kind": "net-down", "at": 1, "for": 1, "link": "slave"})
 
 
 # ---- what fails a run ---------------------------------------------------------------------------

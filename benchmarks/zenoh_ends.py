@@ -269,15 +269,9 @@ class _ZeroMQ(_Others):
 
 # ---- a process -----------------------------------------------------------------------------------
 
-#: All of Zenoh in one thread: what README says of it.
-ONE = "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx))"
-
-
 def make(kind: str, near: bool, ports: list[int], path: str) -> End:
     """The end of a kind."""
-    if kind == "ours, all of Zenoh in one thread":
-        os.environ["ZENOH_RUNTIME"] = ONE
-    if kind.startswith("ours"):
+    if kind == "ours":
         return _Ours(near, ports, tick_library(path))
     if kind.startswith("zenoh"):
         return _Zenoh(near, ports, "direct" in kind, "our threads" in kind)
@@ -285,8 +279,8 @@ def make(kind: str, near: bool, ports: list[int], path: str) -> End:
 
 
 KINDS = (
-    "ours", "ours, all of Zenoh in one thread", "zenoh, default call-back",
-    "zenoh, direct call-back", "zenoh, default, our threads", "udp", "zeromq",
+    "ours", "zenoh, default call-back", "zenoh, direct call-back", "zenoh, default, our threads",
+    "udp", "zeromq",
 )  # fmt: skip
 
 

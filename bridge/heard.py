@@ -18,6 +18,8 @@ from bridge.system import Carried
 
 #: What is counted is that of the last second, ns.
 SPAN_NS = 10**9
+#: Of samples that were sent before t = 0.
+NO_STAMP = -1
 _LIFE = 7  # bits of a status byte with the sender's state
 
 
@@ -47,7 +49,10 @@ class Beat:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """`t_ns`: of arrival; `stamp_us`: the sender's, modulo what its bits hold; `values` (n,)."""
+    """`t_ns`: of arrival; `values` (n,).
+
+    `stamp_us`: the sender's, modulo what its bits hold, or NO_STAMP.
+    """
 
     t_ns: int
     stamp_us: int
@@ -97,15 +102,16 @@ class Heard:
             self._refuse(found)
         if found not in (Decoded.OK, Decoded.INVALID):
             return
-        t = int(frame.t_ns)
+        t, stamp = int(frame.t_ns), int(header.t_us)
         if self._waits(header.status):
+            stamp = NO_STAMP
             self.receiver.sequence = -1  # its counter begins with the run
         elif self.message.e2e and not self._counted(header.counter, t):
             return
         self.status, self.t_ns = int(header.status), t
         if found is Decoded.OK:
             self.values = values
-            self.recent.append(Sample(t, int(header.t_us), values))
+            self.recent.append(Sample(t, stamp, values))
 
     def _waits(self, status: int) -> bool:
         """Whether it is of a sender that does not run yet: a preview, which counts nothing."""
@@ -145,10 +151,11 @@ class Heard:
         By their stamps: the clocks need not agree. Without stamps: (0,).
         """
         bits = _time_bits(self.message)
-        if not bits or not self.recent:
+        stamped = [s for s in self.recent if s.stamp_us != NO_STAMP]
+        if not bits or not stamped:
             return np.zeros(0)
-        arrived = np.array([s.t_ns for s in self.recent]) // 1000
-        stamps = np.array([s.stamp_us for s in self.recent], dtype=np.int64)
+        arrived = np.array([s.t_ns for s in stamped]) // 1000
+        stamps = np.array([s.stamp_us for s in stamped], dtype=np.int64)
         lead, turn = arrived - stamps, 1 << bits
         lead = (lead - lead[0] + turn // 2) % turn - turn // 2
         return np.asarray((lead - lead.min()) * 1e-6, dtype=np.float64)

@@ -98,7 +98,7 @@ def _heard_row(h: Heard, now_ns: int) -> tuple[str, ...]:
 
 def _metrics(found: list[Result], missing: tuple[str, ...]) -> Table:
     rows = [(r.label, result(r)) for r in found]
-    rows += [("others", f"need {', '.join(missing)}, on no bus")] if missing else []
+    rows += [("others", f"need what is on no bus: {', '.join(missing)}")] if missing else []
     return Table("metrics", ("metric", "of the last second"), rows)
 
 

@@ -269,6 +269,7 @@ class _ZeroMQ(_Others):
 
 # ---- a process -----------------------------------------------------------------------------------
 
+
 def make(kind: str, near: bool, ports: list[int], path: str) -> End:
     """The end of a kind."""
     if kind == "ours":

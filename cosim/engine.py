@@ -16,18 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import native
+from cosim.binding import Binding, Vector, Views, store
 from cosim.errors import RunError
 from cosim.failures import not_finite, sentence, starting
-from cosim.fmi import FmuComponent, moves
-from cosim.fmi.layout import Layout, bind
-from cosim.fmi.refusals import refusal, wrong_value
-from cosim.fmi.remote import RemoteInstance, RemoteStep
+from cosim.fmi import FmuComponent
+from cosim.fmi.refusals import step_refused
 from cosim.interrupts import deferred
-from cosim.native import MEANS, SLOPES, Result
+from cosim.native import Result
 from cosim.plan import Link, Plan, Slot, Step, Wire
-
-Vector = NDArray[np.float64]
-Views = dict[str, Vector]
 
 
 class Engine:
@@ -47,7 +43,6 @@ class Engine:
         self.plan = plan
         self.signals: Vector = np.zeros(plan.n_signals)
         self._keep_tables = keep_tables
-        self._gates = gates or {}
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._streams = [link.table.stream() for link in plan.links]
@@ -55,12 +50,10 @@ class Engine:
         edges: list[Wire | Link] = [*plan.wires, *plan.links]
         for edge in edges:
             self._fed[edge.target.component].append(edge)
-        self._sampled = frozenset(plan.order)
-        self._failure: BaseException | None = None
-        self._alive: list[Any] = []  # what C points to
         self._played = [player.source.stream() for player in plan.players]
         self._rows: dict[str, NDArray[Any]] = {}
-        self._state = native.EngineState()
+        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates or {})
+        self._state = self._bound.state
         self._library = native.library()
 
     def __enter__(self) -> Engine:
@@ -83,7 +76,7 @@ class Engine:
             for i, step in enumerate(self.plan.components):
                 self._gather_initial(step.name)
                 with starting(step.name):
-                    _store(self._outputs[i], step.component.initial(self._inputs[i]))
+                    store(self._outputs[i], step.component.initial(self._inputs[i]))
             if self.signals.tobytes() == before:
                 break
         for i, step in enumerate(self.plan.components):
@@ -92,7 +85,7 @@ class Engine:
                     for port, value in step.component.exit_initialization().items():
                         self._outputs[i][port][...] = value
         self._check_start()
-        self._bind()
+        self._bound.bind()
 
     def _start(self, step: Step) -> None:
         parameters = {p.name: p for p in step.component.parameters}
@@ -119,111 +112,6 @@ class Engine:
                     raise RunError(
                         f"{slot.name} = {value} at the start", component=step.name, tick=0, time=0.0
                     )
-
-    # ---- binding: the plan as C sees it ------------------------------------------------------
-
-    def _bind(self) -> None:
-        plan, state = self.plan, self._state
-        operations = (native.Operation * len(plan.operations))()
-        for i, o in enumerate(plan.operations):
-            operations[i] = native.Operation(
-                o.code, o.index, o.period, o.first, o.source, o.target, o.count, o.gain, o.offset
-            )
-        units = (native.Unit * len(plan.components))()
-        for i, step in enumerate(plan.components):
-            with starting(step.name):
-                units[i] = self._unit(i, step)
-        self._links = (native.Link * len(plan.links))(
-            *(self._link(i) for i in range(len(plan.links)))
-        )
-        self._players = (native.Player * len(plan.players))()
-        through = (native.Gate * len(plan.gates))(
-            *(native.Gate(*self._gates[g.name]) for g in plan.gates)
-        )
-        state.gates = c.addressof(through)
-        self._alive += [operations, units, through]
-        state.operations, state.units = c.addressof(operations), c.addressof(units)
-        state.links = c.addressof(self._links)
-        state.players = c.addressof(self._players)
-        state.signals = self.signals.ctypes.data
-        state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
-        state.h, state.tick = plan.h, 0
-        for o in plan.operations:  # what there was before the start is what there is at the start
-            if o.code in MEANS | SLOPES:
-                self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
-
-    def _unit(self, index: int, step: Step) -> native.Unit:
-        late = step.name not in self._sampled
-        lag, h = step.period - 1 if late else 0, step.period * self.plan.h
-        unit = native.Unit(lag=lag, h=h, period=step.period, kind=native.UnitKind.CALL)
-        unit.input, unit.input_count = _extent(step.inputs)
-        unit.output, unit.output_count = _extent(step.outputs)
-        if isinstance(step.component, FmuComponent):
-            layout = moves.layout(
-                step.component, h, lag, step.period, unit.input, unit.output, self._slopes(step)
-            )
-            if step.component.remote is None:
-                return bind(step.component.instance, layout, self._alive)
-            function = self._remote_call_back(step, layout, step.component.remote)
-        else:
-            function = self._call_back(index, step)
-        call = native.CALL(function)
-        self._alive.append(call)
-        unit.step = native.address(call)
-        return unit
-
-    def _slopes(self, step: Step) -> dict[int, int]:
-        """Where slopes of inputs are in the signals, by where the inputs are."""
-        return {
-            o.target + i: o.index + o.count + i
-            for o in (self.plan.operations if step.sloped else ())
-            if o.code in SLOPES and any(s.start <= o.target < s.start + s.size for s in step.inputs)
-            for i in range(o.count)
-        }
-
-    def _remote_call_back(
-        self, step: Step, layout: Layout, remote: RemoteInstance
-    ) -> Callable[[int, float, float], int]:
-        assert isinstance(step.component, FmuComponent)
-        there = moves.isolated(step.component, layout)
-        stepped = RemoteStep(remote, layout, there, self.signals)
-        remote.stopping = lambda: bool(self._state.stop)
-
-        def call(_: int, t: float, h: float) -> int:
-            try:
-                result, status, place = stepped(t, self.tick)
-                if result is not Result.OK:
-                    raise RunError(self._refusal(result, status, step, place))
-            except BaseException as error:
-                self._failure = error
-                return 1
-            return 0
-
-        return call
-
-    def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
-        inputs, outputs, component = self._inputs[index], self._outputs[index], step.component
-
-        def call(_: int, t: float, h: float) -> int:
-            try:
-                _store(outputs, component.step(t, h, inputs))
-            except BaseException as error:
-                self._failure = error
-                return 1
-            return 0
-
-        return call
-
-    def _link(self, index: int) -> native.Link:
-        link = self.plan.links[index]
-        width = link.source.size
-        history = np.zeros((link.table.history, width))
-        initial = _part(self.signals, link.target).copy()
-        self._alive += [history, initial]
-        return native.Link(
-            history=history.ctypes.data, initial=initial.ctypes.data, width=width,
-            capacity=len(history), held=-1,
-        )  # fmt: skip
 
     # ---- running -----------------------------------------------------------------------------
 
@@ -267,7 +155,9 @@ class Engine:
         self._state.stop = 1
 
     def _next_tables(self, ticks: int) -> None:
-        for link, bound, stream in zip(self.plan.links, self._links, self._streams, strict=True):
+        for link, bound, stream in zip(
+            self.plan.links, self._bound.links, self._streams, strict=True
+        ):
             hits = self._hits(link.target.component, ticks)
             rows = np.ascontiguousarray(stream.rows(hits), dtype=np.int32)
             bound.table, bound.row, bound.rows = rows.ctypes.data, 0, hits
@@ -275,7 +165,7 @@ class Engine:
             if self._keep_tables:
                 self._keep_tables(link.name, rows)
         for player, played, values in zip(
-            self.plan.players, self._players, self._played, strict=True
+            self.plan.players, self._bound.players, self._played, strict=True
         ):
             hits = self._hits(player.target.component, ticks)
             chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
@@ -288,7 +178,7 @@ class Engine:
         return -(-(self.tick + ticks) // period) - -(-self.tick // period)
 
     def _error(self, result: Result) -> BaseException:
-        failure, self._failure = self._failure, None
+        failure, self._bound.failure = self._bound.failure, None
         if isinstance(failure, KeyboardInterrupt | SystemExit):
             return failure
         tick, index = self.tick, self._state.failed_index
@@ -312,13 +202,8 @@ class Engine:
             return sentence(failure, step.name)
         if result is Result.NOT_FINITE:
             return not_finite(step.outputs, self.signals)
-        return self._refusal(result, self._state.failed_status, step, self._state.failed_signal)
-
-    def _refusal(self, result: Result, status: int, step: Step, place: int) -> str:
-        assert isinstance(step.component, FmuComponent)
-        lines = step.component.instance.log.tail()
-        slots = (*step.inputs, *step.outputs)
-        return refusal(result, status, lines, wrong_value(slots, self.signals, place))
+        state = self._state
+        return step_refused(step, self.signals, result, state.failed_status, state.failed_signal)
 
     def texts(self) -> dict[str, list[str]]:
         """String and Binary outputs of all FMUs as they stand, by ``component.port``."""
@@ -328,6 +213,10 @@ class Engine:
             if isinstance(step.component, FmuComponent)
             for port, found in step.component.results().items()
         }
+
+    def late(self) -> dict[str, tuple[int, float]]:
+        """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
+        return self._bound.late()
 
     def logs(self) -> dict[str, str]:
         """What FMUs whose logging is on have said, by component; also after :meth:`close`."""
@@ -353,23 +242,8 @@ def _part(signals: Vector, slot: Slot) -> Vector:
     return signals[slot.start : slot.start + slot.size]
 
 
-def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
-    return (slots[0].start if slots else 0), sum(s.size for s in slots)
-
-
 def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:
     views = {s.port: _part(signals, s).reshape(s.shape) for s in slots}
     for view in views.values():
         view.flags.writeable = writable
     return views
-
-
-def _store(views: Views, outputs: Mapping[str, Any]) -> None:
-    """Write what a component returned; every output must be there and of its shape."""
-    for port, view in views.items():
-        try:
-            view[...] = outputs[port]
-        except KeyError:
-            raise RunError(f"returned no {port!r}") from None
-        except (TypeError, ValueError) as error:
-            raise RunError(f"returned {port!r}: {error}") from None

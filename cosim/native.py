@@ -6,13 +6,12 @@ import ctypes as c
 import sys
 from enum import IntEnum
 from functools import lru_cache
-from mmap import mmap
 from pathlib import Path
 
 from cosim.errors import CosimError
+from cosim.fmu_log import Log
 
-ABI = 7
-LOG_LINES, LOG_WIDTH = 32, 512
+ABI = 8
 
 
 class Code(IntEnum):
@@ -63,9 +62,20 @@ class Result(IntEnum):
     EVENT = 10
     STUCK = 11
     GATE = 12
+    INTERVAL = 13
+
+
+class ClockKind(IntEnum):
+    """What ticks an input clock."""
+
+    PERIODIC = 0
+    CHANGING = 1
+    COUNTDOWN = 2
+    WIRED = 3
 
 
 CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
+TEXTS = c.CFUNCTYPE(c.c_int32)
 
 
 class Operation(c.Structure):
@@ -105,16 +115,24 @@ class Ticker(c.Structure):
 
     _fields_ = (
         ("reference", c.c_uint32),
-        ("reserved", c.c_int32),
+        ("kind", c.c_int32),
         ("period", c.c_int64),
         ("shift", c.c_int64),
+        ("next", c.c_double),
+        ("place", c.c_int64),
+        ("held", c.c_double),
     )
 
 
 class Triggered(c.Structure):
     """``triggered_t``."""
 
-    _fields_ = (("reference", c.c_uint32), ("n_clocks", c.c_int32), ("clocks", c.c_void_p))
+    _fields_ = (
+        ("reference", c.c_uint32),
+        ("n_clocks", c.c_int32),
+        ("clocks", c.c_void_p),
+        ("place", c.c_int64),
+    )
 
 
 class Partition(c.Structure):
@@ -124,6 +142,7 @@ class Partition(c.Structure):
         ("inputs", c.c_void_p),
         ("outputs", c.c_void_p),
         ("clocks", c.c_void_p),
+        ("texts", c.c_void_p),
         ("n_inputs", c.c_int64),
         ("n_outputs", c.c_int64),
         ("n_clocks", c.c_int32),
@@ -149,6 +168,7 @@ class Typed(c.Structure):
         ("enter_step", c.c_void_p),
         ("set_clock", c.c_void_p),
         ("get_clock", c.c_void_p),
+        ("get_interval", c.c_void_p),
         ("n_inputs", c.c_int64),
         ("n_outputs", c.c_int64),
         ("n_discrete", c.c_int64),
@@ -156,6 +176,8 @@ class Typed(c.Structure):
         ("n_triggered", c.c_int64),
         ("n_partitions", c.c_int64),
         ("next_event", c.c_double),
+        ("latest", c.c_double),
+        ("late", c.c_int64),
         ("fmi", c.c_int32),
         ("variable", c.c_int32),
     )
@@ -235,40 +257,6 @@ class EngineState(c.Structure):
         ("failed_status", c.c_int32),
         ("failed_signal", c.c_int32),
     )
-
-
-class Log(c.Structure):
-    """``log_t``: the last lines an FMU logged, and the text that follows in memory."""
-
-    _fields_ = (
-        ("count", c.c_int64),
-        ("capacity", c.c_int64),
-        ("used", c.c_int64),
-        ("dropped", c.c_int64),
-        ("level", c.c_int32 * LOG_LINES),
-        ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
-    )
-
-    def tail(self, n: int = 3) -> list[str]:
-        """The last `n` lines, oldest first."""
-        first = max(0, self.count - min(n, LOG_LINES))
-        lines = (self.line[i % LOG_LINES].value for i in range(first, self.count))
-        return [" ".join(line.decode("utf-8", "replace").split()) for line in lines]
-
-    def text(self) -> str:
-        """Everything that was kept, and what was not: "" where no room was given."""
-        kept = c.string_at(c.addressof(self) + c.sizeof(Log), self.used).decode("utf-8", "replace")
-        if not self.dropped:
-            return kept
-        last = "\n".join(self.tail(LOG_LINES))
-        return f"{kept}... {self.dropped} lines left out; the last ones:\n{last}\n"
-
-
-def log(memory: bytearray | mmap | None = None, room: int = 0) -> Log:
-    """A log at the start of `memory` (default: its own), with `room` bytes for text behind it."""
-    found = Log.from_buffer(bytearray(c.sizeof(Log) + room) if memory is None else memory)
-    found.capacity = room
-    return found
 
 
 def library_path() -> Path:

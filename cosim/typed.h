@@ -149,7 +149,7 @@ static int step_typed(const unit_t *u, double *s, double t, int64_t hit, int *st
     const doing_t c = {u, s, status, failed};
     int end, result = set_typed(x->inputs, x->n_inputs, u->instance, s, status, failed);
 
-    if (result == RUN_OK && x->update) result = input_event(&c, hit);
+    if (result == RUN_OK && x->update) result = input_event(&c, hit, t);
     if (result != RUN_OK) return result;
     end = x->fmi == 2 ? step_typed2(u, s, t, status) : advance(&c, t);
     if (end != RUN_OK && end != RUN_TERMINATED) return end;

@@ -1,35 +1,78 @@
 """Clocks (FMI 3.0.2 §2.2.8) and step sizes: what of them a fixed step can keep.
 
-The engine ticks input clocks with a constant, fixed or tunable period (it tunes nothing) that is a
-whole number of steps of their FMU; where it is not written, the FMU is asked. Output clocks are
-ticked by the FMU, in its events, and asked. All others are refused.
+The engine ticks input clocks: those with a constant, fixed or tunable period (it tunes nothing)
+that is a whole number of steps of their FMU; changing ones and those that count down, when the FMU
+says that they tick next; triggered ones, when the signal wired to them rises. Output clocks are
+ticked by the FMU, in its events, and asked; how often they have ticked is a signal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 from cosim.errors import FmuError
 from cosim.fmi.description import Description
 from cosim.fmi.layout import Ticker
-from cosim.fmi.library import Triggered
-from cosim.fmi.variables import Variable
+from cosim.fmi.library import Clocked, Clocks, Triggered
+from cosim.fmi.variables import TEXTS, Variable
+from cosim.native import ClockKind
+
+if TYPE_CHECKING:
+    from cosim.fmi.component import FmuComponent
 
 #: Interval and shift (s) of clocks that do not state them, by value reference, as the FMU said.
 Intervals = Mapping[int, tuple[float, float]]
-_PERIODIC = ("constant", "fixed", "tunable")
+_KINDS = {
+    "constant": ClockKind.PERIODIC, "fixed": ClockKind.PERIODIC, "tunable": ClockKind.PERIODIC,
+    "changing": ClockKind.CHANGING, "countdown": ClockKind.COUNTDOWN,
+    "triggered": ClockKind.WIRED,
+}  # fmt: skip
 
 
-def tickers(description: Description, h: float, name: str, said: Intervals) -> tuple[Ticker, ...]:
-    """The clocks the engine ticks, for steps of `h` (s). Raises FmuError for any it cannot."""
-    return tuple(_ticker(v, h, name, said) for v in _inputs(description))
+def tickers(
+    description: Description, h: float, name: str, said: Intervals, places: Mapping[int, int]
+) -> tuple[Ticker, ...]:
+    """The clocks the engine ticks, for steps of `h` (s). Raises FmuError for any it cannot.
+
+    `places`: where clocks that are signals are among these, by value reference.
+    """
+    return tuple(_ticker(v, h, name, said, places) for v in _inputs(description))
+
+
+def is_signal(variable: Variable) -> bool:
+    """Whether a clock can be wired: output clocks, and input clocks that these trigger."""
+    if variable.type != "Clock":
+        return False
+    return variable.causality == "output" or _variability(variable) == "triggered"
+
+
+def of(x: FmuComponent) -> Clocks:
+    """What is asked of an FMU's clocks, with event mode. Raises FmuError where one is none."""
+    if not x.events:
+        return Clocks()
+    inputs = _inputs(x.description)
+    outputs = [g for g in x.groups.values() if g.first.causality == "output"]
+    found = [Clocked(g.name, g.first.type, g.references, g.size, g.first.clocks) for g in outputs]
+    clocked = [x for x in found if x.clocks or x.type == "Clock"]
+    return Clocks(
+        changing=tuple(v.reference for v in inputs if _variability(v) == "changing"),
+        countdown=tuple(v.reference for v in inputs if _variability(v) == "countdown"),
+        triggered=triggered(x.description, x.name),
+        clocked=tuple(x for x in clocked if x.type not in TEXTS),
+        texts=tuple(x for x in clocked if x.type in TEXTS),
+    )
+
+
+def _variability(clock: Variable) -> str:
+    return clock.attributes.get("intervalVariability", "")
 
 
 def unstated(description: Description) -> list[int]:
     """Value references of periodic clocks whose interval is the FMU's to say (FMI 3.0.2 §2.2.8)."""
     return [
         v.reference for v in _inputs(description)
-        if v.attributes.get("intervalVariability") in ("fixed", "tunable")
+        if _variability(v) in ("fixed", "tunable")
         and not {"intervalDecimal", "intervalCounter"} & v.attributes.keys()
     ]  # fmt: skip
 
@@ -67,19 +110,23 @@ def _check_clocks(variable: Variable, known: Collection[int], name: str) -> None
             )
 
 
-def _ticker(clock: Variable, h: float, name: str, said: Intervals) -> Ticker:
-    kind = clock.attributes.get("intervalVariability", "")
-    if kind not in _PERIODIC:
+def _ticker(
+    clock: Variable, h: float, name: str, said: Intervals, places: Mapping[int, int]
+) -> Ticker:
+    kind = _KINDS.get(_variability(clock))
+    if kind is None:
         raise FmuError(
-            f"{name}: clock {clock.name!r} has intervalVariability {kind!r}; expected one of "
-            f"{', '.join(_PERIODIC)}; an interval that changes, counts down or is triggered is not "
-            "supported"
+            f"{name}: clock {clock.name!r} has intervalVariability {_variability(clock)!r}; "
+            f"expected one of {', '.join(_KINDS)}"
         )
+    if kind is not ClockKind.PERIODIC:
+        return Ticker(clock.reference, kind, place=places.get(clock.reference, 0))
     period, shift = said.get(clock.reference) or _interval(clock, name)
     if not (period > 0.0 and shift >= 0.0):
         raise FmuError(f"{name}: clock {clock.name!r} has interval {period:g} s, shift {shift:g} s")
     return Ticker(
         clock.reference,
+        kind,
         _steps(period, h, f"{name}: the interval of clock {clock.name!r}"),
         _steps(shift, h, f"{name}: the shift of clock {clock.name!r}") if shift else 0,
     )

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim import native
+from cosim import fmu_log
 from cosim.component import Kind, Outputs, Values
 from cosim.errors import FmuError, UnitError
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import of_content
-from cosim.fmi.library import Clocked, Instance, Setup, Triggered, instantiate
+from cosim.fmi.library import Instance, Setup, instantiate
 from cosim.fmi.options import Options
 from cosim.fmi.ports import Group, groups
 from cosim.fmi.remote import RemoteInstance
@@ -86,7 +86,8 @@ class FmuComponent:
         """Inputs or outputs that are signals."""
         return [
             g for g in self.groups.values()
-            if g.first.causality == causality and g.first.type in NUMERIC
+            if g.first.causality == causality
+            and (g.first.type in NUMERIC or (self.events and clocks.is_signal(g.first)))
         ]  # fmt: skip
 
     @property
@@ -142,11 +143,6 @@ class FmuComponent:
         return frozenset(p.name for p in self.inputs if can and p.name not in self.discrete)
 
     @property
-    def triggered(self) -> tuple[Triggered, ...]:
-        """The clocks it ticks, where it is run with event mode. Raises FmuError for no such."""
-        return clocks.triggered(self.description, self.name) if self.events else ()
-
-    @property
     def returns_early(self) -> bool:
         """Whether a step may end before its time: an FMU of FMI 3.0 that can."""
         flags = ("canReturnEarlyAfterIntermediateUpdate", "canHandleVariableCommunicationStepSize")
@@ -188,7 +184,7 @@ class FmuComponent:
             slopes = self.inputs if self.sloped else ()
             scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
             return RemoteInstance(setup, options, scalars, room)
-        return instantiate(setup, native.log(room=room))
+        return instantiate(setup, fmu_log.log(room=room))
 
     def _private_copy(self, binary: Path) -> Path:
         self._private = tempfile.mkdtemp(prefix="cosim-")
@@ -202,14 +198,19 @@ class FmuComponent:
     def initial(self, u: Values) -> Outputs:
         """Outputs in Initialization Mode for inputs `u`."""
         for name, value in u.items():
-            self._set(self.groups[name], value)
+            if self.groups[name].first.type != "Clock":
+                self._set(self.groups[name], value)
         return self._outputs()
 
     def _outputs(self) -> dict[str, np.ndarray[Any, Any]]:
         return {
-            g.name: self._shaped(g.name, self.instance.get(g.first.type, g.references, g.size))
+            g.name: self._shaped(
+                g.name,
+                [0.0] * g.size if g.first.type == "Clock"
+                else self.instance.get(g.first.type, g.references, g.size),
+            )
             for g in self.carried("output")
-        }
+        }  # fmt: skip
 
     def exit_initialization(self) -> dict[str, np.ndarray[Any, Any]]:
         """Leave Initialization Mode, once; the first step does it if nobody has.
@@ -220,11 +221,7 @@ class FmuComponent:
             return {}
         asked = clocks.unstated(self.description) if self.events else []
         self.intervals = self.instance.intervals(asked) if asked else {}
-        clocked = [g for g in self.carried("output") if self.events and g.first.clocks]
-        found = self.instance.exit_initialization(
-            self.triggered,
-            [Clocked(g.name, g.first.type, g.references, g.size, g.first.clocks) for g in clocked],
-        )
+        found = self.instance.exit_initialization(clocks.of(self))
         self._initializing = False
         return {name: self._shaped(name, values) for name, values in found.items()}
 
@@ -263,9 +260,9 @@ class FmuComponent:
     def results(self) -> dict[str, list[str]]:
         """String and Binary outputs as they stand, Binary as hexadecimal text.
 
-        Those of clocks are left out: between ticks they cannot be got.
+        Those of clocks as they were at the last tick; without one they are left out.
         """
-        return {
+        return self.instance.clocked_texts() | {
             g.name: self.instance.get_texts(g.first.type, g.references, g.size)
             for g in self.groups.values()
             if g.first.causality == "output"

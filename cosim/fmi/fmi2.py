@@ -6,9 +6,9 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cosim import native
+from cosim import fmu_log, native
 from cosim.errors import FmuError
-from cosim.fmi.library import NEVER, Calls, Clocked, Setup, Triggered, array_of, texts_of, uint32
+from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 
 TYPES: Mapping[str, Any] = {
     "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
@@ -29,8 +29,9 @@ class Instance2:
     """An instance of an FMI 2.0 co-simulation FMU."""
 
     next_event = NEVER
+    next_ticks: Mapping[int, float] = {}
 
-    def __init__(self, setup: Setup, log: native.Log) -> None:
+    def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi2", log)
         self.log = calls.log
         libc = c.CDLL(None)
@@ -65,9 +66,15 @@ class Instance2:
         """FMI 2.0 has no clocks."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
-    def exit_initialization(
-        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
-    ) -> dict[str, list[float]]:
+    def clocked_texts(self) -> dict[str, list[str]]:
+        """FMI 2.0 has no clocks."""
+        return {}
+
+    def take_texts(self, found: Clocked) -> None:
+        """FMI 2.0 has no clocks."""
+        raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
+
+    def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode; FMI 2.0 has no clocks."""
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
         return {}

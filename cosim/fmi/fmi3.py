@@ -6,9 +6,10 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cosim import native
+from cosim import fmu_log, native
 from cosim.errors import FmuError
-from cosim.fmi.library import NEVER, Calls, Clocked, Setup, Triggered, array_of, texts_of, uint32
+from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
+from cosim.fmi.ticking import Ticking, intervals
 
 TYPES: Mapping[str, Any] = {
     "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
@@ -22,7 +23,7 @@ _EVENTS_AT_MOST = 100_000
 class Instance3:
     """An instance of an FMI 3.0 co-simulation FMU."""
 
-    def __init__(self, setup: Setup, log: native.Log) -> None:
+    def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi3", log)
         self.log = calls.log
         self._event_mode, self.next_event = setup.event_mode, NEVER
@@ -37,6 +38,7 @@ class Instance3:
             False, setup.logging, setup.event_mode, setup.early_return, None, 0,
             c.addressof(self.log), native.address(native.library().engine_log3), None,
         )  # fmt: skip
+        self._ticking = Ticking(calls, self.handle, Clocks())
         if not self.handle:
             lines = "; ".join(self.log.tail())
             raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
@@ -51,41 +53,38 @@ class Instance3:
 
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
         """``fmi3GetIntervalDecimal``, ``fmi3GetShiftDecimal``, of periodic clocks."""
-        n, references, some = len(clocks), uint32(clocks), (c.c_void_p, c.c_void_p, c.c_size_t)
-        intervals, shifts, qualifiers = (c.c_double * n)(), (c.c_double * n)(), (c.c_int * n)()
-        get = self._calls.checked("GetIntervalDecimal", *some, c.c_void_p, c.c_void_p)
-        get(self.handle, references, n, intervals, qualifiers)
-        self._calls.checked("GetShiftDecimal", *some, c.c_void_p)(
-            self.handle, references, n, shifts
-        )
-        return dict(zip(clocks, zip(intervals, shifts, strict=True), strict=True))
+        return intervals(self._calls, self.handle, clocks)
 
-    def exit_initialization(
-        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
-    ) -> dict[str, list[float]]:
+    def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode, and the Event Mode that follows where it is used."""
+        asked = clocks or Clocks()
+        self._ticking = ticking = Ticking(self._calls, self.handle, asked)
+        ticking.ask((*asked.changing, *asked.countdown))
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
-        ticked: dict[str, list[float]] = {}
         if self._event_mode:
-            self._leave_event_mode(lambda: self._ticked(triggered, clocked, ticked))
-        return ticked
+            self._leave_event_mode(
+                lambda: ticking.instant(self.get, self.get_texts),
+                lambda: ticking.ask(asked.countdown),
+            )
+        return ticking.values
 
-    def _ticked(
-        self, triggered: Sequence[Triggered], clocked: Sequence[Clocked], found: dict[str, Any]
+    @property
+    def next_ticks(self) -> Mapping[int, float]:
+        """When clocks tick next that are changing or count down (s)."""
+        return self._ticking.next
+
+    def clocked_texts(self) -> dict[str, list[str]]:
+        """Texts of clocks as they were when these last ticked."""
+        return self._ticking.texts
+
+    def take_texts(self, found: Clocked) -> None:
+        """Get such a text, now that its clock ticks."""
+        self._ticking.texts[found.name] = self.get_texts(found.type, found.references, found.count)
+
+    def _leave_event_mode(
+        self, instant: Callable[[], None] = lambda: None, after: Callable[[], None] = lambda: None
     ) -> None:
-        """Values of what belongs to clocks that tick in this instant."""
-        active: set[int] = set()
-        for clock in triggered:
-            if not clock.clocks or active.intersection(clock.clocks):
-                ticks = c.c_bool()
-                ask = self._calls.checked("GetClock", *(c.c_void_p,) * 2, c.c_size_t, c.c_void_p)
-                ask(self.handle, uint32([clock.reference]), 1, c.byref(ticks))
-                active |= {clock.reference} if ticks.value else set()
-        for x in clocked:
-            if active.intersection(x.clocks):
-                found[x.name] = self.get(x.type, x.references, x.count)
-
-    def _leave_event_mode(self, instant: Callable[[], None] = lambda: None) -> None:
+        """Instants until nothing changes; `instant` is called in each, `after` after its update."""
         update = self._calls.checked("UpdateDiscreteStates", *(c.c_void_p,) * 7)
         again, stop, nominals, values, defined = (c.c_bool() for _ in range(5))
         time = c.c_double()
@@ -96,6 +95,7 @@ class Instance3:
             update(self.handle, *flags, c.byref(time))
             if stop.value:
                 raise FmuError(f"{self._calls.name}: asked to terminate the simulation in an event")
+            after()
             if not again.value:
                 break
         else:

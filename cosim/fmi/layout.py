@@ -13,8 +13,11 @@ from itertools import chain
 from typing import Any
 
 from cosim import native
-from cosim.fmi.library import Instance, Triggered
+from cosim.errors import FmuError
+from cosim.fmi.library import NEVER, Clocked, Instance, Triggered
 
+#: Clocks whose next tick the FMU says.
+ASKED = (native.ClockKind.CHANGING, native.ClockKind.COUNTDOWN)
 #: FMI type -> (FMI function's name, how engine.c carries it, the C type).
 _CARRIED2 = {
     "Real": ("Real", 0, c.c_double),
@@ -49,11 +52,15 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Ticker:
-    """A periodic input clock: `period` and first tick `shift` in steps of its FMU."""
+    """An input clock: `period` and first tick `shift` of a periodic one in steps of its FMU;
+    `place` in the signals of one that is wired.
+    """
 
     reference: int
-    period: int
-    shift: int
+    kind: native.ClockKind
+    period: int = 1
+    shift: int = 0
+    place: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +70,7 @@ class Partition:
     clocks: tuple[int, ...]
     inputs: tuple[Move, ...]
     outputs: tuple[Move, ...]
+    texts: tuple[Clocked, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +78,7 @@ class Layout:
     """How an FMU is stepped: `h` s, every `period` ticks, `lag` ticks after its interval began.
 
     `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.
+    `counts`: where it is counted how often each of `triggered` ticks.
     `slopes`: inputs whose slope is set as well, its place in the signals in place of theirs.
     (`input`, `input_count`), (`output`, `output_count`): its stretches of the signal vector.
     """
@@ -87,6 +96,7 @@ class Layout:
     partitions: tuple[Partition, ...] = ()
     clocks: tuple[Ticker, ...] = ()
     triggered: tuple[Triggered, ...] = ()
+    counts: tuple[int, ...] = ()
     slopes: Move | None = None
     fmi: str = "2.0"
     events: bool = False
@@ -135,21 +145,29 @@ def _typed(instance: Instance, x: Layout, alive: list[Any]) -> native.Typed:
 
 def _clocked(typed: native.Typed, instance: Instance, x: Layout, alive: list[Any]) -> None:
     """Clocks, and what they move; `active` has a place for each clock."""
+    next_ = instance.next_ticks
     references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]
     index = {r: i for i, r in enumerate(references)}
     typed.active = _kept(c.c_bool, [False] * len(index), alive)
-    tickers = [native.Ticker(t.reference, 0, t.period, t.shift) for t in x.clocks]
+    tickers = [
+        native.Ticker(
+            t.reference, t.kind, t.period, t.shift, next_.get(t.reference, NEVER), t.place
+        )
+        for t in x.clocks
+    ]
     typed.clocks, typed.n_clocks = _kept(native.Ticker, tickers, alive), len(tickers)
     triggered = []
-    for t in x.triggered:
+    for t, count in zip(x.triggered, x.counts, strict=True):
         places = _kept(c.c_int32, [index[r] for r in t.clocks], alive)
-        triggered.append(native.Triggered(t.reference, len(t.clocks), places))
+        triggered.append(native.Triggered(t.reference, len(t.clocks), places, count))
     typed.triggered = _kept(native.Triggered, triggered, alive)
     typed.n_triggered = len(triggered)
     partitions = []
     for p in x.partitions:
         places = _kept(c.c_int32, [index[r] for r in p.clocks], alive)
         partition = native.Partition(clocks=places, n_clocks=len(p.clocks))
+        if p.texts:
+            partition.texts = _taking(instance, p.texts, alive)
         for name, verb, moves in (("inputs", "Set", p.inputs), ("outputs", "Get", p.outputs)):
             _move(partition, name, instance, verb, moves, x.fmi, alive)
         partitions.append(partition)
@@ -159,6 +177,32 @@ def _clocked(typed: native.Typed, instance: Instance, x: Layout, alive: list[Any
         typed.set_clock = instance.address("SetClock")
     if x.triggered:
         typed.get_clock = instance.address("GetClock")
+    if any(t.kind in ASKED for t in x.clocks):
+        typed.get_interval = instance.address("GetIntervalDecimal")
+
+
+def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> int:
+    """The address of a function that gets these texts of clocks: 0, or 1 where it fails."""
+
+    def take() -> int:
+        try:
+            for found in texts:
+                instance.take_texts(found)
+        except FmuError:  # the FMU's log says it as well
+            return 1
+        return 0
+
+    call = native.TEXTS(take)
+    alive.append(call)
+    return native.address(call)
+
+
+def late(unit: native.Unit) -> tuple[int, float]:
+    """How often a clock of an FMU ticked after its time, and by how much at the most (s)."""
+    if not unit.typed:
+        return 0, 0.0
+    typed = native.Typed.from_address(unit.typed)
+    return typed.late, typed.latest
 
 
 def _move(

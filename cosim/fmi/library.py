@@ -9,12 +9,12 @@ One class a standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from cosim import native
+from cosim import fmu_log
 from cosim.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 
@@ -26,9 +26,13 @@ _STATUS = {0: "OK", 1: "warning", 2: "discard", 3: "error", 4: "fatal", 5: "pend
 class Instance(Protocol):
     """One instance of an FMU, FMI 2.0 or 3.0; `next_event` (s): the time event it announced."""
 
-    log: native.Log
+    log: fmu_log.Log
     handle: int
     next_event: float
+
+    @property
+    def next_ticks(self) -> Mapping[int, float]:
+        """When clocks tick next that the FMU is asked for (s), by value reference."""
 
     def enter_initialization(self, t0: float) -> None:
         """Set up the experiment from `t0` (s), without a stop time, and enter initialisation."""
@@ -36,10 +40,14 @@ class Instance(Protocol):
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
         """Interval and shift (s) of periodic clocks, in Initialization Mode."""
 
-    def exit_initialization(
-        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
-    ) -> dict[str, list[float]]:
-        """Leave Initialization Mode for Step Mode; values of `clocked` whose clocks ticked then."""
+    def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
+        """Leave Initialization Mode for Step Mode; values of clocks that ticked then, by name."""
+
+    def clocked_texts(self) -> dict[str, list[str]]:
+        """Texts of clocks as they were when these last ticked, by name."""
+
+    def take_texts(self, found: Clocked) -> None:
+        """Get such a text, now that its clock ticks."""
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values of variables of an FMI type, `count` scalars in all."""
@@ -88,13 +96,26 @@ class Triggered:
 
 @dataclass(frozen=True, slots=True)
 class Clocked:
-    """An output of `count` scalars that can be got while one of `clocks` is active."""
+    """An output of `count` scalars that can be got while one of `clocks` is active; or a clock."""
 
     name: str
     type: str
     references: tuple[int, ...]
     count: int
     clocks: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """What is asked of clocks: when those tick next that are changing or count down (by value
+    reference), which of `triggered` tick, and what then belongs to them.
+    """
+
+    changing: tuple[int, ...] = ()
+    countdown: tuple[int, ...] = ()
+    triggered: tuple[Triggered, ...] = ()
+    clocked: tuple[Clocked, ...] = ()
+    texts: tuple[Clocked, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +135,7 @@ class Setup:
 class Calls:
     """A library's functions, each checked: absent ones and bad statuses become FmuError."""
 
-    def __init__(self, setup: Setup, prefix: str, log: native.Log) -> None:
+    def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
         lacks = missing_bytes(setup.path)
         if lacks:
             raise FmuError(
@@ -164,10 +185,10 @@ def texts_of(values: Any) -> list[str]:
     return [(v or b"").decode("utf-8", "replace") for v in values]
 
 
-def instantiate(setup: Setup, log: native.Log | None = None) -> Instance:
+def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
     """An instance of an FMU in this process. `log`: where it logs to. Raises FmuError."""
     from cosim.fmi.fmi2 import Instance2
     from cosim.fmi.fmi3 import Instance3
 
     kind = Instance2 if setup.fmi == "2.0" else Instance3
-    return kind(setup, native.log() if log is None else log)
+    return kind(setup, fmu_log.log() if log is None else log)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cosim.fmi import clocks
 from cosim.fmi.layout import Layout, Move, Partition
+from cosim.fmi.library import Clocked
 from cosim.fmi.ports import REAL, Group
 
 if TYPE_CHECKING:
@@ -46,12 +48,17 @@ class Moves:
         """The moves of one key, one a type."""
         return tuple(self._found.get((causality, how, clocks), {}).values())
 
-    def partitions(self) -> tuple[Partition, ...]:
-        """The clocked ones by their clocks."""
-        clocks = sorted({key[2] for key in self._found if key[1] == "clocked"})
+    def partitions(self, texts: Sequence[Clocked]) -> tuple[Partition, ...]:
+        """The clocked ones, and `texts`, by their clocks."""
+        said: defaultdict[tuple[int, ...], list[Clocked]] = defaultdict(list)
+        for x in texts:
+            said[tuple(sorted(x.clocks))].append(x)
+        found = {key[2] for key in self._found if key[1] == "clocked"}
         return tuple(
-            Partition(c, self.of("input", "clocked", c), self.of("output", "clocked", c))
-            for c in clocks
+            Partition(
+                c, self.of("input", "clocked", c), self.of("output", "clocked", c), tuple(said[c])
+            )
+            for c in sorted({*found, *said})
         )
 
 
@@ -70,10 +77,14 @@ def layout(
     cannot be kept.
     """
     clocks.check_step(x.description, h, x.name)
-    moves, found = Moves(x.events), _slopes(x, inputs, slopes)
+    moves, found, asked = Moves(x.events), _slopes(x, inputs, slopes), clocks.of(x)
+    at: dict[int, int] = {}  # of clocks that are signals, by value reference
     for causality, place in (("input", inputs), ("output", outputs)):
         for group in x.carried(causality):
-            moves.add(group, place)
+            if group.first.type == "Clock":
+                at |= {r: place + i for i, r in enumerate(group.references)}
+            else:
+                moves.add(group, place)
             place += group.size
     real = all(g.first.type in REAL for c in ("input", "output") for g in x.carried(c))
     return Layout(
@@ -82,8 +93,9 @@ def layout(
         output_count=sum(p.size for p in x.outputs),
         inputs=moves.of("input"), outputs=moves.of("output"),
         discrete=moves.of("input", "discrete"), slopes=found,
-        clocks=clocks.tickers(x.description, h, x.name, x.intervals) if x.events else (),
-        triggered=x.triggered, partitions=moves.partitions(),
+        clocks=clocks.tickers(x.description, h, x.name, x.intervals, at) if x.events else (),
+        triggered=asked.triggered, counts=tuple(at[t.reference] for t in asked.triggered),
+        partitions=moves.partitions(asked.texts),
         fmi=x.description.fmi, events=x.events,
         variable=bool(x.description.flags.get("canHandleVariableCommunicationStepSize")),
         plain=real and found is None and not (x.events or x.returns_early),

@@ -68,11 +68,7 @@ def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> I
     alone = [Group(v.name, v.shape, (v,)) for _, v in members]
     indices = [index for index, _ in members]
     first = members[0][1]
-    alike = all(
-        (v.type, v.unit, v.causality, v.initial, v.clocks)
-        == (first.type, first.unit, first.causality, first.initial, first.clocks)
-        for _, v in members
-    )
+    alike = all(_kind(v) == _kind(first) for _, v in members)
     if not alike or any(not i or len(i) != len(indices[0]) for i in indices):
         return alone
     base = min(min(i) for i in indices)
@@ -82,3 +78,9 @@ def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> I
     if base > 1 or len(grid) != len(members) or any(i not in table for i in grid):
         return alone
     return [Group(name, shape, tuple(table[i] for i in grid))]
+
+
+def _kind(v: Variable) -> tuple[object, ...]:
+    """What members of one array have in common."""
+    ticks = v.attributes.get("intervalVariability")
+    return v.type, v.unit, v.causality, v.initial, v.clocks, ticks

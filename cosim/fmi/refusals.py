@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from cosim.failures import refused
+from cosim.fmi.component import FmuComponent
 from cosim.native import Result
-from cosim.plan import Slot
+from cosim.plan import Slot, Step
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +27,11 @@ def refusal(result: Result, status: int, lines: Sequence[str], value: str) -> st
         return f"the step does not end: 100000 early returns or updates of its states ({said})"
     if result is Result.EVENT:
         return f"a call in Event Mode failed ({said})"
+    if result is Result.INTERVAL:
+        return (
+            "a changing clock, or one that counts down, was asked for its next interval and gave "
+            f"none of 0 s or more ({said})"
+        )
     return refused(result, status, lines)
 
 
@@ -33,3 +39,13 @@ def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int)
     """``name = value`` of the scalar at `place`; "" where it is none of these slots'."""
     names = {s.start + i: name for s in slots for i, name in enumerate(s.scalars())}
     return f"{names[place]} = {float(signals[place]):.17g}" if place in names else ""
+
+
+def step_refused(
+    step: Step, signals: NDArray[np.float64], result: Result, status: int, place: int
+) -> str:
+    """The sentence for a step of an FMU; `place`: of the signal at fault."""
+    assert isinstance(step.component, FmuComponent)
+    slots = (*step.inputs, *step.outputs)
+    lines = step.component.instance.log.tail()
+    return refusal(result, status, lines, wrong_value(slots, signals, place))

@@ -14,14 +14,14 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from cosim import native
+from cosim import fmu_log, native
 from cosim.errors import FmuError
 from cosim.fmi.layout import Layout
-from cosim.fmi.library import NEVER, Clocked, Setup, Triggered
+from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
 from cosim.fmi.options import Options
 from cosim.fmi.worker import ANSWER, STEP
 
@@ -49,12 +49,13 @@ class RemoteInstance:
 
     handle = 0
     next_event = NEVER  # known where the FMU is
+    next_ticks: Mapping[int, float] = {}
 
     def __init__(self, setup: Setup, options: Options, scalars: int, room: int) -> None:
         if os.name != "posix":
             raise FmuError(f"{setup.name}: isolate needs Linux or macOS")
         self._name, self._timeout, self._scalars = setup.name, options.timeout, scalars
-        self._offset = -(-(c.sizeof(native.Log) + room) // 64) * 64
+        self._offset = -(-(c.sizeof(fmu_log.Log) + room) // 64) * 64
         size = self._offset + 8 * max(1, scalars)
         from multiprocessing.connection import Connection  # of no use to others, and slow to load
 
@@ -67,7 +68,7 @@ class RemoteInstance:
         self._answers = Connection(os.dup(self._process.stdout.fileno()), writable=False)
         self._process.stdin.close()
         self._process.stdout.close()
-        self.log = native.log(self._memory, room)
+        self.log = fmu_log.log(self._memory, room)
         self.stopping: Callable[[], bool] = lambda: False
         self._call("start", setup, room, options.memory)
 
@@ -125,12 +126,19 @@ class RemoteInstance:
         found: dict[int, tuple[float, float]] = self._call("intervals", clocks)
         return found
 
-    def exit_initialization(
-        self, triggered: Sequence[Triggered] = (), clocked: Sequence[Clocked] = ()
-    ) -> dict[str, list[float]]:
-        """Leave Initialization Mode; values of `clocked` whose clocks ticked then."""
-        found: dict[str, list[float]] = self._call("exit_initialization", triggered, clocked)
+    def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
+        """Leave Initialization Mode; values of clocks that ticked then."""
+        found: dict[str, list[float]] = self._call("exit_initialization", clocks)
         return found
+
+    def clocked_texts(self) -> dict[str, list[str]]:
+        """Texts of clocks as they were when these last ticked."""
+        found: dict[str, list[str]] = self._call("clocked_texts")
+        return found
+
+    def take_texts(self, found: Clocked) -> None:
+        """Get such a text, now that its clock ticks."""
+        self._call("take_texts", found)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values of variables of an FMI type."""
@@ -182,6 +190,11 @@ class RemoteInstance:
     def bind(self, layout: Layout) -> None:
         """Get ready for :meth:`step`."""
         self._call("bind", layout)
+
+    def late(self) -> tuple[int, float]:
+        """How often a clock ticked after its time there, and by how much at the most (s)."""
+        found: tuple[int, float] = self._call("late")
+        return found
 
     def step(self, t: float, hit: int) -> tuple[int, int, int]:
         """Step on the shared signals: (engine.c's result, the FMU's status, signal at fault)."""

@@ -14,9 +14,9 @@ import struct
 import sys
 from typing import Any
 
-from cosim import native
+from cosim import fmu_log, native
 from cosim.errors import FmuError
-from cosim.fmi.layout import Layout, bind
+from cosim.fmi.layout import Layout, bind, late
 from cosim.fmi.library import Instance, Setup, instantiate
 
 STEP, ANSWER = struct.Struct("<cdq"), struct.Struct("<cqqq")
@@ -38,12 +38,16 @@ class Worker:
         """Instantiate; `room`: bytes of the log, `limit`: MB of memory more than now, 0 for any."""
         if limit:
             _limit(limit)
-        self._instance = instantiate(setup, native.log(self._memory, room))
+        self._instance = instantiate(setup, fmu_log.log(self._memory, room))
 
     def bind(self, layout: Layout) -> None:
         """Get ready to step."""
         assert self._instance is not None
         self._unit = bind(self._instance, layout, self._alive)
+
+    def late(self) -> tuple[int, float]:
+        """How often a clock ticked after its time, and by how much at the most (s)."""
+        return late(self._unit)
 
     def step(self, t: float, hit: int) -> tuple[int, int, int]:
         """Step; returns engine.c's result, the FMU's status, and the signal at fault."""
@@ -54,7 +58,7 @@ class Worker:
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
         """One member of this, or of the instance."""
-        if name in ("start", "bind"):
+        if name in ("start", "bind", "late"):
             return getattr(self, name)(*arguments)
         return getattr(self._instance, name)(*arguments)
 

@@ -1,4 +1,4 @@
-"""FMUs of three C files and model descriptions written here: no code is shared with the runner."""
+"""FMUs of C files and model descriptions written here: no code is shared with the runner."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ FOLDER = tempfile.TemporaryDirectory(prefix="exported-")
 TYPES3 = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64",
           "UInt64", "Enumeration", "Boolean")  # fmt: skip
 
+VARIABLE = 'canHandleVariableCommunicationStepSize="true"'
 _ENUMERATION = '<Item name="slow" value="1"/><Item name="fast" value="2"/>'
 UNITS = """<UnitDefinitions>
 <Unit name="Nm"><BaseUnit kg="1" m="2" s="-2"/></Unit>
@@ -108,6 +109,37 @@ def clocked3(variables: str = "", flags: str = "") -> str:
 <CoSimulation modelIdentifier="clocked3" canHandleVariableCommunicationStepSize="true"
  hasEventMode="true" {flags}/>
 <ModelVariables>{clocks}{inputs}{outputs}<Float64 name="time" valueReference="30"
+ causality="output"/>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
+def timed3(flags: str = VARIABLE, variables: str = "") -> str:
+    """A changing clock, one that counts down, one triggered from outside, and one from inside."""
+    clocks = "".join(
+        f'<Clock name="{name}" valueReference="{i}" intervalVariability="{kind}" {more}/>'
+        for i, name, kind, more in (
+            (1, "pulse", "changing", 'causality="input"'),
+            (2, "start", "triggered", 'causality="input"'),
+            (3, "delay", "countdown", 'causality="input"'),
+            (4, "done", "triggered", 'causality="output" clocks="3"'),
+        )
+    )
+    values = "".join(
+        f'<Float64 name="{name}" valueReference="{r}" causality="{causality}" '
+        f'variability="discrete" clocks="{clock}" {more}/>'
+        for name, r, causality, clock, more in (
+            ("u_pulse", 10, "input", 1, 'start="0"'), ("u_start", 11, "input", 2, 'start="0"'),
+            ("y_pulse", 20, "output", 1, ""), ("at_pulse", 21, "output", 1, ""),
+            ("y_done", 22, "output", 4, ""), ("at_done", 23, "output", 4, ""),
+        )
+    )  # fmt: skip
+    parameters = "".join(
+        f'<Float64 name="{name}" valueReference="{r}" causality="parameter" variability="fixed" '
+        f'start="{start}"/>'
+        for name, r, start in (("wait", 12, 0.15), ("lenient", 13, 0))
+    )
+    return f"""<fmiModelDescription fmiVersion="3.0" modelName="timed" instantiationToken="t">
+<CoSimulation modelIdentifier="timed3" hasEventMode="true" {flags}/>
+<ModelVariables>{clocks}{values}{parameters}<Float64 name="time" valueReference="24"
  causality="output"/>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 

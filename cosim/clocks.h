@@ -1,0 +1,160 @@
+/* clocks.h: the clocks of an FMU of FMI 3.0 (3.0.2, 2.2.8): which tick now, when next, and what
+ * belongs to them. Part of events.h.
+ *
+ * Clocked variables have values only while one of their clocks is active: from when it ticks until
+ * the discrete states are updated. In between they are set and got, and the signals hold them until
+ * the next tick.
+ */
+
+enum { INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED, INTERVAL_CHANGED };
+
+static int any_active(const typed_t *x, const int32_t *clocks, int64_t n)
+{
+    for (int64_t i = 0; i < n; i++)
+        if (x->active[clocks[i]]) return 1;
+    return 0;
+}
+
+/* At the start of step `hit`, or within one: then `hit` is negative, and only time ticks clocks. */
+static int due(ticker_t *c, int64_t hit, double now, const double *s)
+{
+    double before = c->held;
+
+    switch (c->kind) {
+    case CLOCK_PERIODIC: return hit >= c->shift && (hit - c->shift) % c->period == 0;
+    case CLOCK_WIRED:
+        if (hit < 0) return 0;
+        c->held = s[c->place];
+        return c->held > before;
+    default: return c->next <= now;
+    }
+}
+
+/* Which input clocks tick now: they become active. */
+static int wake(const doing_t *d, int64_t hit, double now)
+{
+    const typed_t *x = d->unit->typed;
+    const double reach = now + SLACK * d->unit->h;
+    int any = 0;
+
+    for (int64_t i = 0; i < x->n_clocks; i++)
+        any |= x->active[i] = due(x->clocks + i, hit, reach, d->signals);
+    return any;
+}
+
+/* fmi3SetClock for those that are active; one whose time has passed is late. */
+static int tick_clocks(const doing_t *d, double now)
+{
+    typed_t *x = d->unit->typed;
+
+    for (int64_t i = 0; i < x->n_clocks; i++) {
+        ticker_t *c = x->clocks + i;
+        const double late = now - c->next;
+        if (!x->active[i]) continue;
+        if (late > SLACK * d->unit->h) {
+            x->late++;
+            if (late > x->latest) x->latest = late;
+        }
+        c->next = DBL_MAX;
+        *d->status = ((set_clock_t3)x->set_clock)(d->unit->instance, &c->reference, 1,
+                                                  x->active + i);
+        if (*d->status > 1) return RUN_EVENT;
+    }
+    return RUN_OK;
+}
+
+/* The interval from now to the next tick. */
+static int ask_interval(const doing_t *d, ticker_t *c, double now)
+{
+    double interval = 0.0;
+    int qualifier = INTERVAL_NOT_YET_KNOWN;
+
+    *d->status = ((get_interval_t3)d->unit->typed->get_interval)(
+        d->unit->instance, &c->reference, 1, &interval, &qualifier);
+    if (*d->status > 1) return RUN_EVENT;
+    if (c->kind == CLOCK_COUNTDOWN && qualifier != INTERVAL_CHANGED) return RUN_OK;
+    if (qualifier == INTERVAL_NOT_YET_KNOWN || !(interval >= 0.0)) return RUN_INTERVAL;
+    c->next = now + interval;
+    return RUN_OK;
+}
+
+/* Asks clocks that count down in any case, changing ones when they have ticked. What ticks at once
+ * is active then, and `*again` is set. */
+static int ask_intervals(const doing_t *d, double now, _Bool *again)
+{
+    const typed_t *x = d->unit->typed;
+    const double reach = now + SLACK * d->unit->h;
+
+    for (int64_t i = 0; i < x->n_clocks; i++) {
+        ticker_t *c = x->clocks + i;
+        const double before = c->next;
+        int result;
+        if (c->kind != CLOCK_COUNTDOWN && !(c->kind == CLOCK_CHANGING && before == DBL_MAX))
+            continue;
+        result = ask_interval(d, c, now);
+        if (result != RUN_OK) return result;
+        if (c->next <= reach && c->next != before) *again = x->active[i] = 1;
+    }
+    return RUN_OK;
+}
+
+/* The next moment at which anything happens by itself (s). */
+static double next_time(const typed_t *x)
+{
+    double next = x->next_event;
+    for (int64_t i = 0; i < x->n_clocks; i++)
+        if (x->clocks[i].next < next) next = x->clocks[i].next;
+    return next;
+}
+
+/* Inputs whose clocks are active, once an instant. */
+static int feed_partitions(const doing_t *d)
+{
+    const typed_t *x = d->unit->typed;
+    int result = RUN_OK;
+
+    for (int64_t i = 0; i < x->n_partitions && result == RUN_OK; i++) {
+        partition_t *p = x->partitions + i;
+        if (p->fed || !any_active(x, p->clocks, p->n_clocks)) continue;
+        p->fed = 1;
+        result = set_typed(p->inputs, p->n_inputs, d->unit->instance, d->signals, d->status,
+                           d->failed);
+    }
+    return result;
+}
+
+/* Which clocks the FMU ticks itself; one that belongs to others only while these are active. */
+static int ask_clocks(const doing_t *d)
+{
+    const typed_t *x = d->unit->typed;
+
+    for (int64_t i = 0; i < x->n_triggered; i++) {
+        const triggered_t *c = x->triggered + i;
+        _Bool *active = x->active + x->n_clocks + i;
+        if (c->n_clocks && !any_active(x, c->clocks, c->n_clocks)) continue;
+        *d->status = ((get_clock_t3)x->get_clock)(d->unit->instance, &c->reference, 1, active);
+        if (*d->status > 1) return RUN_EVENT;
+        if (*active) d->signals[c->place] += 1.0;
+    }
+    return RUN_OK;
+}
+
+/* Clocked values of this instant, in and out. No clock is active afterwards. */
+static int exchange(const doing_t *d)
+{
+    const typed_t *x = d->unit->typed;
+    int result = feed_partitions(d);
+
+    if (result == RUN_OK) result = ask_clocks(d);
+    if (result == RUN_OK && x->n_triggered) result = feed_partitions(d);
+    for (int64_t i = 0; i < x->n_partitions && result == RUN_OK; i++) {
+        partition_t *p = x->partitions + i;
+        if (!p->fed) continue;
+        p->fed = 0;
+        result = get_typed(p->outputs, p->n_outputs, d->unit->instance, d->signals, d->status,
+                           d->failed);
+        if (result == RUN_OK && p->texts && (*d->status = p->texts())) result = RUN_GET;
+    }
+    memset(x->active, 0, (size_t)(x->n_clocks + x->n_triggered) * sizeof *x->active);
+    return result;
+}

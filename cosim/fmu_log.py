@@ -1,0 +1,42 @@
+"""What FMUs log, as ``fmu_log.h`` keeps it: the last lines, and all of it where there is room."""
+
+from __future__ import annotations
+
+import ctypes as c
+from mmap import mmap
+
+LOG_LINES, LOG_WIDTH = 32, 512
+
+
+class Log(c.Structure):
+    """``log_t``: the last lines an FMU logged, and the text that follows in memory."""
+
+    _fields_ = (
+        ("count", c.c_int64),
+        ("capacity", c.c_int64),
+        ("used", c.c_int64),
+        ("dropped", c.c_int64),
+        ("level", c.c_int32 * LOG_LINES),
+        ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
+    )
+
+    def tail(self, n: int = 3) -> list[str]:
+        """The last `n` lines, oldest first."""
+        first = max(0, self.count - min(n, LOG_LINES))
+        lines = (self.line[i % LOG_LINES].value for i in range(first, self.count))
+        return [" ".join(line.decode("utf-8", "replace").split()) for line in lines]
+
+    def text(self) -> str:
+        """Everything that was kept, and what was not: "" where no room was given."""
+        kept = c.string_at(c.addressof(self) + c.sizeof(Log), self.used).decode("utf-8", "replace")
+        if not self.dropped:
+            return kept
+        last = "\n".join(self.tail(LOG_LINES))
+        return f"{kept}... {self.dropped} lines left out; the last ones:\n{last}\n"
+
+
+def log(memory: bytearray | mmap | None = None, room: int = 0) -> Log:
+    """A log at the start of `memory` (default: its own), with `room` bytes for text behind it."""
+    found = Log.from_buffer(bytearray(c.sizeof(Log) + room) if memory is None else memory)
+    found.capacity = room
+    return found

@@ -22,6 +22,7 @@ from bridge.system import System
 from bridge.wiring import Rows
 from cosim.analysis.trace import Played
 from cosim.assemble import assemble
+from cosim.errors import PlanError, ScenarioError
 from cosim.plan import Player
 from cosim.recorded import over
 from cosim.simulate import simulate
@@ -34,10 +35,19 @@ def run_offline(system: System, run: Path, rows: Mapping[str, Rows]) -> Path:
     """Run the scenario over the tables of the run folder `run` into ``RUN/offline``; returns it.
 
     `rows`: of the journals, by life. Raises ScenarioError where a link did not cross a cut (it has
-    no table), or a sample was held before it was sent, as clocks that differ make it look.
+    no table), where a sample was held before it was sent, as clocks that differ make it look, or
+    where two nodes both held samples of the very tick they were in, as no order of them allows.
     """
-    plan = over(assemble(system.scenario), run, _silences(system, rows))
-    simulate(system.scenario, run / OFFLINE, plan=plan, force=True)
+    scenario = system.scenario
+    try:
+        plan = over(assemble(scenario), run, _silences(system, rows))
+    except PlanError as error:
+        raise ScenarioError(
+            "nodes were so late that all in a loop held a sample of the very tick they were in; "
+            f"one offline run steps one after the other ({str(error).partition('. ')[0]})",
+            str(run),
+        ) from None
+    simulate(scenario, run / OFFLINE, plan=plan, force=True)
     return run / OFFLINE
 
 

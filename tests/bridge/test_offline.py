@@ -13,6 +13,7 @@ from bridge.diff import Comparison, compare_runs
 from bridge.offline import run_offline
 from bridge.outcome import deployed
 from bridge.system import System
+from bridge.wiring import Rows
 from cosim.errors import ScenarioError
 from cosim.record import Run, write_metadata
 from cosim.simulate import metadata
@@ -89,13 +90,27 @@ def test_a_run_without_its_tables(tmp_path: Path):
         run_offline(system, run, replay.load(run / "nodes"))
 
 
-def test_clocks_that_differ(tmp_path: Path):
-    """A receiver whose clock is behind has samples before they were sent: by its clock."""
+@pytest.fixture
+def newest(tmp_path: Path) -> tuple[System, Path, dict[str, Rows]]:
+    """Two arms on a network that takes next to nothing, and copies of what they have recorded."""
     system = named("zenoh", "deploy.latency=false", "run.stop=1")
     run = recorded(system, tmp_path)
-    rows = {name: r.copy() for name, r in replay.load(run / "nodes").items()}
+    return system, run, {n: r.copy() for n, r in replay.load(run / "nodes").items()}
+
+
+def test_clocks_that_differ(newest: tuple[System, Path, dict[str, Rows]]):
+    """A receiver whose clock is behind has samples before they were sent: by its clock."""
+    system, run, rows = newest
     rows["slave"]["inlets"]["held"] += 16
     ages = write_tables(system, rows, run)
     assert ages["master_control.xi->slave_control.xi_in[0]"].age_maximum == 0.0
     with pytest.raises(ScenarioError, match=r"holds sample \d+, but \d+ samples are sent"):
+        run_offline(system, run, rows)
+
+
+def test_samples_of_the_very_tick_at_both_ends(newest: tuple[System, Path, dict[str, Rows]]):
+    system, run, rows = newest
+    rows["master"]["inlets"]["held"][100:] += 1  # as the slave does: it comes after the master
+    write_tables(system, rows, run)
+    with pytest.raises(ScenarioError, match=r"nodes were so late .* master_control\.xi -> slave"):
         run_offline(system, run, rows)

@@ -29,7 +29,7 @@ WIDE = CONFIGS / "zenoh" / "wide.json5"
 #: What a network takes at least: more than a slot, so that no late node hears of its own tick.
 SHORT = {"law": "constant", "delay": "2 ms"}
 #: Declarations over TCP, samples over UDP; and all over TCP.
-BOTH = ("tcp/{}:7461?rel=1", "udp/{}:7461?rel=0")
+BOTH = ("tcp/{}:7461?rel=1#exit_on_failure=true", "udp/{}:7461?rel=0")
 TCP = ("tcp/{}:7461",)
 #: Edges that hold for as long as this network may be silent, and are not faded before.
 PATIENT = tuple(f'components.{c}.parameters.age_max="1.5 s"' for c in CONTROLLERS)

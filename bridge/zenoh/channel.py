@@ -133,7 +133,7 @@ class ZenohAttachment:
         frame = Frame()
         take = taker(self._tx, self._wake.out, frame)
         while not self._stop.is_set():
-            while take():
+            if take():  # one wake may be a frame's and the stop's
                 self._put(frame)
         while self._tx.get(frame):  # sent before the stop
             self._put(frame)

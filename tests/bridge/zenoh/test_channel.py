@@ -3,6 +3,7 @@
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -178,6 +179,16 @@ def test_closing_twice_is_closing_once(tmp_path: Path):
     for attachment in (a, a, b):
         attachment.close()
     assert a.bus.struct.fd == -1
+
+
+def test_what_was_sent_just_before_the_end_does_not_hold_it(tmp_path: Path):
+    for _ in range(20):
+        only = opened("a", "b", listen=(endpoint(tmp_path),))
+        only.bus.send(Frame.of(IDENTIFIERS[0], bytes(8)))
+        closing = Thread(target=only.close, daemon=True)
+        closing.start()
+        closing.join(PATIENCE)
+        assert not closing.is_alive()
 
 
 class Slow:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from bridge.evidence_links import Network, of_links
 from bridge.fault_script import EXTENDED, KINDS, OF_LINKS, Event, FaultScript, FrameFault
+from bridge.rehearse import MISSED, REFUSES
 from bridge.signs import COUNTERS, SIGNS, Place, Shown
 from bridge.system import System
 from bridge.wiring import Rows
@@ -173,10 +174,8 @@ def _restarted(shown: Shown, node: str, t0: float, t1: float) -> str:
     later = [x for x in shown.lives(node) if shown.rows[x]["slot"][0] * h > t0]
     if later:
         return f"{later[0]} began"
-    refused = (
-        note for note in shown.notes if "refuses to start" in note and f": node {node}." in note
-    )
-    return next(refused, "").partition(": node ")[2]
+    told = (n for n in shown.notes if f": node {node}." in n and (REFUSES in n or MISSED in n))
+    return next(told, "").partition(": node ")[2]
 
 
 def _stopped(shown: Shown, node: str, t0: float, t1: float) -> str:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import os
 import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
@@ -23,6 +22,7 @@ from bridge.process import Process, Start
 from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
 from cosim.errors import Interrupted, RunError
+from cosim.interrupts import terminated
 
 Inside = Callable[[str], AbstractContextManager[None]]
 #: Names in a run folder.
@@ -31,6 +31,8 @@ STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
 #: A node as its supervisor sees it; threads where a bus does not leave the process.
 Node = Process | Thread
 IN_PROCESS = "virtual"
+#: What notes say of a later life that does not join the run.
+REFUSES, MISSED = "refuses to start", "was not ready before the end"
 #: s until all nodes have to be ready, and between two looks at them.
 PATIENCE, LOOK = 60.0, 0.05
 #: s; an event that comes later than that puts off those after it.
@@ -206,6 +208,8 @@ class Rehearsal:
                 if late > LATE:  # what is to last keeps its length
                     events = [replace(e, t=e.t + late) for e in events]
             self._look()
+            if self.t > length:
+                self._missed()
             progress(min(max(self.t, 0.0), length), length)
             if self.t > length + ENDING:
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
@@ -233,11 +237,19 @@ class Rehearsal:
                     self.expected.add(other.start.node)
                     other.tell("stop")
 
+    def _missed(self) -> None:
+        """A later life that is not ready when the run is over has nothing to do any more."""
+        for name, process in self.current.items():
+            if process.code is None and not process.ready and name not in self.expected:
+                self.ended.notes.append(f"t = {self.t:.3f} s: node {process.start.life} {MISSED}")
+                self.expected.add(name)
+                process.send_signal(signal.SIGKILL)
+
     def _refused(self, process: Node) -> None:
         """A node that refuses to start ends the run; one that was to rejoin stays away."""
         if not process.refused:
             return
-        said = f"node {process.start.life} refuses to start: {process.refused.pop()}"
+        said = f"node {process.start.life} {REFUSES}: {process.refused.pop()}"
         if process.start.boots == 1:
             self.stop()
             raise RunError(said)
@@ -277,20 +289,3 @@ class Rehearsal:
 def _revived(events: Sequence[Event], length: float) -> bool:
     """Whether a node is still to be started, in time."""
     return any(e.revives and e.t < length for e in events)
-
-
-@contextmanager
-def terminated() -> Iterator[None]:
-    """SIGTERM is a Ctrl-C, where this thread may say so: nothing is left running."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -22,7 +22,7 @@ from bridge.faults import build
 from bridge.hosts import Hosts, groups, settings
 from bridge.judge import Judged
 from bridge.outcome import Outcome, complete
-from bridge.rehearse import NODES, Node, Rehearsal, Settings, terminated
+from bridge.rehearse import MISSED, NODES, REFUSES, Node, Rehearsal, Settings
 from bridge.soak_spec import Soak, draw, text
 from bridge.system import System, load_system
 from bridge.wiring import Rows
@@ -31,6 +31,7 @@ from cosim.analysis.metrics import evaluate
 from cosim.clock import stopwatch
 from cosim.errors import CosimError
 from cosim.failures import sentence
+from cosim.interrupts import terminated
 from cosim.record import Run
 from cosim.sweep.perform import Row
 
@@ -189,17 +190,33 @@ def _measures(job: Job, done: _Done) -> dict[str, float]:
 
 
 def torque(system: System, rows: Mapping[str, Rows]) -> float:
-    """The greatest torque that any controller has computed, N.m; NaN if one was not a number."""
+    """The greatest torque that went on, N.m: what a guard let through, or else what was computed.
+
+    NaN if one was not a number.
+    """
     worst = [0.0]
     for life, recorded in rows.items():
-        for step in system.nodes[life.partition(".")[0]].plan.components:
-            if step.kind != "sampled":
+        name = life.partition(".")[0]
+        worst += _sent(system, name, recorded)
+        for step in system.nodes[name].plan.components:
+            if step.kind != "sampled" or system.deployment.nodes[name].guard is not None:
                 continue
             for slot in step.outputs:
                 if slot.unit == "N.m":
                     values = recorded["signals"][:, slot.start : slot.start + slot.size]
                     worst.append(float(np.abs(values).max(initial=0.0)))
     return float(np.max(worst))
+
+
+def _sent(system: System, name: str, recorded: Rows) -> Iterator[float]:
+    """The greatest value of each torque a node has sent behind its guard."""
+    guard, first = system.deployment.nodes[name].guard, 0
+    for outlet in system.nodes[name].outlets:
+        for part in outlet.parts:
+            if guard is not None and part.port == guard.port:
+                values = recorded["sent"][:, first : first + part.size]
+                yield float(np.abs(values).max(initial=0.0))
+            first += part.size
 
 
 def _together(job: Job, done: _Done) -> float:
@@ -226,6 +243,7 @@ def _failures(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterator[
 def _crashes(done: _Done) -> Iterator[str]:
     """Processes that did not end as they were told, or left nothing to read."""
     killed = [e.target for e in done.script.events if e.action == "kill"]
+    notes = done.outcome.notes
     for process in done.lives:
         life, node = process.start.life, process.start.node
         errors = done.outcome.folder / NODES / f"{life}.err"
@@ -234,9 +252,9 @@ def _crashes(done: _Done) -> Iterator[str]:
             yield f"{life} crashed: {said.strip().splitlines()[-1]}"
         elif process.code == -signal.SIGKILL and node in killed:
             killed.remove(node)
-        elif process.code != 0:
+        elif process.code != 0 and not any(f"node {life} {MISSED}" in n for n in notes):
             yield f"{life} ended with exit code {process.code}"
-        stayed = any(f"node {life} refuses to start" in note for note in done.outcome.notes)
+        stayed = any(f"node {life} {why}" in n for n in notes for why in (REFUSES, MISSED))
         if life not in done.outcome.rows and not stayed:
             yield f"{life} has left no journal"
     for report in done.outcome.reports:

@@ -103,6 +103,9 @@ def test_a_second_life_is_seen_and_an_event_that_never_came_is_idle(system, tmp_
     assert find(given, shown(system, tmp_path))[0].verdict == "idle"
     run = shown(system, tmp_path, notes=["t = 2.001 s: kill slave", "t = 2.502 s: start slave"])
     assert find(given, run)[0].verdict == "unseen"
+    said = "node slave.2 was not ready before the end"
+    late = replace(run, notes=[*run.notes, f"t = 10.1 s: {said}"])
+    assert find(given, late)[0].shown == (f"slave: {said.removeprefix('node ')}",)
     both = {**run.rows, "slave.2": run.rows["slave"][600:]}
     assert find(given, replace(run, rows=both))[0].shown == ("slave: slave.2 began",)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes as c
 import os
+import sys
 import threading
 import time
 
@@ -31,8 +32,9 @@ class Gate:
         self.system, self.result, self._start = system, None, start
         names = system.buses_of(name)
         self.rings = {bus: (Ring(4096), Ring(4096)) for bus in names}
-        self.bells = [os.eventfd(0, os.EFD_NONBLOCK) for _ in names]
-        for (rx, _), bell in zip(self.rings.values(), self.bells, strict=True):
+        linux = sys.platform == "linux"  # elsewhere it looks now and then
+        self.bells = [os.eventfd(0, os.EFD_NONBLOCK) for _ in names if linux]
+        for (rx, _), bell in zip(self.rings.values(), self.bells, strict=False):
             rx.struct.bell = bell
         buses = {
             bus: Bus.of_socket(sockets[bus], n)

@@ -45,6 +45,7 @@ class Outcome:
     seconds: float
     wall: float
     ages: Mapping[str, LinkStatistics]
+    late: Mapping[str, tuple[int, float]]  # clocks of FMUs: how often, and by how much (s)
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
@@ -121,9 +122,11 @@ def simulate(
             raise
         recorder.close()
         wall = watch()
-        write_metadata(folder, metadata(scenario, plan, wall=wall) | {"texts": engine.texts()})
+        late = engine.late()
+        found = metadata(scenario, plan, wall=wall) | {"texts": engine.texts(), "late_clocks": late}
+        write_metadata(folder, found)
     statistics = {name: counted.result() for name, counted in counts.items()}
-    return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall, statistics)
+    return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late)
 
 
 class _Counted:

@@ -64,7 +64,7 @@ def run(
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
     from cosim.assemble import assemble
     from cosim.cli.check import warn
-    from cosim.cli.summary import check, figures, header, progress_bar, summary
+    from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
     from cosim.clock import stamp
     from cosim.errors import Interrupted, ScenarioError
     from cosim.record import Run
@@ -100,6 +100,8 @@ def run(
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(130) from None
+    for line in late_ticks(outcome) if not quiet else ():
+        typer.echo(line, err=True)
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)

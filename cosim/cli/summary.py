@@ -141,6 +141,15 @@ def _settled(scenario: Scenario, results: tuple[Result, ...]) -> str:
     return ", ".join(parts)
 
 
+def late_ticks(outcome: Outcome) -> list[str]:
+    """Where clocks of an FMU ticked after their time, a line an FMU."""
+    return [
+        f"{name}: clocks ticked late {n} times, by up to {most:g} s: it takes no shorter steps, so "
+        "they wait for the next one; a smaller period makes that less"
+        for name, (n, most) in outcome.late.items()
+    ]
+
+
 def _ages(outcome: Outcome) -> list[str]:
     """Mean and p95 of the age of what each link held."""
     lines = []

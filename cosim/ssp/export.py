@@ -78,6 +78,10 @@ class _Packer:
         self._fmus = {c.name: fmu_of(c, scenario) for c in plan.components}
         self._files: dict[str, bytes] = {}
         edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
+        for slot in (s for edge in edges for s in (edge.source, edge.target)):
+            if self._fmus[slot.component].groups[slot.port].first.type == "Clock":
+                what = f"{slot.name} is a clock, which SSP 1.0 has no connectors for"
+                raise ScenarioError(what, str(scenario.path))
         self._fed = {name for edge in edges for name in edge.target.scalars()}
         self._delays: dict[str, Path] = {}  # by the link's name
 
@@ -207,8 +211,9 @@ def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
 
 
 def _carried(fmu: FmuComponent) -> list[Group]:
-    ports = [p.name for p in (*fmu.inputs, *fmu.outputs)]
-    return [fmu.groups[name] for name in ports]
+    """The signals that SSP has connectors for: clocks are none."""
+    groups = [fmu.groups[p.name] for p in (*fmu.inputs, *fmu.outputs)]
+    return [g for g in groups if g.first.type != "Clock"]
 
 
 def _scalars(group: Group) -> list[str]:

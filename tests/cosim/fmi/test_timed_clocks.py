@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,12 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.assemble import assemble
 from cosim.engine import Engine
-from cosim.errors import CosimError
+from cosim.errors import CosimError, ScenarioError
 from cosim.fmi import Options
 from cosim.plan import Plan
-from cosim.scenario import build
+from cosim.scenario import Scenario, build
+from cosim.ssp.export import write
+from tests.cli.command import Command
 from tests.cosim.fmi.exporter import clocked3, column, export, plan_of, run, timed3
 
 STEPS = 14  # of 0.1 s
@@ -98,6 +102,19 @@ def test_where_steps_cannot_be_cut_ticks_are_late_and_counted(tmp_path, isolate:
     assert count > 3 and most == pytest.approx(0.05)
     with pytest.raises(CosimError, match="a step over a tick"):
         run(plan_of(path, STEPS, options=options), FED)
+
+
+def test_a_run_says_that_ticks_were_late(tmp_path: Path, monkeypatch, capsys) -> None:
+    path = export(timed3(flags=""), tmp_path / "x.fmu")
+    scenario = tmp_path / "x.toml"
+    scenario.write_text(
+        'run = { step = 0.1, stop = 1.0 }\n[components.x]\nfmi = "3.0"\n'
+        f'model = "{path}"\nparameters = {{ lenient = 1.0 }}\n'
+    )
+    done = Command(monkeypatch, capsys)("run", scenario, "--no-plot", "--out", tmp_path / "run")
+    assert done.code == 0
+    assert re.search(r"x: clocks ticked late \d times, by up to 0\.\d+ s: it takes no", done.err)
+    assert json.loads((tmp_path / "run/run.json").read_text())["late_clocks"]["x"][0] > 0
 
 
 def test_an_interval_that_is_none_stops_the_run(timed: Path) -> None:
@@ -193,10 +210,8 @@ def event(fmu: FMU3Slave, t, ticks, u, now, next_) -> None:
 # ---- wires from clock to clock --------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "later"), [("sampled", 0.0), ("continuous", 0.1)])
-def test_an_output_clock_ticks_the_input_clock_it_is_wired_to(tmp_path, timed, kind, later) -> None:
-    """In the same tick where the order of sampled components allows it, else in the next."""
-    bell = export(clocked3(), tmp_path / "bell.fmu")
+def wired(bell: Path, timed: Path, kind: str) -> Scenario:
+    """The bell starts a countdown of nothing: what it is then done with is what the bell said."""
     fmu = {"fmi": "3.0", "kind": kind}
     document = {
         "run": {"step": 0.1, "stop": 1.4},
@@ -208,7 +223,13 @@ def test_an_output_clock_ticks_the_input_clock_it_is_wired_to(tmp_path, timed, k
             },
         },
     }  # fmt: skip
-    plan = assemble(build(document, tmp_path / "x.toml"))
+    return build(document, bell.with_name("x.toml"))
+
+
+@pytest.mark.parametrize(("kind", "later"), [("sampled", 0.0), ("continuous", 0.1)])
+def test_an_output_clock_ticks_the_input_clock_it_is_wired_to(tmp_path, timed, kind, later) -> None:
+    """In the same tick where the order of sampled components allows it, else in the next."""
+    plan = assemble(wired(export(clocked3(), tmp_path / "bell.fmu"), timed, kind))
     with Engine(plan) as engine:
         engine.initialize()
         slots = plan.slots()
@@ -221,6 +242,12 @@ def test_an_output_clock_ticks_the_input_clock_it_is_wired_to(tmp_path, timed, k
     ticks = [0.0, *(t for k in steps if (t := 0.1 * k + later) < 1.4 - 1e-6)]
     assert sorted(set(at)) == pytest.approx(ticks)
     assert sorted(set(heard)) == [i + 1.0 for i in range(len(ticks))]
+
+
+def test_clocks_have_no_connectors_in_an_ssp(tmp_path: Path, timed: Path) -> None:
+    scenario = wired(export(clocked3(), tmp_path / "bell.fmu"), timed, "continuous")
+    with pytest.raises(ScenarioError, match=r"a.bell is a clock, which SSP 1.0 has no connectors"):
+        write(scenario, assemble(scenario), tmp_path / "x.ssp")
 
 
 def test_a_clock_that_nothing_is_wired_to_never_ticks(timed: Path) -> None:

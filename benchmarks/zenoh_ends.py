@@ -36,7 +36,6 @@ KEYS = {name: f"bench/node/component/{name}" for name in ("ping", "pong", "way")
 NUMBERS = {"ping": 0x1000, "pong": 0x1001, "way": 0x1002}
 CODECS = {n: codec(KEYS[n], NUMBERS[n], ("number", "sent", "x", "y")) for n in KEYS}
 PATIENCE = 2.0  # s, for a pong
-Rows = list[tuple[bytes, int]]
 
 
 class End(Protocol):
@@ -137,7 +136,7 @@ class _Others:
     close: Callable[[], Any]
 
     def __init__(self) -> None:
-        self.rows: Rows = []
+        self.rows: list[tuple[bytes, int]] = []
 
     def ready(self) -> None:
         pass
@@ -165,7 +164,7 @@ class _Others:
         return [[*ROW.unpack(data), arrived] for data, arrived in rows]
 
     def echo(self, on: bool) -> None:
-        pass
+        """It always does."""
 
     def _loops(self, ping: Callable[[], bytes], way: Callable[[], bytes]) -> None:
         def answer() -> None:
@@ -267,12 +266,15 @@ class _ZeroMQ(_Others):
             self._loops(found["ping"].recv, found["way"].recv)
 
 
-# ---- a process -----------------------------------------------------------------------------------
+#: All of Zenoh in one thread; sessions take it from the environment.
+ONE = "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx))"
 
 
 def make(kind: str, near: bool, ports: list[int], path: str) -> End:
     """The end of a kind."""
-    if kind == "ours":
+    if kind.startswith("ours"):
+        if kind != "ours":
+            os.environ["ZENOH_RUNTIME"] = ONE
         return _Ours(near, ports, tick_library(path))
     if kind.startswith("zenoh"):
         return _Zenoh(near, ports, "direct" in kind, "our threads" in kind)
@@ -280,8 +282,8 @@ def make(kind: str, near: bool, ports: list[int], path: str) -> End:
 
 
 KINDS = (
-    "ours", "zenoh, default call-back", "zenoh, direct call-back", "zenoh, default, our threads",
-    "udp", "zeromq",
+    "ours", "ours, one Zenoh thread", "zenoh, default call-back", "zenoh, direct call-back",
+    "zenoh, default, our threads", "udp", "zeromq",
 )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from typing import final
 
 from bridge.enabling import enabled
 from bridge.inprocess import Thread
+from bridge.lockstep import wanted
 from bridge.node import TOO_LATE
 from bridge.process import Process, Start
 from bridge.system import System
@@ -38,7 +39,7 @@ PATIENCE, LOOK = 60.0, 0.05
 #: s; an event that comes later than that puts off those after it.
 LATE = 0.1
 #: s after the end; Zenoh stands by a connection that nobody answers any more for 10 s.
-ENDING = 20.0
+ENDING = 30.0
 #: s from the last node's being ready to t = 0.
 LEAD = 0.5
 
@@ -93,6 +94,7 @@ class Rehearsal:
         self.expected: set[str] = set()  # nodes whose end is part of the plan
         buses = system.deployment.buses.values()
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
+        self._timed = not wanted(system)  # in lock-step nothing says when the end is
         self._kind: type[Process] | type[Thread] = Thread if alone else Process
         self._stack = ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
@@ -211,7 +213,7 @@ class Rehearsal:
             if self.t > length:
                 self._missed()
             progress(min(max(self.t, 0.0), length), length)
-            if self.t > length + ENDING:
+            if self._timed and self.t > length + ENDING:
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
             next_ = events[0].t - self.t if events else LOOK
             sleep(min(LOOK, max(next_, 0.001)))

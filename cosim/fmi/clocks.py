@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
+from cosim.component import Values
 from cosim.errors import FmuError
 from cosim.fmi.description import Description
 from cosim.fmi.layout import Ticker
@@ -130,6 +131,19 @@ def _ticker(
         _steps(period, h, f"{name}: the interval of clock {clock.name!r}"),
         _steps(shift, h, f"{name}: the shift of clock {clock.name!r}") if shift else 0,
     )
+
+
+def set_intervals(x: FmuComponent, values: Values) -> Intervals:
+    """Set the clocks among `values`; returns their intervals and shifts (s)."""
+    groups = {k: x.groups[k] for k in values if x.groups[k].first.type == "Clock"}
+    found = {
+        v.reference: (float(interval), _interval(v, x.name)[1])
+        for k, group in groups.items()
+        for v, interval in zip(group.variables, values[k].reshape(-1), strict=True)
+    }
+    if found:
+        x.instance.set_intervals({reference: s for reference, (s, _) in found.items()})
+    return found
 
 
 def _interval(clock: Variable, name: str) -> tuple[float, float]:

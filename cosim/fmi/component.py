@@ -75,7 +75,7 @@ class FmuComponent:
         self._sizes = [(self.groups[k].first.reference, n) for k, n in sizes.items()]
         #: Names of `options.given` that are no values of signals or parameters.
         self.taken = frozenset({*sizes, *texts})
-        #: Interval and shift (s) of clocks whose FMU was asked, by value reference.
+        #: Interval and shift (s) of clocks that were set or asked for, by value reference.
         self.intervals: clocks.Intervals = {}
         self._instance: Instance | None = None
         self._initializing = False
@@ -165,6 +165,7 @@ class FmuComponent:
                 self._instance.set_texts(group.first.type, group.references, texts)
         self._instance.enter_initialization(0.0)
         self._initializing = True
+        self.intervals = clocks.set_intervals(self, values)
         for group, texts in self._texts:
             if group.first.causality == "input":
                 self._instance.set_texts(group.first.type, group.references, texts)
@@ -220,7 +221,7 @@ class FmuComponent:
         if not self._initializing:
             return {}
         asked = clocks.unstated(self.description) if self.events else []
-        self.intervals = self.instance.intervals(asked) if asked else {}
+        self.intervals = {**self.intervals, **(self.instance.intervals(asked) if asked else {})}
         found = self.instance.exit_initialization(clocks.of(self))
         self._initializing = False
         return {name: self._shaped(name, values) for name, values in found.items()}

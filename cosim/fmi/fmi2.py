@@ -66,6 +66,10 @@ class Instance2:
         """FMI 2.0 has no clocks."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
+    def set_intervals(self, given: Mapping[int, float]) -> None:
+        """FMI 2.0 has no clocks."""
+        raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
+
     def clocked_texts(self) -> dict[str, list[str]]:
         """FMI 2.0 has no clocks."""
         return {}

@@ -9,7 +9,7 @@ from typing import Any
 from cosim import fmu_log, native
 from cosim.errors import FmuError
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
-from cosim.fmi.ticking import Ticking, intervals
+from cosim.fmi.ticking import Ticking, intervals, set_intervals
 
 TYPES: Mapping[str, Any] = {
     "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
@@ -54,6 +54,10 @@ class Instance3:
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
         """``fmi3GetIntervalDecimal``, ``fmi3GetShiftDecimal``, of periodic clocks."""
         return intervals(self._calls, self.handle, clocks)
+
+    def set_intervals(self, given: Mapping[int, float]) -> None:
+        """``fmi3SetIntervalDecimal``."""
+        set_intervals(self._calls, self.handle, given)
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode, and the Event Mode that follows where it is used."""

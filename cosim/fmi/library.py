@@ -40,6 +40,9 @@ class Instance(Protocol):
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
         """Interval and shift (s) of periodic clocks, in Initialization Mode."""
 
+    def set_intervals(self, given: Mapping[int, float]) -> None:
+        """Set the interval (s) of fixed and tunable clocks, in Initialization Mode."""
+
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode for Step Mode; values of clocks that ticked then, by name."""
 

@@ -126,6 +126,10 @@ class RemoteInstance:
         found: dict[int, tuple[float, float]] = self._call("intervals", clocks)
         return found
 
+    def set_intervals(self, given: Mapping[int, float]) -> None:
+        """Set the interval (s) of fixed and tunable clocks."""
+        self._call("set_intervals", given)
+
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode; values of clocks that ticked then."""
         found: dict[str, list[float]] = self._call("exit_initialization", clocks)

@@ -6,7 +6,7 @@ That is Initialization Mode and the Event Mode that follows, both at the start (
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from cosim.errors import FmuError
 from cosim.fmi.library import NEVER, Calls, Clocks, uint32
@@ -24,6 +24,13 @@ def intervals(calls: Calls, handle: int, clocks: Sequence[int]) -> dict[int, tup
     n, shifts = len(clocks), (c.c_double * len(clocks))()
     calls.checked("GetShiftDecimal", *_SOME, c.c_void_p)(handle, uint32(clocks), n, shifts)
     return {r: (found[r][0], shift) for r, shift in zip(clocks, shifts, strict=True)}
+
+
+def set_intervals(calls: Calls, handle: int, given: Mapping[int, float]) -> None:
+    """Set the interval (s) of fixed and tunable clocks, in Initialization Mode."""
+    values = (c.c_double * len(given))(*given.values())
+    set_ = calls.checked("SetIntervalDecimal", *_SOME, c.c_void_p)
+    set_(handle, uint32(list(given)), len(given), values)
 
 
 def _intervals(calls: Calls, handle: int, clocks: Sequence[int]) -> dict[int, tuple[float, int]]:

@@ -34,8 +34,11 @@ def port(group: Group) -> Port:
 
 
 def parameter(group: Group) -> Parameter:
-    """A parameter, or the start value of a variable that has one."""
+    """A parameter, the start value of a variable that has one, or the interval of a clock."""
     v = group.first
+    if v.type == "Clock":
+        interval = number(v.attributes["intervalDecimal"])
+        return Parameter(group.name, (interval,) * group.size, group.shape, "s", v.description)
     kind: Literal["real", "integer", "boolean"] = _KINDS.get(v.type, "integer")
     return Parameter(group.name, _numbers(group), group.shape, v.unit or "1", v.description, kind)
 
@@ -43,11 +46,19 @@ def parameter(group: Group) -> Parameter:
 def settable(group: Group) -> bool:
     """Whether a scenario may set it before the start; sizes are set otherwise."""
     v = group.first
+    if v.type == "Clock":
+        return tunes(v)
     if v.type not in NUMERIC or v.variability == "constant":
         return False
     return v.causality == "parameter" or (
         v.causality in ("local", "output") and v.initial in ("exact", "approx") and bool(v.start)
     )
+
+
+def tunes(clock: Variable) -> bool:
+    """Whether an importer may set the interval of a clock (FMI 3.0.2 §2.2.8)."""
+    periodic = clock.attributes.get("intervalVariability") in ("fixed", "tunable")
+    return clock.causality == "input" and periodic and "intervalDecimal" in clock.attributes
 
 
 def _numbers(group: Group) -> tuple[float, ...]:

@@ -75,6 +75,18 @@ def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, i
     assert found == outputs(plan_of(clocked, STEPS))
 
 
+@pytest.mark.parametrize("kind", ["fixed", "tunable"])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_an_interval_is_set_like_a_parameter(tmp_path, kind, isolate) -> None:
+    """Where it is the importer's to choose: every second step then takes its input."""
+    path = export(clocked3().replace('="constant"', f'="{kind}"', 1), tmp_path / "x.fmu")
+    options = Options(isolate=isolate)
+    found = outputs(plan_of(path, STEPS, values={"fast": (0.2,)}, options=options))
+    assert found["y_fast"] == [-1.0, *(sum(range(0, k + 1, 2)) for k in range(STEPS))]
+    with pytest.raises(CosimError, match="no such interval"):
+        run(plan_of(path, 1, values={"fast": (0.25,)}))
+
+
 def test_fmpy_sees_the_same_values_in_event_mode(clocked: Path) -> None:
     found, expected = outputs(plan_of(clocked, STEPS)), by_fmpy(clocked)
     assert {name: found[name] for name in expected} == expected

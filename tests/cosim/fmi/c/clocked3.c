@@ -169,6 +169,12 @@ FMI int fmi3GetIntervalDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v,
     }
     return 0;
 }
+FMI int fmi3SetIntervalDecimal(fmu_t *x, const uint32_t *r, size_t n, const double *v)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!x->initializing || r[i] != FAST || v[i] != 0.2) return refuse(x, "no such interval");
+    return 0;
+}
 FMI int fmi3GetShiftDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v)
 {
     (void)x;
@@ -192,5 +198,5 @@ UNUSED(CompletedIntegratorStep) UNUSED(SetTime) UNUSED(SetContinuousStates)
 UNUSED(GetContinuousStateDerivatives) UNUSED(GetEventIndicators) UNUSED(GetContinuousStates)
 UNUSED(GetNominalsOfContinuousStates) UNUSED(GetNumberOfEventIndicators)
 UNUSED(GetNumberOfContinuousStates) UNUSED(GetOutputDerivatives) UNUSED(ActivateModelPartition)
-UNUSED(GetIntervalFraction) UNUSED(GetShiftFraction) UNUSED(SetIntervalDecimal) UNUSED(SetIntervalFraction)
+UNUSED(GetIntervalFraction) UNUSED(GetShiftFraction) UNUSED(SetIntervalFraction)
 UNUSED(SetShiftDecimal) UNUSED(SetShiftFraction) UNUSED(EvaluateDiscreteStates)

@@ -168,7 +168,8 @@ def main() -> None:
         print("medians of blocks; ratios: to bare zenoh with the default / a direct call-back\n")
         print(*report(rows), sep="\n\n", end="\n\n", flush=True)
         rings = zenoh_ring.measure(path, nodes, -(-blocks // 3), 2 * seconds, options.priority)
-    print(*zenoh_ring.report(rings), sep="\n\n")
+    if rings:
+        print(*zenoh_ring.report(rings), sep="\n\n")
     if find_spec("zmq") is None:
         print("zeromq: not installed (pip install pyzmq)")
     if options.json:

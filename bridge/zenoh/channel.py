@@ -7,13 +7,14 @@ back, which stamps the arrival and copies the sample into the ring; a tick runs 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
 import zenoh
 
 from bridge.can.health import BusHealth, bus_health
+from bridge.can.socket import BusError
 from bridge.journal import Journal
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
@@ -21,8 +22,10 @@ from bridge.native.mail import bringer, keep_thread, taker
 from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
 from bridge.zenoh.presence import Presence
-from bridge.zenoh.session import close_session, configure, open_session
+from bridge.zenoh.session import CLOSING, close_session, configure, lease_of, open_session
+from bridge.zenoh.silence import LOOK, Silence
 from bridge.zenoh.wake import Wake
+from cosim.clock import monotonic_ns
 
 ENCODING = "application/octet-stream;cosim.sample.v1"
 
@@ -57,51 +60,71 @@ class ZenohAttachment:
         capacity: int = 8192,
         access: Mapping[str, object] | None = None,
     ) -> None:
-        self._name, self.names, self.traffic = name, names, traffic
-        self._wait = options.wait
+        self._name, self.names, self.traffic, self._options = name, names, traffic, options
+        self._config = configure(options, traffic.node, access)
         self._rx, self._tx = Ring(capacity), Ring(capacity)
-        self._refused, self._fault = 0, ""
-        self.session = open_session(configure(options, traffic.node, access), name)
-        self._wake = Wake()
-        self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
+        self._refused, self._restarts, self._fault = 0, 0, ""
+        self._silence = Silence(names.senders(traffic.hears), lease_of(self._config))
+        self._declaring: list[Callable[[zenoh.Session], None]] = []
         self._stop = threading.Event()
+        self._wake = Wake()
+        self._open()
+        self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
+        self._threads = [threading.Thread(target=self._send, name=f"zenoh {name}", daemon=True)]
+        if not options.lockstep:  # in which a lost sample is waited for in vain
+            self._threads.append(threading.Thread(target=self._mend, daemon=True))
+        for thread in self._threads:
+            thread.start()
+
+    def _open(self) -> None:
+        """Open a session and declare everything on it."""
+        within = self._options.wait if self._options.wait > 0 else None
+        session = open_session(self._config, self._name, within)
         self._publishers = {
             number: control_publisher(
-                self.session, key, options.reliability, block=options.lockstep
+                session, key, self._options.reliability, block=self._options.lockstep
             )
-            for key, number in traffic.publishes.items()
+            for key, number in self.traffic.publishes.items()
         }
-        self.presence = Presence(self.session, names, traffic.node)
+        self.presence = Presence(session, self.names, self.traffic.node)
         self._subscribers = [
-            self.session.declare_subscriber(
+            session.declare_subscriber(
                 key,
-                self._receiver(number),
+                self._receiver(key, number),
                 allowed_origin=zenoh.Locality.REMOTE,
             )
-            for key, number in traffic.hears.items()
+            for key, number in self.traffic.hears.items()
         ]
+        for declare in self._declaring:
+            declare(session)
         self.presence.declare()
-        self._thread = threading.Thread(target=self._send, name=f"zenoh {name}", daemon=True)
-        self._thread.start()
+        self.session = session
+
+    def declare(self, declare: Callable[[zenoh.Session], None]) -> None:
+        """Declare something more on the session, and on one that takes its place."""
+        self._declaring.append(declare)
+        declare(self.session)
 
     def wait_for_peers(self) -> None:
         """Until every peer is there and somebody listens to what has to be heard.
 
         Raises BusError after the option ``wait`` (s), with who is missing.
         """
-        if self._wait <= 0:
+        if self._options.wait <= 0:
             return
         numbers = {key: self.traffic.publishes[key] for key in self.traffic.heard_by_others}
         heard = {key: self._publishers[number] for key, number in numbers.items()}
-        self.presence.wait(self.traffic.peers, heard, self._wait, self._stop.is_set)
+        self.presence.wait(self.traffic.peers, heard, self._options.wait, self._stop.is_set)
 
     def health(self, now_ns: int) -> BusHealth:
-        """State and counts at `now_ns` (monotonic); `restarts`: times a peer went away."""
+        """State and counts at `now_ns` (monotonic); `restarts`: times a peer went away, or the
+        session was opened anew.
+        """
         health = bus_health(self.bus, self._name, now_ns)
         return replace(
             health,
             send_failed=health.send_failed + self._refused,
-            restarts=self.presence.lost,
+            restarts=self._restarts + self.presence.lost,
             last_error=self._fault or health.last_error,
         )
 
@@ -111,19 +134,45 @@ class ZenohAttachment:
             return
         self._stop.set()
         self._wake.set()
-        self._thread.join()
+        for thread in self._threads:
+            thread.join(None if thread is self._threads[0] else CLOSING)
         self.bus.struct.fd = -1
         self._wake.close()
+        if self._options.lockstep:
+            self._close()
+
+    def _close(self) -> None:
         for subscriber in self._subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
         close_session(self.session)
 
-    def _receiver(self, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
+    def _mend(self) -> None:
+        """Open the session anew where a peer is there, was heard, and is heard no more."""
+        while not self._stop.wait(LOOK):
+            silent = self._silence.silent(self.presence.there, monotonic_ns())
+            if silent:
+                self._fault = f"{', '.join(silent)} there but silent: session opened anew"
+                self._restarts += 1 + self.presence.lost
+                self._close()
+                self._reopen()
+        self._close()  # also of a session that was opened meanwhile
+
+    def _reopen(self) -> None:
+        while not self._stop.is_set():
+            try:
+                return self._open()
+            except BusError as error:
+                self._fault = str(error)
+                self._stop.wait(LOOK)
+
+    def _receiver(self, key: str, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
         """Of one key: called on Zenoh's threads, of which there may be several."""
-        bring = bringer(self._rx, number)
+        bring, counts = bringer(self._rx, number), self._silence.counts
+        counts.setdefault(key, 0)
 
         def receive(sample: zenoh.Sample) -> None:
             keep_thread()
+            counts[key] += 1
             bring(sample.payload.to_bytes())
 
         return zenoh.handlers.Callback(receive, indirect=False)

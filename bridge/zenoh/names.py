@@ -47,6 +47,11 @@ class Names:
         """Of something of nobody: nmt, estop."""
         return f"{self.prefix}/{what}"
 
+    def senders(self, keys: Iterable[str]) -> dict[str, str]:
+        """The node that says each key; what nobody or anybody may say is not in it."""
+        chunks = {key: key.removeprefix(f"{self.prefix}/").split("/") for key in keys}
+        return {key: found[0] for key, found in chunks.items() if len(found) > 1}
+
 
 def names_of(deployment: Deployment, bus: str) -> Names:
     """The keys of a bus; its prefix is the deployment's name unless it says one.

@@ -43,11 +43,14 @@ def serve(end: ZenohAttachment, wired: Wired, control: Stoppable) -> None:
         "state": lambda: state(wired, end),
         "parameters": lambda: parameters(wired),
     }
-    for what in (*READ, *TOLD):
-        key = end.names.of(wired.name, what)
-        end.session.declare_queryable(
-            key, _answering(key, answers.get(what, answers["state"]), commands.get(what))
-        )
+
+    def declare(session: zenoh.Session) -> None:
+        for what in (*READ, *TOLD):
+            key = end.names.of(wired.name, what)
+            answer = answers.get(what, answers["state"])
+            session.declare_queryable(key, _answering(key, answer, commands.get(what)))
+
+    end.declare(declare)
 
 
 def _answering(

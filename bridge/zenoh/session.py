@@ -22,6 +22,8 @@ from cosim.errors import ScenarioError
 
 #: s that a session may take to close.
 CLOSING = 2.0
+#: s that a session may wait for what it must connect to.
+WITHIN = 30.0
 #: What holds where the configuration file has nothing.
 DEFAULTS: dict[str, Any] = {
     "mode": "peer",
@@ -140,21 +142,37 @@ def _beside(options: Options) -> Any:
     return (options.config or options.keys).parent
 
 
-def open_session(config: zenoh.Config, bus: str) -> zenoh.Session:
+def lease_of(config: zenoh.Config) -> float:
+    """After how long without a sign a session gives a connection up, s."""
+    return float(_get(config, "transport/link/tx/lease")) / 1e3
+
+
+def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) -> zenoh.Session:
     """Open a session. Raises BusError, which says what could not be opened.
 
-    The first one of a process decides about Zenoh's threads: `RUNTIME`.
+    `within`: s that Zenoh may wait for endpoints it must connect to; None: for ever. The first
+    session of a process decides about Zenoh's threads: `RUNTIME`.
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        listen = ", ".join(_flat(_get(config, "listen/endpoints"))) or "nothing"
-        connect = ", ".join(_flat(_get(config, "connect/endpoints"))) or "nothing"
-        raise BusError(
-            f"bus {bus}: Zenoh: {_short(error)}; it was to listen on {listen} and to connect to "
-            f"{connect}"
-        ) from error
+    found: list[zenoh.Session | zenoh.ZError] = []
+
+    def opening() -> None:
+        try:
+            found.append(zenoh.open(config))
+        except zenoh.ZError as error:
+            found.append(error)
+
+    thread = threading.Thread(target=opening, name="open", daemon=True)
+    thread.start()
+    thread.join(within)
+    if found and isinstance(found[0], zenoh.Session):
+        return found[0]
+    why = _short(found[0]) if found else f"no connection after {within:g} s"
+    listen = ", ".join(_flat(_get(config, "listen/endpoints"))) or "nothing"
+    connect = ", ".join(_flat(_get(config, "connect/endpoints"))) or "nothing"
+    raise BusError(
+        f"bus {bus}: Zenoh: {why}; it was to listen on {listen} and to connect to {connect}"
+    )
 
 
 def close_session(session: zenoh.Session) -> None:
@@ -172,6 +190,6 @@ def close_session(session: zenoh.Session) -> None:
     thread.join(CLOSING)
 
 
-def _short(error: Exception) -> str:
+def _short(error: object) -> str:
     """Without the places in Zenoh's own source."""
     return str(error).partition(" at /")[0]

@@ -15,6 +15,7 @@ from bridge.native import pace
 from bridge.native.frame import DATA, Frame
 from bridge.zenoh import session
 from bridge.zenoh.channel import ZenohAttachment
+from bridge.zenoh.options import Options
 from cosim.clock import sleep, stopwatch
 from tests.bridge.can.bus_contract import (
     PATIENCE,
@@ -160,6 +161,30 @@ def test_who_was_away_is_heard_again_without_a_restart_of_others():
     second.close()
 
 
+def test_a_peer_that_is_there_but_silent_is_heard_on_a_session_opened_anew(tmp_path: Path):
+    """As after a partition that only one end has noticed: its token stays, nothing comes."""
+    a, b = both(endpoint(tmp_path))
+    try:
+        a._silence.limit_ns = 200_000_000
+        b.bus.send(Frame.of(IDENTIFIERS[0], b"before"))
+        assert collect(a.bus, 1)[0].payload == b"before"
+        first, elapsed = a.session, stopwatch()
+        while a.session is first and elapsed() < PATIENCE:
+            sleep(0.05)
+        assert first.is_closed()
+        b.wait_for_peers()
+        b.bus.send(Frame.of(IDENTIFIERS[1], b"after"))
+        assert collect(a.bus, 1)[0].payload == b"after"
+        a.wait_for_peers()
+        a.bus.send(Frame.of(IDENTIFIERS[2], b"back"))
+        assert collect(b.bus, 1)[0].payload == b"back"
+        health = a.health(pace.now())
+        assert health.restarts >= 1 and "b there but silent" in health.last_error
+    finally:
+        a.close()
+        b.close()
+
+
 def test_a_peer_that_does_not_come_is_named(tmp_path: Path):
     alone = opened("a", "b", wait=0.05, listen=(endpoint(tmp_path),))
     with pytest.raises(BusError, match=r"not there: b; nobody listens to test/a/component/m100"):
@@ -189,6 +214,13 @@ def test_what_was_sent_just_before_the_end_does_not_hold_it(tmp_path: Path):
         closing.start()
         closing.join(PATIENCE)
         assert not closing.is_alive()
+
+
+def test_what_has_to_be_connected_to_and_is_not_there(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(session.zenoh, "open", lambda config: sleep(PATIENCE))
+    config = session.configure(Options("test"), "a")
+    with pytest.raises(BusError, match=r"net: Zenoh: no connection after 0.1 s; it was to listen"):
+        session.open_session(config, "net", 0.1)
 
 
 class Slow:

@@ -102,6 +102,7 @@ static int ask_intervals(const doing_t *d, double now, _Bool *again)
 static double next_time(const typed_t *x)
 {
     double next = x->next_event;
+    if (!x->get_interval) return next;
     for (int64_t i = 0; i < x->n_clocks; i++)
         if (x->clocks[i].next < next) next = x->clocks[i].next;
     return next;

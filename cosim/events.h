@@ -78,7 +78,7 @@ static int input_event(const doing_t *d, int64_t hit, double t)
 static int step_event(const doing_t *d, double now, int inside, int happened)
 {
     const typed_t *x = d->unit->typed;
-    const int ticks = inside && wake(d, -1, now);
+    const int ticks = inside && x->get_interval && wake(d, -1, now);
     int result;
 
     if (!ticks && !happened && x->next_event > now + SLACK * d->unit->h) return RUN_OK;

@@ -35,10 +35,7 @@ SSC, SSD, SSV = (
 )
 #: What every parameter set is called; Ecos applies the sets of a name.
 VALUES = "initialValues"
-_TYPES = {
-    "Real": "Real", "Float64": "Real", "Float32": "Real", "Boolean": "Boolean",
-    "Clock": "Real",  # an interval
-}  # fmt: skip
+_TYPES = {**dict.fromkeys(("Real", "Float64", "Float32", "Clock"), "Real"), "Boolean": "Boolean"}
 
 
 def write(scenario: Scenario, plan: Plan, out: Path, links: Links = "annotation") -> list[str]:

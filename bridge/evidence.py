@@ -171,7 +171,8 @@ def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -
 
 def _restarted(shown: Shown, node: str, t0: float, t1: float) -> str:
     h = shown.system.nodes[node].h
-    later = [x for x in shown.lives(node) if shown.rows[x]["slot"][0] * h > t0]
+    rows = {life: shown.rows[life] for life in shown.lives(node)}
+    later = [life for life, r in rows.items() if len(r) and r["slot"][0] * h > t0]
     if later:
         return f"{later[0]} began"
     told = (n for n in shown.notes if f": node {node}." in n and (REFUSES in n or MISSED in n))

@@ -210,10 +210,8 @@ class Rehearsal:
                 if late > LATE:  # what is to last keeps its length
                     events = [replace(e, t=e.t + late) for e in events]
             self._look()
-            if self.t > length:
-                self._missed()
             progress(min(max(self.t, 0.0), length), length)
-            if self._timed and self.t > length + ENDING:
+            if self._timed and self.t > length + ENDING and not self._missed():
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
             next_ = events[0].t - self.t if events else LOOK
             sleep(min(LOOK, max(next_, 0.001)))
@@ -231,21 +229,26 @@ class Rehearsal:
                 continue
             self.expected.add(name)
             why = process.done["error"] or end if process.done else process.reason()
-            self.ended.notes.append(f"t = {self.t:.3f} s: node {name} has ended: {why}")
-            if end == TOO_LATE:
+            late = end == TOO_LATE
+            said = f"{process.start.life} {MISSED}" if late else f"{name} has ended"
+            self.ended.notes.append(f"t = {self.t:.3f} s: node {said}: {why}")
+            if late:
                 continue
             for other in self.current.values():
                 if other is not process:
                     self.expected.add(other.start.node)
                     other.tell("stop")
 
-    def _missed(self) -> None:
-        """A later life that is not ready when the run is over has nothing to do any more."""
-        for name, process in self.current.items():
-            if process.code is None and not process.ready and name not in self.expected:
-                self.ended.notes.append(f"t = {self.t:.3f} s: node {process.start.life} {MISSED}")
-                self.expected.add(name)
-                process.send_signal(signal.SIGKILL)
+    def _missed(self) -> bool:
+        """Later lives that are not ready long after the end are ended: whether nobody else runs."""
+        running = [p for p in self.current.values() if p.code is None]
+        missed = [p for p in running if not p.ready and p.start.boots > 1]
+        for process in missed:
+            self.ended.notes.append(f"t = {self.t:.3f} s: node {process.start.life} {MISSED}")
+            self.expected.add(process.start.node)
+            process.send_signal(signal.SIGKILL)
+            process.wait(1.0)
+        return missed == running
 
     def _refused(self, process: Node) -> None:
         """A node that refuses to start ends the run; one that was to rejoin stays away."""

@@ -1,4 +1,4 @@
-"""Six hosts with switching graphs; lock-step over a network that loses, is slow, and stalls."""
+"""Six hosts with switching graphs; lock-step over a network that loses, stalls, and ends."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +21,7 @@ BAD = {
     "delay": {"law": "constant", "delay": "5 ms"},
     "loss": {"law": "independent", "p": 0.02},
 }
+LOCK_STEP = ("deploy.latency=true", "deploy.buses.net.options.lockstep=true")
 pytestmark = pytest.mark.slow
 
 
@@ -33,6 +34,10 @@ def stall(site: Site) -> Sequence[Event]:
         Event(1.0, "a stall", lambda r: site.network.set("*", down=True)),
         Event(1.4, "its end", lambda r: site.network.set("*", **BAD)),
     ]
+
+
+def death(site: Site) -> Sequence[Event]:
+    return [Event(0.5, "killed", lambda r: r.kill("slave"))]
 
 
 CASES = {
@@ -49,8 +54,14 @@ CASES = {
     "lock-step": Case(
         1.0,
         stall,
-        ("deploy.latency=true", "deploy.buses.net.options.lockstep=true"),
+        LOCK_STEP,
         links={"*": BAD},
+        endpoints=TCP,
+    ),
+    "death": Case(
+        200.0,
+        death,
+        (*LOCK_STEP, 'deploy.buses.net.options.wait="6 s"'),
         endpoints=TCP,
     ),
 }
@@ -89,3 +100,13 @@ def test_lock_step_over_a_bad_network_is_the_twin(runs: dict[str, Found], tmp_pa
     simulate(found.system, tmp_path)
     for node, rows in load(tmp_path).items():
         assert rows.tobytes() == found.rows[node].tobytes()
+
+
+def test_who_dies_in_lock_step_is_named_and_what_was_computed_is_kept(runs: dict[str, Found]):
+    found = runs["death"]
+    report, rows = found.reports["master"], found.rows["master"]
+    assert report["end"] == "failed"
+    assert "of xi_slave from node slave; nothing new for 6 s" in report["error"]
+    assert 0 < len(rows) == report["slots"] < 200_000
+    assert f"slot {len(rows)} " in report["error"]
+    exact(found)

@@ -42,13 +42,15 @@ def build(
         list[str] | None,
         typer.Argument(
             metavar="[MODEL]...",
-            help="Of `fmus list`, a module, a file.py, or module:Class. [default: all]",
+            help="Of `fmus list`, a module, a file.py, or module:Class.",
+            show_default="all",
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .fmu files.")] = Path("."),
     fmi: Annotated[str, typer.Option(help="2.0, 3.0 or both.")] = "both",
     platforms: Annotated[
-        str, typer.Option(help=f"Comma-separated, or all: {', '.join(PLATFORMS)}. [default: host]")
+        str,
+        typer.Option(help=f"Comma-separated, or all: {', '.join(PLATFORMS)}.", show_default="host"),
     ] = "",
     sizes: Annotated[
         list[str] | None, typer.Option("--set", help="A size of the model, as neighbours=3.")

@@ -26,11 +26,15 @@ def soak(
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
     faults: Annotated[
         Path | None,
-        typer.Option(help="What to draw from [default: faults/soak.toml beside the scenario]."),
+        typer.Option(
+            help="What to draw from.", show_default="faults/soak.toml beside the scenario"
+        ),
     ] = None,
     folder: Annotated[
         Path | None,
-        typer.Option(help="Of results; goes on there [default: runs/soak-SCENARIO-DEPLOYMENT]."),
+        typer.Option(
+            help="Of results; goes on there.", show_default="runs/soak-SCENARIO-DEPLOYMENT"
+        ),
     ] = None,
     network: Annotated[
         bool, typer.Option("--network/--no-network", help="A network between hosts, with faults.")

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def analyze(
     target: Annotated[Path, typer.Argument(help="Run folder, or scenario file (.toml).")],
     port: Annotated[
-        str, typer.Option(metavar="NAME", help="Component that is held [default: the held arm].")
+        str,
+        typer.Option(metavar="NAME", help="Component that is held.", show_default="the held arm"),
     ] = "",
     set_: Annotated[
         list[str] | None,
@@ -35,7 +36,9 @@ def analyze(
     plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of the figures [default: RUN/analysis, runs/SCENARIO-analysis]."),
+        typer.Option(
+            help="Folder of the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
+        ),
     ] = None,
 ) -> None:
     """Analyse a port: how it can be moved, what a hand feels there, whether it is passive.

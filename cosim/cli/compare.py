@@ -26,7 +26,9 @@ def compare(
     links: Annotated[str, typer.Option(metavar="LIST", help="Names of link laws; or all.")] = "",
     variants: Annotated[
         Path | None,
-        typer.Option(help="What there is to compare [default: the file in compare/ beside it]."),
+        typer.Option(
+            help="What there is to compare.", show_default="the file in compare/ beside it"
+        ),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from run.seed on.")] = 1,
     set_: Annotated[
@@ -34,7 +36,7 @@ def compare(
         typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; repeatable."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder [default: runs/compare-SCENARIO-DATE-TIME].")
+        Path | None, typer.Option(help="Folder.", show_default="runs/compare-SCENARIO-DATE-TIME")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier comparison.")] = False,
     keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False,

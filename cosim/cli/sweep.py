@@ -22,7 +22,7 @@ _EVERY = 10.0
 def sweep(
     study: Annotated[Path, typer.Argument(help="Study file (.toml).")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results [default: runs/STUDY].")
+        Path | None, typer.Option(help="Folder of the results.", show_default="runs/STUDY")
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="How many runs at once.")] = os.cpu_count() or 1,
     workers: Annotated[

@@ -144,6 +144,7 @@ class ZenohAttachment:
     def _close(self) -> None:
         for subscriber in self._subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._subscribers = []
         close_session(self.session)
 
     def _mend(self) -> None:
@@ -151,19 +152,22 @@ class ZenohAttachment:
         while not self._stop.wait(LOOK):
             silent = self._silence.silent(self.presence.there, monotonic_ns())
             if silent:
-                self._fault = f"{', '.join(silent)} there but silent: session opened anew"
-                self._restarts += 1 + self.presence.lost
                 self._close()
                 self._reopen()
+                self._fault = f"{', '.join(silent)} there but silent: session opened anew"
         self._close()  # also of a session that was opened meanwhile
 
     def _reopen(self) -> None:
         while not self._stop.is_set():
+            lost = self.presence.lost
             try:
-                return self._open()
-            except BusError as error:
+                self._open()
+            except BusError as error:  # as long as the old one holds the address
                 self._fault = str(error)
                 self._stop.wait(LOOK)
+            else:
+                self._restarts += 1 + lost
+                return
 
     def _receiver(self, key: str, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
         """Of one key: called on Zenoh's threads, of which there may be several."""

@@ -155,18 +155,22 @@ def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) 
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
     found: list[zenoh.Session | zenoh.ZError] = []
+    late = threading.Event()
 
     def opening() -> None:
         try:
             found.append(zenoh.open(config))
         except zenoh.ZError as error:
             found.append(error)
+        if late.is_set() and isinstance(found[0], zenoh.Session):
+            close_session(found[0])
 
     thread = threading.Thread(target=opening, name="open", daemon=True)
     thread.start()
     thread.join(within)
     if found and isinstance(found[0], zenoh.Session):
         return found[0]
+    late.set()
     why = _short(found[0]) if found else f"no connection after {within:g} s"
     listen = ", ".join(_flat(_get(config, "listen/endpoints"))) or "nothing"
     connect = ", ".join(_flat(_get(config, "connect/endpoints"))) or "nothing"

@@ -12,7 +12,7 @@ from typing import final
 #: s between two looks.
 LOOK = 0.5
 #: A peer is silent after so long, s, and after so many leases.
-SILENT, LEASES = 3.0, 1.5
+SILENT, LEASES = 5.0, 1.5
 
 
 @final

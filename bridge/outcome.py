@@ -31,7 +31,7 @@ from bridge.signs import Shown
 from bridge.system import System
 from bridge.wiring import Rows
 from cosim.clock import monotonic_ns, realtime_ns
-from cosim.errors import CosimError
+from cosim.errors import CosimError, RunError
 from cosim.links.statistics import LinkStatistics
 from cosim.record import Run, write_metadata
 from cosim.simulate import metadata
@@ -91,6 +91,9 @@ def complete(
     """
     nodes = folder / NODES
     rows = replay.load(nodes)
+    if not rows:
+        why = "; ".join(ended.notes) or "nobody said why"
+        raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
     ticks = collect.write_trajectories(system, rows, folder)
     ages = collect.write_tables(system, rows, folder)
     logs = collect.bus_logs(system, nodes)

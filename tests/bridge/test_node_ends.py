@@ -12,6 +12,7 @@ import pytest
 
 import bridge.node
 from bridge.node import TOO_LATE, Options, run_node
+from bridge.outcome import complete
 from bridge.rehearse import Event, Rehearsal, Settings
 from bridge.report import NodeReport, fault_lines
 from bridge.system import load_system
@@ -170,3 +171,11 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
     said = NodeReport("master", 50, None, "finished", "", report)
     assert "STATE_1" in fault_lines([said])[0]
     assert "did not fit" in fault_lines([said])[0]
+
+
+def test_where_no_node_came_to_a_slot_it_is_said_why(request, tmp_path):
+    told = Event(-10.0, "told to stop", lambda rehearsal: rehearsal.stop())
+    ended = rehearse(tmp_path, request.node.name, [told])
+    system = load_system(TELEOPERATION, str(CAN), changes(request.node.name))
+    with pytest.raises(RunError, match=r"no node came to its first slot \(.*told to stop"):
+        complete(system, tmp_path, ended, {})

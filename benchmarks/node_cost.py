@@ -15,7 +15,6 @@ import json
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,6 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim 
 
 from benchmarks import tables
 from bridge import twin
-from bridge.native import node as native
-from bridge.native.safety import State
 from bridge.system import System, load_system
 from bridge.wiring import Wired
 from cosim.assemble import assemble
@@ -61,23 +58,14 @@ VARIANTS: dict[str, tuple[tuple[str, ...], Callable[[Wired], None]]] = {
 
 def slots_ns(system: System, prepare: Callable[[Wired], None]) -> float:
     """Time of a slot, ns, all nodes together."""
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as scratch, ExitStack() as stack:
-        wired = {
-            name: stack.enter_context(
-                Wired(
-                    system, name, twin._buses(system, name), Path(scratch) / name, native.SIMULATED
-                )
-            )
-            for name in system.nodes
-        }
-        for node in wired.values():
-            prepare(node)
-            node.struct.life.state, node.struct.life.armed = State.ACTIVE, 1
-            native.functions().node_enable(node.struct, 0)
+    with (
+        tempfile.TemporaryDirectory(dir="/dev/shm") as scratch,
+        twin.wired(system, Path(scratch), prepare) as nodes,
+    ):
         watch = stopwatch()
-        twin._run(system, wired, lambda done, all_: None)
+        twin.run(system, nodes)
         taken = watch()
-        slots = sum(int(node.struct.slot) for node in wired.values())
+        slots = sum(int(node.struct.slot) for node in nodes.values())
     return taken / slots * 1e9
 
 

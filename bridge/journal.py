@@ -94,12 +94,6 @@ class Journal:
         row = row_of(path, memory[end : end + header.description], header.row_size)
         return np.frombuffer(memory, row, header.rows, HEADER)
 
-    @staticmethod
-    def dropped_rows(path: Path | str) -> int:
-        """Rows that did not fit into the journal in a file. Raises JournalError as `open`."""
-        with Path(path).open("rb") as file:
-            return int(_header(Path(path), file.read(HEADER), whole=False).dropped)
-
     @property
     def address(self) -> int:
         """Of `journal_t`, for C; valid until `close`."""
@@ -173,14 +167,14 @@ def _new_file(path: Path, size: int) -> mmap.mmap:
         raise JournalError(f"{path}: no journal of {size} bytes: {error.strerror}") from error
 
 
-def _header(path: Path, memory: mmap.mmap | bytes, whole: bool = True) -> JournalStruct:
+def _header(path: Path, memory: mmap.mmap | bytes) -> JournalStruct:
     if len(memory) < HEADER or memory[:8] != MAGIC:
         raise JournalError(f"{path}: begins with {bytes(memory[:8])!r}; a journal with {MAGIC!r}")
     header = JournalStruct.from_buffer_copy(memory[:HEADER])
     if header.version != VERSION:
         raise JournalError(f"{path}: a journal of version {header.version}; expected {VERSION}")
     size = HEADER + header.capacity * header.row_size + header.description
-    if whole and (len(memory) < size or header.rows > header.capacity):
+    if len(memory) < size or header.rows > header.capacity:
         raise JournalError(
             f"{path}: {len(memory)} bytes, {header.rows} rows; expected {size} bytes for at most "
             f"{header.capacity} rows: the file is damaged"

@@ -7,8 +7,8 @@ buses are not: the next deadline is always on time, and a frame takes what its b
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -25,26 +25,35 @@ from cosim.errors import RunError
 RING = 1024
 
 
-def simulate(
-    system: System, folder: Path, progress: Callable[[int, int], None] = lambda done, all_: None
-) -> dict[str, Path]:
+def simulate(system: System, folder: Path) -> dict[str, Path]:
     """Run the twin into journals ``FOLDER/NODE.journal``; returns them by node.
 
     Raises RunError where a component fails or a guard stops the run.
     """
-    paths = {name: folder / f"{name}.journal" for name in system.nodes}
+    with wired(system, folder) as nodes:
+        run(system, nodes)
+    return {name: folder / f"{name}.journal" for name in system.nodes}
+
+
+@contextmanager
+def wired(
+    system: System, folder: Path, prepare: Callable[[Wired], None] = lambda node: None
+) -> Iterator[dict[str, Wired]]:
+    """All nodes, enabled; `prepare` may change each before."""
     with ExitStack() as stack:
-        wired = {
+        nodes = {
             name: stack.enter_context(
-                Wired(system, name, _buses(system, name), path, native.SIMULATED)
+                Wired(
+                    system, name, _buses(system, name), folder / f"{name}.journal", native.SIMULATED
+                )
             )
-            for name, path in paths.items()
+            for name in system.nodes
         }
-        for node in wired.values():
+        for node in nodes.values():
+            prepare(node)
             node.struct.life.state, node.struct.life.armed = State.ACTIVE, 1
             native.functions().node_enable(c.byref(node.struct), 0)
-        _run(system, wired, progress)
-    return paths
+        yield nodes
 
 
 def _buses(system: System, node: str) -> dict[str, Bus]:
@@ -54,21 +63,21 @@ def _buses(system: System, node: str) -> dict[str, Bus]:
     }
 
 
-def _run(system: System, wired: Mapping[str, Wired], progress: Callable[[int, int], None]) -> None:
-    """All nodes to the end, in parts of the run for `progress`."""
+def run(system: System, nodes: Mapping[str, Wired]) -> None:
+    """All nodes to the end. Raises RunError."""
     networks = list(system.deployment.buses)
-    width = max(len(system.buses_of(node.name)) for node in wired.values())
-    routes = np.full((len(wired), width), -1, dtype=np.int32)
-    for i, node in enumerate(wired.values()):
+    width = max(len(system.buses_of(node.name)) for node in nodes.values())
+    routes = np.full((len(nodes), width), -1, dtype=np.int32)
+    for i, node in enumerate(nodes.values()):
         for b, bus in enumerate(system.buses_of(node.name)):
             routes[i, b] = networks.index(bus)
     rates = np.array(
         [[b.bitrate, b.data_bitrate] for b in system.deployment.buses.values()], dtype=np.float64
     )
-    pointers = (c.c_void_p * len(wired))(*(c.addressof(w.struct) for w in wired.values()))
+    pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes.values()))
     result = native.functions().nodes_simulate(
         pointers,
-        len(wired),
+        len(nodes),
         native.address("frame_time_ns"),
         rates.ctypes.data,
         len(networks),
@@ -76,8 +85,7 @@ def _run(system: System, wired: Mapping[str, Wired], progress: Callable[[int, in
         width,
     )
     if result:
-        raise _failed(wired, result)
-    progress(system.plan.ticks, system.plan.ticks)
+        raise _failed(nodes, result)
 
 
 def _failed(wired: Mapping[str, Wired], result: int) -> BaseException:

@@ -233,7 +233,7 @@ def go(system, wired, until):
     """All nodes to t = `until`, s."""
     for w in wired.values():
         w.struct.slots = round(until / w.plan.h)
-    twin._run(system, wired, lambda done, all_: None)
+    twin.run(system, wired)
 
 
 @pytest.mark.parametrize(

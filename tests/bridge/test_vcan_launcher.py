@@ -158,8 +158,10 @@ def test_without_lists_of_packages_it_says_how_to_get_them(
 # ---- with a kernel ----
 
 
-def launched(*words: str, timeout: float = PATIENCE) -> subprocess.CompletedProcess[bytes]:
-    command = [*LAUNCH, "--timeout", str(timeout), "--", *words]
+def launched(
+    *words: str, timeout: float = PATIENCE, mem: str = "1G"
+) -> subprocess.CompletedProcess[bytes]:
+    command = [*LAUNCH, "--timeout", str(timeout), "--mem", mem, "--", *words]
     return subprocess.run(command, cwd=ROOT, capture_output=True, timeout=timeout + PATIENCE)
 
 
@@ -258,7 +260,8 @@ def test_inside_the_kernel_is_the_hosts_own(kernel: None) -> None:
 def test_all_of_tests_vcan_passes_on_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
     report = tmp_path / "report.xml"
     options = ("-q", "-m", "", "-p", "no:cacheprovider", f"--junitxml={report}")
-    done = launched(sys.executable, "-m", "pytest", *options, "tests/vcan", timeout=900)
+    words = (sys.executable, "-m", "pytest", *options, "tests/vcan")
+    done = launched(*words, timeout=900, mem="2G")  # six nodes, and the tests before them
     said = done.stdout.decode()[-8000:] + done.stderr.decode()[-2000:]
     assert done.returncode == 0, said
     suite = next(ElementTree.parse(report).iter("testsuite"))

@@ -19,6 +19,9 @@ from bridge.system import System
 from cosim.errors import ScenarioError
 
 PORT = 7461
+#: TCP, and UDP for samples. Who connects goes on to UDP when TCP stands: declarations that go two
+#: ways may get lost.
+BOTH = ("tcp/{}?rel=1#exit_on_failure=true", "udp/{}?rel=0")
 _NUMBER = count()
 
 
@@ -63,13 +66,10 @@ def settings(
     return found
 
 
-def listening(bus: str, node: str, to: str) -> str:
-    """The setting by which a node listens on ``ADDRESS:PORT``: TCP, and UDP for samples.
-
-    Who connects goes on to UDP when TCP stands: declarations that go two ways may get lost.
-    """
-    both = f'["tcp/{to}?rel=1#exit_on_failure=true", "udp/{to}?rel=0"]'
-    return f"deploy.buses.{bus}.options.listen.{node}={both}"
+def listening(bus: str, node: str, to: str, endpoints: Sequence[str] = BOTH) -> str:
+    """The setting by which a node listens on ``ADDRESS:PORT``, on each of `endpoints`."""
+    there = ", ".join(f'"{e.format(to)}"' for e in endpoints)
+    return f"deploy.buses.{bus}.options.listen.{node}=[{there}]"
 
 
 def _text(path: str) -> str:

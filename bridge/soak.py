@@ -9,7 +9,7 @@ import shutil
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -142,7 +142,7 @@ def _rehearsed(
         script=str(script.path), events=happen.events(script, system, network),
     )  # fmt: skip
     if hosts is not None:
-        given = _inside(given, hosts)
+        given = replace(given, inside=hosts.inside)
     facts = {"settings": list(changes), "faults": str(script.path), "real": False}
     with Rehearsal(system, given, folder) as rehearsal:
         rehearsal.run()
@@ -154,12 +154,6 @@ def _rehearsed(
         )
     spec = RunSpec(script=str(script.path))
     return _Done(system, script, outcome, judge.judge(system, spec, outcome), ended.lives)
-
-
-def _inside(given: Settings, hosts: Hosts) -> Settings:
-    from dataclasses import replace
-
-    return replace(given, inside=hosts.inside)
 
 
 # ---- what came of it ------------------------------------------------------------------------

@@ -138,8 +138,7 @@ class ZenohAttachment:
             thread.join(None if thread is self._threads[0] else CLOSING)
         self.bus.struct.fd = -1
         self._wake.close()
-        if self._options.lockstep:
-            self._close()
+        self._close()
 
     def _close(self) -> None:
         for subscriber in self._subscribers:
@@ -155,7 +154,6 @@ class ZenohAttachment:
                 self._close()
                 self._reopen()
                 self._fault = f"{', '.join(silent)} there but silent: session opened anew"
-        self._close()  # also of a session that was opened meanwhile
 
     def _reopen(self) -> None:
         while not self._stop.is_set():
@@ -167,6 +165,8 @@ class ZenohAttachment:
                 self._stop.wait(LOOK)
             else:
                 self._restarts += 1 + lost
+                if self._stop.is_set():  # nobody may wait for it any more
+                    self._close()
                 return
 
     def _receiver(self, key: str, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:

@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from bridge.diff import Comparison, compare_runs
+from bridge.hosts import BOTH, PORT, listening
 from bridge.offline import run_offline
 from bridge.rehearse import Ended, Event, Node, Rehearsal
 from bridge.relay.network import Network
@@ -28,9 +29,8 @@ Q_H = np.array([3.5, 3.0])
 WIDE = CONFIGS / "zenoh" / "wide.json5"
 #: What a network takes at least: more than a slot, so that no late node hears of its own tick.
 SHORT = {"law": "constant", "delay": "2 ms"}
-#: Declarations over TCP, samples over UDP; and all over TCP.
-BOTH = ("tcp/{}:7461?rel=1#exit_on_failure=true", "udp/{}:7461?rel=0")
-TCP = ("tcp/{}:7461",)
+#: All over TCP, in place of declarations over TCP and samples over UDP.
+TCP = ("tcp/{}",)
 #: Edges that hold for as long as this network may be silent, and are not faded before.
 PATIENT = tuple(f'components.{c}.parameters.age_max="1.5 s"' for c in CONTROLLERS)
 ROUTER = "router"
@@ -183,8 +183,8 @@ def settings(case: Case, site: Site) -> list[str]:
         ]
     found.append(f'{said}.zenoh="{WIDE}"')
     for node in case.nodes:
-        there = [f'"{e.format(site.network.addresses[node])}"' for e in case.endpoints]
-        found.append(f"{said}.options.listen.{node}=[{', '.join(there)}]")
+        to = f"{site.network.addresses[node]}:{PORT}"
+        found.append(listening("net", node, to, case.endpoints))
     return found
 
 

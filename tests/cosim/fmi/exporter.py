@@ -269,3 +269,11 @@ def column(plan: Plan, rows: np.ndarray, name: str) -> np.ndarray:
     """One port of all rows."""
     slot = plan.slots()[f"x.{name}"]
     return rows[:, slot.start : slot.start + slot.size].reshape(len(rows), *slot.shape)
+
+
+def outputs(plan: Plan, feed: dict[str, np.ndarray]) -> dict[str, list[float]]:
+    """All outputs at the start and after every step."""
+    rows, engine = run(plan, feed)
+    engine.close()
+    ports = plan.components[0].component.outputs
+    return {p.name: column(plan, rows, p.name).tolist() for p in ports}

@@ -12,8 +12,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.errors import CosimError
 from cosim.fmi import Options
-from cosim.plan import Plan
-from tests.cosim.fmi.exporter import clocked3, column, export, plan_of, run
+from tests.cosim.fmi.exporter import clocked3, export, outputs, plan_of, run
 
 STEPS = 10  # of 0.1 s
 EARLY = 'canReturnEarlyAfterIntermediateUpdate="true"'
@@ -33,18 +32,10 @@ def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export(clocked3(), tmp_path_factory.mktemp("fmu") / "clocked3.fmu")
 
 
-def outputs(plan: Plan, feed=FED) -> dict[str, list[float]]:
-    """All outputs at the start and after every step."""
-    rows, engine = run(plan, feed)
-    engine.close()
-    ports = plan.components[0].component.outputs
-    return {p.name: column(plan, rows, p.name).tolist() for p in ports}
-
-
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("kind", ["continuous", "sampled"])
 def test_outputs_hold_what_they_were_when_their_clock_ticked(clocked, kind, isolate) -> None:
-    found = outputs(plan_of(clocked, STEPS, kind=kind, options=Options(isolate=isolate)))
+    found = outputs(plan_of(clocked, STEPS, kind=kind, options=Options(isolate=isolate)), FED)
     steps = range(STEPS)
     assert found["y_fast"] == [-1.0, *(sum(range(k + 1)) for k in steps)]
     slow = [sum(100.0 + i for i in range(1, k + 1, 3)) or -1.0 for k in steps]
@@ -58,7 +49,7 @@ def test_outputs_hold_what_they_were_when_their_clock_ticked(clocked, kind, isol
 @pytest.mark.parametrize("flags", ["", EARLY])
 def test_a_clock_that_the_fmu_ticks_is_heard_in_its_events(tmp_path: Path, flags: str) -> None:
     """At 0, in the Event Mode after initialization, and then every 0.25 s."""
-    found = outputs(plan_of(export(clocked3(flags=flags), tmp_path / "x.fmu"), STEPS))
+    found = outputs(plan_of(export(clocked3(flags=flags), tmp_path / "x.fmu"), STEPS), FED)
     assert found["y_bell"] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0, 4.0, 4.0, 5.0]
     heard = [0.0, 0.0, 0.0, 1002.0, 1002.0, 1004.0, 1004.0, 1004.0, 1007.0, 1007.0, 1009.0]
     assert found["heard"] == heard
@@ -71,8 +62,8 @@ def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, i
     silent = re.sub(r'="constant" [^/]*/>', f'="{kind}"/>', clocked3())
     assert "intervalDecimal" not in silent and kind in silent
     path = export(silent, tmp_path / "x.fmu")
-    found = outputs(plan_of(path, STEPS, options=Options(isolate=isolate)))
-    assert found == outputs(plan_of(clocked, STEPS))
+    found = outputs(plan_of(path, STEPS, options=Options(isolate=isolate)), FED)
+    assert found == outputs(plan_of(clocked, STEPS), FED)
 
 
 @pytest.mark.parametrize("kind", ["fixed", "tunable"])
@@ -81,14 +72,14 @@ def test_an_interval_is_set_like_a_parameter(tmp_path, kind, isolate) -> None:
     """Where it is the importer's to choose: every second step then takes its input."""
     path = export(clocked3().replace('="constant"', f'="{kind}"', 1), tmp_path / "x.fmu")
     options = Options(isolate=isolate)
-    found = outputs(plan_of(path, STEPS, values={"fast": (0.2,)}, options=options))
+    found = outputs(plan_of(path, STEPS, values={"fast": (0.2,)}, options=options), FED)
     assert found["y_fast"] == [-1.0, *(sum(range(0, k + 1, 2)) for k in range(STEPS))]
     with pytest.raises(CosimError, match="no such interval"):
         run(plan_of(path, 1, values={"fast": (0.25,)}))
 
 
 def test_fmpy_sees_the_same_values_in_event_mode(clocked: Path) -> None:
-    found, expected = outputs(plan_of(clocked, STEPS)), by_fmpy(clocked)
+    found, expected = outputs(plan_of(clocked, STEPS), FED), by_fmpy(clocked)
     assert {name: found[name] for name in expected} == expected
 
 

@@ -15,11 +15,10 @@ from cosim.assemble import assemble
 from cosim.engine import Engine
 from cosim.errors import CosimError, ScenarioError
 from cosim.fmi import Options
-from cosim.plan import Plan
 from cosim.scenario import Scenario, build
 from cosim.ssp.export import write
 from tests.cli.command import Command
-from tests.cosim.fmi.exporter import clocked3, column, export, plan_of, run, timed3
+from tests.cosim.fmi.exporter import clocked3, column, export, outputs, plan_of, run, timed3
 
 STEPS = 14  # of 0.1 s
 PULSES = (0.2, 0.3, 0.55, 0.55, 0.7, 0.9, 1.0, 1.25, 1.25)  # s
@@ -40,14 +39,6 @@ def timed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export(timed3(), tmp_path_factory.mktemp("fmu") / "timed3.fmu")
 
 
-def outputs(plan: Plan, feed=FED) -> dict[str, list[float]]:
-    """All outputs at the start and after every step."""
-    rows, engine = run(plan, feed)
-    engine.close()
-    ports = plan.components[0].component.outputs
-    return {p.name: column(plan, rows, p.name).tolist() for p in ports}
-
-
 def held(events: list[tuple[float, float]], first: float) -> list[float]:
     """The values of (time, value) as they stand at the start and after every step; ticks at the end
     of a step belong to the next."""
@@ -61,7 +52,7 @@ def held(events: list[tuple[float, float]], first: float) -> list[float]:
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("kind", ["continuous", "sampled"])
 def test_clocks_tick_when_they_were_said_to(timed, kind, isolate) -> None:
-    found = outputs(plan_of(timed, STEPS, kind=kind, options=Options(isolate=isolate)))
+    found = outputs(plan_of(timed, STEPS, kind=kind, options=Options(isolate=isolate)), FED)
     assert found["at_pulse"] == pytest.approx(held([(t, t) for t in PULSES], -1.0))
     seen = [int(t / 0.1 + 1e-6) for t in PULSES]
     assert found["y_pulse"] == held([*zip(PULSES, np.cumsum(seen), strict=True)], -1.0)
@@ -72,7 +63,7 @@ def test_clocks_tick_when_they_were_said_to(timed, kind, isolate) -> None:
 
 
 def test_a_countdown_of_nothing_ticks_in_the_same_event(timed: Path) -> None:
-    found = outputs(plan_of(timed, STEPS, values={"wait": (0.0,)}))
+    found = outputs(plan_of(timed, STEPS, values={"wait": (0.0,)}), FED)
     assert found["at_done"] == pytest.approx(held([(0.1 * k, 0.1 * k) for k in ARMED], -1.0))
 
 
@@ -129,7 +120,7 @@ def test_on_the_grid_nothing_is_late(timed: Path) -> None:
 
 
 def test_fmpy_sees_the_same_values(timed: Path) -> None:
-    found = outputs(plan_of(timed, STEPS))
+    found = outputs(plan_of(timed, STEPS), FED)
     expected = by_fmpy(timed)
     assert {name: found[name] for name in expected} == expected
 

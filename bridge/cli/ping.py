@@ -116,9 +116,11 @@ class _Ends:
         return self
 
     def __exit__(self, *_: object) -> None:
+        from bridge.zenoh.session import close_session
+
         for session in (self._other, self.session):
             if session is not None:
-                session.close()  # type: ignore[no-untyped-call]
+                close_session(session)
 
 
 def _echo(system: System, bus: str, node: str, other: str) -> None:

@@ -56,7 +56,7 @@ def _tell(
     from bridge.zenoh.options import options_of
     from bridge.zenoh.presence import Presence
     from bridge.zenoh.remote import READ, ask, command
-    from bridge.zenoh.session import configure, open_session
+    from bridge.zenoh.session import close_session, configure, open_session
 
     d = system.deployment
     names, nmt = names_of(d, bus), system.services[bus].nmt
@@ -73,4 +73,4 @@ def _tell(
             Presence(session, names, name).wait(nodes, {}, options.wait or PATIENCE)
             command(session, names, nmt, what, number)
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        close_session(session)

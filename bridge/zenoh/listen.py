@@ -23,7 +23,7 @@ from bridge.zenoh.attach import rules_of, traffic_of
 from bridge.zenoh.names import Names, names_of
 from bridge.zenoh.options import Options, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
-from bridge.zenoh.session import configure, open_session
+from bridge.zenoh.session import close_session, configure, open_session
 from cosim.errors import ScenarioError
 
 #: Samples kept between two looks, a power of two.
@@ -98,7 +98,7 @@ class ZenohEar:
 
     def close(self) -> None:
         """Close the session."""
-        self.session.close()  # type: ignore[no-untyped-call]
+        close_session(self.session)
 
     def _subscribe(self, key: str, number: int) -> zenoh.Subscriber[None]:
         """What comes of a key is a frame of this number."""

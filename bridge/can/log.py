@@ -8,7 +8,6 @@ CLOCK_MONOTONIC, ns) puts them on the wall in a file.
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,8 +171,9 @@ def _read_other(path: Path, wall_ns: int) -> FrameLog:
                 frames.append(frame)
     except (NotImplementedError, ImportError) as error:
         raise LogError(f"{path}: {error}; pip install 'cosim-bridge[mf4]'") from error
-    except (OSError, ValueError, struct.error, can.CanError) as error:
-        raise LogError(f"{path}: {error}; expected a {path.suffix} log") from error
+    except Exception as error:  # of python-can's readers, which let through what they meet
+        text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise LogError(f"{path}: {text}; expected a {path.suffix} log") from error
     return FrameLog(rows_of(frames), tuple(names))
 
 

@@ -73,9 +73,11 @@ def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> I
         return alone
     base = min(min(i) for i in indices)
     shape = tuple(max(axis) - base + 1 for axis in zip(*indices, strict=True))
+    if prod(shape) != len(members):  # first: indices are numbers of any size
+        return alone
     grid = [tuple(i + base for i in entry) for entry in product(*(range(n) for n in shape))]
     table = dict(members)
-    if base > 1 or len(grid) != len(members) or any(i not in table for i in grid):
+    if base > 1 or any(i not in table for i in grid):
         return alone
     return [Group(name, shape, tuple(table[i] for i in grid))]
 

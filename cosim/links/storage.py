@@ -206,7 +206,11 @@ def _groups(path: Path) -> Iterator[NDArray[np.int32]]:
 
     with pq.ParquetFile(path) as file:
         for group in range(file.num_row_groups):
-            rows = file.read_row_group(group, columns=[COLUMN]).column(0).to_numpy()
+            try:
+                rows = file.read_row_group(group, columns=[COLUMN]).column(0).to_numpy()
+            except (OSError, ValueError) as error:  # pyarrow's errors derive from these
+                text = f"row group {group} cannot be read: {error}"
+                raise ScenarioError(text, str(path)) from None
             if rows.size:
                 yield rows
 
@@ -230,8 +234,13 @@ def _read_facts(path: Path) -> tuple[dict[str, Any], int]:
             f" {COLUMN!r} and the metadata {FACTS.decode()!r}",
             str(path),
         )
-    facts = json.loads(schema.metadata[FACTS])
-    return dict(facts), int(length)
+    try:
+        facts = json.loads(schema.metadata[FACTS])
+    except ValueError as error:  # also UnicodeDecodeError
+        raise ScenarioError(f"its metadata is not readable JSON: {error}", str(path)) from None
+    if not isinstance(facts, dict):
+        raise ScenarioError(f"its metadata is {facts!r}; expected a JSON object", str(path))
+    return facts, int(length)
 
 
 def _same(found: object, h: float) -> bool:

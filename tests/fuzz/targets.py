@@ -1,0 +1,174 @@
+"""What is fuzzed in this process: a reader each, with the inputs its mutants are made of.
+
+A reader may refuse its input with a CosimError. Anything else is a finding.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from tests.fuzz import mutate
+
+ROOT = Path(__file__).resolve().parents[2]
+CORPUS = Path(__file__).with_name("corpus")
+CONFIGS = ROOT / "configs"
+
+Mutator = Callable[[np.random.Generator, bytes, Sequence[bytes]], bytes]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader under test.
+
+    `read(path)`: reads the file; `suffixes`: of the files in ``corpus/NAME`` and of those in the
+    folders `also`; `place(folder)`: context manager giving the folder a mutant is written to.
+    """
+
+    name: str
+    read: Callable[[Path], None]
+    mutate: Mutator
+    suffixes: tuple[str, ...]
+    also: tuple[Path, ...] = ()
+    beside: Path | None = None  # the folder its relative paths count from
+
+    def seeds(self) -> list[tuple[str, bytes]]:
+        """(suffix, content) of every input that mutants are made of, sorted by path."""
+        if self.name == "run":
+            return _recorded_run()
+        folders = (CORPUS / self.name, *self.also)
+        paths = (p for folder in folders for p in sorted(folder.glob("*")))
+        return [(p.suffix, p.read_bytes()) for p in paths if p.suffix in self.suffixes]
+
+    @contextmanager
+    def written(self, data: bytes, suffix: str, folder: Path) -> Iterator[Path]:
+        """The mutant as a file, for as long as it is read."""
+        with tempfile.NamedTemporaryFile(
+            dir=self.beside or folder, prefix=".fuzz-", suffix=suffix
+        ) as file:
+            file.write(data)
+            file.flush()
+            yield Path(file.name)
+
+
+# ---- readers --------------------------------------------------------------------------------
+
+
+def _journal(path: Path) -> None:
+    from bridge.journal import Journal
+
+    rows = Journal.open(path)
+    rows.tobytes()
+    len(rows[:1].tolist())
+
+
+def _buslog(path: Path) -> None:
+    from bridge.can.log import read_log
+
+    log = read_log(path)
+    for frame in log.frames():
+        frame.key()
+
+
+def _scenario(path: Path) -> None:
+    from cosim.assemble import assemble
+    from cosim.scenario import load
+
+    assemble(load(path))
+
+
+def _deployment(path: Path) -> None:
+    from bridge.preflight import check
+    from bridge.system import load_system
+
+    check(load_system(CONFIGS / "teleoperation.toml", str(path)))
+
+
+def _faults(path: Path) -> None:
+    from bridge.faults import load
+
+    script = load(path)
+    script.frames_for("master", {"STATE_1": 0x101, "SYNC": 0x80}, {"left": 0})
+    script.process_events(["master", "slave"], ["left"])
+
+
+def _dbc(path: Path) -> None:
+    from bridge.can.codec import Codec
+    from bridge.can.dbc import load
+
+    for layout in load(path):
+        Codec(layout).decode(bytes(layout.length))
+
+
+def _fmu(path: Path) -> None:
+    from cosim.cli.info import _facts, _signals
+    from cosim.fmi import FmuComponent
+
+    component = FmuComponent(path)
+    _facts(component)
+    _signals(component)
+
+
+def _ssp(path: Path) -> None:
+    from cosim.assemble import assemble
+    from cosim.scenario import load
+
+    assemble(load(path))
+
+
+def _run(path: Path) -> None:
+    """A run folder, packed: read as `cosim show`, `diff` and `replay` read one."""
+    from cosim.links.storage import load_table
+    from cosim.record import Run
+
+    folder = path.with_suffix("")
+    for name, content in mutate.unpacked(path.read_bytes()).items():
+        place = (folder / name).resolve()
+        if place.is_relative_to(folder.resolve()):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+    run = Run.open(folder)
+    assert run.t.shape == (len(run),)
+    for name in run.names:
+        run.column(name)
+    assert isinstance(run.metadata, dict)
+    for table in run.link_tables.values():
+        load_table(table)
+
+
+@lru_cache(maxsize=1)
+def _recorded_run() -> list[tuple[str, bytes]]:
+    """A run of 50 ticks, packed: as today's code writes it."""
+    from cosim.scenario import load
+    from cosim.simulate import simulate
+
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "run"
+        scenario = load(CONFIGS / "teleoperation.toml", ["run.stop=0.05"])
+        simulate(scenario, folder)
+        files = [p for p in sorted(folder.rglob("*")) if p.is_file()]
+        members = {str(p.relative_to(folder)): p.read_bytes() for p in files}
+    return [(".zip", mutate.packed(members))]
+
+
+TOML = partial(Target, mutate=mutate.of_text, suffixes=(".toml",))
+TARGETS = {
+    t.name: t
+    for t in (
+        Target("journal", _journal, mutate.of_bytes, (".journal",)),
+        Target("buslog", _buslog, mutate.of_text, (".log", ".asc", ".blf")),
+        TOML("scenario", _scenario, also=(CONFIGS,), beside=CONFIGS),
+        TOML("deployment", _deployment, also=(CONFIGS / "deploy",), beside=CONFIGS / "deploy"),
+        TOML("faults", _faults, also=(CONFIGS / "faults",)),
+        Target("dbc", _dbc, mutate.of_text, (".dbc",), (CONFIGS / "can",)),
+        Target("fmu", _fmu, mutate.of_archive, (".fmu",)),
+        Target("ssp", _ssp, mutate.of_archive, (".ssp",)),
+        Target("run", _run, mutate.of_archive, (".zip",)),
+    )
+}

@@ -159,6 +159,7 @@ def test_the_sources_inside_build_to_the_same_numbers(version: str, tmp_path: Pa
     assert trajectory(output, model) == trajectory(kernels.library(model), model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [planar2r.model(), teleoperation.model(2)], ids=["arm", "law"])
 def test_gcc_and_zig_give_the_same_bits(model: Model, tmp_path: Path) -> None:
     zig = tmp_path / f"zig{toolchain.shared_suffix()}"
@@ -173,7 +174,7 @@ def test_gcc_and_zig_give_the_same_bits(model: Model, tmp_path: Path) -> None:
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wconversion", "-Werror")
 
 
-@pytest.mark.parametrize("compiler", ["host", "zig"])
+@pytest.mark.parametrize("compiler", ["host", pytest.param("zig", marks=pytest.mark.slow)])
 def test_the_sources_compile_without_a_warning(
     compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

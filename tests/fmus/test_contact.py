@@ -135,7 +135,7 @@ def arguments() -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("compiler", ["host", "zig"])
+@pytest.mark.parametrize("compiler", ["host", pytest.param("zig", marks=pytest.mark.slow)])
 def test_the_square_root_is_rounded_correctly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiler: str
 ) -> None:

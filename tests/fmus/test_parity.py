@@ -228,6 +228,7 @@ def trajectory(case: Case) -> bytes:
     return np.array([np.concatenate([np.ravel(v) for v in y.values()]) for y in rows]).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [CASES[0], CASES[1], CASES[5]], ids=str)
 def test_another_compiler_makes_the_same_numbers(
     case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -219,6 +219,7 @@ def trajectory(case: Case) -> bytes:
     return b"".join(np.array(value).tobytes() for row in rows for value in row.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tdpa_admittance", "nuno_adaptive"])
 def test_another_compiler_makes_the_same_numbers(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

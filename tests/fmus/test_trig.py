@@ -126,6 +126,7 @@ def test_beyond_the_range_there_is_no_number(library: ctypes.CDLL, x: float) -> 
     assert isnan(c[0])
 
 
+@pytest.mark.slow
 def test_the_same_bits_from_another_compiler(
     library: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

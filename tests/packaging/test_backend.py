@@ -100,12 +100,14 @@ def test_a_source_distribution_needs_no_compiler(
     assert not any("ziglang" in need for need in backend.get_requires_for_build_sdist())
 
 
+@pytest.mark.slow
 def test_what_is_up_to_date_is_left_alone(built: Path) -> None:
     assert make(built) == []
     (built / ENGINE).unlink()
     assert make(built) == [ENGINE]
 
 
+@pytest.mark.slow
 def test_a_change_in_c_is_built(built: Path) -> None:
     with (built / "cosim" / "engine.c").open("a") as source:
         source.write("/* changed */\n")
@@ -113,6 +115,7 @@ def test_a_change_in_c_is_built(built: Path) -> None:
     assert make(built) == []
 
 
+@pytest.mark.slow
 def test_an_fmu_whose_model_has_gone_goes_too(built: Path) -> None:
     known = set((built / "fmus" / "_built").glob("*.fmu"))
     (built / "fmus" / "_built" / "renamed.fmu").write_bytes(b"old")
@@ -121,6 +124,7 @@ def test_an_fmu_whose_model_has_gone_goes_too(built: Path) -> None:
     assert set((built / "fmus" / "_built").glob("*.fmu")) == known
 
 
+@pytest.mark.slow
 def test_the_stamp_names_what_was_made(built: Path) -> None:
     stamp = json.loads((built / "fmus" / "_built" / "built.json").read_text())
     assert set(stamp["files"]) == {p.name for p in (built / "fmus" / "_built").glob("*.fmu")}
@@ -140,12 +144,14 @@ def names(wheel: Path) -> set[str]:
         return set(archive.namelist())
 
 
+@pytest.mark.slow
 def test_a_wheel_is_for_one_platform_and_any_python_3(wheel: Path) -> None:
     python, abi, platform = wheel.stem.split("-")[2:]
     assert (python, abi) == ("py3", "none")
     assert platform != "any"
 
 
+@pytest.mark.slow
 def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> None:
     found = names(wheel)
     python = {
@@ -160,6 +166,7 @@ def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> Non
     assert {ENGINE, "cosim/engine.c"} | python | c | fmus | typed <= found
 
 
+@pytest.mark.slow
 def test_a_wheel_holds_nothing_else(wheel: Path) -> None:
     for name in names(wheel):
         assert name.startswith(("cosim/", "fmus/", "bridge/", "cosim_bridge-"))
@@ -167,10 +174,12 @@ def test_a_wheel_holds_nothing_else(wheel: Path) -> None:
     assert "cosim/old_module.py" not in names(wheel)
 
 
+@pytest.mark.slow
 def test_building_leaves_the_sources_as_they_were(wheel: Path, built: Path) -> None:
     assert {path.name for path in built.iterdir()} == {*PARTS, *FILES, "build"}
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_an_sdist_holds_sources_only_and_makes_the_same_wheel(
     wheel: Path, built: Path, tmp_path: Path

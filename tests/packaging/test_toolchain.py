@@ -257,6 +257,7 @@ def kernels(build: Build, tmp_path_factory: pytest.TempPathFactory) -> list[ctyp
     return kernels
 
 
+@pytest.mark.slow
 @given(a=FINITE, b=FINITE, c=FINITE)
 def test_product_and_sum_are_rounded_one_by_one(
     kernels: list[ctypes.CDLL], a: float, b: float, c: float
@@ -265,12 +266,14 @@ def test_product_and_sum_are_rounded_one_by_one(
         assert kernel.product_plus(a, b, c) == a * b + c
 
 
+@pytest.mark.slow
 def test_a_fused_multiply_add_would_be_seen(kernels: list[ctypes.CDLL]) -> None:
     a = 1.0 + 2.0**-30  # a·a = 1 + 2⁻²⁹ + 2⁻⁶⁰, whose last term only a fused operation keeps
     for kernel in kernels:
         assert kernel.product_plus(a, a, -(1.0 + 2.0**-29)) == 0.0
 
 
+@pytest.mark.slow
 @given(st.lists(FINITE, max_size=40))
 def test_sums_keep_their_order(kernels: list[ctypes.CDLL], values: list[float]) -> None:
     expected = 0.0
@@ -288,6 +291,7 @@ def assert_is_library_for(name: str, library: Path) -> None:
     assert content[place : place + len(machine)] == machine
 
 
+@pytest.mark.slow
 def test_a_library_for_a_mac_is_made_here(build: Build, tmp_path: Path) -> None:
     name = "aarch64-darwin"
     assert_is_library_for(name, build(tmp_path / "a.dylib", platform=name))

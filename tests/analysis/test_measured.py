@@ -201,7 +201,7 @@ def test_network_of_a_bench_knows_its_port() -> None:
 # ---- bisection ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(limit=st.floats(2.0, 9e3))
 def test_the_stiffest_is_found_to_five_percent(limit: float) -> None:
     tried: list[float] = []

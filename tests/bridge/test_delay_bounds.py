@@ -21,7 +21,7 @@ def test_none_is_the_newest_that_came_whatever_the_time():
     assert (d.take(1), d.values().tolist()) == (3, [3.0])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     kind=st.integers(0, 5),
     puts=st.lists(

@@ -58,7 +58,7 @@ def held(spec, ticks):
     return rows
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     law=st.sampled_from(sorted(LAWS)),
     loss=st.sampled_from(sorted(LOSSES)),
@@ -80,7 +80,7 @@ def test_a_link_is_its_table(law, loss, semantics, periods, h, seed, ticks, buff
     assert held(delays_for(x, ticks), ticks) == x.table.stream(looks).rows(looks).tolist()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     semantics=st.sampled_from(SEMANTICS[:3]),
     periods=st.tuples(st.integers(1, 7), st.integers(1, 7)),

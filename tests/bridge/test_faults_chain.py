@@ -85,7 +85,7 @@ rules = st.lists(
 seeds = st.integers(0, 2**64 - 1)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(rules=rules, seed=seeds, bits=st.integers(1, 3), p=st.floats(0, 0.3))
 def test_what_is_accepted_is_what_was_sent(tmp_path_factory, rules, seed, bits, p):
     rules.append(rule(faults.CORRUPT, count=bits, probability=p))

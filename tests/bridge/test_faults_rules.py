@@ -35,7 +35,7 @@ def copy(r):
     return Fault.from_buffer_copy(bytes(r))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(rules=rules)
 def test_the_same_seed_does_the_same(rules):
     frames = [frame(n) for n in range(80)]
@@ -43,7 +43,7 @@ def test_the_same_seed_does_the_same(rules):
     assert a == b
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(rules=rules)
 def test_frames_are_accounted_for(tmp_path_factory, rules):
     """What went in, less what was dropped, and copies, comes out; the record says the same."""

@@ -42,7 +42,7 @@ def test_a_bus_of_drives_carries_no_services():
     assert "HEARTBEAT_4" in system.identifiers("master_control")
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     gear=st.floats(0.1, 100), direction=st.sampled_from([1, -1]), zero=st.floats(-3, 3),
     turns=st.floats(-5, 5), tau=st.floats(-0.5, 0.5),

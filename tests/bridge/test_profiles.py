@@ -150,7 +150,7 @@ def test_no_torque_is_not_none_over_mit() -> None:
     assert values[0] == pytest.approx(10 / 4095)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(tau=st.floats(-12, 12))
 def test_our_torque_is_the_nearest_code_of_the_drive(tau: float) -> None:
     found = profile("damiao")

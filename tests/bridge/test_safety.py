@@ -38,7 +38,7 @@ def one(spec: GuardSpec, tau: float, q: float = 0.0, dq: float = 0.0) -> tuple[f
 # --- whatever comes in -----------------------------------------------------------------------
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(ticks=ticks)
 def test_nothing_that_comes_in_gets_more_than_tau_max_out(
     ticks: list[tuple[np.ndarray, ...]],
@@ -53,7 +53,7 @@ def test_nothing_that_comes_in_gets_more_than_tau_max_out(
         assert bool(bits & GuardBit.FINITE) == refused.any()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(ticks=ticks, brake=st.floats(0, 1e308), rate=st.floats(0, inf), power=st.floats(0, inf))
 def test_without_a_limit_of_the_torque_it_is_still_finite(
     ticks: list[tuple[np.ndarray, ...]], brake: float, rate: float, power: float
@@ -64,7 +64,7 @@ def test_without_a_limit_of_the_torque_it_is_still_finite(
         assert np.isfinite(guard.apply(tau, q, dq, float(scale))[0]).all()
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(
     limits=arrays(np.float64, (7, 2), elements=st.floats()),
     ticks=ticks,
@@ -99,7 +99,6 @@ def test_a_torque_limit_that_is_no_limit_lets_nothing_through(bad: float) -> Non
     assert guard.apply([5.0], [0.0], [0.0])[0][0] == 0.0
 
 
-@settings(deadline=None)
 @given(tau=near, q=arrays(np.float64, 2, elements=st.floats(-1, 1)))
 def test_what_is_within_all_limits_passes_to_the_last_bit(tau: np.ndarray, q: np.ndarray) -> None:
     out, bits = GuardSpec(tau_max=20.0, q_low=-1.0, q_high=1.0, dq_max=1.0).build(2, H).apply(

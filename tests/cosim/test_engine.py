@@ -38,7 +38,7 @@ def chunks(p, sizes):
     return record
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.integers(1, 17), max_size=12))
 def test_chunks_do_not_show(sizes):
     assert (
@@ -58,7 +58,7 @@ DELAYS = st.one_of(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     DELAYS,
     st.sampled_from(["signal", "last-arrival", "newest-stamp", "fifo"]),

@@ -56,7 +56,6 @@ def two_steps(law: Component, gains: Values, u: Values) -> tuple[Values, Values]
 # --- one arm alone ---------------------------------------------------------------------------
 
 
-@settings(deadline=None)
 @given(seed=seed)
 def test_one_arm_alone_is_an_arm_whose_neighbour_has_no_weight(make: Make, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -84,7 +83,6 @@ def test_alpha_may_be_zero_for_one_arm_alone_only(make: Make) -> None:
 # --- Remark 3 --------------------------------------------------------------------------------
 
 
-@settings(deadline=None)
 @given(seed=seed)
 def test_remark_3_is_feedback_of_the_estimated_inertia(make: Make, seed: int) -> None:
     """tau = -lambda_c M_hat s + Y(q, dq, z, dz) theta_hat, adapted by Y(q, dq, z, dz - lambda_c s);
@@ -106,7 +104,7 @@ def test_remark_3_is_feedback_of_the_estimated_inertia(make: Make, seed: int) ->
 # --- bounds of the estimate ------------------------------------------------------------------
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seed)
 def test_the_estimate_keeps_its_bounds_and_is_free_between_them(make: Make, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -136,7 +134,6 @@ def test_an_estimate_that_starts_outside_of_its_bounds_is_refused(make: Make) ->
 # --- stale neighbours ------------------------------------------------------------------------
 
 
-@settings(deadline=None)
 @given(seed=seed, stale=st.lists(st.booleans(), min_size=2, max_size=2))
 def test_a_stale_edge_does_not_count_and_stops_the_adaptation(
     make: Make, seed: int, stale: list[bool]
@@ -164,7 +161,6 @@ def test_an_edge_without_weight_may_be_as_old_as_it_likes(make: Make) -> None:
     assert not np.array_equal(old[0]["theta_hat"], old[1]["theta_hat"])
 
 
-@settings(deadline=None)
 @given(seed=seed, part=st.floats(1e-3, 1.5))
 def test_the_weight_of_a_stale_edge_falls_linearly_and_nothing_adapts_meanwhile(
     make: Make, seed: int, part: float
@@ -192,7 +188,6 @@ def test_a_fade_changes_nothing_up_to_age_max(make: Make) -> None:
 # --- gravity ---------------------------------------------------------------------------------
 
 
-@settings(deadline=None)
 @given(seed=seed, neighbours=st.integers(0, 2))
 def test_gravity_is_absent_known_or_adapted(make: Make, seed: int, neighbours: int) -> None:
     rng = np.random.default_rng(seed)

@@ -38,7 +38,7 @@ def drawn(rng: np.random.Generator) -> tuple[Values, Values]:
     return arrays(q=rng.uniform(-3, 3, 2), dq=rng.uniform(-1, 1, 2), substeps=2), gains
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seed)
 def test_without_a_push_V_never_grows_but_for_the_sampling(seed: int) -> None:
     """dV/dt = -s' K s; a step of the explicit Euler method adds terms of h^2 at most."""
@@ -66,7 +66,7 @@ def test_what_V_loses_is_what_the_feedback_takes_to_first_order_in_the_step(seed
     assert fine / coarse == pytest.approx(0.5, abs=0.05)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=seed)
 def test_the_gain_from_a_push_to_s_is_at_most_that_of_the_feedback(seed: int) -> None:
     """From rest and the true theta: the L2 norm of s is at most that of tau_h over min K."""

@@ -192,7 +192,7 @@ def test_the_first_tick_may_come_in_the_event_mode_after_initialization(ticked) 
     partition.step(P)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(tries=st.lists(st.integers(0, 9), min_size=1, max_size=6), seen=st.booleans())
 def test_only_the_last_inputs_of_a_tick_count(tries: list[int], seen: bool) -> None:
     """An importer that solves a loop sets and gets until it is content; states advance once."""

@@ -54,7 +54,7 @@ def test_a_constant_push_ends_in_the_velocity_torque_over_damping(preset: str) -
     assert np.abs(run["q"][-1, 0] - run["q"][0, 0]) > 3.0
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=seed)
 def test_the_gain_from_a_push_to_the_velocity_is_at_most_one_over_the_damping(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -166,7 +166,7 @@ def differ(a: Mapping[str, ArrayLike], b: Mapping[str, ArrayLike]) -> list[str]:
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=EXAMPLES)
 @given(seed=seed)
 def test_numpy_and_c_agree_over_ten_thousand_random_steps(case: Case, seed: int) -> None:
     rng = np.random.default_rng(seed)

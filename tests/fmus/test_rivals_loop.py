@@ -100,7 +100,7 @@ def test_without_coupling_nothing_is_transmitted_and_a_copy_follows_only() -> No
 # ---- the conditions themselves ---------------------------------------------------------------
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(delay=st.floats(0.1, 1.2), K=st.floats(5.0, 20.0))
 def test_p_d_meets_just_within_its_condition(delay: float, K: float) -> None:
     """4 B² > (2 T)² K²: B > T K. The floor is what the sampling needs by itself."""
@@ -110,7 +110,7 @@ def test_p_d_meets_just_within_its_condition(delay: float, K: float) -> None:
     assert last_outside(free.apart) < 38.0
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(delay=st.floats(0.1, 1.2), K_p=st.floats(5.0, 20.0))
 def test_dissipation_just_enough_for_the_delay_is_enough(delay: float, K_p: float) -> None:
     """K_d >= (T_rt / 2) K_p, with T_rt = 2 T."""
@@ -192,7 +192,7 @@ def test_a_tight_grip_reflects_waves_which_decay() -> None:
 # ---- energy -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(delay=st.floats(0.01, 1.5))
 def test_a_wave_line_gives_no_more_than_it_was_given(delay: float) -> None:
     """The energy in the line, ∫ (u² - v²)/(4b) at both ends, is that of the waves under way."""

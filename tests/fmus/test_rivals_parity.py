@@ -92,7 +92,7 @@ def values_of(module: ModuleType, rng: np.random.Generator) -> Values:
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_numpy_and_c_agree_over_random_steps(case: Case, seed: int) -> None:
     """10 000 steps of each law with a state, 1 000 of each without."""

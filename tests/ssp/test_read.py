@@ -255,9 +255,7 @@ WHOLE = ssd(
 )
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_a_description_with_anything_wrong_is_read_or_refused(
     tmp_path: Path, data: st.DataObject

@@ -38,7 +38,7 @@ def signals(draw, length=64):
 
 
 @given(signals(), st.data())
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 def test_any_field_is_written_and_read_bit_by_bit(signal, data):
     codec = Codec(Layout("M", 1, 64, (signal,), Flags.FD))
     low, high = signal.raw_range
@@ -51,7 +51,7 @@ def test_any_field_is_written_and_read_bit_by_bit(signal, data):
 
 
 @given(signals(8), st.binary(min_size=8, max_size=8), st.integers(0, 2**63 - 1))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_bits_beside_a_field_stay(signal, ground, raw):
     codec = Codec(Layout("M", 1, 8, (signal,)))
     codec.message.fill[:8] = list(ground)
@@ -74,7 +74,6 @@ def test_motorola_and_intel_share_a_message():
 @given(
     st.floats(-40, 40), st.sampled_from([2.0**-10, 0.01, 0.3, -0.25]), st.sampled_from([0.0, 5.0])
 )
-@settings(deadline=None)
 def test_rounded_to_the_nearest_and_saturated(value, scale, offset):
     signal = Signal("x", 0, 8, Kind.SIGNED, scale=scale, offset=offset, invalid=-128)
     codec = Codec(Layout("M", 1, 1, (signal,)))
@@ -135,7 +134,6 @@ def test_a_raw_value_outside_the_range_is_refused():
 
 
 @given(st.floats(width=64), st.floats(-1e39, 1e39), st.booleans())
-@settings(deadline=None)
 def test_floats_of_32_and_64_bits(wide, narrow, limited):
     ends = {"low": -0.1, "high": 0.3} if limited else {}
     signals = (

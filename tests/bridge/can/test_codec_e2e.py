@@ -87,7 +87,7 @@ def others(profile: Profile, ids: bytes, counter: int, data: bytes) -> bytes:
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_same_as_autosar_e2e_and_cantools(profile, data):
     ids = data.draw(st.binary(min_size=16, max_size=16))
     counter = data.draw(st.integers(0, 2**profile.counter_bits - 1))
@@ -176,7 +176,7 @@ def test_three_wrong_bits_counter_included_by_trying(name):
 
 
 @given(st.data())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_wrong_bits_anywhere(data):
     file, name = data.draw(
         st.sampled_from([("link2.dbc", "TAU_1"), ("link_fd.dbc", "LINK_1"), ("", "STREAM")])

@@ -97,7 +97,7 @@ def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tup
 @given(
     PROFILES, st.integers(0, 2**32 - 1), st.floats(-1e-4, 1e-4), st.floats(0, 0.6), st.booleans()
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_never_a_wrong_number(profile, seed, drift, loss, limited):
     """Whatever is lost (silences included), repeated, late or overtaken; clocks 100 ppm apart."""
     random, M = np.random.default_rng(seed), 2 ** min(profile.counter_bits, 8)

@@ -100,7 +100,7 @@ def simulated(releases: dict[Stream, list[tuple[int, int]]]) -> dict[Stream, int
     return longest
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(sets(), st.data())
 def test_no_run_takes_longer(set_: list[Stream], data: st.DataObject) -> None:
     releases = {}
@@ -114,7 +114,7 @@ def test_no_run_takes_longer(set_: list[Stream], data: st.DataObject) -> None:
         assert longest[response.stream] <= response.worst
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(sets(), st.data())
 def test_it_is_reached_at_the_critical_instant(set_: list[Stream], data: st.DataObject) -> None:
     """The longest of lower priority has just begun, all others are asked for, most late first."""

@@ -52,7 +52,7 @@ def by_hand(identifier: int, data: bytes, kind: Kind, dlc: int) -> Bits:
     return Bits(first + third, second) if kind.brs else Bits(first + second + third)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(frames())
 def test_a_frame_has_the_bits_it_is_built_of(frame: tuple[int, bytes, Kind, int]) -> None:
     identifier, data, kind, dlc = frame

@@ -24,7 +24,7 @@ def linear(components, names=None):
     }
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     networks(models=("Integrator", "Integrator", "Gain")),
     st.sets(st.sampled_from("abcde")),

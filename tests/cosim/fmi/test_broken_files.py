@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.errors import CosimError, FmuError
@@ -189,7 +189,7 @@ def descriptions(draw: st.DrawFn) -> str:
     return text
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=400)
 @given(descriptions())
 def test_a_mutated_description_is_read_or_refused(text: str) -> None:
     path = Path(_FUZZ) / "modelDescription.xml"

@@ -30,7 +30,7 @@ def edge_lists(draw):
     return n, edges
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(edge_lists())
 def test_reached_is_what_a_search_finds(graph):
     n, edges = graph
@@ -45,7 +45,7 @@ def test_reached_is_what_a_search_finds(graph):
         assert (start in made.roots) == (len(known) == n)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(edge_lists(), st.randoms())
 def test_a_union_has_all_edges_and_at_least_the_roots(graph, random):
     n, edges = graph

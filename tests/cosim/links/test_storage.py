@@ -37,7 +37,7 @@ def test_a_table_comes_back_with_its_facts(tmp_path):
     assert (facts["semantics"], facts["seed"], facts["h"]) == ("last-arrival", 11, 0.005)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(cuts=st.lists(st.integers(0, GROUP + 2000), max_size=6))
 @example(cuts=[GROUP - 1, GROUP, GROUP + 1])
 def test_the_bytes_do_not_depend_on_how_the_rows_came(tmp_path_factory, cuts):

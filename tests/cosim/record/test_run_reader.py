@@ -36,7 +36,7 @@ def run(tmp_path: Path) -> Run:
     return write(tmp_path, np.arange(30.0).reshape(3, 10))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.integers(0, 40),
     st.lists(st.floats(width=64), min_size=3, max_size=3),

@@ -29,6 +29,7 @@ import numpy as np
 
 from benchmarks import tables
 from bridge import replay
+from bridge.lives import Life
 from bridge.system import System, load_system
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -54,7 +55,7 @@ def rehearse(deploy: str, interface: str, seconds: float, folder: Path) -> dict[
     facts = json.loads((folder / "run.json").read_text(encoding="utf-8"))["rehearsal"]
     system = load_system(SCENARIO, deploy, settings)
     lives = replay.load(folder / "nodes")
-    there = [name for name in system.nodes if name in lives]
+    there = [name for name in system.nodes if Life(name) in lives]
     return {
         "deployment": deploy,
         "interface": interface,

@@ -14,6 +14,7 @@ from bridge.can.interface import Attachment
 from bridge.can.socket import BusError
 from bridge.deploy import BusSpec, Deployment
 from bridge.journal import Journal
+from bridge.lives import Life
 from bridge.native.frame import DATA, frame_dtype
 from bridge.system import System
 from bridge.wiring import Wired
@@ -68,15 +69,16 @@ def log_rows(system: System, bus: str) -> int:
 
 
 @contextmanager
-def attached(system: System, node: str, folder: Path, life: str) -> Iterator[dict[str, Attachment]]:
-    """All buses of a node, every frame logged in ``FOLDER/LIFE.BUS.frames``. Raises BusError."""
+def attached(system: System, life: Life, folder: Path) -> Iterator[dict[str, Attachment]]:
+    """All buses of a life's node, frames logged in ``FOLDER/LIFE.BUS.frames``. Raises BusError."""
+    node = life.node
     with ExitStack() as stack:
         found: dict[str, Attachment] = {}
         opened: Attachment
         for number, name in enumerate(system.buses_of(node)):
             zenoh = system.deployment.buses[name].kind == "zenoh"
             size = DATA if zenoh else 64
-            path, rows = folder / f"{life}.{name}.frames", log_rows(system, name)
+            path, rows = folder / life.frames(name), log_rows(system, name)
             log = Journal.create(path, frame_dtype(size), rows)
             stack.callback(log.close)
             if zenoh:

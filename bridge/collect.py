@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bridge.can.log import FrameLog, write_log
 from bridge.cut import NodePlan
 from bridge.journal import Journal
+from bridge.lives import Life, frame_files, lives_of
 from bridge.native.frame import Flags
 from bridge.system import System
 from bridge.wiring import Rows
@@ -31,13 +32,7 @@ CHUNK = 8192
 IntArray = NDArray[np.int64]
 
 
-def lives_of(rows: Mapping[str, Rows], node: str) -> list[str]:
-    """The lives of a node, by their first slots."""
-    lives = [life for life in rows if life.partition(".")[0] == node]
-    return sorted(lives, key=lambda life: int(rows[life]["slot"][0]))
-
-
-def write_trajectories(system: System, rows: Mapping[str, Rows], folder: Path) -> int:
+def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) -> int:
     """Write ``trajectories.parquet``: outputs and what was received; returns its ticks.
 
     It ends with the node that got furthest. Raises RunError where the file cannot be written.
@@ -70,7 +65,7 @@ def write_trajectories(system: System, rows: Mapping[str, Rows], folder: Path) -
 
 
 def _joined(
-    rows: Mapping[str, Rows], node: str, ticks: int
+    rows: Mapping[Life, Rows], node: str, ticks: int
 ) -> tuple[IntArray, NDArray[np.float64]]:
     """(base ticks, signals) of all lives of a node, whose slots are `ticks` base ticks long."""
     lives = [rows[life] for life in lives_of(rows, node)]
@@ -95,7 +90,7 @@ def _places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
 
 def at_hits(
     system: System,
-    rows: Mapping[str, Rows],
+    rows: Mapping[Life, Rows],
     node: str,
     ticks: int,
     of: Callable[[Rows], NDArray[Any]],
@@ -117,7 +112,7 @@ def at_hits(
     return found[np.maximum.accumulate(np.where(known, np.arange(hits), 0))]
 
 
-def held_by(system: System, rows: Mapping[str, Rows], link: Link) -> IntArray | None:
+def held_by(system: System, rows: Mapping[Life, Rows], link: Link) -> IntArray | None:
     """The sent sample a link's receiver held at each of its hits, (hits,); None: not crossing."""
     for name, node in system.nodes.items():
         for i, inlet in enumerate(node.inlets):
@@ -134,7 +129,7 @@ def held_by(system: System, rows: Mapping[str, Rows], link: Link) -> IntArray | 
 
 
 def write_tables(
-    system: System, rows: Mapping[str, Rows], folder: Path
+    system: System, rows: Mapping[Life, Rows], folder: Path
 ) -> dict[str, LinkStatistics]:
     """Store the tables of the links that cross cuts, for replays offline; their statistics."""
     found: dict[str, LinkStatistics] = {}
@@ -164,7 +159,7 @@ def bus_logs(system: System, nodes: Path) -> dict[str, FrameLog]:
     """What was on each CAN bus, by time: what nodes sent, and what they heard of others."""
     logs: dict[str, FrameLog] = {}
     for name, bus in system.deployment.buses.items():
-        files = sorted(nodes.glob(f"*.{name}.frames"))
+        files = list(frame_files(nodes, name).values())
         if bus.kind != "can" or not files:
             continue
         parts = [Journal.open(path) for path in files]

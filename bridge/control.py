@@ -15,7 +15,7 @@ from typing import Any
 
 from bridge.native import node as native
 from bridge.native.safety import Command
-from bridge.safety import explain
+from bridge.records import names_of, refusal
 from cosim.clock import sleep
 
 Say = Callable[[Mapping[str, Any]], None]
@@ -114,7 +114,10 @@ def signals(control: Control) -> Iterator[None]:
 
 @contextmanager
 def refusals(struct: native.Node, say: Say) -> Iterator[None]:
-    """Say ``{"event": "refused", "why": "…"}`` each time the node refuses ARM or START."""
+    """Say why, each time the node refuses ARM or START.
+
+    ``{"event": "refused", "reasons": ["apart"], "armed": true, "why": "…"}``
+    """
     ended = threading.Event()
 
     def look() -> None:
@@ -122,7 +125,14 @@ def refusals(struct: native.Node, say: Say) -> Iterator[None]:
         while not ended.wait(LOOK):
             if struct.refusals != seen:
                 seen = struct.refusals
-                say({"event": "refused", "why": why(struct)})
+                say(
+                    {
+                        "event": "refused",
+                        "reasons": names_of(struct.refused),
+                        "armed": bool(struct.life.armed),
+                        "why": why(struct),
+                    }
+                )
 
     thread = threading.Thread(target=look, name="refusals", daemon=True)
     thread.start()
@@ -135,9 +145,7 @@ def refusals(struct: native.Node, say: Say) -> Iterator[None]:
 
 def why(struct: native.Node) -> str:
     """Why the last ARM or START was refused, in words."""
-    if struct.refused == 1:
-        return "not armed" if not struct.life.armed else "not in this state"
-    return explain(struct.refused & ~1 or struct.refused)
+    return refusal(names_of(struct.refused), bool(struct.life.armed))
 
 
 def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:

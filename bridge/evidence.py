@@ -8,47 +8,16 @@ fault had left, or nobody was there to receive.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
-from typing import Any, Literal
 
 from bridge.evidence_links import Network, of_links
 from bridge.fault_script import EXTENDED, KINDS, OF_LINKS, Event, FaultScript, FrameFault
-from bridge.rehearse import MISSED, REFUSES
-from bridge.signs import COUNTERS, SIGNS, Place, Shown
+from bridge.findings import Evidence, Place, Sign, Signs
+from bridge.lives import Life
+from bridge.records import Done, Missed, Refused
+from bridge.signs import COUNTERS, SIGNS, Shown
 from bridge.system import System
 from bridge.wiring import Rows
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """One table of a script: how often it did something (`done`), and what the report shows."""
-
-    index: int
-    kind: str
-    where: str
-    t0: float
-    t1: float
-    done: int
-    shown: tuple[str, ...]
-    missing: tuple[str, ...]
-
-    @property
-    def verdict(self) -> Literal["seen", "unseen", "idle"]:
-        """See the module."""
-        if self.missing:
-            return "unseen"
-        return "seen" if self.shown else "idle"
-
-    def text(self) -> str:
-        """One line of a report."""
-        when = f"{self.t0:.2f} s" + (f" to {self.t1:.2f} s" if self.t1 > self.t0 else "")
-        said = "; ".join(dict.fromkeys((*self.shown, *self.missing))) or "nothing to act on"
-        return f"{self.kind} {self.where}, {when}, {self.done} x: {said}"
-
-    def facts(self) -> dict[str, Any]:
-        """For ``run.json``."""
-        return {**asdict(self), "verdict": self.verdict}
 
 
 def find(script: FaultScript, shown: Shown, network: Network | None = None) -> list[Evidence]:
@@ -58,33 +27,33 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
     found = []
     for fault in script.frames:
         places = list(_of_frames(fault, shown))
-        where = f"of {_list(fault.messages)} at {_list(fault.nodes)}"
-        found.append(_judged(fault.index, fault.kind, where, fault.t0, min(fault.t1, end), places))
+        found.append(
+            Evidence(
+                index=fault.index,
+                kind=fault.kind,
+                targets=fault.nodes,
+                messages=fault.messages,
+                t0=fault.t0,
+                t1=min(fault.t1, end),
+                places=places,
+            )
+        )
     tables: dict[int, list[Event]] = {}
     d = system.deployment
     for event in script.process_events(list(d.nodes), list(d.buses)):
         tables.setdefault(event.index, []).append(event)
     for index, events in tables.items():
-        kind, places = _kind(events), list(_of_events(events, shown, network))
-        where = "on " + ", ".join(sorted({e.target for e in events}))
-        t0, t1 = events[0].t, min(events[-1].t, end)
-        found.append(_judged(index, kind, where, t0, t1, places))
+        found.append(
+            Evidence(
+                index=index,
+                kind=_kind(events),
+                targets=sorted({e.target for e in events}),
+                t0=events[0].t,
+                t1=min(events[-1].t, end),
+                places=list(_of_events(events, shown, network)),
+            )
+        )
     return sorted(found, key=lambda e: e.index)
-
-
-def _list(names: Sequence[str | int]) -> str:
-    return ", ".join(n if isinstance(n, str) else f"{n:#x}" for n in names)
-
-
-def _judged(
-    index: int, kind: str, where: str, t0: float, t1: float, places: Sequence[Place]
-) -> Evidence:
-    told = [p for p in places if p.done]
-    return Evidence(
-        index, kind, where, t0, t1, sum(p.done for p in told),
-        tuple(f"{p.name}: {p.sign}" for p in told if p.sign),
-        tuple(f"{p.name}: NOT SEEN" for p in told if not p.sign),
-    )  # fmt: skip
 
 
 # ---- faults of frames -----------------------------------------------------------------------
@@ -97,13 +66,12 @@ def _of_frames(fault: FrameFault, shown: Shown) -> Iterator[Place]:
             continue
         for life in shown.lives(node):
             record = shown.record(life)
-            if record is None or not shown.said(life):
+            if record is None or shown.said(life) is None:
                 continue
             for name, number in _heard(fault, shown.system, node):
                 rows = _effective(record, fault, number)
-                yield Place(
-                    f"{life} {name}", len(rows), _frame_sign(fault, shown, life, name, rows)
-                )
+                signs = _frame_signs(fault, shown, life, name, rows)
+                yield Place(target=str(life), message=name, done=len(rows), signs=signs)
 
 
 def _heard(fault: FrameFault, system: System, node: str) -> Iterator[tuple[str, int]]:
@@ -131,19 +99,20 @@ def _effective(record: Rows, fault: FrameFault, number: int) -> Rows:
     return found
 
 
-def _frame_sign(fault: FrameFault, shown: Shown, life: str, message: str, rows: Rows) -> str:
+def _frame_signs(fault: FrameFault, shown: Shown, life: Life, message: str, rows: Rows) -> Signs:
     if not len(rows):
-        return ""
+        return ()
     signs = SIGNS[fault.kind]
     if "syncs" in signs:
-        lost = shown.said(life).get("syncs", {}).get("lost", 0)
-        return f"{lost} SYNC lost" if lost else ""
+        said = shown.said(life)
+        lost = said.syncs.get("lost", 0) if said else 0
+        return (Sign(what="syncs", number=lost),) if lost else ()
     counters = [name for name in signs if name in COUNTERS]
-    said = [shown.counted(life, message, counters, len(rows))] if counters else []
+    found = shown.counted(life, message, counters, len(rows)) if counters else ()
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
-        said.append(shown.age(life, message, fault.t0, fault.t1 + fault.b, least))
-    return ", ".join(s for s in said if s)
+        found = (*found, *shown.age(life, message, fault.t0, fault.t1 + fault.b, least))
+    return found
 
 
 # ---- faults of processes, buses and networks ------------------------------------------------
@@ -159,49 +128,70 @@ def _kind(events: Sequence[Event]) -> str:
 def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -> Iterator[Place]:
     """A place each target whose beginning the run has noted."""
     first, last = events[0], events[-1]
+    done = {
+        (n.action, n.target)
+        for n in shown.notes
+        if isinstance(n, Done) and n.index in (first.index, -1)
+    }
     for target in sorted({e.target for e in events}):
-        if not any(note.endswith(f": {first.action} {target}") for note in shown.notes):
+        if (first.action, target) not in done:
             continue
         if first.action in OF_LINKS and network is not None:
             yield from of_links(first, last.t, shown, network)
             continue
-        sign = _EVENT_SIGNS.get(_kind(events))
-        yield Place(target, 1, sign(shown, target, first.t, last.t) if sign else "")
+        look = _EVENT_SIGNS.get(_kind(events))
+        signs = look(shown, target, first, last.t) if look else ()
+        yield Place(target=target, done=1, signs=signs)
 
 
-def _restarted(shown: Shown, node: str, t0: float, t1: float) -> str:
+def _restarted(shown: Shown, node: str, first: Event, t1: float) -> Signs:
     h = shown.system.nodes[node].h
-    rows = {life: shown.rows[life] for life in shown.lives(node)}
-    later = [life for life, r in rows.items() if len(r) and r["slot"][0] * h > t0]
+    later = [life for life in shown.lives(node) if shown.rows[life]["slot"][0] * h > first.t]
     if later:
-        return f"{later[0]} began"
-    told = (n for n in shown.notes if f": node {node}." in n and (REFUSES in n or MISSED in n))
-    return next(told, "").partition(": node ")[2]
+        return (Sign(what="life", life=later[0]),)
+    stayed = (n for n in shown.notes if isinstance(n, Missed | Refused) and n.life.node == node)
+    return tuple(Sign(what="refusal", life=n.life, note=n) for n in stayed)[:1]
 
 
-def _stopped(shown: Shown, node: str, t0: float, t1: float) -> str:
-    return shown.late(node, t0, t1) or shown.ended(node, t0, t1)
+def _killed(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    return shown.ended(node, first.t, t1)
 
 
-def _jumped(shown: Shown, node: str, t0: float, t1: float) -> str:
-    return next((r.reasons or r.text() for r in shown.reports if r.life == node), "")
+def _stopped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    return shown.late(node, first.t, t1) or shown.ended(node, first.t, t1)
 
 
-def _health(shown: Shown, bus: str, t0: float, t1: float) -> str:
+def _jumped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    """A clock set forward makes its node late; one set back makes it silent to the others."""
+    by = abs(first.by)
+    found = shown.late(node, first.t, first.t + by) or shown.stopped(node, first.t)
+    silent = (
+        sign
+        for message, carried in shown.system.messages.items()
+        if carried.node == node
+        for other in shown.system.nodes
+        if message in shown.system.heard_by(other)
+        for life in shown.alive(other, first.t, first.t + by)
+        for sign in shown.silence(life, message, first.t, first.t + by)
+    )
+    return found or tuple(silent)[:1]
+
+
+def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
     for report in shown.reports:
-        health = report.said.get("buses", {}).get(bus, {})
+        health = report.said.buses.get(bus, {}) if report.said else {}
         if health.get("restarts") or health.get("error_frames") or health.get("send_failed"):
-            return f"{report.life}: the bus was not well"
-    return ""
+            return (Sign(what="health", life=report.life),)
+    return ()
 
 
-def _frames(shown: Shown, bus: str, t0: float, t1: float) -> str:
-    unknown = sum(r.said.get("unknown_frames", 0) for r in shown.reports)
-    return f"{unknown} frames of nobody's" if unknown else ""
+def _frames(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
+    unknown = sum(r.said.unknown_frames for r in shown.reports if r.said)
+    return (Sign(what="frames", number=unknown),) if unknown else ()
 
 
-_EVENT_SIGNS: Mapping[str, Callable[[Shown, str, float, float], str]] = {
-    "kill": lambda shown, node, t0, t1: shown.ended(node, t0, t1),
+_EVENT_SIGNS: Mapping[str, Callable[[Shown, str, Event, float], Signs]] = {
+    "kill": _killed,
     "restart": _restarted,
     "freeze": _stopped,
     "clock-jump": _jumped,

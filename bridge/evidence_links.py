@@ -9,8 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from bridge.fault_script import Event
+from bridge.findings import Place, Signs
+from bridge.lives import Life
 from bridge.relay.router import UDP
-from bridge.signs import SIGNS, Place, Shown
+from bridge.signs import SIGNS, Shown
 from bridge.wiring import Rows
 
 #: Packets of samples below which a fault had nothing to act on; some are of handshakes.
@@ -51,13 +53,13 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
             acted, least = _acted(first.action, rows[rows["length"] >= size])
             done = acted if acted >= FEW[first.action] else 0
-            sign = _link_sign(first, t1, shown, life, message, least) if done else ""
-            yield Place(f"{life} {message}", done, sign)
+            signs = _link_signs(first, t1, shown, life, message, least) if done else ()
+            yield Place(target=str(life), message=message, done=done, signs=signs)
 
 
 def _receivers(
     link: str, t0: float, t1: float, shown: Shown, network: Network
-) -> Iterator[tuple[str, str]]:
+) -> Iterator[tuple[Life, str]]:
     source, _, target = link.partition(">")
     for node in network.hosts[target]:
         for message in shown.system.heard_by(node):
@@ -84,13 +86,15 @@ def _acted(action: str, rows: Rows) -> tuple[int, float]:
     return len(lost), 0.0
 
 
-def _link_sign(first: Event, t1: float, shown: Shown, life: str, message: str, least: float) -> str:
-    said = []
+def _link_signs(
+    first: Event, t1: float, shown: Shown, life: Life, message: str, least: float
+) -> Signs:
+    found: Signs = ()
     for sign in SIGNS[first.action]:
         if sign == "age":
-            said.append(shown.age(life, message, first.t, t1, least))
+            found += shown.age(life, message, first.t, t1, least)
         elif sign == "silence":
-            said.append(shown.silence(life, message, first.t, t1))
+            found += shown.silence(life, message, first.t, t1)
         else:
-            said.append(shown.counted(life, message, [sign], 1))
-    return ", ".join(s for s in said if s)
+            found += shown.counted(life, message, [sign], 1)
+    return found

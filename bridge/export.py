@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.cut import NodePlan
+from bridge.lives import Life
 from bridge.native.safety import State
 from bridge.safety import explain
 from bridge.watched import Watched
@@ -61,8 +62,8 @@ class Feed:
 
     def __init__(self, watched: Watched, sinks: Sequence[Sink]) -> None:
         self._watched, self._sinks = watched, sinks
-        self._given: dict[str, int] = {}
-        self._sources: dict[str, Source] = {}
+        self._given: dict[Life, int] = {}
+        self._sources: dict[Life, Source] = {}
 
     def new(self) -> int:
         """All rows that are new, as messages by time; returns how many slots they were."""
@@ -74,9 +75,9 @@ class Feed:
             self._give(batch)
         return total
 
-    def _batch(self) -> Iterator[tuple[str, Rows]]:
+    def _batch(self) -> Iterator[tuple[Life, Rows]]:
         """New rows of all lives up to a common time, so that files are nearly sorted."""
-        found: dict[str, Rows] = {}
+        found: dict[Life, Rows] = {}
         for life, tail in self._watched.lives.items():
             first = self._given.get(life, 0)
             rows = tail.rows(first, first + BATCH)
@@ -89,7 +90,7 @@ class Feed:
             if len(here):
                 yield life, here
 
-    def _give(self, batch: Sequence[tuple[str, Rows]]) -> None:
+    def _give(self, batch: Sequence[tuple[Life, Rows]]) -> None:
         for sink in self._sinks:
             samples: list[Sample] = []
             for life, rows in batch:
@@ -98,9 +99,9 @@ class Feed:
             for sample in samples:
                 sink.put(sample)
 
-    def _source(self, life: str) -> Source:
+    def _source(self, life: Life) -> Source:
         if life not in self._sources:
-            node = self._watched.system.nodes[life.partition(".")[0]]
+            node = self._watched.system.nodes[life.node]
             self._sources[life] = Source(node, self._watched.facts.wall_ns)
         return self._sources[life]
 

@@ -31,7 +31,7 @@ def events(
     babblers: dict[tuple[str, int], subprocess.Popen[bytes]] = {}
     links = _Links(network)
     return tuple(
-        Event(e.t, e.text, _deed(e, system, babblers, links, script), e.action == "start")
+        Event(e.t, e, _deed(e, system, babblers, links, script), e.action == "start")
         for e in script.process_events(list(d.nodes), list(d.buses))
     )
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from typing import Any, final
 
 from bridge.control import listen_to
-from bridge.node import run_started
+from bridge.node import done, run_started
 from bridge.process import Start
 from cosim.errors import CosimError, RunError
 
@@ -28,15 +28,15 @@ class Thread:
         self.ready: Mapping[str, Any] | None = None
         self.done: Mapping[str, Any] | None = None
         self.failed: Mapping[str, Any] | None = None
-        self.refused: list[str] = []  # why START or ARM was refused
+        self.refused: list[Mapping[str, Any]] = []  # START or ARM
         self._told: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name=start.life, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=str(start.life), daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         try:
             told = iter(self._told.get, None)
-            self.done = run_started(self.start, self._said, listen_to(told))
+            self.done = done(run_started(self.start, self._said, listen_to(told)))
         except CosimError as error:
             self.failed = {"error": str(error), "exit_code": error.exit_code}
 
@@ -45,7 +45,7 @@ class Thread:
             case "ready":
                 self.ready = event
             case "refused":
-                self.refused.append(str(event["why"]))
+                self.refused.append(event)
 
     def poll(self) -> None:
         """Nothing: events are taken in as they come."""

@@ -17,9 +17,11 @@ from bridge import injected
 from bridge.campaign import RunSpec
 from bridge.can.codec import Codec
 from bridge.journal import Journal
+from bridge.lives import Life, lives_of
 from bridge.native import message as messages
 from bridge.native.safety import Why
 from bridge.outcome import Outcome
+from bridge.records import End
 from bridge.rehearse import NODES
 from bridge.report import NodeReport
 from bridge.safety import names, per_joint
@@ -38,22 +40,24 @@ class Judged:
 
     `ended`: what became of the nodes that did not finish; `seen`: counters of receivers that are
     not 0, summed; `corrupted`: frames corrupted and received, `undetected`: those accepted all the
-    same; `torque`: greatest share of its limit that any torque had.
+    same; `torque`: greatest share of its limit that any torque had; `exact`: the replay is the run,
+    `replay`: how it differs, for people.
     """
 
     script: str
-    ended: Mapping[str, str]
+    ended: Mapping[Life, str]
     seen: Mapping[str, int]
     corrupted: int
     undetected: int
     torque: float
+    exact: bool
     replay: str
     failures: tuple[str, ...]
 
 
 def lost(script: str, error: Exception) -> Judged:
     """A run that came to nothing."""
-    return Judged(Path(script).stem, {}, {}, 0, 0, 0.0, "", (f"no run: {error}",))
+    return Judged(Path(script).stem, {}, {}, 0, 0, 0.0, False, "", (f"no run: {error}",))
 
 
 def judge(system: System, spec: RunSpec, outcome: Outcome) -> Judged:
@@ -71,6 +75,7 @@ def judge(system: System, spec: RunSpec, outcome: Outcome) -> Judged:
         corrupted,
         undetected,
         torque,
+        exact,
         "0" if exact else outcome.replay_error or f"{outcome.replayed}",
         (),
     )
@@ -91,7 +96,7 @@ def _expected(system: System, spec: RunSpec, outcome: Outcome, judged: Judged) -
         stopped = [
             report
             for report in outcome.reports
-            if report.life in judged.ended and spec.node in ("", _node(report))
+            if report.life in judged.ended and spec.node in ("", report.life.node)
         ]
         if not stopped:
             yield f"expected {spec.node or 'a node'} to stop; {_said(judged.ended)}"
@@ -108,9 +113,9 @@ def _always(system: System, outcome: Outcome, judged: Judged) -> Iterator[str]:
         yield f"{judged.undetected} corrupted frames accepted"
     if not judged.torque <= 1.0:
         yield f"a torque of {judged.torque:.3g} times its limit"
-    if judged.replay != "0":
+    if not judged.exact:
         yield f"replay: {judged.replay}"
-    missing = {node for node in system.nodes if node not in outcome.rows}
+    missing = {node for node in system.nodes if not lives_of(outcome.rows, node)}
     missing |= {
         f for f in ("run.json", "trajectories.parquet") if not (outcome.folder / f).is_file()
     }
@@ -118,12 +123,8 @@ def _always(system: System, outcome: Outcome, judged: Judged) -> Iterator[str]:
         yield f"not in the run folder: {', '.join(sorted(missing))}"
 
 
-def _said(ended: Mapping[str, str]) -> str:
+def _said(ended: Mapping[Life, str]) -> str:
     return "; ".join(f"{life}: {why}" for life, why in ended.items()) or "all finished"
-
-
-def _node(report: NodeReport) -> str:
-    return report.life.partition(".")[0]
 
 
 def reasons(outcome: Outcome, report: NodeReport) -> set[str]:
@@ -131,19 +132,18 @@ def reasons(outcome: Outcome, report: NodeReport) -> set[str]:
     return set(names(Why(int(outcome.rows[report.life]["reasons"][-1]))))
 
 
-def _ended(system: System, outcome: Outcome) -> Iterator[tuple[str, str]]:
+def _ended(system: System, outcome: Outcome) -> Iterator[tuple[Life, str]]:
     """Each life that did not finish, and why in one word or two."""
     for report in outcome.reports:
-        end = report.said.get("end", "killed")
-        if end != "finished":
+        if report.end is not End.FINISHED:
             why = ", ".join(sorted(reasons(outcome, report)))
-            yield report.life, f"{end} ({why})" if why else str(end)
+            yield report.life, f"{report.end} ({why})" if why else str(report.end)
 
 
 def _seen(outcome: Outcome) -> dict[str, int]:
     total: dict[str, int] = {}
     for report in outcome.reports:
-        for counts in report.said.get("messages", {}).values():
+        for counts in (report.said.messages if report.said else {}).values():
             for name, count in counts.items():
                 if count and name != "ok":
                     total[name] = total.get(name, 0) + count
@@ -159,17 +159,17 @@ def _corrupted(system: System, outcome: Outcome, report: NodeReport) -> tuple[in
     Twice judged: no sequence number of a corrupted frame is among those that were the newest in a
     slot; and a receiver that lived to tell refused as many frames as were corrupted.
     """
-    path = outcome.folder / NODES / f"{report.life}.faults"
+    path = outcome.folder / NODES / report.life.file("faults")
     if not path.is_file():
         return 0, 0
     record, total, accepted = Journal.open(path), 0, 0
-    for name in system.heard_by(_node(report)):
+    for name in system.heard_by(report.life.node):
         carried = system.messages[name]
         rows = injected.changed(record, carried.encoding.message.id)
         if not len(rows):
             continue
         copies = int(rows["copies"].sum())
-        counts = report.said.get("messages", {}).get(name)
+        counts = report.said.messages.get(name) if report.said else None
         refused = sum(counts[r] for r in REFUSED) if counts else copies
         first = _accepted(system, outcome, report, name)
         numbers = _sequences(rows, carried)
@@ -197,7 +197,7 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
 
 def _accepted(system: System, outcome: Outcome, report: NodeReport, message: str) -> dict[int, int]:
     """When (ns, of its slot) each sequence number was first the newest accepted."""
-    node = system.nodes[_node(report)]
+    node = system.nodes[report.life.node]
     index = next(i for i, inlet in enumerate(node.inlets) if inlet.message == message)
     rows = outcome.rows[report.life]
     newest, at = np.unique(rows["inlets"]["newest"][:, index], return_index=True)
@@ -208,10 +208,10 @@ def _accepted(system: System, outcome: Outcome, report: NodeReport, message: str
 # ---- torques --------------------------------------------------------------------------------
 
 
-def _shares(system: System, rows: Mapping[str, Rows]) -> Iterator[float]:
+def _shares(system: System, rows: Mapping[Life, Rows]) -> Iterator[float]:
     """Of every guarded torque that was sent, in each row: the greatest share of `tau_max`."""
     for life, recorded in rows.items():
-        name = life.partition(".")[0]
+        name = life.node
         spec = system.deployment.nodes[name].guard
         first = 0
         for outlet in system.nodes[name].outlets:

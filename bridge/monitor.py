@@ -18,6 +18,7 @@ from bridge.can.timing import BusTiming
 from bridge.cut import NodePlan
 from bridge.held import Held
 from bridge.lateness import Spread
+from bridge.lives import Life
 from bridge.native.frame import Flags
 from bridge.native.safety import State
 from bridge.safety import explain, explain_guard
@@ -41,7 +42,7 @@ class NodeView:
     was done, NaN where the run does not go on. `injected`: faults on purpose.
     """
 
-    life: str
+    life: Life
     state: str
     reasons: str
     now: str
@@ -132,7 +133,7 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
 
 
 def _node(watched: Watched, node: str, rows: Rows | None, now_ns: int) -> NodeView:
-    life = (watched.lives_of(node) or [node])[-1]
+    life = (watched.lives_of(node) or [Life(node)])[-1]
     if rows is None or life not in watched.lives or not len(watched.lives[life]):
         nan = float("nan")
         return NodeView(life, WAITING, "", "", -1, 0.0, nan, None, 0, "", 0)
@@ -176,7 +177,7 @@ def _spread(ns: NDArray[np.int64]) -> tuple[float, float]:
 
 
 def _losses(
-    watched: Watched, frames: Mapping[tuple[str, str], Rows]
+    watched: Watched, frames: Mapping[tuple[Life, str], Rows]
 ) -> dict[tuple[str, str], tuple[int, int]]:
     """Frames not heard, of how many, by (message, receiving node)."""
     return {
@@ -187,7 +188,7 @@ def _losses(
 
 
 def _lost(
-    watched: Watched, node: str, carried: Carried, frames: Mapping[tuple[str, str], Rows]
+    watched: Watched, node: str, carried: Carried, frames: Mapping[tuple[Life, str], Rows]
 ) -> tuple[int, int]:
     """Frames of a message that its sender logged and the receiver did not, of how many."""
     senders, receivers = watched.lives_of(carried.node), watched.lives_of(node)
@@ -216,7 +217,7 @@ def _payloads(rows: Rows, width: int) -> list[bytes]:
 # ---- buses and signals ----------------------------------------------------------------------
 
 
-def _bus(system: System, name: str, frames: Mapping[tuple[str, str], Rows]) -> BusView:
+def _bus(system: System, name: str, frames: Mapping[tuple[Life, str], Rows]) -> BusView:
     parts = [r for (_, bus), r in frames.items() if bus == name and len(r)]
     if not parts:
         return BusView(name, 0, float("nan"))

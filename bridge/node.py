@@ -20,17 +20,18 @@ from typing import Any
 from bridge import lockstep
 from bridge.attach import answer, attached
 from bridge.can.interface import Attachment
-from bridge.control import Control, Say, listen_to, refusals, signals, why
+from bridge.control import Control, Say, listen_to, refusals, signals
 from bridge.fault_script import FaultScript, NodeFaults
 from bridge.faults import load
 from bridge.grants import Realtime
 from bridge.journal import Journal
+from bridge.lives import Life
 from bridge.native import node as native
 from bridge.native.faults import INJECTED
 from bridge.native.safety import State
 from bridge.process import Start
 from bridge.realtime import enter, verdict, warm_up
-from bridge.safety import explain
+from bridge.records import End, Statement, names_of
 from bridge.sending import forwarded_facts
 from bridge.system import System, load_system
 from bridge.wiring import Wired
@@ -38,24 +39,22 @@ from cosim.clock import monotonic_ns, realtime_ns
 from cosim.errors import CosimError
 
 ENDS = {
-    native.FINISHED: "finished",
-    native.STOPPED: "stopped",
-    native.NEVER_STARTED: "never started",
-    native.FAULT: "fault",
+    native.FINISHED: End.FINISHED,
+    native.STOPPED: End.STOPPED,
+    native.NEVER_STARTED: End.NEVER_STARTED,
+    native.FAULT: End.FAULT,
 }
-TOO_LATE = "too late"  # it was there when the run was over
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """How a node is run: `life` names its files, `real`: it may move real drives.
 
-    `boots`: which life this is, 0: drawn from the time. `warm_up`: s of self-test before it is
+    `boots`: what its heartbeats say, 0: drawn from the time. `warm_up`: s of self-test before it is
     ready; `script`: faults on purpose.
     """
 
-    name: str
-    life: str
+    life: Life
     folder: Path
     boots: int = 0
     real: bool = False
@@ -69,19 +68,19 @@ def run_node(
     options: Options,
     say: Say,
     listen: Callable[[Control], None] = lambda control: None,
-) -> dict[str, Any]:
+) -> Statement:
     """Run one node from configuring to its end, and return its report, which is ``LIFE.json`` too.
 
     `say` gets events; `listen` is called in a thread of its own with the control of the node, and
     tells it what others want. Raises CosimError where it cannot be configured.
     """
-    journal = options.folder / f"{options.life}.journal"
+    journal = options.folder / options.life.file("journal")
     if lockstep.wanted(system):
         return _in_lockstep(system, options, journal, say, listen)
-    with attached(system, options.name, options.folder, options.life) as buses:
+    with attached(system, options.life, options.folder) as buses:
         wired = Wired(
             system,
-            options.name,
+            options.life.node,
             {name: a.bus for name, a in buses.items()},
             journal,
             native.WALL,
@@ -98,11 +97,11 @@ def _in_lockstep(
     journal: Path,
     say: Say,
     listen: Callable[[Control], None],
-) -> dict[str, Any]:
+) -> Statement:
     """As :func:`run_node`, without a clock."""
     with (
-        attached(system, options.name, options.folder, options.life) as buses,
-        lockstep.Lockstep(system, options.name, buses, journal) as stepping,
+        attached(system, options.life, options.folder) as buses,
+        lockstep.Lockstep(system, options.life.node, buses, journal) as stepping,
     ):
         control = Control(stepping.wired.struct)
         answer(stepping.wired, buses, control)
@@ -110,8 +109,9 @@ def _in_lockstep(
             say({"event": "ready", "refused": [], "warning": ""})
             threading.Thread(target=listen, args=(control,), daemon=True).start()
             result = stepping.run()
-            report = _report(stepping.wired, buses, options, result, {}, "", None)
-            return _kept(options, {**report, "error": report["error"] or stepping.error(result)})
+            stalled = stepping.error(result)
+            report = _report(stepping.wired, buses, options, result, {}, "", None, stalled)
+            return _kept(options, report)
 
 
 def _configured(
@@ -120,7 +120,7 @@ def _configured(
     options: Options,
     say: Say,
     listen: Callable[[Control], None],
-) -> dict[str, Any]:
+) -> Statement:
     d, struct = wired.system.deployment, wired.struct
     faults = _faults(wired, options, list(buses))
     if faults is not None:
@@ -156,11 +156,11 @@ def _faults(wired: Wired, options: Options, buses: Sequence[str]) -> NodeFaults 
     """What a script does to frames this node receives; what it did is in ``LIFE.faults``."""
     if options.script is None:
         return None
-    journal = Journal.create(options.folder / f"{options.life}.faults", INJECTED, 100_000)
+    journal = Journal.create(options.folder / options.life.file("faults"), INJECTED, 100_000)
     wired.keep(journal)
     return options.script.frames_for(
-        options.name,
-        wired.system.identifiers(options.name),
+        options.life.node,
+        wired.system.identifiers(options.life.node),
         {name: i for i, name in enumerate(buses)},
         journal=journal.address,
     )
@@ -174,57 +174,56 @@ def _report(
     granted: Mapping[str, Any],
     warning: str,
     faults: NodeFaults | None,
-) -> dict[str, Any]:
+    stalled: str = "",
+) -> Statement:
     s = wired.struct
     end, error = _ended(wired, result)
-    return {
-        "node": options.name,
-        "life": options.life,
-        "boots": options.boots,
-        "end": end,
-        "error": error,
-        "state": State(s.life.state).name.lower(),
-        "reasons": explain(s.life.reasons) if s.life.reasons else "",
-        "refused": why(s) if s.refusals else "",
-        "first_slot": int(s.first),
-        "slots": int(s.slot - s.first),
-        "missed": int(s.missed),
-        "start_ns": int(s.start_ns),
-        "granted": dict(granted),
-        "warning": warning,
-        "syncs": {"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
-        "unknown_frames": int(s.unknown),
-        "messages": {name: _counts(r) for name, r in wired.receivers.items()},
-        "sent": {
+    return Statement(
+        life=options.life,
+        boots=options.boots,
+        end=end,
+        error=error or stalled,
+        state=State(s.life.state).name.lower(),
+        reasons=names_of(s.life.reasons),
+        refused=names_of(s.refused) if s.refusals else (),
+        first_slot=int(s.first),
+        slots=int(s.slot - s.first),
+        missed=int(s.missed),
+        start_ns=int(s.start_ns),
+        granted=dict(granted),
+        warning=warning,
+        syncs={"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
+        unknown_frames=int(s.unknown),
+        messages={name: _counts(r) for name, r in wired.receivers.items()},
+        sent={
             o.message: {"frames": int(e.sent), "saturated": int(e.saturated)}
             for o, e in zip(wired.plan.outlets, wired.sending.outlets, strict=False)
         },
-        "forwards": {name: forwarded_facts(f) for name, f in wired.forwards.items()},
-        "guards": {name: g.trips() for name, g in wired.guards.items()},
-        "drive_faults": sum(int(drive.struct.faults) for drive in wired.drives),
-        "buses": {name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
-        "journal_dropped": wired.journal.dropped,
-        "injected": faults.hits() if faults else {},
-    }
+        forwards={name: forwarded_facts(f) for name, f in wired.forwards.items()},
+        guards={name: g.trips() for name, g in wired.guards.items()},
+        drive_faults=sum(int(drive.struct.faults) for drive in wired.drives),
+        buses={name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
+        journal_dropped=wired.journal.dropped,
+        injected=faults.hits() if faults else {},
+    )
 
 
-def _ended(wired: Wired, result: int) -> tuple[str, str]:
+def _ended(wired: Wired, result: int) -> tuple[End, str]:
     """How it ended, and what went wrong in a sentence."""
     s = wired.struct
     if result > 0:
-        return "failed", str(wired.engine.failure(result))
+        return End.FAILED, str(wired.engine.failure(result))
     if result == native.FINISHED and s.first >= s.slots:
-        return TOO_LATE, (
+        return End.TOO_LATE, (
             f"the run was over: {s.slots} slots to t = {s.slots * s.h:g} s, and this life would "
             f"have begun with slot {s.first}"
         )
-    return ENDS.get(result, "failed"), ""
+    return ENDS.get(result, End.FAILED), ""
 
 
-def _kept(options: Options, report: dict[str, Any]) -> dict[str, Any]:
+def _kept(options: Options, report: Statement) -> Statement:
     """The report, written: while signals are still ours, so that a Ctrl-C does not take it."""
-    text = json.dumps(report, indent=2, default=str) + "\n"
-    (options.folder / f"{options.life}.json").write_text(text, encoding="utf-8")
+    report.write(options.folder)
     return report
 
 
@@ -238,20 +237,24 @@ def _counts(receiver: Any) -> dict[str, int]:
 # ---- as a process ---------------------------------------------------------------------------
 
 
-def run_started(start: Start, say: Say, listen: Callable[[Control], None]) -> dict[str, Any]:
+def run_started(start: Start, say: Say, listen: Callable[[Control], None]) -> Statement:
     """As :func:`run_node`, of what a supervisor says. Raises CosimError."""
     system = load_system(start.scenario, str(start.deployment), start.settings)
     options = Options(
-        name=start.node,
         life=start.life,
         folder=start.folder,
-        boots=start.boots,
+        boots=start.life.boot,
         warm_up=start.warm_up,
         realtime=start.realtime,
         real=start.real,
         script=load(Path(start.script)) if start.script else None,
     )
     return run_node(system, options, say, listen)
+
+
+def done(report: Statement) -> Mapping[str, Any]:
+    """The last event of a life: how it ended."""
+    return {"event": "done", "end": report.end, "state": report.state, "error": report.error}
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -268,5 +271,5 @@ def main(arguments: Sequence[str]) -> int:
     except CosimError as error:
         say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
         return error.exit_code
-    say({"event": "done", "end": report["end"], "state": report["state"], "error": report["error"]})
+    say(done(report))
     return 0

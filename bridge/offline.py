@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bridge.collect import at_hits
 from bridge.cut import Inlet
+from bridge.lives import Life
 from bridge.protect import age_slot
 from bridge.system import System
 from bridge.wiring import Rows
@@ -31,7 +32,7 @@ from cosim.simulate import simulate
 OFFLINE = "offline"
 
 
-def run_offline(system: System, run: Path, rows: Mapping[str, Rows]) -> Path:
+def run_offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> Path:
     """Run the scenario over the tables of the run folder `run` into ``RUN/offline``; returns it.
 
     `rows`: of the journals, by life. Raises ScenarioError where a link did not cross a cut (it has
@@ -51,7 +52,7 @@ def run_offline(system: System, run: Path, rows: Mapping[str, Rows]) -> Path:
     return run / OFFLINE
 
 
-def _silences(system: System, rows: Mapping[str, Rows]) -> Iterator[Player]:
+def _silences(system: System, rows: Mapping[Life, Rows]) -> Iterator[Player]:
     """What nodes told their components of stale inputs, s, at each hit of these."""
     for node, plan in system.nodes.items():
         for inlet in plan.inlets:
@@ -61,7 +62,9 @@ def _silences(system: System, rows: Mapping[str, Rows]) -> Iterator[Player]:
                 yield _silence(system, rows, node, inlet, spec.age)
 
 
-def _silence(system: System, rows: Mapping[str, Rows], node: str, inlet: Inlet, age: str) -> Player:
+def _silence(
+    system: System, rows: Mapping[Life, Rows], node: str, inlet: Inlet, age: str
+) -> Player:
     plan = system.nodes[node]
     at = age_slot(plan, inlet, age, str(system.deployment.path))
     port = f"{inlet.component}.{age.partition('[')[0]}"

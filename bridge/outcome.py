@@ -5,7 +5,8 @@
     RUN/run.json               scenario, deployment, settings, versions, verdict
     RUN/trajectories.parquet   signals on the base tick, as an offline run has them
     RUN/links/*.parquet        which sent sample each link's receiver held
-    RUN/nodes/LIFE.journal     a row a slot; LIFE.json its report; LIFE.BUS.frames every frame
+    RUN/nodes/LIFE.journal     a row a slot; LIFE.json its report; LIFE.BUS.frames every frame;
+                               LIFE is NODE, or NODE@2 where it was started again
     RUN/buses/BUS.log          candump
     RUN/twin/                  the same on a simulated clock
 """
@@ -22,9 +23,11 @@ from typing import Any
 import numpy as np
 
 from bridge import collect, evidence, replay, report, twin
-from bridge.evidence import Evidence
 from bridge.evidence_links import Network
 from bridge.fault_script import FaultScript
+from bridge.findings import Evidence
+from bridge.lives import Life
+from bridge.records import End, Note
 from bridge.rehearse import NODES, STARTED, Ended
 from bridge.report import NodeReport
 from bridge.signs import Shown
@@ -45,20 +48,20 @@ class Outcome:
 
     folder: Path
     ticks: int
-    rows: Mapping[str, Rows]
+    rows: Mapping[Life, Rows]
     reports: Sequence[NodeReport]
     ages: Mapping[str, LinkStatistics]
     replayed: replay.Replay | None
     replay_error: str
     twin_rms: float
     buses: Sequence[str]
-    notes: Sequence[str]
+    notes: Sequence[Note]
     faults: Sequence[Evidence] = ()
 
     @property
     def finished(self) -> bool:
         """Whether every node came to the end of the run without a stop."""
-        return bool(self.reports) and all(r.said.get("end") == "finished" for r in self.reports)
+        return bool(self.reports) and all(r.end is End.FINISHED for r in self.reports)
 
 
 def clear(folder: Path) -> None:
@@ -92,7 +95,7 @@ def complete(
     nodes = folder / NODES
     rows = replay.load(nodes)
     if not rows:
-        why = "; ".join(ended.notes) or "nobody said why"
+        why = "; ".join(map(str, ended.notes)) or "nobody said why"
         raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
     ticks = collect.write_trajectories(system, rows, folder)
     ages = collect.write_tables(system, rows, folder)
@@ -115,7 +118,7 @@ def complete(
     return outcome
 
 
-def _replayed(system: System, rows: Mapping[str, Rows]) -> tuple[replay.Replay | None, str]:
+def _replayed(system: System, rows: Mapping[Life, Rows]) -> tuple[replay.Replay | None, str]:
     with TemporaryDirectory() as scratch:
         try:
             return replay.replay(system, rows, Path(scratch)), ""
@@ -176,14 +179,15 @@ def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dic
         **deployed(system, facts),
         "rehearsal": {
             "finished": outcome.finished,
-            "notes": list(outcome.notes),
+            "notes": [note.facts() for note in outcome.notes],
             "faults": [fault.facts() for fault in outcome.faults],
             "nodes": {
-                r.life: {
+                str(r.life): {
                     "lateness": r.lateness.facts(),
                     "state": r.state,
-                    "reasons": r.reasons,
-                    "said": r.said,
+                    "reasons": list(r.reasons),
+                    "end": r.end,
+                    "said": r.said.facts() if r.said else {},
                 }
                 for r in outcome.reports
             },
@@ -196,13 +200,14 @@ def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dic
 
 def lines(system: System, outcome: Outcome) -> list[str]:
     """The summary of a rehearsal, without the metrics of the scenario."""
-    said = [report.line("note", note) for note in outcome.notes]
-    said += [report.line(r.life, r.text()) for r in outcome.reports]
+    said = [report.line("note", str(note)) for note in outcome.notes]
+    said += [report.line(str(r.life), r.text()) for r in outcome.reports]
     said += [report.line("  slots (us)", f"{r.life}: {r.parts()}") for r in outcome.reports]
     said += [
         report.line("not granted", f"{r.life}: {i['name']}: {i['said']}")
         for r in outcome.reports
-        for i in r.said.get("granted", {}).get("items", ())
+        if r.said
+        for i in r.said.granted.get("items", ())
         if not i["granted"]
     ]
     said += report.age_lines(system, outcome.rows)

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self, final
 
+from bridge.lives import Life
 from cosim.errors import RunError
 
 
@@ -25,10 +26,8 @@ class Start:
     scenario: Path
     deployment: Path
     settings: tuple[str, ...]
-    node: str
-    life: str
+    life: Life
     folder: Path
-    boots: int = 0
     warm_up: float = 0.2
     realtime: bool = True
     real: bool = False
@@ -43,7 +42,8 @@ class Start:
         """Of :meth:`text`."""
         said = json.loads(text)
         paths = {key: Path(said[key]) for key in ("scenario", "deployment", "folder")}
-        return cls(**{**said, **paths, "settings": tuple(said["settings"])})
+        life = Life(**said["life"])
+        return cls(**{**said, **paths, "life": life, "settings": tuple(said["settings"])})
 
 
 @final
@@ -52,12 +52,12 @@ class Process:
 
     def __init__(self, start: Start) -> None:
         self.start = start
-        self.errors = start.folder / f"{start.life}.err"
+        self.errors = start.folder / start.life.file("err")
         self.events: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
         self.ready: Mapping[str, Any] | None = None
         self.done: Mapping[str, Any] | None = None
         self.failed: Mapping[str, Any] | None = None
-        self.refused: list[str] = []  # why START or ARM was refused
+        self.refused: list[Mapping[str, Any]] = []  # START or ARM
         with self.errors.open("wb") as errors:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "bridge.start", start.text()],
@@ -67,7 +67,7 @@ class Process:
                 text=True,
                 start_new_session=True,  # Ctrl-C is the supervisor's to handle
             )
-        self._thread = threading.Thread(target=self._read, name=start.life, daemon=True)
+        self._thread = threading.Thread(target=self._read, name=str(start.life), daemon=True)
         self._thread.start()
 
     def _read(self) -> None:
@@ -91,7 +91,7 @@ class Process:
                 case "done":
                     self.done = event
                 case "refused":
-                    self.refused.append(str(event["why"]))
+                    self.refused.append(event)
                 case "failed":
                     self.failed = event
 

@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import final
 
 from bridge.enabling import enabled
+from bridge.fault_script import Event as Planned
 from bridge.inprocess import Thread
+from bridge.lives import Life
 from bridge.lockstep import wanted
-from bridge.node import TOO_LATE
 from bridge.process import Process, Start
+from bridge.records import End, Gone, Missed, Note, Refused, noted
 from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
 from cosim.errors import Interrupted, RunError
@@ -32,8 +34,6 @@ STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
 #: A node as its supervisor sees it; threads where a bus does not leave the process.
 Node = Process | Thread
 IN_PROCESS = "virtual"
-#: What notes say of a later life that does not join the run.
-REFUSES, MISSED = "refuses to start", "was not ready before the end"
 #: s until all nodes have to be ready, and between two looks at them.
 PATIENCE, LOOK = 60.0, 0.05
 #: s; an event that comes later than that puts off those after it.
@@ -46,13 +46,13 @@ LEAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something done to a rehearsal at `t` (s): see :mod:`bridge.faults`.
+    """Something done to a rehearsal at `t` (s); `what`: for its notes, see :mod:`bridge.faults`.
 
     `revives`: it starts a node again, for which a run waits of which nobody is left.
     """
 
     t: float
-    what: str
+    what: str | Planned
     do: Callable[[Rehearsal], None]
     revives: bool = False
 
@@ -78,7 +78,7 @@ class Ended:
     """What came of a rehearsal: lives in the order they were started, and what was noticed."""
 
     lives: list[Node] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
     start_ns: int = 0
     interrupted: bool = False
 
@@ -110,18 +110,16 @@ class Rehearsal:
         self._stack.callback(do)
 
     def start_node(self, name: str) -> Node:
-        """Start a node's process; a second life of it is called ``NAME.2``."""
-        lives = sum(p.start.node == name for p in self.ended.lives)
+        """Start a node's process, of its next life."""
+        life = Life(name, 1 + sum(p.start.life.node == name for p in self.ended.lives))
         s = self.settings
         start = Start(
             s.scenario,
             s.deployment,
             s.changes,
-            name,
-            name if not lives else f"{name}.{lives + 1}",
+            life,
             self.folder / NODES,
-            boots=lives + 1,
-            warm_up=s.warm_up if not lives else 0.0,
+            warm_up=s.warm_up if life.boot == 1 else 0.0,
             realtime=s.realtime,
             real=s.real,
             script=s.script,
@@ -204,7 +202,7 @@ class Rehearsal:
         while any(p.code is None for p in self.current.values()) or _revived(events, length):
             while events and events[0].t <= self.t:
                 event = events.pop(0)
-                self.ended.notes.append(f"t = {self.t:.3f} s: {event.what}")
+                self.ended.notes.append(noted(event.what, self.t))
                 event.do(self)
                 late = self.t - event.t
                 if late > LATE:  # what is to last keeps its length
@@ -224,28 +222,29 @@ class Rehearsal:
             self._refused(process)
             if process.code is None or name in self.expected:
                 continue
-            end = process.done["end"] if process.done else ""
-            if end in ("finished", "fault"):
+            end = End(process.done["end"]) if process.done else End.KILLED
+            if end in (End.FINISHED, End.FAULT):
                 continue
             self.expected.add(name)
-            why = process.done["error"] or end if process.done else process.reason()
-            late = end == TOO_LATE
-            said = f"{process.start.life} {MISSED}" if late else f"{name} has ended"
-            self.ended.notes.append(f"t = {self.t:.3f} s: node {said}: {why}")
-            if late:
+            life, why = process.start.life, process.done["error"] if process.done else ""
+            if end is End.TOO_LATE:
+                self.ended.notes.append(Missed(t=self.t, life=life, detail=why))
                 continue
+            detail = why or (end if process.done else process.reason())
+            gone = Gone(t=self.t, life=life, end=end, code=process.code, detail=detail)
+            self.ended.notes.append(gone)
             for other in self.current.values():
                 if other is not process:
-                    self.expected.add(other.start.node)
+                    self.expected.add(other.start.life.node)
                     other.tell("stop")
 
     def _missed(self) -> bool:
         """Later lives that are not ready long after the end are ended: whether nobody else runs."""
         running = [p for p in self.current.values() if p.code is None]
-        missed = [p for p in running if not p.ready and p.start.boots > 1]
+        missed = [p for p in running if not p.ready and p.start.life.boot > 1]
         for process in missed:
-            self.ended.notes.append(f"t = {self.t:.3f} s: node {process.start.life} {MISSED}")
-            self.expected.add(process.start.node)
+            self.ended.notes.append(Missed(t=self.t, life=process.start.life))
+            self.expected.add(process.start.life.node)
             process.send_signal(signal.SIGKILL)
             process.wait(1.0)
         return missed == running
@@ -254,12 +253,13 @@ class Rehearsal:
         """A node that refuses to start ends the run; one that was to rejoin stays away."""
         if not process.refused:
             return
-        said = f"node {process.start.life} {REFUSES}: {process.refused.pop()}"
-        if process.start.boots == 1:
+        said, life = process.refused.pop(), process.start.life
+        note = Refused(t=self.t, life=life, reasons=tuple(said["reasons"]), armed=said["armed"])
+        if life.boot == 1:
             self.stop()
-            raise RunError(said)
-        self.ended.notes.append(f"t = {self.t:.3f} s: {said}")
-        self.expected.add(process.start.node)
+            raise RunError(note.words())
+        self.ended.notes.append(note)
+        self.expected.add(process.start.life.node)
         process.tell("quit")
 
     def stop(self) -> None:

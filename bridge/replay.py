@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.journal import Journal
+from bridge.lives import ByLife, Life, files
 from bridge.native import node as native
 from bridge.native.safety import State
 from bridge.sending import Forwarding
@@ -30,7 +31,7 @@ from cosim.errors import RunError, ScenarioError
 class Difference:
     """The first place where a replay is not its recording: `found` here, `recorded` there."""
 
-    node: str
+    life: Life
     slot: int
     t: float
     signal: str
@@ -39,66 +40,59 @@ class Difference:
 
     def __str__(self) -> str:
         return (
-            f"{self.node}, slot {self.slot} (t = {self.t:.6g} s): {self.signal} = "
+            f"{self.life}, slot {self.slot} (t = {self.t:.6g} s): {self.signal} = "
             f"{self.found!r}, recorded {self.recorded!r}"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a replay found: slots by node, the greatest difference, and the first one if any."""
+    """What a replay found: slots by life, the greatest difference, and the first one if any."""
 
-    slots: Mapping[str, int]
+    slots: Mapping[Life, int]
     greatest: float
     first: Difference | None
     alone: tuple[str, ...]  # messages some of whose samples nobody's journal tells: as recorded
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """One life of a node: its rows, and which node of the system it was."""
-
-    node: str
-    rows: Rows
-
-
-def replay(system: System, recorded: Mapping[str, Rows], folder: Path) -> Replay:
+def replay(system: System, recorded: Mapping[Life, Rows], folder: Path) -> Replay:
     """Compute the recorded lives again, into journals in `folder`, and compare every bit.
 
     Gateways compute nothing: what they forwarded is what its first sender computes.
 
-    `recorded`: rows by the name of a life: the node's, and ``NODE.2`` ... where it was started
-    again. Raises ScenarioError where rows are not those of this system, RunError where the replay
-    cannot go on.
+    `recorded`: rows by life. Raises ScenarioError where rows are not those of this system, RunError
+    where the replay cannot go on.
     """
-    lives = {life: Recorded(life.partition(".")[0], rows) for life, rows in recorded.items()}
-    lives = {life: r for life, r in lives.items() if system.nodes[r.node].plan.components}
+    lives = {life: r for life, r in recorded.items() if system.nodes[life.node].plan.components}
     histories = _histories(system, lives)
     with ExitStack() as stack:
         wired = {
-            life: _wire(stack, _fresh(system, life), life, found, histories, folder)
-            for life, found in lives.items()
+            life: _wire(stack, _fresh(system, life), life, rows, histories, folder)
+            for life, rows in lives.items()
         }
         _run(wired)
         found = {life: w.journal.rows for life, w in wired.items()}
         differences = [
             d for life in lives for d in _compare(system, life, lives[life], found[life])
         ]
-        greatest = max((_greatest(lives[life].rows, found[life]) for life in lives), default=0.0)
+        greatest = max((_greatest(lives[life], found[life]) for life in lives), default=0.0)
         found.clear()
     first = min(differences, key=lambda d: d.t, default=None)
-    alone = {m for r in lives.values() for m in _unknown(system, r, histories)}
+    alone = {m for life, rows in lives.items() for m in _unknown(system, life, rows, histories)}
     return Replay(
-        {life: len(r.rows) for life, r in lives.items()}, greatest, first, tuple(sorted(alone))
+        ByLife({life: len(rows) for life, rows in lives.items()}),
+        greatest,
+        first,
+        tuple(sorted(alone)),
     )
 
 
-def load(folder: Path) -> dict[str, Rows]:
+def load(folder: Path) -> ByLife[Rows]:
     """The journals of a run folder by life. Raises ScenarioError where there are none."""
-    found = {p.stem: Journal.open(p) for p in sorted(folder.glob("*.journal"))}
+    found = {life: Journal.open(path) for life, path in files(folder, "journal").items()}
     if not found:
         raise ScenarioError("no journals (*.journal) of nodes", str(folder))
-    return {life: rows for life, rows in found.items() if len(rows)}
+    return ByLife({life: rows for life, rows in found.items() if len(rows)})
 
 
 # ---- histories: what was sent, by sequence number -------------------------------------------
@@ -123,12 +117,12 @@ class History:
         return bool(held.max() < self.there.size and (self.there[held] == native.THERE).all())
 
 
-def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, History]:
+def _histories(system: System, lives: Mapping[Life, Rows]) -> dict[str, History]:
     """By message of the nodes recorded; awaited is what was sent in the slots of a life."""
     found: dict[str, History] = {}
-    for recorded in lives.values():
-        node = system.nodes[recorded.node]
-        ticks = recorded.rows["slot"] * node.ticks
+    for life, rows in lives.items():
+        node = system.nodes[life.node]
+        ticks = rows["slot"] * node.ticks
         for outlet in node.outlets:
             if not system.messages[outlet.message].encoding.message.e2e:
                 continue  # no counter: which sample was held is known by its time only, so nearly
@@ -140,32 +134,32 @@ def _histories(system: System, lives: Mapping[str, Recorded]) -> dict[str, Histo
     return found
 
 
-def _unknown(system: System, recorded: Recorded, histories: Mapping[str, History]) -> Iterator[str]:
+def _unknown(
+    system: System, life: Life, rows: Rows, histories: Mapping[str, History]
+) -> Iterator[str]:
     """Messages of which this life held samples that nobody's journal tells."""
-    for i, inlet in enumerate(system.nodes[recorded.node].inlets):
-        held = recorded.rows["inlets"]["held"][:, i]
+    for i, inlet in enumerate(system.nodes[life.node].inlets):
+        held = rows["inlets"]["held"][:, i]
         held = held[held >= 0]
         history = histories.get(inlet.message)
         if held.size and (history is None or not history.knows(held)):
             yield inlet.message
 
 
-def _fresh(system: System, life: str) -> System:
+def _fresh(system: System, life: Life) -> System:
     """Each life of a node has its own components."""
-    again = "." in life
-    return make_system(system.scenario, system.deployment) if again else system
+    return system if life.boot == 1 else make_system(system.scenario, system.deployment)
 
 
 def _wire(
     stack: ExitStack,
     system: System,
-    life: str,
-    recorded: Recorded,
+    life: Life,
+    rows: Rows,
     histories: Mapping[str, History],
     folder: Path,
 ) -> Wired:
-    rows = recorded.rows
-    node = Wired(system, recorded.node, {}, folder / f"{life}.journal", native.REPLAY)
+    node = Wired(system, life.node, {}, folder / life.file("journal"), native.REPLAY)
     if rows.dtype != node.journal.rows.dtype:
         node.journal.close()
         raise ScenarioError(
@@ -224,7 +218,7 @@ def _begin(node: Wired, rows: Rows) -> None:
             node.engine.signals[part] = signals[part]
 
 
-def _run(wired: Mapping[str, Wired]) -> None:
+def _run(wired: Mapping[Life, Wired]) -> None:
     nodes = list(wired.values())
     pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes))
     stuck = c.c_int32(-1)
@@ -258,17 +252,17 @@ def _columns(system: System, node: str) -> list[tuple[str, str, int]]:
     return [*signals, *((f"sent {name}", "sent", i) for i, name in enumerate(sent))]
 
 
-def _compare(system: System, life: str, recorded: Recorded, found: Rows) -> list[Difference]:
+def _compare(system: System, life: Life, recorded: Rows, found: Rows) -> list[Difference]:
     """The first difference of a life, if there is one."""
-    n = min(len(recorded.rows), len(found))
+    n = min(len(recorded), len(found))
     first: tuple[int, Difference] | None = None
-    h = system.nodes[recorded.node].h
-    for name, field, i in _columns(system, recorded.node):
-        a, b = recorded.rows[field][:n, i], found[field][:n, i]
+    h = system.nodes[life.node].h
+    for name, field, i in _columns(system, life.node):
+        a, b = recorded[field][:n, i], found[field][:n, i]
         other = np.flatnonzero(_bits(a) != _bits(b))
         if other.size and (first is None or other[0] < first[0]):
             k = int(other[0])
-            slot = int(recorded.rows["slot"][k])
+            slot = int(recorded["slot"][k])
             d = Difference(life, slot, slot * h, name, float(a[k]), float(b[k]))
             first = (k, d)
     return [] if first is None else [first[1]]

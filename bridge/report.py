@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +13,11 @@ from bridge.can.health import WRONG
 from bridge.can.load import of_rows
 from bridge.can.log import FrameLog
 from bridge.can.timing import BusTiming
-from bridge.collect import lives_of
 from bridge.lateness import Lateness, of_journal
+from bridge.lives import Life, lives_of
 from bridge.native.bus import State as BusState
 from bridge.native.safety import State
-from bridge.safety import explain
+from bridge.records import End, Statement, in_words, names_of
 from bridge.system import System
 from bridge.wiring import Rows
 
@@ -34,19 +33,29 @@ def line(label: str, text: str) -> str:
 class NodeReport:
     """One life of a node: how late it was, how it ended, and what it said of itself if it did."""
 
-    life: str
+    life: Life
     slots: int
     lateness: Lateness
     state: str
-    reasons: str
-    said: Mapping[str, Any]
+    reasons: Sequence[str]  # names of bits of Why
+    said: Statement | None
+
+    @property
+    def end(self) -> End:
+        """How it ended; without a statement it was killed."""
+        return self.said.end if self.said else End.KILLED
+
+    @property
+    def why(self) -> str:
+        """Why it stopped, in words; "": it did not."""
+        return in_words(self.reasons)
 
     def text(self) -> str:
         """Lateness and end."""
         late = self.lateness.late
         values = (late.minimum, late.mean, late.p50, late.p99, late.p999, late.maximum)
         us = [f"{v / 1e3:.0f}" for v in values]
-        end = "" if self.state in ("active", "finished") else f"; {self.state}: {self.reasons}"
+        end = "" if self.state in ("active", "finished") else f"; {self.state}: {self.why}"
         missed = f", {self.lateness.missed} missed" if self.lateness.missed else ""
         return (
             f"late min {us[0]}, avg {us[1]}, p50 {us[2]}, p99 {us[3]}, p99.9 {us[4]}, "
@@ -69,24 +78,21 @@ class NodeReport:
         return ", ".join(said)
 
 
-def node_reports(system: System, rows: Mapping[str, Rows], nodes: Path) -> list[NodeReport]:
+def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list[NodeReport]:
     """One a life, in the order of the deployment."""
     found = []
     for name, plan in system.nodes.items():
         for life in lives_of(rows, name):
             r = rows[life]
-            path = nodes / f"{life}.json"
-            said = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
             late = of_journal(r, round(plan.h * 1e9))
-            reasons = int(r["reasons"][-1])
             found.append(
                 NodeReport(
                     life,
                     len(r),
                     late,
                     State(int(r["state"][-1])).name.lower(),
-                    explain(reasons) if reasons else "",
-                    said,
+                    names_of(int(r["reasons"][-1])),
+                    Statement.read(nodes, life),
                 )
             )
     return found
@@ -95,7 +101,7 @@ def node_reports(system: System, rows: Mapping[str, Rows], nodes: Path) -> list[
 # ---- ages -----------------------------------------------------------------------------------
 
 
-def age_lines(system: System, rows: Mapping[str, Rows]) -> list[str]:
+def age_lines(system: System, rows: Mapping[Life, Rows]) -> list[str]:
     """Configured, real and total age of everything that crosses a cut."""
     lines = []
     for name, plan in system.nodes.items():
@@ -158,7 +164,8 @@ def forward_lines(reports: Sequence[NodeReport]) -> list[str]:
     return [
         line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
         for report in reports
-        for message, facts in report.said.get("forwards", {}).items()
+        if report.said
+        for message, facts in report.said.forwards.items()
     ]
 
 
@@ -175,26 +182,28 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
     """What receivers refused and guards did, where anything was."""
     lines = []
     for report in reports:
-        for message, counts in report.said.get("messages", {}).items():
+        said = report.said
+        if said is None:
+            continue
+        for message, counts in said.messages.items():
             wrong = {k: v for k, v in counts.items() if v and k != "ok"}
             if wrong:
                 text = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in wrong.items())
                 lines.append(line("received", f"{report.life}: {message}: {text}"))
-        for message, counts in report.said.get("sent", {}).items():
+        for message, counts in said.sent.items():
             if counts["saturated"]:
                 text = f"{counts['saturated']} of {counts['frames']} with values that did not fit"
                 lines.append(line("sent", f"{report.life}: {message}: {text}"))
-        for message, trips in report.said.get("guards", {}).items():
+        for message, trips in said.guards.items():
             acted = {k: v for k, v in trips.items() if v}
             if acted:
                 text = ", ".join(f"{k} in {v} ticks" for k, v in acted.items())
                 lines.append(line("guard", f"{report.life}: {message}: {text}"))
-        for bus, health in report.said.get("buses", {}).items():
-            said = _health(health)
-            if said:
-                lines.append(line("bus health", f"{report.life}: {bus}: {said}"))
-        if report.said.get("drive_faults"):
-            lines.append(line("drive", f"{report.life}: {report.said['drive_faults']} faults"))
+        for bus, health in said.buses.items():
+            if text := _health(health):
+                lines.append(line("bus health", f"{report.life}: {bus}: {text}"))
+        if said.drive_faults:
+            lines.append(line("drive", f"{report.life}: {said.drive_faults} faults"))
     return lines
 
 

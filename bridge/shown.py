@@ -108,7 +108,7 @@ def _node_row(n: NodeView) -> tuple[str, ...]:
     notes += [f"{n.injected} faults injected" if n.injected else ""]
     notes += [f"silent for {n.quiet:.1f} s" if n.quiet > 0.5 else ""]
     slot = str(n.slot) if n.slot >= 0 else ""
-    return (n.life, n.state, slot, *late, str(n.missed), "; ".join(filter(None, notes)))
+    return (str(n.life), n.state, slot, *late, str(n.missed), "; ".join(filter(None, notes)))
 
 
 def _ms(value: float) -> str:

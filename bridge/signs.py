@@ -13,8 +13,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.collect import lives_of
+from bridge.findings import Sign, Signs
 from bridge.journal import Journal
+from bridge.lives import Life, lives_of
+from bridge.records import End, Note, Statement
 from bridge.report import NodeReport
 from bridge.system import System
 from bridge.wiring import Rows
@@ -32,7 +34,7 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "kill": ("ended",),
     "restart": ("life", "refusal"),
     "freeze": ("late", "ended"),
-    "clock-jump": ("late", "ended"),
+    "clock-jump": ("late", "stopped", "silence"),
     "bus-down": ("health",),
     "babble": ("frames",),
     "net-down": ("silence", "lost"),
@@ -47,72 +49,64 @@ ENOUGH, LONG = 0.5, 0.8
 AFTER = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a fault did something `done` times, and what is to be seen of it there; "": nothing."""
-
-    name: str
-    done: int
-    sign: str
-
-
 @final
 @dataclass(frozen=True, slots=True)
 class Shown:
     """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`."""
 
     system: System
-    rows: Mapping[str, Rows]
+    rows: Mapping[Life, Rows]
     reports: Sequence[NodeReport]
     nodes: Path
-    notes: Sequence[str]
+    notes: Sequence[Note]
 
-    def said(self, life: str) -> Mapping[str, Any]:
-        """The report of a life; empty where it did not live to tell."""
-        return next((r.said for r in self.reports if r.life == life), {})
+    def said(self, life: Life) -> Statement | None:
+        """The report of a life; None where it did not live to tell."""
+        return next((r.said for r in self.reports if r.life == life), None)
 
-    def lives(self, node: str) -> list[str]:
-        """By their first slots."""
+    def lives(self, node: str) -> list[Life]:
+        """Of a node, the first one first."""
         return lives_of(self.rows, node)
 
-    def record(self, life: str) -> Rows | None:
+    def record(self, life: Life) -> Rows | None:
         """What was done to frames as a life received them (INJECTED); None: no script."""
-        path = self.nodes / f"{life}.faults"
+        path = self.nodes / life.file("faults")
         return Journal.open(path) if path.is_file() else None
 
     # ---- counters ----------------------------------------------------------------------------
 
-    def counted(self, life: str, message: str, names: Sequence[str], done: int) -> str:
-        """``41 lost``: counters of a receiver, if they are enough for `done` frames; else ""."""
-        counts = self.said(life).get("messages", {}).get(message, {})
+    def counted(self, life: Life, message: str, names: Sequence[str], done: int) -> Signs:
+        """Counters of a receiver, if they are enough for `done` frames."""
+        said = self.said(life)
+        counts = said.messages.get(message, {}) if said else {}
         found = {name: counts.get(name, 0) for name in names}
         if sum(found.values()) < max(1.0, ENOUGH * done):
-            return ""
-        return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in found.items() if n)
+            return ()
+        return tuple(Sign(what=name, number=n) for name, n in found.items() if n)
 
     # ---- times -------------------------------------------------------------------------------
 
-    def age(self, life: str, message: str, t0: float, t1: float, least: float) -> str:
-        """``up to 412 ms on the way``, if a sample of this time took nearly `least` s; else ""."""
+    def age(self, life: Life, message: str, t0: float, t1: float, least: float) -> Signs:
+        """How long a sample of this time was on the way, if that is nearly `least` s."""
         taken = [
             rows["transit_ns"][rows["newest"] >= 0].max(initial=0) * 1e-9
             for rows in self._inlets(life, message, t0, t1 + AFTER)
         ]
         worst = max(taken, default=0.0)
-        return f"up to {worst * 1e3:.0f} ms on the way" if worst >= LONG * least > 0 else ""
+        return (Sign(what="age", number=worst),) if worst >= LONG * least > 0 else ()
 
-    def silence(self, life: str, message: str, t0: float, t1: float) -> str:
-        """``nothing for 1.52 s``, if that is nearly all of the time; else ""."""
+    def silence(self, life: Life, message: str, t0: float, t1: float) -> Signs:
+        """For how long nothing new came, if that is nearly all of the time."""
         longest = 0.0
         for t, newest in self._newest(life, message):
             new = np.flatnonzero(np.diff(newest)) + 1
             at = np.concatenate([t[:1], t[new], t[-1:]])
             over = (at[:-1] < t1) & (at[1:] > t0)
             longest = max(longest, float(np.diff(at)[over].max(initial=0.0)))
-        return f"nothing for {longest:.2f} s" if longest >= LONG * (t1 - t0) else ""
+        return (Sign(what="silence", number=longest),) if longest >= LONG * (t1 - t0) else ()
 
-    def late(self, node: str, t0: float, t1: float) -> str:
-        """``1.02 s late``, if a slot of this time was nearly so late; else ""."""
+    def late(self, node: str, t0: float, t1: float) -> Signs:
+        """How late a slot of this time was, if that is nearly as long."""
         worst = 0.0
         for life in self.lives(node):
             rows = self.rows[life]
@@ -120,16 +114,24 @@ class Shown:
             there = rows[(t >= t0 - 0.2) & (t <= t1 + AFTER)]
             late = (there["woke_ns"] - there["deadline_ns"]).max(initial=0)
             worst = max(worst, float(late) * 1e-9)
-        return f"{worst:.2f} s late" if worst >= LONG * (t1 - t0) else ""
+        return (Sign(what="late", number=worst),) if worst >= LONG * (t1 - t0) > 0 else ()
 
-    def ended(self, node: str, t0: float, t1: float) -> str:
-        """``slave has ended``, if a life of the node did in this time; else ""."""
+    def ended(self, node: str, t0: float, t1: float) -> Signs:
+        """Whether a life of the node was ended in this time."""
         for life in self.lives(node):
-            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and not self.said(life):
-                return f"{life} has ended"
-        return ""
+            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self.said(life) is None:
+                return (Sign(what="ended", life=life),)
+        return ()
 
-    def alive(self, node: str, t0: float, t1: float) -> list[str]:
+    def stopped(self, node: str, t0: float) -> Signs:
+        """Whether a life of the node stopped itself after this time."""
+        for report in self.reports:
+            late = report.life.node == node and self._t(report.life)[-1] >= t0
+            if late and report.end is End.FAULT:
+                return (Sign(what="stopped", life=report.life),)
+        return ()
+
+    def alive(self, node: str, t0: float, t1: float) -> list[Life]:
         """Lives of a node with slots in this time that have lived to tell."""
         return [
             life
@@ -137,20 +139,20 @@ class Shown:
             if self.said(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
         ]
 
-    def _t(self, life: str) -> NDArray[np.float64]:
-        h = self.system.nodes[life.partition(".")[0]].h
+    def _t(self, life: Life) -> NDArray[np.float64]:
+        h = self.system.nodes[life.node].h
         return np.asarray(self.rows[life]["slot"] * h, dtype=np.float64)
 
-    def _newest(self, life: str, message: str) -> Iterator[tuple[Any, Any]]:
+    def _newest(self, life: Life, message: str) -> Iterator[tuple[Any, Any]]:
         for i in self._indices(life, message):
             yield self._t(life), self.rows[life]["inlets"]["newest"][:, i]
 
-    def _inlets(self, life: str, message: str, t0: float, t1: float) -> Iterator[Rows]:
+    def _inlets(self, life: Life, message: str, t0: float, t1: float) -> Iterator[Rows]:
         t = self._t(life)
         there = (t >= t0) & (t <= t1)
         for i in self._indices(life, message):
             yield self.rows[life]["inlets"][there, i]
 
-    def _indices(self, life: str, message: str) -> list[int]:
-        inlets = self.system.nodes[life.partition(".")[0]].inlets
+    def _indices(self, life: Life, message: str) -> list[int]:
+        inlets = self.system.nodes[life.node].inlets
         return [i for i, inlet in enumerate(inlets) if inlet.message == message]

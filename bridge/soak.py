@@ -21,8 +21,10 @@ from bridge.fault_script import FaultScript
 from bridge.faults import build
 from bridge.hosts import Hosts, groups, settings
 from bridge.judge import Judged
+from bridge.lives import Life
 from bridge.outcome import Outcome, complete
-from bridge.rehearse import MISSED, NODES, REFUSES, Node, Rehearsal, Settings
+from bridge.records import End, Missed, Refused
+from bridge.rehearse import NODES, Node, Rehearsal, Settings
 from bridge.soak_spec import Soak, draw, text
 from bridge.system import System, load_system
 from bridge.wiring import Rows
@@ -176,21 +178,21 @@ def _measures(job: Job, done: _Done) -> dict[str, float]:
         "missed": float(sum(r.lateness.missed for r in reports)),
         "late_p99_ms": max(r.lateness.late.p99 for r in reports) * 1e-6,
         "lives": float(len(done.lives)),
-        "stopped": float(sum(r.said.get("end") == "fault" for r in reports)),
+        "stopped": float(sum(r.end is End.FAULT for r in reports)),
     }
     if job.soak.spec.together is not None:
         found["together"] = _together(job, done)
     return found
 
 
-def torque(system: System, rows: Mapping[str, Rows]) -> float:
+def torque(system: System, rows: Mapping[Life, Rows]) -> float:
     """The greatest torque that went on, N.m: what a guard let through, or else what was computed.
 
     NaN if one was not a number.
     """
     worst = [0.0]
     for life, recorded in rows.items():
-        name = life.partition(".")[0]
+        name = life.node
         worst += _sent(system, name, recorded)
         for step in system.nodes[name].plan.components:
             if step.kind != "sampled" or system.deployment.nodes[name].guard is not None:
@@ -237,23 +239,23 @@ def _failures(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterator[
 def _crashes(done: _Done) -> Iterator[str]:
     """Processes that did not end as they were told, or left nothing to read."""
     killed = [e.target for e in done.script.events if e.action == "kill"]
-    notes = done.outcome.notes
+    missed = {n.life for n in done.outcome.notes if isinstance(n, Missed)}
+    refused = {n.life for n in done.outcome.notes if isinstance(n, Refused)}
     for process in done.lives:
-        life, node = process.start.life, process.start.node
-        errors = done.outcome.folder / NODES / f"{life}.err"
+        life = process.start.life
+        errors = done.outcome.folder / NODES / life.file("err")
         said = errors.read_text(encoding="utf-8", errors="replace") if errors.is_file() else ""
         if any(word in said for word in CRASHED):
             yield f"{life} crashed: {said.strip().splitlines()[-1]}"
-        elif process.code == -signal.SIGKILL and node in killed:
-            killed.remove(node)
-        elif process.code != 0 and not any(f"node {life} {MISSED}" in n for n in notes):
+        elif process.code == -signal.SIGKILL and life.node in killed:
+            killed.remove(life.node)
+        elif process.code != 0 and life not in missed:
             yield f"{life} ended with exit code {process.code}"
-        stayed = any(f"node {life} {why}" in n for n in notes for why in (REFUSES, MISSED))
-        if life not in done.outcome.rows and not stayed:
+        if life not in done.outcome.rows and life not in missed | refused:
             yield f"{life} has left no journal"
     for report in done.outcome.reports:
-        if report.said.get("error"):
-            yield f"{report.life}: {report.said['error']}"
+        if report.said and report.said.error:
+            yield f"{report.life}: {report.said.error}"
 
 
 def _stops(done: _Done) -> Iterator[str]:
@@ -265,7 +267,7 @@ def _stops(done: _Done) -> Iterator[str]:
         why = judge.reasons(done.outcome, report)
         if why - explained:
             yield f"{report.life} stopped: {', '.join(sorted(why - explained))}"
-        if report.said.get("end") == "fault" and last["scale"] != 0.0:
+        if report.end is End.FAULT and last["scale"] != 0.0:
             yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
 
 
@@ -275,8 +277,8 @@ def _ways_apart(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterato
     for life, recorded in rows.items():
         if not np.isfinite(recorded["signals"][-1]).all():
             yield f"{life} ended with signals that are not numbers"
-    last = {r.life.partition(".")[0]: r for r in done.outcome.reports}
-    working = all(r.said.get("end") == "finished" for r in last.values())
+    last = {r.life.node: r for r in done.outcome.reports}
+    working = all(r.end is End.FINISHED for r in last.values())
     since = [f.t1 for f in done.outcome.faults]
     since += [float(rows[r.life]["slot"][0]) * done.system.nodes[n].h for n, r in last.items()]
     rest = plan.ticks * plan.h - max(since)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bridge.lives import Life
 from bridge.native import node as native
 from bridge.native.bus import Bus, Kind
 from bridge.native.frame import Ring
@@ -26,13 +27,13 @@ RING = 1024
 
 
 def simulate(system: System, folder: Path) -> dict[str, Path]:
-    """Run the twin into journals ``FOLDER/NODE.journal``; returns them by node.
+    """Run the twin into journals ``FOLDER/LIFE.journal``; returns them by node.
 
     Raises RunError where a component fails or a guard stops the run.
     """
     with wired(system, folder) as nodes:
         run(system, nodes)
-    return {name: folder / f"{name}.journal" for name in system.nodes}
+    return {name: folder / Life(name).file("journal") for name in system.nodes}
 
 
 @contextmanager
@@ -44,7 +45,11 @@ def wired(
         nodes = {
             name: stack.enter_context(
                 Wired(
-                    system, name, _buses(system, name), folder / f"{name}.journal", native.SIMULATED
+                    system,
+                    name,
+                    _buses(system, name),
+                    folder / Life(name).file("journal"),
+                    native.SIMULATED,
                 )
             )
             for name in system.nodes

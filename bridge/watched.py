@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, final
@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.journal import JournalError
+from bridge.lives import Life, files, lives_of
+from bridge.records import Statement
 from bridge.rehearse import NODES, STARTED
 from bridge.system import System, load_system
 from bridge.tail import Tail
@@ -79,10 +81,10 @@ def find_run(runs: Path) -> Path:
     return next((f for f in newest if goes_on(f)), newest[0])
 
 
-def journals(folder: Path) -> list[Path]:
-    """Journals of the nodes of a run, sorted by life."""
+def journals(folder: Path) -> dict[Life, Path]:
+    """Journals of the nodes of a run by life, sorted."""
     nodes = folder / NODES if (folder / NODES).is_dir() else folder
-    return sorted(nodes.glob("*.journal"), key=lambda p: _life_order(p.stem))
+    return files(nodes, "journal")
 
 
 def goes_on(folder: Path) -> bool:
@@ -109,20 +111,15 @@ def alive(pid: int) -> bool:
     return True
 
 
-def _life_order(life: str) -> tuple[str, int]:
-    node, _, number = life.partition(".")
-    return node, int(number) if number.isdigit() else 1
-
-
 @final
 class Watched:
     """A run's system and its open files. Files that come later are found by :meth:`look`."""
 
     def __init__(self, folder: Path, system: System, facts: Facts) -> None:
         self.folder, self.system, self.facts = folder, system, facts
-        self.lives: dict[str, Tail] = {}
-        self.frames: dict[tuple[str, str], Tail] = {}  # by (life, bus)
-        self.injected: dict[str, Tail] = {}
+        self.lives: dict[Life, Tail] = {}
+        self.frames: dict[tuple[Life, str], Tail] = {}  # by (life, bus)
+        self.injected: dict[Life, Tail] = {}
         self.unreadable: dict[str, str] = {}
         self.look()
 
@@ -145,16 +142,15 @@ class Watched:
     def look(self) -> None:
         """Open what is new. A file that is no journal (yet) is in `unreadable`, with why."""
         self.unreadable.clear()
-        for path in journals(self.folder):
-            life = path.stem
-            if life.partition(".")[0] not in self.system.nodes:
+        for life, path in journals(self.folder).items():
+            if life.node not in self.system.nodes:
                 continue
             self._open(self.lives, life, path)
             for bus in self.system.deployment.buses:
-                frames = path.with_name(f"{life}.{bus}.frames")
+                frames = path.with_name(life.frames(bus))
                 if frames.is_file():
                     self._open(self.frames, (life, bus), frames)
-            faults = path.with_suffix(".faults")
+            faults = path.with_name(life.file("faults"))
             if faults.is_file():
                 self._open(self.injected, life, faults)
 
@@ -169,9 +165,9 @@ class Watched:
             self.unreadable[path.name] = str(error)
 
     def _fits(self, path: Path, tail: Tail, life: object) -> None:
-        if path.suffix != ".journal":
+        if path.suffix != ".journal" or not isinstance(life, Life):
             return
-        node = self.system.nodes[str(life).partition(".")[0]]
+        node = self.system.nodes[life.node]
         shape = tail.row["signals"].shape if "signals" in (tail.row.names or ()) else None
         if shape != (node.plan.n_signals,):
             tail.close()
@@ -179,16 +175,15 @@ class Watched:
                 f"rows with signals of shape {shape}; {life} has {node.plan.n_signals}", str(path)
             )
 
-    def lives_of(self, node: str) -> list[str]:
+    def lives_of(self, node: str) -> list[Life]:
         """The lives of a node that were seen, the first one first."""
-        found = [life for life in self.lives if life.partition(".")[0] == node]
-        return sorted(found, key=_life_order)
+        return lives_of(self.lives, node)
 
     def recent(self, seconds: float) -> dict[str, Rows]:
         """Rows of the newest life of each node that has any, of its last so many seconds."""
         found: dict[str, Rows] = {}
-        for life, tail in self.lives.items():  # a node's newest life comes last
-            node = life.partition(".")[0]
+        for life in sorted(self.lives):  # a node's newest life comes last
+            tail, node = self.lives[life], life.node
             if len(tail):
                 found[node] = tail.newest(round(seconds / self.system.nodes[node].h))
         return found
@@ -201,14 +196,15 @@ class Watched:
         }
         return {node: np.concatenate(found) for node, found in parts.items() if found}
 
-    def reports(self) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    def reports(self) -> Iterator[tuple[Life, Statement]]:
         """(life, what it said at its end), of those that have."""
         for life, tail in self.lives.items():
-            path = tail.path.with_suffix(".json")
             try:
-                yield life, json.loads(path.read_text(encoding="utf-8"))
+                said = Statement.read(tail.path.parent, life)
             except (OSError, ValueError):
-                continue  # not there, or not whole yet
+                continue  # not whole yet
+            if said is not None:
+                yield life, said
 
     @property
     def running(self) -> bool:

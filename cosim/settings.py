@@ -18,7 +18,7 @@ def change(document: dict[str, Any], setting: str) -> None:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
-    *parents, last = key.strip().split(".")
+    *parents, last = parts(key.strip())
     node: Any = document
     for depth, part in enumerate(parents):
         node = _child(node, part, ".".join(parents[:depth]), setting)
@@ -28,6 +28,19 @@ def change(document: dict[str, Any], setting: str) -> None:
         node[last] = value
     else:
         raise ScenarioError(f"--set {setting!r}: {'.'.join(parents)} is not a table")
+
+
+def parts(key: str) -> list[str]:
+    """The names of a path, as TOML reads a key: ``nodes."arm.control".step`` has three."""
+    try:
+        found: Any = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:
+        return key.split(".")
+    names: list[str] = []
+    while isinstance(found, dict) and len(found) == 1:
+        (name, found), *_ = found.items()
+        names.append(name)
+    return names
 
 
 def _child(node: Any, part: str, above: str, setting: str) -> Any:

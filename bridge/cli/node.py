@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set
+
+if TYPE_CHECKING:
+    from bridge.records import Statement
 
 
 def node(
@@ -40,6 +43,7 @@ def node(
     from bridge.cli.options import bus_settings, fresh
     from bridge.control import Control
     from bridge.enabling import enabled
+    from bridge.lives import Life
     from bridge.node import Options, run_node
     from bridge.outcome import deployed
     from bridge.rehearse import NODES
@@ -92,7 +96,7 @@ def node(
                 control.arm()
             control.start(monotonic_ns() + 500_000_000)
 
-    options = Options(name, name, folder / NODES, real=hardware, warm_up=1.0)
+    options = Options(Life(name), folder / NODES, real=hardware, warm_up=1.0)
     failures: list[CosimError] = []
     with ExitStack() as drives:
         report = run_node(system, options, say, listen)
@@ -101,15 +105,16 @@ def node(
     _say(system, folder, report)
 
 
-def _say(system: Any, folder: Path, report: Mapping[str, Any]) -> None:
+def _say(system: Any, folder: Path, report: Statement) -> None:
     from bridge import replay
+    from bridge.records import End
     from bridge.rehearse import NODES
     from bridge.report import node_reports
 
-    rows = replay.load(folder / NODES) if report["slots"] else {}
+    rows = replay.load(folder / NODES) if report.slots else {}
     for r in node_reports(system, rows, folder / NODES):
-        typer.echo(f"{r.life:<16} {r.text()}")
-    typer.echo(f"{'end':<16} {report['end']} {report['reasons']} {report['error']}".rstrip())
+        typer.echo(f"{r.life!s:<16} {r.text()}")
+    typer.echo(f"{'end':<16} {report.end} {report.why} {report.error}".rstrip())
     typer.echo(f"{'run folder':<16} {folder}")
-    if report["end"] != "finished":
+    if report.end is not End.FINISHED:
         raise typer.Exit(1)

@@ -220,7 +220,8 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> None:
     said += lines(system, outcome)
     if plot:
         said += [line("figure", str(p)) for p in figures(system.scenario, run, outcome.folder)]
-        path = draw({r.life: r.lateness for r in outcome.reports}, outcome.folder / "lateness.png")
+        late = {str(r.life): r.lateness for r in outcome.reports}
+        path = draw(late, outcome.folder / "lateness.png")
         said.append(line("figure", str(path)))
     said.append(line("verdict", verdict(outcome)))
     said.append(line("run folder", str(outcome.folder)))
@@ -230,11 +231,11 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> None:
 
 def verdict(outcome: Outcome) -> str:
     """One sentence: did every node reach the end, in time, and is the run reproducible?"""
+    from bridge.records import End
+
     if not outcome.finished:
         stopped = [
-            f"{r.life} ({r.reasons or r.said.get('end', 'killed')})"
-            for r in outcome.reports
-            if r.said.get("end") != "finished"
+            f"{r.life} ({r.why or r.end})" for r in outcome.reports if r.end is not End.FINISHED
         ]
         return f"not finished: {', '.join(stopped)}"
     missed = sum(r.lateness.missed for r in outcome.reports)

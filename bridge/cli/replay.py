@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 if TYPE_CHECKING:
+    from bridge.lives import Life
     from bridge.system import System
     from bridge.wiring import Rows
 
@@ -52,9 +53,9 @@ def replay(
     watch = stopwatch()
     with TemporaryDirectory() as scratch:
         found = again.replay(system, rows, Path(scratch))
-    seconds = max(len(r) * system.nodes[n.partition(".")[0]].h for n, r in rows.items())
+    seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
     for life, slots in found.slots.items():
-        typer.echo(f"{life:<16} {slots} slots")
+        typer.echo(f"{life!s:<16} {slots} slots")
     for message in found.alone:
         typer.echo(f"{message:<16} taken from the recording: its sender was not recorded")
     typer.echo(f"{'time':<16} {seconds:g} s in {watch():.2f} s")
@@ -82,7 +83,7 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
     )
 
 
-def _offline(system: System, run: Path, rows: Mapping[str, Rows]) -> NoReturn:
+def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.cli.diff import lines
     from bridge.diff import compare_runs
     from bridge.offline import run_offline

@@ -9,6 +9,7 @@ from typing import Any
 
 from bridge import replay, twin
 from bridge.deploy import load
+from bridge.lives import ByLife
 from bridge.system import System, load_system, make_system
 from bridge.wiring import Rows
 from cosim.record import Run
@@ -67,8 +68,8 @@ def named(name: str, *settings: str, scenario: Path = TELEOPERATION) -> System:
     return load_system(scenario, name, settings)
 
 
-def run_twin(system: System, folder: Path) -> dict[str, Rows]:
-    """Rows by node."""
+def run_twin(system: System, folder: Path) -> ByLife[Rows]:
+    """Rows by life."""
     folder.mkdir(exist_ok=True)
     twin.simulate(system, folder)
     return replay.load(folder)
@@ -80,7 +81,7 @@ def offline(scenario: Path, folder: Path, *settings: str) -> Run:
     return Run.open(folder)
 
 
-def signal(system: System, rows: Mapping[str, Rows], node: str, name: str) -> Any:
+def signal(system: System, rows: ByLife[Rows], node: str, name: str) -> Any:
     """A port of a component over the slots of its node, (slots, entries)."""
     slot = system.nodes[node].plan.slots()[name]
     return rows[node]["signals"][:, slot.start : slot.start + slot.size]

@@ -8,14 +8,24 @@ from types import SimpleNamespace
 import numpy as np
 
 from bridge.faults import build
+from bridge.lives import ByLife, Life
+from bridge.records import End, Statement
+from bridge.report import NodeReport
 from bridge.signs import Shown
 from bridge.wiring import row_dtype
 from tests.bridge.rehearsing import ROOT
 
 SCENARIO = ROOT / "configs" / "teleoperation.toml"
 BOTH = ("master>slave", "slave>master")
+SLOTS = SimpleNamespace(late=SimpleNamespace(p99=0.0), missed=0)
 COUNTS = dict.fromkeys(("ok", "lost", "crc", "length", "invalid", "range"), 0)
 COUNTS |= {"repeated": 0, "reordered": 0}
+
+
+def report(life, end="finished", reasons=(), **said):
+    """What a life said at its end; `end` killed: nothing."""
+    statement = Statement(life=life, end=End(end), **said) if end != "killed" else None
+    return NodeReport(life, 0, SLOTS, "", reasons, statement)
 
 
 def script(*tables):
@@ -24,13 +34,14 @@ def script(*tables):
 
 def shown(system, folder, counts=None, end="finished", notes=()):
     """A run of 10 s in which the master heard every sample."""
-    rows = {name: np.zeros(plan.slots, row_dtype(plan)) for name, plan in system.nodes.items()}
+    rows = ByLife(
+        {Life(name): np.zeros(plan.slots, row_dtype(plan)) for name, plan in system.nodes.items()}
+    )
     for r in rows.values():
         r["slot"] = np.arange(len(r))
         r["inlets"]["newest"][:, 0] = r["slot"]
-    said = {"end": end, "messages": {"xi_slave": {**COUNTS, **(counts or {})}}, "syncs": {}}
-    reports = [
-        SimpleNamespace(life=life, said=said if life == "master" else {"end": "finished"})
-        for life in system.nodes
-    ]
+    heard = {"xi_slave": {**COUNTS, **(counts or {})}}
+    reports = [report(life, messages=heard if life.node == "master" else {}) for life in rows]
+    if end != "finished":
+        reports[0] = report(reports[0].life, end, messages=heard)
     return Shown(system, rows, reports, folder, list(notes))

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from bridge import replay
+from bridge.lives import Life
 from bridge.native.safety import State, Why
 from bridge.system import load_system
 
@@ -100,6 +101,6 @@ class Left:
         """A signal of a life, (rows, size)."""
         settings = self.facts["deployment"]["settings"]
         deploy = self.facts["deployment"]["path"]
-        node = life.partition(".")[0]
+        node = Life.parse(life).node
         slot = load_system(SCENARIO, deploy, settings).nodes[node].plan.slots()[name]
         return self.rows[life]["signals"][:, slot.start : slot.start + slot.size]

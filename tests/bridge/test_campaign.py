@@ -12,11 +12,13 @@ import pytest
 from bridge import judge
 from bridge.campaign import RunSpec, load_campaign
 from bridge.journal import Journal
+from bridge.lives import ByLife, Life
 from bridge.native.faults import INJECTED
 from bridge.native.safety import Why
 from bridge.replay import Replay
 from bridge.system import load_system
 from bridge.wiring import row_dtype
+from tests.bridge.faulty import report
 from tests.bridge.rehearsing import COSIM, NAMESPACE, ROOT, environment, possible
 
 FILE = ROOT / "configs" / "faults" / "campaign.toml"
@@ -33,18 +35,18 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
     (folder / "nodes").mkdir()
     for name in ("run.json", "trajectories.parquet"):
         (folder / name).touch()
-    rows = {name: np.zeros(20, row_dtype(plan)) for name, plan in system.nodes.items()}
+    rows = ByLife(
+        {Life(name): np.zeros(20, row_dtype(plan)) for name, plan in system.nodes.items()}
+    )
     rows[node]["reasons"] = reasons
     rows["slave"]["inlets"]["newest"][: len(newest), 0] = newest
     reports = [
-        SimpleNamespace(
-            life=name,
-            said={
-                "end": end if name == node else "finished",
-                "messages": {"LINK_4": counts} if counts and name == "slave" else {},
-            },
+        report(
+            life,
+            end if life.node == node else "finished",
+            messages={"LINK_4": counts} if counts and life.node == "slave" else {},
         )
-        for name in system.nodes
+        for life in rows
     ]
     return SimpleNamespace(
         folder=folder, rows=rows, reports=reports, replay_error="",

@@ -11,15 +11,18 @@ import pytest
 from bridge import happen
 from bridge.evidence import find
 from bridge.evidence_links import Network
+from bridge.findings import Sign
 from bridge.journal import Journal
+from bridge.lives import Life
 from bridge.native import faults as native
 from bridge.native.faults import INJECTED
 from bridge.native.frame import Frame
+from bridge.records import Done, Missed, Refused
 from bridge.relay.router import PACKET, TCP, UDP
 from bridge.signs import SIGNS
 from bridge.system import load_system
 from cosim.errors import ScenarioError
-from tests.bridge.faulty import BOTH, SCENARIO, script, shown
+from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import ROOT
 
 
@@ -38,6 +41,14 @@ def injected(system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0):
     with Journal.create(folder / "master.faults", INJECTED, max(n, 1)) as journal:
         for row in rows:
             journal.append(*row)
+
+
+AGAIN = Life("slave", 2)
+
+
+def done(t, action, target="slave"):
+    """What a rehearsal notes when an event of a script was carried out."""
+    return Done(t=t, action=action, target=target)
 
 
 def drop(**more):
@@ -92,22 +103,38 @@ def test_a_frame_that_another_fault_has_hidden_is_none_of_this_one(system, tmp_p
 
 def test_a_frozen_node_is_late(system, tmp_path):
     given = script({"kind": "freeze", "node": "slave", "at": 2, "for": 0.5})
-    run = shown(system, tmp_path, notes=["t = 2.011 s: freeze slave", "t = 2.512 s: thaw slave"])
+    run = shown(system, tmp_path, notes=[done(2.011, "freeze"), done(2.512, "thaw")])
     assert find(given, run)[0].verdict == "unseen"
     run.rows["slave"]["woke_ns"][400:402] = 480_000_000
     assert find(given, run)[0].shown == ("slave: 0.48 s late",)
 
 
+@pytest.mark.parametrize("by", [0.5, -0.5])
+def test_a_clock_that_was_set_shows_as_lateness_a_stop_or_silence(system, tmp_path, by):
+    given = script({"kind": "clock-jump", "node": "slave", "at": 2, "by": by})
+    run = shown(system, tmp_path, notes=[done(2.0, "clock-jump")])
+    assert find(given, run)[0].verdict == "unseen"
+    run.rows["slave"]["woke_ns"][400] = 480_000_000
+    assert find(given, run)[0].shown == ("slave: 0.48 s late",)
+    run.rows["slave"]["woke_ns"][400] = 0
+    run.rows["master"]["inlets"]["newest"][400:500, 0] = 399
+    assert find(given, run)[0].shown == ("slave: nothing for 0.50 s",)
+    stopped = replace(run, reports=[report(Life("slave"), "fault")])
+    assert find(given, stopped)[0].shown == ("slave: slave has stopped",)
+
+
 def test_a_second_life_is_seen_and_an_event_that_never_came_is_idle(system, tmp_path):
     given = script({"kind": "restart", "node": "slave", "at": 2, "for": 0.5})
     assert find(given, shown(system, tmp_path))[0].verdict == "idle"
-    run = shown(system, tmp_path, notes=["t = 2.001 s: kill slave", "t = 2.502 s: start slave"])
+    run = shown(system, tmp_path, notes=[done(2.001, "kill"), done(2.502, "start")])
     assert find(given, run)[0].verdict == "unseen"
-    said = "node slave.2 was not ready before the end"
-    late = replace(run, notes=[*run.notes, f"t = 10.1 s: {said}"])
-    assert find(given, late)[0].shown == (f"slave: {said.removeprefix('node ')}",)
-    both = {**run.rows, "slave.2": run.rows["slave"][600:]}
-    assert find(given, replace(run, rows=both))[0].shown == ("slave: slave.2 began",)
+    for note in (Missed(t=10.1, life=AGAIN), Refused(t=3.0, life=AGAIN, reasons=("apart",))):
+        late = replace(run, notes=[*run.notes, note])
+        assert find(given, late)[0].places[0].signs == (
+            Sign(what="refusal", life=AGAIN, note=note),
+        )
+    both = {**run.rows, AGAIN: run.rows["slave"][600:]}
+    assert find(given, replace(run, rows=both))[0].shown == ("slave: slave@2 began",)
 
 
 def packets(n, lost=0, delay=0.0, protocol=UDP):
@@ -125,7 +152,7 @@ def packets(n, lost=0, delay=0.0, protocol=UDP):
 
 def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
     def judged(table, network, counts=None, change=lambda inlets: None):
-        run = shown(system, tmp_path, counts, notes=[f"t = 2 s: {table['kind']} slave>master"])
+        run = shown(system, tmp_path, counts, notes=[done(2.0, table["kind"], "slave>master")])
         change(run.rows["master"]["inlets"][:, 0])
         given = script({"link": "slave>master", "at": 2, "for": 1, **table})
         return find(given, run, network)[0].verdict

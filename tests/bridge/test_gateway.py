@@ -204,7 +204,7 @@ def test_the_twin_forwards_when_frames_arrive(tmp_path):
     heard = signal(system, rows, "slave_control", "slave_control.xi_in")
     assert np.abs(heard[1:] - sent[:-1]).max() <= 2**-21  # an LSB of the frames is 2^-20 rad/s
     assert exact(system, rows, tmp_path)
-    assert set(rows) == set(system.nodes)
+    assert {life.node for life in rows} == set(system.nodes)
 
 
 def test_replay_knows_what_every_codec_on_the_way_does(tmp_path):

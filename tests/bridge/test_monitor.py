@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from bridge.held import Held, ages, late
 from bridge.journal import Journal, JournalError
+from bridge.lives import Life
 from bridge.monitor import SPAN, WAITING, snapshot
 from bridge.native.safety import State, Why
 from bridge.rehearse import NODES
@@ -99,12 +100,12 @@ def test_nodes_are_those_of_the_journals(made):
     place, system = made
     with Watched.open(place) as watched:
         found = snapshot(watched, NOW)
-    assert [n.life for n in found.nodes] == list(system.nodes)
+    assert [n.life for n in found.nodes] == [Life(n) for n in system.nodes]
     assert found.t == pytest.approx(2.0) and found.length == pytest.approx(2.0)
     assert not found.running
     for node in found.nodes:
-        rows = Journal.open(place / NODES / f"{node.life}.journal")
-        last = rows[-round(SPAN / system.nodes[node.life].h) :]
+        rows = Journal.open(place / NODES / node.life.file("journal"))
+        last = rows[-round(SPAN / system.nodes[node.life.node].h) :]
         lateness = last["woke_ns"] - last["deadline_ns"]
         assert node.slot == rows["slot"][-1]
         assert node.late is not None
@@ -146,7 +147,7 @@ def test_signals_hold_as_in_the_run_folder(made, tmp_path):
     with Watched.open(place) as watched:
         rows = watched.everything()
     held = Held(system, rows)
-    write_trajectories(system, rows, tmp_path)
+    write_trajectories(system, {Life(node): r for node, r in rows.items()}, tmp_path)
     run = Run.open(tmp_path)
     assert np.array_equal(held.t, run.t)
     for name in ("master.q", "slave_control.tau", "master.tau_h"):
@@ -198,7 +199,7 @@ def test_what_stopped_a_node_is_said(run):
             journal.append(*values)
     with Watched.open(run) as watched:
         found = snapshot(watched, NOW)
-    node = next(n for n in found.nodes if n.life == "slave")
+    node = next(n for n in found.nodes if n.life == Life("slave"))
     assert node.state == "stopping" and node.reasons == explain(Why.PEER)
     assert node.missed == 1
     nodes = tables(found)[0]
@@ -207,18 +208,18 @@ def test_what_stopped_a_node_is_said(run):
 
 
 def test_a_second_life_of_a_node_is_the_one_shown(run):
-    shutil.copy(run / NODES / "slave.journal", run / NODES / "slave.2.journal")
-    shutil.copy(run / NODES / "slave.journal", run / NODES / "slave.10.journal")
+    shutil.copy(run / NODES / "slave.journal", run / NODES / "slave@2.journal")
+    shutil.copy(run / NODES / "slave.journal", run / NODES / "slave@10.journal")
     with Watched.open(run) as watched:
-        assert watched.lives_of("slave") == ["slave", "slave.2", "slave.10"]
-        assert [n.life for n in snapshot(watched, NOW).nodes][1] == "slave.10"
-    path = run / NODES / "slave.11.journal"
+        assert watched.lives_of("slave") == [Life("slave"), Life("slave", 2), Life("slave", 10)]
+        assert [n.life for n in snapshot(watched, NOW).nodes][1] == Life("slave", 10)
+    path = run / NODES / "slave@11.journal"
     with (
         Journal.create(path, Tail(run / NODES / "slave.journal").row, 10),
         Watched.open(run) as watched,
     ):
         found = snapshot(watched, NOW)
-        assert (found.nodes[1].life, found.nodes[1].state) == ("slave.11", WAITING)
+        assert (found.nodes[1].life, found.nodes[1].state) == (Life("slave", 11), WAITING)
         assert any(x.name == "slave.q" for x in found.signals)  # of the life before
 
 
@@ -230,7 +231,7 @@ def test_a_journal_that_is_broken_is_said_and_the_others_are_shown(run):
     with Watched.open(run) as watched:
         found = snapshot(watched, NOW)
     assert "begins with" in found.unreadable["slave.journal"]
-    assert [n.life for n in found.nodes if n.state == WAITING] == ["slave"]
+    assert [n.life for n in found.nodes if n.state == WAITING] == [Life("slave")]
     assert all(np.isnan(r.value) for r in found.metrics if r.name == "sync_error")
     assert tables(found)[-1].rows[0][0] == "slave.journal"
 
@@ -262,7 +263,7 @@ def test_a_silent_node_of_a_run_that_goes_on_is_marked(tmp_path):
         writer.append(*values)
     with Watched.open(tmp_path / "run") as watched:
         found = snapshot(watched, 5 * 10**9 + int(rows["done_ns"][-1]) + 3 * 10**9)
-        node = next(n for n in found.nodes if n.life == "master")
+        node = next(n for n in found.nodes if n.life == Life("master"))
         assert found.running and node.quiet == pytest.approx(3.0)
         assert "silent for 3.0 s" in tables(found)[0].rows[0][-1]
         writer.close()

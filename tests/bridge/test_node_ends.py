@@ -11,8 +11,10 @@ import time
 import pytest
 
 import bridge.node
-from bridge.node import TOO_LATE, Options, run_node
+from bridge.lives import Life
+from bridge.node import Options, run_node
 from bridge.outcome import complete
+from bridge.records import End, Missed
 from bridge.rehearse import Event, Rehearsal, Settings
 from bridge.report import NodeReport, fault_lines
 from bridge.system import load_system
@@ -34,9 +36,9 @@ def changes(test, *more):
 def run_master(folder, name, listen, stop):
     """The drive of the master alone; its report."""
     system = load_system(TELEOPERATION, "can", changes(name, f"run.stop={stop}"))
-    options = Options("master", "master", folder, warm_up=0.0, realtime=False)
+    options = Options(Life("master"), folder, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)
-    assert json.loads((folder / "master.json").read_text())["end"] == report["end"]
+    assert json.loads((folder / "master.json").read_text())["end"] == report.end
     return report
 
 
@@ -50,7 +52,7 @@ def test_a_ctrl_c_while_it_finishes_does_not_take_its_report(monkeypatch, reques
 
     monkeypatch.setattr(bridge.node, "_report", interrupted)
     report = run_master(tmp_path, request.node.name, lambda control: control.quit(), 1.0)
-    assert report["end"] == "never started"
+    assert report.end is End.NEVER_STARTED
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -66,7 +68,7 @@ def test_a_signal_stops_it_whichever_thread_gets_it(request, tmp_path, number):
         signal.pthread_kill(other.ident, number)
 
     try:
-        assert run_master(tmp_path, request.node.name, listen, 4.0)["end"] == "stopped"
+        assert run_master(tmp_path, request.node.name, listen, 4.0).end is End.STOPPED
     finally:
         over.set()
         other.join()
@@ -77,9 +79,9 @@ def test_a_life_that_begins_after_the_end_says_so(request, tmp_path):
         control.start(monotonic_ns() - 5_000_000_000)
 
     report = run_master(tmp_path, request.node.name, listen, 0.1)
-    assert report["end"] == TOO_LATE
-    assert report["slots"] == 0
-    assert "100 slots to t = 0.1 s" in report["error"]
+    assert report.end is End.TOO_LATE
+    assert report.slots == 0
+    assert "100 slots to t = 0.1 s" in report.error
 
 
 def test_a_node_that_is_stopped_before_its_start_does_not_wait_for_it(tmp_path):
@@ -121,8 +123,8 @@ def test_a_life_that_joins_after_the_end_is_a_note(request, tmp_path):
 
     events = [Event(0.2, "gone", goes), Event(0.3, "back", comes_back)]
     ended = rehearse(tmp_path, request.node.name, events, "run.stop=0.4")
-    assert "the run was over" in ended.notes[-1]
-    assert ended.lives[-1].done["end"] == TOO_LATE
+    assert isinstance(ended.notes[-1], Missed) and ended.notes[-1].life == Life("slave", 2)
+    assert ended.lives[-1].done["end"] is End.TOO_LATE
 
 
 def test_when_a_rehearsal_is_left_all_nodes_are_told_before_any_is_waited_for(
@@ -165,10 +167,10 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
         control.start(monotonic_ns() + 200_000_000)
 
     system = load_system(TELEOPERATION, "can", changes(request.node.name, "run.stop=0.05", far))
-    options = Options("master", "master", tmp_path, warm_up=0.0, realtime=False)
+    options = Options(Life("master"), tmp_path, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)
-    assert report["sent"]["STATE_1"]["saturated"] > 0
-    said = NodeReport("master", 50, None, "finished", "", report)
+    assert report.sent["STATE_1"]["saturated"] > 0
+    said = NodeReport(Life("master"), 50, None, "finished", (), report)
     assert "STATE_1" in fault_lines([said])[0]
     assert "did not fit" in fault_lines([said])[0]
 

@@ -10,6 +10,7 @@ from bridge import replay
 from bridge.cli.diff import lines
 from bridge.collect import write_tables, write_trajectories
 from bridge.diff import Comparison, compare_runs
+from bridge.lives import ByLife
 from bridge.offline import run_offline
 from bridge.outcome import deployed
 from bridge.system import System
@@ -91,14 +92,14 @@ def test_a_run_without_its_tables(tmp_path: Path):
 
 
 @pytest.fixture
-def newest(tmp_path: Path) -> tuple[System, Path, dict[str, Rows]]:
+def newest(tmp_path: Path) -> tuple[System, Path, ByLife[Rows]]:
     """Two arms on a network that takes next to nothing, and copies of what they have recorded."""
     system = named("zenoh", "deploy.latency=false", "run.stop=1")
     run = recorded(system, tmp_path)
-    return system, run, {n: r.copy() for n, r in replay.load(run / "nodes").items()}
+    return system, run, ByLife({n: r.copy() for n, r in replay.load(run / "nodes").items()})
 
 
-def test_clocks_that_differ(newest: tuple[System, Path, dict[str, Rows]]):
+def test_clocks_that_differ(newest: tuple[System, Path, ByLife[Rows]]):
     """A receiver whose clock is behind has samples before they were sent: by its clock."""
     system, run, rows = newest
     rows["slave"]["inlets"]["held"] += 16
@@ -108,7 +109,7 @@ def test_clocks_that_differ(newest: tuple[System, Path, dict[str, Rows]]):
         run_offline(system, run, rows)
 
 
-def test_samples_of_the_very_tick_at_both_ends(newest: tuple[System, Path, dict[str, Rows]]):
+def test_samples_of_the_very_tick_at_both_ends(newest: tuple[System, Path, ByLife[Rows]]):
     system, run, rows = newest
     rows["master"]["inlets"]["held"][100:] += 1  # as the slave does: it comes after the master
     write_tables(system, rows, run)

@@ -66,7 +66,7 @@ def test_a_drive_that_is_killed_stops_its_controller_and_comes_back(tmp_path):
     left = Left(tmp_path / "run")
     assert left.state("slave_control") == State.FAULT
     assert left.why("slave_control") & (Why.STALE | Why.PEER)
-    assert len(left.rows["slave.2"]) > 10
+    assert len(left.rows["slave@2"]) > 10
     assert left.end("master") == left.end("master_control") == "finished"
     assert left.exact()
 
@@ -178,7 +178,7 @@ def test_an_arm_comes_back_by_reset_arm_and_start(tmp_path):
     left = Left(tmp_path / "run")
     states = left.rows["slave_control"]["state"]
     assert (states == State.FAULT).any()
-    assert left.state("slave_control") == left.state("slave.2") == State.ACTIVE
-    assert left.end("slave_control") == left.end("slave.2") == "finished"
-    assert np.abs(left.column("slave.2", "slave.tau")[-20:]).max() > 0.1
+    assert left.state("slave_control") == left.state("slave@2") == State.ACTIVE
+    assert left.end("slave_control") == left.end("slave@2") == "finished"
+    assert np.abs(left.column("slave@2", "slave.tau")[-20:]).max() > 0.1
     assert left.exact()

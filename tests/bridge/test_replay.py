@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bridge import replay, twin
+from bridge.lives import ByLife, Life
 from bridge.native import node as native
 from bridge.native.safety import State
 from bridge.system import make_system
@@ -34,7 +35,7 @@ def recorded(request, tmp_path):
 def arms(tmp_path):
     """(system, copies of the rows by node) of can.toml."""
     system = named("can", STOP)
-    return system, {k: r.copy() for k, r in run_twin(system, tmp_path / "twin").items()}
+    return system, ByLife({k: r.copy() for k, r in run_twin(system, tmp_path / "twin").items()})
 
 
 def exact(found):
@@ -52,9 +53,9 @@ def test_a_replay_is_the_recording_to_the_bit(recorded, tmp_path):
 def test_nothing_but_sequence_numbers_and_events_is_taken_from_the_recording(arms, tmp_path):
     """Every computed signal is destroyed: the replay finds them all again, and says they differ."""
     system, rows = arms
-    wiped = {name: r.copy() for name, r in rows.items()}
-    for name, r in wiped.items():
-        inputs = [i.target for i in system.nodes[name].inlets]
+    wiped = {life: r.copy() for life, r in rows.items()}
+    for life, r in wiped.items():
+        inputs = [i.target for i in system.nodes[life.node].inlets]
         keep = r["signals"][0].copy()
         r["signals"][1:] = np.nan
         r["sent"][:] = np.nan
@@ -87,7 +88,7 @@ def test_one_bit_altered_is_found(arms, node, signal, slot, tmp_path):
     altered = (value.view(np.int64) ^ 1).view(np.float64)
     rows[node]["signals"][slot, names[signal]] = altered
     first = replay.replay(system, rows, tmp_path).first
-    assert (first.node, first.slot, first.signal) == (node, slot, signal)
+    assert (first.life, first.slot, first.signal) == (Life(node), slot, signal)
     assert (first.recorded, first.found) == (altered, value)
     assert f"{node}, slot {slot}" in str(first)
     assert signal in str(first)
@@ -97,7 +98,7 @@ def test_one_bit_of_what_was_sent_is_found(arms, tmp_path):
     system, rows = arms
     rows["slave"]["sent"][77, 2] += 1e-9
     first = replay.replay(system, rows, tmp_path).first
-    assert (first.node, first.slot, first.signal) == ("slave", 77, "sent slave.dq[0]")
+    assert (first.life, first.slot, first.signal) == (Life("slave"), 77, "sent slave.dq[0]")
 
 
 def test_another_sample_than_was_held_is_found_where_it_was_used(arms, tmp_path):
@@ -105,14 +106,14 @@ def test_another_sample_than_was_held_is_found_where_it_was_used(arms, tmp_path)
     inlets = [i.target.name for i in system.nodes["master"].inlets]
     rows["master"]["inlets"]["held"][1000, inlets.index("master.tau")] -= 1
     first = replay.replay(system, rows, tmp_path).first
-    assert (first.node, first.slot) == ("master", 1001)  # row k+1 shows what tick k did
+    assert (first.life, first.slot) == (Life("master"), 1001)  # row k+1 shows what tick k did
 
 
 def test_an_event_of_the_life_cycle_that_did_not_happen_is_found(arms, tmp_path):
     system, rows = arms
     rows["slave_control"]["now"][200] = 1
     first = replay.replay(system, rows, tmp_path).first
-    assert (first.node, first.slot) == ("slave_control", 200)
+    assert (first.life, first.slot) == (Life("slave_control"), 200)
     assert first.signal.startswith("sent slave_control.tau")
 
 
@@ -147,7 +148,7 @@ def test_runs_that_were_stopped_replay_too(name, path, value, node, tmp_path):
     assert rows[node]["state"][-1] == State.FAULT
     found = replay.replay(system, rows, tmp_path)
     assert exact(found), str(found.first)
-    del rows[node]
+    del rows[Life(node)]
     assert exact(replay.replay(system, rows, tmp_path))
 
 
@@ -157,7 +158,7 @@ def test_runs_that_were_stopped_replay_too(name, path, value, node, tmp_path):
 @pytest.mark.parametrize("missing", ["master", "slave_control", "master_control"])
 def test_a_journal_that_is_missing_is_stood_in_for_by_what_others_received(arms, missing, tmp_path):
     system, rows = arms
-    del rows[missing]
+    del rows[Life(missing)]
     found = replay.replay(system, rows, tmp_path)
     assert exact(found)
     sent = {name for name, m in system.messages.items() if m.node == missing}
@@ -171,23 +172,23 @@ def test_any_one_journal_is_enough(recorded, tmp_path):
         folder.mkdir()
         found = replay.replay(system, {name: r}, folder)
         assert exact(found)
-        assert found.alone == system.heard_by(name)
+        assert found.alone == system.heard_by(name.node)
 
 
 @pytest.mark.parametrize("node", ["master", "master_control", "slave"])
 @pytest.mark.parametrize("share", [0.0, 0.31, 0.99])
 def test_a_journal_that_was_cut_off_is_replayed_as_far_as_it_goes(arms, node, share, tmp_path):
     system, rows = arms
-    rows[node] = rows[node][: max(1, int(share * len(rows[node])))]
+    rows[Life(node)] = rows[node][: max(1, int(share * len(rows[node])))]
     found = replay.replay(system, rows, tmp_path)
     assert exact(found)
-    assert found.slots[node] == len(rows[node])
+    assert found.slots[Life(node)] == len(rows[node])
     assert set(found.alone) == {n for n, m in system.messages.items() if m.node == node}
 
 
 def test_rows_that_are_missing_in_the_middle_are_said(arms, tmp_path):
     system, rows = arms
-    rows["slave"] = np.delete(rows["slave"], np.s_[100:200])
+    rows[Life("slave")] = np.delete(rows["slave"], np.s_[100:200])
     with pytest.raises(ScenarioError, match="slave: slot 200 comes after slot 99; rows"):
         replay.replay(system, rows, tmp_path)
 
@@ -204,9 +205,9 @@ def with_restart(system, folder: Path, node: str, dies: float, again: float):
         go(system, wired, dies)
         first = wired.pop(node)
         go(system, wired, again)
-        life = f"{node}.2"
+        life = Life(node, 2)
         fresh = make_system(system.scenario, system.deployment)
-        everybody[life] = make(fresh, node, folder / f"{life}.journal", again, boots=1)
+        everybody[life] = make(fresh, node, folder / life.file("journal"), again, boots=1)
         wired[life] = everybody[life]
         order = [life if n == node else n for n in system.nodes]
         go(system, {n: wired[n] for n in order}, system.plan.ticks * system.plan.h)
@@ -243,8 +244,8 @@ def go(system, wired, until):
 def test_a_second_life_is_replayed_too(node, again, tmp_path):
     system = named("can", STOP)
     rows = with_restart(system, tmp_path / "lives", node, 1.0, again)
-    assert set(rows) == {*system.nodes, f"{node}.2"}
-    assert rows[f"{node}.2"]["slot"][0] * system.nodes[node].h == pytest.approx(again)
+    assert set(rows) == {*map(Life, system.nodes), Life(node, 2)}
+    assert rows[Life(node, 2)]["slot"][0] * system.nodes[node].h == pytest.approx(again)
     found = replay.replay(system, rows, tmp_path)
     assert exact(found), str(found.first)
     assert found.alone == ()
@@ -254,7 +255,7 @@ def test_a_node_killed_between_sending_and_its_row_is_no_obstacle(tmp_path):
     """The frame is out, the row is not: what was sent is taken from who received it."""
     system = named("can", STOP)
     rows = with_restart(system, tmp_path / "lives", "slave_control", 1.0, 1.05)
-    rows["slave_control"] = rows["slave_control"][:-1]
+    rows[Life("slave_control")] = rows["slave_control"][:-1]
     found = replay.replay(system, rows, tmp_path)
     assert exact(found), str(found.first)
     assert found.alone == ("LINK_4",)
@@ -266,7 +267,7 @@ def test_a_robot_of_the_network_that_was_away(tmp_path):
     assert exact(replay.replay(system, rows, tmp_path))
     whole = run_twin(system, tmp_path / "twin")
     slot = system.nodes["robot3"].plan.slots()["control3.w"]
-    again = rows["robot3.2"]["signals"][:, slot.start]
+    again = rows["robot3@2"]["signals"][:, slot.start]
     assert again.tolist() == whole["robot3"]["signals"][1600:, slot.start].tolist()
 
 
@@ -287,7 +288,7 @@ def test_rows_of_another_deployment_are_refused(arms, tmp_path):
     found["messages"]["STATE_1"]["signals"] = ["q1", "q2", "dq1", "dq2"]
     with pytest.raises(ScenarioError, match="4 signals for 6 values"):
         system_of(found, tmp_path, STOP)
-    rows["master"] = rows["slave_control"]
+    rows[Life("master")] = rows["slave_control"]
     with pytest.raises(ScenarioError, match="master was recorded with other signals"):
         replay.replay(system, rows, tmp_path)
 

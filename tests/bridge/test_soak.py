@@ -11,7 +11,9 @@ import pytest
 
 from bridge import happen, hosts, soak, soak_drive, soak_table
 from bridge.faults import build
+from bridge.lives import Life
 from bridge.native.safety import Why
+from bridge.records import Refused
 from bridge.relay import namespaces
 from bridge.soak_spec import FRAMES, LINKS, PROCESSES, draw, load_soak, text
 from bridge.system import load_system
@@ -19,7 +21,7 @@ from cosim.errors import ScenarioError
 from cosim.scenario import read_document
 from cosim.sweep.perform import Row
 from cosim.sweep.store import Store
-from tests.bridge.faulty import BOTH, SCENARIO, script, shown
+from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import COSIM, ROOT, environment
 from tests.bridge.zenoh.rehearsed import prepared, sockets
 
@@ -122,16 +124,13 @@ def test_nodes_find_each_other_by_the_addresses_of_their_hosts(system):
 
 
 def life(name, code=0):
-    node = name.partition(".")[0]
-    return SimpleNamespace(start=SimpleNamespace(life=name, node=node), code=code)
+    return SimpleNamespace(start=SimpleNamespace(life=Life.parse(name)), code=code)
 
 
 def ended(system, folder, lives, script_=None, faults=()):
     """A run whose processes ended so; everybody finished."""
     run = shown(system, folder)
     (folder / "nodes").mkdir()
-    for report in run.reports:
-        report.said = {"end": "finished"}
     outcome = SimpleNamespace(
         folder=folder, rows=run.rows, reports=run.reports, notes=[],
         faults=[SimpleNamespace(kind=kind, missing=(), t1=4.0) for kind in faults],
@@ -159,15 +158,15 @@ def test_a_process_that_crashed_fails_a_run_and_one_that_was_killed_does_not(sys
     assert wrong(tmp_path, done) == ["slave ended with exit code -9"]
     (tmp_path / "nodes" / "master.err").write_text("Traceback (most recent call last):\nOh: no\n")
     assert wrong(tmp_path, done)[0] == "master crashed: Oh: no"
-    done.lives.append(life("slave.2"))
-    assert "slave.2 has left no journal" in wrong(tmp_path, done)
-    done.outcome.notes.append("t = 3 s: node slave.2 refuses to start: apart")
-    assert "slave.2 has left no journal" not in wrong(tmp_path, done)
+    done.lives.append(life("slave@2"))
+    assert "slave@2 has left no journal" in wrong(tmp_path, done)
+    done.outcome.notes.append(Refused(t=3.0, life=Life("slave", 2), reasons=("apart",)))
+    assert "slave@2 has left no journal" not in wrong(tmp_path, done)
 
 
 def test_who_stopped_needs_a_fault_that_explains_it_and_no_torque(system, tmp_path):
     done = ended(system, tmp_path, BOTH_LIVES, faults=["drop"])
-    done.outcome.reports[0].said["end"] = "fault"
+    done.outcome.reports[0] = report(Life("master"), "fault")
     done.outcome.rows["master"]["reasons"] = Why.OVERRUN
     assert wrong(tmp_path, done, together=9.0) == ["master stopped: overrun"]
     done.outcome.faults[0].kind = "freeze"
@@ -245,8 +244,10 @@ def test_a_run_waits_for_nodes_of_which_none_is_left(tmp_path):
     running.settings = replace(running.settings, events=happen.events(given, system))
     with running:
         ended = running.run()
-    assert [p.start.life for p in ended.lives] == ["master", "slave", "master.2", "slave.2"]
-    assert [n.partition(": ")[2] for n in ended.notes[2:4]] == ["start master", "start slave"]
+    assert [p.start.life for p in ended.lives] == [
+        Life(node, boot) for boot in (1, 2) for node in ("master", "slave")
+    ]
+    assert [n.words() for n in ended.notes[2:4]] == ["start master", "start slave"]
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ import numpy as np
 
 from bridge.diff import Comparison, compare_runs
 from bridge.hosts import BOTH, PORT, listening
+from bridge.lives import lives_of
 from bridge.offline import run_offline
 from bridge.rehearse import Ended, Event, Node, Rehearsal
 from bridge.relay.network import Network
@@ -120,8 +121,7 @@ class Found(Rehearsed):
 
     def last_life(self, node: str) -> str:
         """Of the lives of a node the one that began last."""
-        lives = [x for x in self.rows if x.partition(".")[0] == node]
-        return max(lives, key=lambda x: int(self.rows[x]["slot"][0]))
+        return str(lives_of(self.rows, node)[-1])
 
     def silence(self, node: str, life: str = "") -> np.ndarray:
         """What its controller is told: for how long nothing new has come, (slots,), s."""
@@ -243,7 +243,7 @@ def bounded(found: Found, controllers: Sequence[str] = CONTROLLERS, limit: float
     """Torque of the controllers, at any time and in any life (N.m)."""
     for name in controllers:
         node = next(n for n, s in found.system.deployment.nodes.items() if name in s.components)
-        for life in (x for x in found.rows if x.partition(".")[0] == node):
+        for life in lives_of(found.rows, node):
             assert np.abs(found.signal(f"{name}.tau", life)).max() < limit, life
 
 

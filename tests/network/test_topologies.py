@@ -94,7 +94,7 @@ def test_six_hosts_are_one_offline_run_over_their_tables(runs: dict[str, Found])
 
 def test_lock_step_over_a_bad_network_is_the_twin(runs: dict[str, Found], tmp_path: Path):
     found = runs["lock-step"]
-    assert any("its end" in note for note in found.ended.notes)
+    assert any("its end" in str(note) for note in found.ended.notes)
     assert (found.packets("master>slave")["delay_ns"] < 0).any()
     bounded(found)
     simulate(found.system, tmp_path)

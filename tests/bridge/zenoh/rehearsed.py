@@ -10,6 +10,7 @@ from typing import Any
 
 from bridge import deploy, replay
 from bridge.collect import write_tables, write_trajectories
+from bridge.lives import ByLife
 from bridge.outcome import deployed
 from bridge.rehearse import NODES, PATIENCE, Ended, Event, Rehearsal, Settings
 from bridge.system import System, load_system
@@ -24,7 +25,7 @@ CONFIGS = Path(__file__).parents[3] / "configs"
 class Rehearsed:
     system: System
     ended: Ended
-    rows: Mapping[str, Rows]
+    rows: ByLife[Rows]
     reports: Mapping[str, Mapping[str, Any]]
     replayed: replay.Replay
 

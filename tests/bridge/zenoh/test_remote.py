@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from bridge.attach import answer, attached
+from bridge.lives import Life
 from bridge.native import node as native
 from bridge.native.safety import State
 from bridge.node import Control
@@ -35,7 +36,7 @@ def client(tmp_path: Path):
 def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest):
     changes = ["deploy.buses.net.options.wait=0", *sockets(["master"], tmp_path)]
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
-    with attached(system, "master", tmp_path, "master") as ends:
+    with attached(system, Life("master"), tmp_path) as ends:
         buses = {name: end.bus for name, end in ends.items()}
         wired = Wired(system, "master", buses, tmp_path / "master.journal", native.WALL)
         with wired:
@@ -79,7 +80,7 @@ def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.Fixt
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
     nmt = system.services["net"].nmt
     assert nmt is not None
-    with attached(system, "master", tmp_path, "master") as ends:
+    with attached(system, Life("master"), tmp_path) as ends:
         buses = {name: end.bus for name, end in ends.items()}
         with Wired(system, "master", buses, tmp_path / "master.journal", native.WALL) as wired:
             ran = threading.Thread(

@@ -1,4 +1,4 @@
-"""What a report shows of faults, as typed records; their sentences are made here, for people only."""
+"""What a report shows of faults: typed records; their sentences are made here, for people only."""
 
 from __future__ import annotations
 

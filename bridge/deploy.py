@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 
@@ -20,13 +20,17 @@ from cosim.settings import change
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
 Numbers = Number | tuple[Number, ...]
+#: What nodes say on a bus besides the deployment's messages: commands, SYNC, stop, who is there.
+ServiceName = Literal["nmt", "sync", "estop", "heartbeat"]
+SERVICES: tuple[ServiceName, ...] = get_args(ServiceName)
 T = TypeVar("T")
 
 
 class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One network. `interface`, `channel`, `bitrate` (bit/s) ... as python-can users know them.
 
-    `dbc`: the file its messages are in, beside the deployment. `options`: further arguments of the
+    `dbc`: the file its messages are in, beside the deployment. `services`: which of them this CAN
+    bus has, messages of that file (:mod:`bridge.services`). `options`: further arguments of the
     interface. `local`: keep ``udp_multicast`` on this machine. `zenoh`: a Zenoh configuration
     file (JSON5) beside the deployment; `prefix`: of its keys.
     """
@@ -38,6 +42,7 @@ class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     data_bitrate: Annotated[int, msgspec.Meta(gt=0)] = 5_000_000
     fd: bool = True
     dbc: str = ""
+    services: tuple[ServiceName, ...] | None = None
     local: bool = True
     zenoh: str = ""
     prefix: str = ""

@@ -193,7 +193,7 @@ def _report(
         granted=dict(granted),
         warning=warning,
         syncs={"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
-        unknown_frames=int(s.unknown),
+        unknown_frames=int(s.unknown) + sum(int(a.bus.struct.foreign) for a in buses.values()),
         messages={name: _counts(r) for name, r in wired.receivers.items()},
         sent={
             o.message: {"frames": int(e.sent), "saturated": int(e.saturated)}

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bridge.can import dbc
 from bridge.can.codec import Codec
-from bridge.can.layout import find
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
 from bridge.check import Watchdog, check_buses
@@ -34,8 +32,7 @@ def messages(system: System) -> list[BusMessage]:
     found: list[BusMessage] = []
     d = system.deployment
     for bus in timings(system):
-        layouts = dbc.load(d.file(d.buses[bus].dbc)) if d.buses[bus].dbc else ()
-        there = {layout.name for layout in layouts}
+        service = system.services[bus]
         for name, m in system.messages.items():
             if m.bus == bus:
                 assert isinstance(m.encoding, Codec)
@@ -44,16 +41,14 @@ def messages(system: System) -> list[BusMessage]:
         for node, spec in d.nodes.items():
             if bus not in system.buses_of(node):
                 continue
-            beat = f"HEARTBEAT_{spec.number}"
+            beat = service.heartbeats.get(spec.number)
             period = d.seconds(spec.heartbeat, "nodes", node, "heartbeat")
-            if beat in there and period > 0:
-                layout = find(layouts, beat)
+            if isinstance(beat, Codec) and period > 0:
                 found.append(
-                    BusMessage.of(layout, node=node, bus=bus, period=period, role="heartbeat")
+                    BusMessage.of(beat.layout, node=node, bus=bus, period=period, role="heartbeat")
                 )
-            if d.sync == node and "SYNC" in there:
-                h = system.sync_ticks * system.plan.h
-                layout = find(layouts, "SYNC")
+            if d.sync == node and isinstance(service.sync, Codec):
+                h, layout = system.sync_ticks * system.plan.h, service.sync.layout
                 found.append(BusMessage.of(layout, node=node, bus=bus, period=h, role="sync"))
     return found
 

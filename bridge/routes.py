@@ -163,16 +163,21 @@ def one_way(d: Deployment, buses: Mapping[str, Iterable[str]]) -> None:
         islands |= dict.fromkeys(whole, whole)
 
 
-def within_reach(d: Deployment, buses: Mapping[str, Iterable[str]]) -> None:
+def within_reach(
+    d: Deployment, buses: Mapping[str, Iterable[str]], beating: Mapping[str, Iterable[str]]
+) -> None:
     """Raise ScenarioError where a node requires one whose heartbeats it cannot hear.
 
-    `buses`: of each node. Heartbeats stay on their bus: who stops when is settled island by island.
+    `buses`: of each node; `beating`: those of them where its heartbeats are. Heartbeats stay on
+    their bus: who stops when is settled island by island.
     """
     for node, spec in d.nodes.items():
         for other in spec.requires:
-            if other == node or set(buses[node]) & set(buses[other]):
+            if other == node or set(buses[node]) & set(beating[other]):
                 continue
-            here = [n for n in d.nodes if n != node and set(buses[n]) & set(buses[node])]
-            text = f"{other} is on no bus of {node}, and heartbeats are not forwarded; expected "
-            text += f"one of {', '.join(here) or 'none'} (what {other} sends may have an age)"
+            here = [n for n in d.nodes if n != node and set(beating[n]) & set(buses[node])]
+            text = f"{other} sends heartbeats on no bus of {node}, and they are not forwarded; "
+            text += (
+                f"expected one of {', '.join(here) or 'none'} (what {other} sends may have an age)"
+            )
             raise ScenarioError(text, d.place("nodes", node, "requires"))

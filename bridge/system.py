@@ -5,35 +5,28 @@ Everybody who has to agree makes it from the same two files: each node, the twin
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from bridge import apart, deploy, foreign, protect, routes
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
 from bridge.cut import NodePlan, Outlet, cut, start_values
-from bridge.deploy import Deployment, NodeSpec
+from bridge.deploy import Deployment
 from bridge.fault_script import EXTENDED
+from bridge.native.bus import ALL_BITS, FORMAT, KIND, Accept
 from bridge.native.frame import Flags
 from bridge.native.message import Message
 from bridge.routes import Forward
+from bridge.services import Encoding, Service, services_on
 from bridge.zenoh import names
 from cosim.assemble import assemble
 from cosim.errors import ScenarioError
 from cosim.plan import Plan
 from cosim.scenario import Scenario
 from cosim.scenario import load as load_scenario
-
-
-class Encoding(Protocol):
-    """What a message is made of bytes by: a :class:`bridge.can.codec.Codec`, or one of Zenoh."""
-
-    @property
-    def message(self) -> Message:
-        """The C struct, alive as long as this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +46,6 @@ class Carried:
     offset_ns: int
     max_age_ns: int
     forward: Forward | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Service:
-    """A bus's messages besides the deployment's: heartbeats by node number, SYNC, NMT, e-stop."""
-
-    heartbeats: Mapping[int, Encoding]
-    sync: Encoding | None
-    nmt: Encoding | None
-    estop: Encoding | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,21 +88,35 @@ class System:
         """Identifiers of everything a node hears, by the message's name; bit 31: a 29-bit one."""
         found = {name: self.messages[name].encoding for name in self.heard_by(node)}
         for bus in self.buses_of(node):
-            service = self.services.get(bus)
-            if service is None:
-                continue
-            found |= {f"HEARTBEAT_{n}": e for n, e in service.heartbeats.items()}
-            named = {"SYNC": service.sync, "NMT": service.nmt, "ESTOP": service.estop}
-            found |= {name: e for name, e in named.items() if e is not None}
+            found |= self.services[bus].named()
         return {name: _identifier(encoding.message) for name, encoding in found.items()}
 
+    def accepts(self, node: str, bus: str) -> tuple[Accept, ...]:
+        """Frames that a node listens to on a bus: of messages and services, by their format.
+
+        Everything else does not reach its decisions. An emergency stop may be of any length.
+        """
+        service = self.services[bus]
+        heard = [m for m in map(self.messages.__getitem__, self.heard_by(node)) if m.bus == bus]
+        wanted = [m.encoding.message for m in heard]
+        wanted += [e.message for name, e in service.named().items() if name != "ESTOP"]
+        found = [Accept(m.id, ALL_BITS, m.flags & FORMAT, FORMAT) for m in wanted]
+        if service.estop is not None:
+            m = service.estop.message
+            found.append(Accept(m.id, ALL_BITS, m.flags & KIND, KIND))
+        return tuple(found)
+
     def peers_of(self, node: str) -> tuple[str, ...]:
-        """Nodes on a bus of its own, or that it requires."""
-        here = set(self.buses_of(node))
+        """Nodes whose heartbeats it hears: they are on a bus of its own that has heartbeats."""
+        here, nodes = set(self.buses_of(node)), self.deployment.nodes
         return tuple(
             other
-            for other in self.deployment.nodes
-            if other != node and here & set(self.buses_of(other))
+            for other, spec in nodes.items()
+            if other != node
+            and any(
+                spec.number in self.services[bus].heartbeats
+                for bus in here & set(self.buses_of(other))
+            )
         )
 
 
@@ -149,6 +146,7 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
         for name, bus in deployment.buses.items()
         if bus.kind == "can"
     }
+    services = {bus: services_on(deployment, bus, layouts.get(bus, ())) for bus in deployment.buses}
     messages = {
         outlet.message: _carried(outlet, name, plan, deployment, layouts)
         for name in deployment.nodes
@@ -158,10 +156,6 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
     for forward in sorted(forwarded, key=lambda f: f.hops):
         first = messages[forward.origin]
         messages[forward.message] = _forwarded(forward, first, plan, deployment, layouts)
-    services = {bus: _service(found, deployment.nodes.values()) for bus, found in layouts.items()}
-    for bus, spec in deployment.buses.items():
-        if spec.kind == "zenoh":
-            services[bus] = _stream_service(deployment, bus, services.values())
     system = System(scenario, deployment, plan, nodes, messages, services)
     _joined(system)
     return system
@@ -170,7 +164,12 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
 def _joined(system: System) -> None:
     """Buses hang together as they may. Raises ScenarioError."""
     buses = {node: system.buses_of(node) for node in system.nodes}
-    routes.within_reach(system.deployment, buses)
+    numbers = {node: spec.number for node, spec in system.deployment.nodes.items()}
+    beating = {
+        node: [bus for bus in buses[node] if numbers[node] in system.services[bus].heartbeats]
+        for node in system.nodes
+    }
+    routes.within_reach(system.deployment, buses, beating)
     gateways = sorted(routes.gateways(system.deployment))
     routes.one_way(system.deployment, {node: buses[node] for node in gateways})
 
@@ -245,35 +244,3 @@ def _signals(outlet: Outlet) -> list[str]:
         else:
             names.append(f"{port}{int(index) + 1}" if index.isdigit() else port)
     return names
-
-
-def _service(layouts: Sequence[Layout], nodes: Iterable[NodeSpec]) -> Service:
-    there = {layout.name for layout in layouts}
-
-    def codec(name: str, *signals: str) -> Encoding | None:
-        return Codec(find(layouts, name), signals) if name in there else None
-
-    beats = {
-        n.number: codec(f"HEARTBEAT_{n.number}", "state", "reasons", "boots", "armed")
-        for n in nodes
-    }
-    return Service(
-        heartbeats={number: beat for number, beat in beats.items() if beat is not None},
-        sync=codec("SYNC", "counter"),
-        nmt=codec("NMT", "command", "node"),
-        estop=codec("ESTOP", "node", "reasons"),
-    )
-
-
-def _stream_service(d: Deployment, bus: str, others: Iterable[Service]) -> Service:
-    """Of a Zenoh bus. A node says the same on all its buses, so what a CAN bus has is taken."""
-    keys = names.names_of(d, bus)
-    beats: dict[int, Encoding] = {
-        spec.number: names.heartbeat(keys, node, spec) for node, spec in d.nodes.items()
-    }
-    nmt: Encoding = names.nmt(keys)
-    estop: Encoding = names.estop(keys)
-    for other in others:
-        beats |= other.heartbeats
-        nmt, estop = other.nmt or nmt, other.estop or estop
-    return Service(beats, None, nmt, estop)

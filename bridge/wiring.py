@@ -177,6 +177,7 @@ class Wired:
             structs[i] = bus.struct
             structs[i].number = i
             bus.struct = structs[i]
+            bus.accept(self.system.accepts(self.name, self._names[i]))
         pending, has = (Frame * max(1, n))(), (c.c_int32 * max(1, n))()
         self.struct.buses, self.struct.n_buses = c.addressof(structs), n
         self.struct.pending, self.struct.has_pending = pending, c.addressof(has)
@@ -184,29 +185,36 @@ class Wired:
 
     def _bind_peers(self) -> None:
         d, s = self.system.deployment, self.struct
-        services = [self.system.services[b] for b in self._names if b in self.system.services]
-        if not services:
-            return
-        beats = {n: beat for service in services for n, beat in service.heartbeats.items()}
-        for field in ("sync", "nmt", "estop"):
-            found = next((e for e in (getattr(x, field) for x in services) if e), None)
-            if found is not None:
-                setattr(s, field, c.pointer(found.message))
-        if self.spec.number in beats:
-            s.heartbeat = c.pointer(beats[self.spec.number].message)
         within = d.seconds(self.spec.within, "nodes", self.name, "within")
-        known = [p for p in self.system.peers_of(self.name) if d.nodes[p].number in beats]
+        known = self.system.peers_of(self.name)
         peers = (Peer * max(1, len(known)))()
-        pointers = (c.c_void_p * max(1, len(known)))()
         for i, other in enumerate(known):
-            number = d.nodes[other].number
             required = other in self.spec.requires
-            peers[i] = safety.PeerSpec(number, within, required).build(0)
-            pointers[i] = c.addressof(beats[number].message)
+            peers[i] = safety.PeerSpec(d.nodes[other].number, within, required).build(0)
         s.peers, s.n_peers = c.addressof(peers), len(known)
-        s.peer_messages = c.addressof(pointers)
         self.peers = dict(zip(known, peers, strict=False))
-        self._alive += [peers, pointers, beats, services]
+        services = (native.Services * max(1, len(self._names)))()
+        for bus, entry in zip(self._names, services, strict=False):
+            self._bind_services(bus, entry, known)
+        s.services = services
+        self._alive += [peers, services]
+
+    def _bind_services(self, bus: str, entry: native.Services, peers: Sequence[str]) -> None:
+        """The services of one bus, and the heartbeats of `peers` there."""
+        service, nodes = self.system.services[bus], self.system.deployment.nodes
+        for field in ("sync", "nmt", "estop"):
+            encoding = getattr(service, field)
+            if encoding is not None:
+                setattr(entry, field, c.pointer(encoding.message))
+        if self.spec.number in service.heartbeats:
+            entry.heartbeat = c.pointer(service.heartbeats[self.spec.number].message)
+        pointers = (c.c_void_p * max(1, len(peers)))()
+        for i, other in enumerate(peers):
+            beat = service.heartbeats.get(nodes[other].number)
+            if beat is not None and bus in self.system.buses_of(other):
+                pointers[i] = c.addressof(beat.message)
+        entry.peers = c.addressof(pointers)
+        self._alive += [pointers, service]
 
     def _offsets(self) -> None:
         fields = row_dtype(self.plan).fields

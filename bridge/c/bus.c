@@ -64,24 +64,19 @@ static void alive(bus_t *bus)
 
 static int accepted(const bus_t *bus, const frame_t *frame)
 {
-    const accept_t *a = bus->accepts;
-    uint32_t extended = (frame->flags & FRAME_EXTENDED) != 0;
     int64_t i;
 
-    for (i = 0; a && i < bus->n_accepts; i++)
-        if (a[i].extended == extended && (frame->id & a[i].mask) == (a[i].id & a[i].mask))
+    for (i = 0; bus->accepts && i < bus->n_accepts; i++)
+        if (frame_accepted(bus->accepts + i, frame))
             return 1;
-    return !a;
+    return !bus->accepts;
 }
 
 /* 1: a frame; 0: none */
 static int ring_next(bus_t *bus, frame_t *frame)
 {
     bus->overruns = (int64_t)__atomic_load_n(&bus->rx->dropped, __ATOMIC_RELAXED);
-    while (ring_get(bus->rx, frame))
-        if ((frame->flags & FRAME_ERROR) || accepted(bus, frame))
-            return 1;
-    return 0;
+    return ring_get(bus->rx, frame);
 }
 
 int32_t bus_receive(bus_t *bus, frame_t *frame)
@@ -96,7 +91,9 @@ int32_t bus_receive(bus_t *bus, frame_t *frame)
         }
         alive(bus);
         bus->received++;
-        return 1;
+        if (accepted(bus, frame))
+            return 1;
+        bus->foreign++;
     }
     return 0;
 }

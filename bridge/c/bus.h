@@ -20,14 +20,6 @@ enum { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
 enum { BUS_BATCH = 8 };
 enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
 
-/* Which frames a ring gives (a socket has its filters in the kernel): those with
- * (id & mask) == (accept.id & mask) and of that format. Error frames always. */
-typedef struct {
-    uint32_t id, mask;
-    uint32_t extended;      /* 1: 29-bit identifiers, 0: 11-bit */
-    uint32_t reserved;
-} accept_t;
-
 /* What was on the bus, read by other threads at any time (each number for itself). Bits include
  * inter-frame space and the stuff bits that random data has on average, one in 30; those of a CAN
  * FD frame's data phase apart. The last second is the sum of the last ten slots of 100 ms that are
@@ -55,8 +47,9 @@ typedef struct {
     uint32_t overflow;      /* BUS_SOCKET: SO_RXQ_OVFL as last seen */
     int64_t restarts;       /* after bus-off, and after the interface was down */
     int32_t tx_errors, rx_errors;   /* error counters of the controller, from error frames that have them */
-    const accept_t *accepts;    /* BUS_RING, BUS_MEMORY; NULL: all */
+    const accept_t *accepts;    /* which frames are given; NULL: all. All are logged and counted */
     int64_t n_accepts;
+    int64_t foreign;        /* frames that were received, but are not accepted */
     traffic_t *traffic;     /* every frame, both ways; or NULL */
     int64_t offset_ns;      /* CLOCK_MONOTONIC - CLOCK_REALTIME when this drain began */
     int64_t empty_ns;       /* what comes now had not arrived then: the drain before this one began */

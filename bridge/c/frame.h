@@ -20,6 +20,9 @@
 enum { FRAME_DATA = 232 };
 enum { FRAME_FD = 1, FRAME_BRS = 2, FRAME_ESI = 4, FRAME_REMOTE = 8, FRAME_EXTENDED = 16,
        FRAME_ERROR = 32, FRAME_SENT = 64 /* in a log: sent by this node, not received */ };
+/* The flags that tell two frames of one identifier apart. The bit rate of the data (BRS) and the
+ * sender's error state (ESI) do not. */
+enum { FRAME_FORMAT = FRAME_FD | FRAME_REMOTE | FRAME_EXTENDED | FRAME_ERROR };
 
 typedef struct {
     int64_t t_ns;           /* arrival, or hand-over to the network */
@@ -31,6 +34,18 @@ typedef struct {
     uint32_t reserved;
     uint8_t data[FRAME_DATA];
 } frame_t;                  /* 256 bytes */
+
+/* Which frames: those with this identifier and these flags under the two masks. This is the only rule
+ * by which frames are selected: for messages, for services, and in the filters of buses. */
+typedef struct {
+    uint32_t id, mask;
+    uint32_t flags, flag_mask;
+} accept_t;
+
+static inline int32_t frame_accepted(const accept_t *a, const frame_t *frame)
+{
+    return !((frame->id ^ a->id) & a->mask) && !((frame->flags ^ a->flags) & a->flag_mask);
+}
 
 typedef struct {
     uint64_t head;          /* frames written; moved by the writer only */

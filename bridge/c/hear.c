@@ -147,14 +147,19 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
             delay_put(n->inlets[i].delay, j, sampled(r, j), t, r->values + n->inlets[i].first);
 }
 
-/* On a bus without protection all with its identifier is an emergency stop, whoever sends it. With
- * protection a message of somebody else, which a network has delivered under this name, is none. */
+/* On a bus without protection every data frame with its identifier is an emergency stop, classic or
+ * CAN FD, of any length, whoever sends it: to stop is safe. A remote frame is none, nor is a frame whose
+ * identifier is of the other size. With protection a message of somebody else, which a network has
+ * delivered under this name, is none. */
 int32_t node_is_estop(const node_t *n, const frame_t *frame)
 {
     double v[ESTOP_VALUES];
     header_t header;
-    if (!n->estop || frame->id != n->estop->id) return 0;
-    return n->estop->e2e == E2E_NONE || message_decode(n->estop, frame, v, &header) == DECODE_OK;
+    const message_t *m = n->services[frame->bus].estop;
+    if (!m) return 0;
+    const accept_t any = {m->id, UINT32_MAX, m->flags & FRAME_EXTENDED, FRAME_FORMAT & ~FRAME_FD};
+    if (!frame_accepted(&any, frame)) return 0;
+    return m->e2e == E2E_NONE || message_decode(m, frame, v, &header) == DECODE_OK;
 }
 
 /* An emergency stop. It reaches all that a gateway joins before this node has its next slot. */
@@ -180,8 +185,8 @@ static void managed(node_t *n, const frame_t *frame)
 {
     double v[NMT_VALUES];
     header_t header;
-    if (message_decode(n->nmt, frame, v, &header) != DECODE_OK) return;
-    if (n->gateway) node_pass(n, n->nmt, v, frame);
+    if (message_decode(n->services[frame->bus].nmt, frame, v, &header) != DECODE_OK) return;
+    if (n->gateway) node_pass(n, v, frame);
     if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
     const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
     if (command == COMMAND_START && n->start_ns == 0) n->start_ns = frame->t_ns + 100000000;
@@ -203,7 +208,7 @@ static void beaten(node_t *n, int32_t i, const frame_t *frame, int64_t t)
     header_t header;
     peer_t *peer = n->peers + i;
     memset(&header, 0, sizeof header);
-    if (message_decode(n->peer_messages[i], frame, v, &header) != DECODE_OK) return;
+    if (message_decode(n->services[frame->bus].peers[i], frame, v, &header) != DECODE_OK) return;
     if (!n->simulated && header.status & STATUS_SIMULATED) return;
     const uint32_t boots = (uint32_t)v[HEARTBEAT_BOOTS];
     if (peer->state >= 0 && boots != peer->boots) forget(n, peer);
@@ -214,7 +219,8 @@ static void beaten(node_t *n, int32_t i, const frame_t *frame, int64_t t)
 static int32_t heartbeat(node_t *n, const frame_t *frame, int64_t t)
 {
     for (int32_t i = 0; i < n->n_peers; i++) {
-        if (n->peer_messages[i]->id != frame->id) continue;
+        const message_t *m = n->services[frame->bus].peers[i];
+        if (!m || !message_is(m, frame)) continue;
         beaten(n, i, frame, t);
         return 1;
     }
@@ -225,7 +231,7 @@ static void synced(node_t *n, const frame_t *frame, int64_t t)
 {
     double v[1];
     header_t header;
-    if (message_decode(n->sync, frame, v, &header) != DECODE_OK) return;
+    if (message_decode(n->services[frame->bus].sync, frame, v, &header) != DECODE_OK) return;
     const int32_t counter = (int32_t)v[0];
     if (n->sync_last > 0) {
         const int32_t gap = (counter - n->sync_last + 240) % 240;
@@ -239,17 +245,16 @@ static void synced(node_t *n, const frame_t *frame, int64_t t)
 static void dispatch(node_t *n, const frame_t *frame)
 {
     const int64_t t = started(n) ? frame->t_ns - n->start_ns : 0;
+    const services_t *s = n->services + frame->bus;
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
-        if (r->bus != frame->bus || r->message->id != frame->id ||
-            (r->message->flags ^ frame->flags) & FRAME_EXTENDED)
-            continue;
+        if (r->bus != frame->bus || !message_is(r->message, frame)) continue;
         sample(n, r, frame);
         return;
     }
     if (node_is_estop(n, frame)) alarmed(n, t);
-    else if (n->nmt && frame->id == n->nmt->id) managed(n, frame);
-    else if (n->sync && frame->id == n->sync->id) synced(n, frame, t);
+    else if (s->nmt && message_is(s->nmt, frame)) managed(n, frame);
+    else if (s->sync && message_is(s->sync, frame)) synced(n, frame, t);
     else if (!heartbeat(n, frame, t)) n->unknown++;
 }
 

@@ -59,6 +59,15 @@ enum { DECODE_OK, DECODE_LENGTH, DECODE_CRC, DECODE_INVALID, DECODE_RANGE };
 
 /* Fills id, flags, length and data of the frame; header->counter, status, t_us go in, truncated. */
 API void message_encode(const message_t *m, const double *values, header_t *header, frame_t *frame);
+/* Whether a frame is this message, by identifier and format (FRAME_FORMAT): a remote frame, a frame
+ * with an identifier of the other size, and a CAN FD frame in place of a classic one (or the other
+ * way round) are not. Length and protection are checked by message_decode. */
+static inline int32_t message_is(const message_t *m, const frame_t *frame)
+{
+    const accept_t wanted = {m->id, UINT32_MAX, (uint32_t)(m->flags & FRAME_FORMAT), FRAME_FORMAT};
+    return frame_accepted(&wanted, frame);
+}
+
 /* DECODE_OK and the values, or why not: then values are untouched. header is filled unless the
  * length or the CRC is wrong (a wrong data ID is a wrong CRC). INVALID: some value is the invalid
  * code or not finite; RANGE: some raw value is outside low..high. */

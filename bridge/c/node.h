@@ -29,6 +29,14 @@ enum { NMT_COMMAND, NMT_NODE, NMT_VALUES };
 enum { ESTOP_NODE, ESTOP_REASONS, ESTOP_VALUES };
 enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
 
+/* The messages of one bus besides the deployment's, as this node says and hears them there. A message
+ * that is NULL does not exist on this bus: it is neither sent nor obeyed. */
+typedef struct {
+    const message_t *heartbeat; /* of this node */
+    const message_t *sync, *nmt, *estop;
+    const message_t **peers;    /* heartbeats of the node's peers, one a peer; NULL in it: not here */
+} services_t;
+
 /* Emergency stop of this node: none, to be obeyed, its own until RESET. */
 enum { ALARM_NONE, ALARM_RAISED, ALARM_OURS };
 
@@ -154,7 +162,7 @@ typedef struct node {
     int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers;
     life_t life;
 
-    const message_t *heartbeat, *sync, *nmt, *estop;    /* of this node; NULL: none */
+    const services_t *services; /* one a bus */
     int64_t heartbeat_slots, sync_slots;
     uint32_t boots, sync_count;
     int64_t syncs_received, syncs_lost;
@@ -185,7 +193,6 @@ typedef struct node {
     int64_t unknown;        /* frames nobody here listens to */
     frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
     int32_t *has_pending;
-    const message_t **peer_messages;    /* heartbeats, one a peer */
     played_t *played;
     int64_t n_played;
     int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
@@ -219,10 +226,10 @@ void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
 /* 0, or why it was not handed over: of bus_send. */
 int32_t node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
 /* A sample or preview of r that has been accepted, as the messages made of it, with the number, time
- * and status of its first sender. node_pass: a command from one bus, on all others. node_rest: until
+ * and status of its first sender. node_pass: an NMT command from one bus, on all others. node_rest: until
  * the deadline (CLOCK_MONOTONIC); a gateway hears, and forwards, meanwhile. forward.c */
 void node_forward(node_t *n, const reception_t *r, const header_t *header, const frame_t *came);
-void node_pass(node_t *n, const message_t *m, const double *values, const frame_t *came);
+void node_pass(node_t *n, const double *nmt, const frame_t *came);
 void forward_remember(forward_t *f, int64_t sample);
 int64_t node_rest(node_t *n, int64_t deadline_ns);
 /* What a node says besides its outlets; the preview only in messages that tell it from samples.

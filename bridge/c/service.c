@@ -18,54 +18,42 @@ void node_preview(node_t *n, int64_t now_ns)
     }
 }
 
+/* A message of a bus's services; NULL: the bus does not have it. */
+static void say(node_t *n, int32_t bus, const message_t *m, const double *values, header_t header,
+                int64_t now_ns)
+{
+    frame_t frame;
+    if (!m) return;
+    memset(&frame, 0, sizeof frame);
+    message_encode(m, values, &header, &frame);
+    node_send(n, bus, &frame, now_ns);
+}
+
 void node_heartbeat(node_t *n, int64_t now_ns)
 {
-    if (!n->heartbeat) return;
     const double v[HEARTBEAT_VALUES] = {n->life.state, n->life.reasons, n->boots % BOOTS, n->life.armed};
-    for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        memset(&frame, 0, sizeof frame);
-        memset(&header, 0, sizeof header);
-        header.counter = n->beats;
-        header.status = n->simulated ? STATUS_SIMULATED : 0;
-        if (n->life.reasons & WHY_ESTOP) header.status |= STATUS_ESTOP;
-        if (n->life.reasons & WHY_STALE) header.status |= STATUS_STALE;
-        message_encode(n->heartbeat, v, &header, &frame);
-        node_send(n, b, &frame, now_ns);
-    }
-    n->beats++;
+    header_t header = {n->beats++, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
+    if (n->life.reasons & WHY_ESTOP) header.status |= STATUS_ESTOP;
+    if (n->life.reasons & WHY_STALE) header.status |= STATUS_STALE;
+    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].heartbeat, v, header, now_ns);
 }
 
 void node_sync(node_t *n, int64_t now_ns)
 {
     const double counter = 1.0 + n->sync_count++ % 240;
-    for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        memset(&frame, 0, sizeof frame);
-        memset(&header, 0, sizeof header);
-        message_encode(n->sync, &counter, &header, &frame);
-        node_send(n, b, &frame, now_ns);
-    }
+    const header_t header = {0, 0, 0, 0};
+    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].sync, &counter, header, now_ns);
 }
 
 void node_estop(node_t *n, int64_t now_ns)
 {
-    for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        const double by[2] = {n->number, n->life.reasons | WHY_ESTOP};
-        memset(&frame, 0, sizeof frame);
-        memset(&header, 0, sizeof header);
-        message_encode(n->estop, by, &header, &frame);
-        node_send(n, b, &frame, now_ns);
-    }
+    const double by[ESTOP_VALUES] = {n->number, n->life.reasons | WHY_ESTOP};
+    const header_t header = {0, 0, 0, 0};
+    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].estop, by, header, now_ns);
 }
 
 void node_alarm(node_t *n, int64_t now_ns)
 {
-    if (!n->estop) return;
     if (!(n->life.reasons & WHY_ESTOP)) {
         n->alarms = -1;     /* none heard: the next is news */
         if (n->alarm == ALARM_OURS) n->alarm = ALARM_NONE; /* after RESET */

@@ -55,6 +55,8 @@ class BusHealth:
     """Of the last frame that could not be sent or received; "": none."""
     last_second: Rate
     interface: InterfaceCounters | None = None
+    foreign: int = 0
+    """Received, but nothing this node listens to: another identifier or another format."""
 
     @property
     def ok(self) -> bool:
@@ -89,6 +91,7 @@ def bus_health(bus: Bus, name: str, now_ns: int, interface: str = "") -> BusHeal
         last_error=os.strerror(s.last_errno) if s.last_errno else "",
         last_second=bus.traffic.last_second(now_ns),
         interface=interface_counters(interface) if interface else None,
+        foreign=s.foreign,
     )
 
 

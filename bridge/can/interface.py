@@ -24,6 +24,7 @@ from bridge.can.ringed import RingedInterface
 from bridge.can.socket import BusError, open_socket
 from bridge.journal import Journal
 from bridge.native.bus import Accept, Bus
+from bridge.native.frame import Flags
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,9 @@ def attach(
     log: Journal | None = None,
     accepts: Sequence[Accept] | None = None,
 ) -> Attachment:
-    """Open a bus. `number`: of the bus in its node; `accepts`: frames received, None: all.
+    """Open a bus. `number`: of the bus in its node; `accepts`: frames given, None: all.
+
+    Where nothing is logged, driver and kernel drop the other frames; else they are logged first.
 
     Raises BusError, which says what is missing: interface, channel, driver, permission.
     """
@@ -132,8 +135,9 @@ class SocketAttachment:
     ) -> None:
         self._name, self._channel = name, str(config["channel"])
         fd = bool(config.get("fd", False))
-        self._socket: Socket = open_socket(self._channel, fd=fd, accepts=accepts)
-        self.bus = Bus.of_socket(self._socket.fileno(), number, log)
+        early = accepts if log is None else None
+        self._socket: Socket = open_socket(self._channel, fd=fd, accepts=early)
+        self.bus = Bus.of_socket(self._socket.fileno(), number, log, accepts=accepts)
 
     def health(self, now_ns: int) -> BusHealth:
         """State and counts at `now_ns` (monotonic), with the interface's own."""
@@ -158,7 +162,7 @@ class InterfaceAttachment:
     ) -> None:
         self._name = spec.name
         device = _open(spec, config)
-        if accepts is not None:
+        if accepts is not None and log is None:
             device.set_filters([_filter(accept) for accept in accepts])
         self._ringed = RingedInterface(device, number, log, accepts, spec.capacity)
         self.bus = self._ringed.bus
@@ -188,7 +192,10 @@ def _open(spec: BusSpec, config: Mapping[str, Any]) -> can.BusABC:
 
 
 def _filter(accept: Accept) -> Any:
-    return {"can_id": accept.id, "can_mask": accept.mask, "extended": bool(accept.extended)}
+    found = {"can_id": accept.id, "can_mask": accept.mask}
+    if accept.flag_mask & Flags.EXTENDED:
+        found["extended"] = bool(accept.flags & Flags.EXTENDED)
+    return found
 
 
 @final

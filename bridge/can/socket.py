@@ -13,9 +13,10 @@ import sys
 from collections.abc import Sequence
 
 from bridge.native.bus import Accept
+from bridge.native.frame import Flags
 from cosim.errors import CosimError
 
-EXTENDED, REMOTE = 0x80000000, 0x40000000
+EXTENDED, REMOTE, IDENTIFIER = 0x80000000, 0x40000000, 0x1FFFFFFF
 ERRORS = 0x1FFFFFFF
 CAN_MTU, CANFD_MTU = 16, 72
 RECEIVE_BUFFER = 4 << 20
@@ -131,9 +132,18 @@ def _options(sock: socket.socket, channel: str, fd: bool, accepts: Sequence[Acce
 
 
 def _rule(accept: Accept) -> bytes:
-    """`struct can_filter`: the format is part of what is compared."""
-    identifier = accept.id | (EXTENDED if accept.extended else 0)
-    return struct.pack("=II", identifier, accept.mask | EXTENDED)
+    """`struct can_filter`. Size of the identifier and remote frames are part of what is compared.
+
+    The kernel does not tell CAN FD from classic frames here: `bus_receive` does.
+    """
+    identifier = accept.id & IDENTIFIER | _kernel(accept.flags)
+    return struct.pack("=II", identifier, accept.mask & IDENTIFIER | _kernel(accept.flag_mask))
+
+
+def _kernel(flags: int) -> int:
+    """Flags of a frame as bits of an identifier in linux/can.h."""
+    extended, remote = flags & Flags.EXTENDED, flags & Flags.REMOTE
+    return (EXTENDED if extended else 0) | (REMOTE if remote else 0)
 
 
 def _grow(sock: socket.socket, size: int) -> None:

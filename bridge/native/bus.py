@@ -12,11 +12,15 @@ from typing import Self, final
 import numpy as np
 
 from bridge.journal import Journal, JournalStruct
-from bridge.native.frame import Frame, Ring, RingStruct
+from bridge.native.frame import Flags, Frame, Ring, RingStruct
 from bridge.native.library import library
 from cosim.errors import CosimError
 
 SLOTS, SLOT_NS = 16, 100_000_000
+ALL_BITS = 0xFFFFFFFF
+#: Flags by which an emergency stop is told from other frames, and (FORMAT) any other message.
+KIND = Flags.REMOTE | Flags.EXTENDED | Flags.ERROR
+FORMAT = KIND | Flags.FD
 
 
 class Kind(IntEnum):
@@ -39,14 +43,27 @@ class State(IntEnum):
 
 @final
 class Accept(c.Structure):
-    """Frames of one format with (id & mask) equal to this one's (`accept_t`)."""
+    """Frames with this identifier and these flags under the two masks (`accept_t`).
+
+    Without flags: data frames, classic or CAN FD, with 11-bit identifiers.
+    """
 
     _fields_ = (
         ("id", c.c_uint32),
         ("mask", c.c_uint32),
-        ("extended", c.c_uint32),
-        ("reserved", c.c_uint32),
+        ("flags", c.c_uint32),
+        ("flag_mask", c.c_uint32),
     )
+
+    def __init__(
+        self, identifier: int, mask: int = ALL_BITS, flags: int = 0, flag_mask: int = KIND
+    ) -> None:
+        super().__init__(identifier, mask, int(flags), int(flag_mask))
+
+    def takes(self, frame: Frame) -> bool:
+        """Whether it is one of these frames."""
+        same = not (frame.id ^ self.id) & self.mask
+        return same and not (frame.flags ^ self.flags) & self.flag_mask
 
 
 @final
@@ -119,6 +136,7 @@ class BusStruct(c.Structure):
         ("rx_errors", c.c_int32),
         ("accepts", c.POINTER(Accept)),
         ("n_accepts", c.c_int64),
+        ("foreign", c.c_int64),
         ("traffic", c.POINTER(Traffic)),
         ("offset_ns", c.c_int64),
         ("empty_ns", c.c_int64),
@@ -154,7 +172,10 @@ class Bus:
             self.struct.log = c.pointer(log.struct)
 
     @classmethod
-    def of_socket(cls, descriptor: int, number: int = 0, log: Journal | None = None) -> Self:
+    def of_socket(
+        cls, descriptor: int, number: int = 0, log: Journal | None = None, *,
+        accepts: Sequence[Accept] | None = None,
+    ) -> Self:  # fmt: skip
         """A raw AF_CAN socket (`bridge.can.socket.open_socket`), which stays the caller's.
 
         Raises CosimError where the kernel gives no arrival stamps.
@@ -164,6 +185,7 @@ class Bus:
             raise CosimError(f"socket {descriptor}: no arrival stamps (errno {error})")
         bus = cls(Kind.SOCKET, number, log)
         bus.struct.fd = descriptor
+        bus.accept(accepts)
         return bus
 
     @classmethod
@@ -173,17 +195,21 @@ class Bus:
     ) -> Self:  # fmt: skip
         """Rings to and from other threads, or (MEMORY) other nodes of this process.
 
-        `wake`: a descriptor written to after each frame sent; -1: none. `accepts`: which frames
-        are received; None: all.
+        `wake`: a descriptor written to after each frame sent; -1: none. `accepts`: see
+        :meth:`accept`.
         """
         bus = cls(kind, number, log)
         bus.rx, bus.tx = rx, tx
         bus.struct.fd = wake
         bus.struct.rx, bus.struct.tx = c.pointer(rx.struct), c.pointer(tx.struct)
-        if accepts is not None:
-            bus._accepts = (Accept * len(accepts))(*accepts)
-            bus.struct.accepts, bus.struct.n_accepts = bus._accepts, len(accepts)
+        bus.accept(accepts)
         return bus
+
+    def accept(self, accepts: Sequence[Accept] | None) -> None:
+        """Which frames are given from now on; None: all. Others are logged and counted only."""
+        if accepts is not None:
+            self._accepts = (Accept * len(accepts))(*accepts)
+            self.struct.accepts, self.struct.n_accepts = self._accepts, len(accepts)
 
     @property
     def state(self) -> State:

@@ -152,6 +152,18 @@ class Outlet(c.Structure):
     )
 
 
+class Services(c.Structure):
+    """``services_t``."""
+
+    _fields_ = (
+        ("heartbeat", c.POINTER(message.Message)),
+        ("sync", c.POINTER(message.Message)),
+        ("nmt", c.POINTER(message.Message)),
+        ("estop", c.POINTER(message.Message)),
+        ("peers", c.c_void_p),
+    )
+
+
 class Played(c.Structure):
     """``played_t``."""
 
@@ -194,10 +206,7 @@ class Node(c.Structure):
         ("n_outlets", c.c_int32),
         ("n_peers", c.c_int32),
         ("life", safety.Life),
-        ("heartbeat", c.POINTER(message.Message)),
-        ("sync", c.POINTER(message.Message)),
-        ("nmt", c.POINTER(message.Message)),
-        ("estop", c.POINTER(message.Message)),
+        ("services", c.POINTER(Services)),
         ("heartbeat_slots", c.c_int64),
         ("sync_slots", c.c_int64),
         ("boots", c.c_uint32),
@@ -233,7 +242,6 @@ class Node(c.Structure):
         ("unknown", c.c_int64),
         ("pending", c.POINTER(Frame)),
         ("has_pending", c.c_void_p),
-        ("peer_messages", c.c_void_p),
         ("played", c.POINTER(Played)),
         ("n_played", c.c_int64),
         ("gateway", c.c_int64),

@@ -19,7 +19,7 @@ from bridge.native.message import Header, encode
 from bridge.native.safety import Command, State
 from bridge.safety import explain
 from bridge.sending import forwarded_facts
-from bridge.system import Encoding
+from bridge.services import Encoding
 from bridge.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.names import Names

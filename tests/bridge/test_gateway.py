@@ -165,8 +165,8 @@ MASTER = ("messages", "xi_master")
         (put("nodes", "left_gateway", "step", value="0.5 ms"),
          "0.0005 s is no multiple of the base step 0.001 s", "nodes.left_gateway.step"),
         (put("nodes", "master_control", "requires", value=["slave"]),
-         "slave is on no bus of master_control, and heartbeats are not forwarded; expected one of "
-         "master, left_gateway", "nodes.master_control.requires"),
+         "slave sends heartbeats on no bus of master_control, and they are not forwarded; expected "
+         "one of master, left_gateway", "nodes.master_control.requires"),
         (second_gateway, "joins left and right, which are joined already (by left_gateway, "
          "right_gateway)", "nodes.third"),
         (put("nodes", "left_gateway", "guard", value={"tau_max": 1}),

@@ -18,7 +18,8 @@ def test_structs_are_as_large_here_as_in_c():
         assert sizes(number) == c.sizeof(kind), kind.__name__
     assert sizes(7) == c.sizeof(native.Played)
     assert sizes(8) == c.sizeof(native.Forward)
-    assert sizes(9) == sizes(-1) == 0
+    assert sizes(9) == c.sizeof(native.Services)
+    assert sizes(10) == sizes(-1) == 0
 
 
 def test_rows_begin_with_the_struct_of_c():

@@ -204,7 +204,7 @@ def test_what_is_wrong_with_an_interface_is_said(vcan: tuple[str, str]) -> None:
     with pytest.raises(BusError, match=r"lo: not a CAN interface; there are .*vcan0"):
         open_socket("lo")
     with pytest.raises(BusError, match="513 filters; the kernel takes 512"):
-        open_socket(vcan[0], accepts=[Accept(1, 1, 0)] * 513)
+        open_socket(vcan[0], accepts=[Accept(1, 1)] * 513)
     call("ip", "link", "set", vcan[0], "down")
     with pytest.raises(BusError, match=f"the interface is down: `ip link set {vcan[0]} up`"):
         open_socket(vcan[0])

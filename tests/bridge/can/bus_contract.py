@@ -209,18 +209,20 @@ class BusContract:
         assert moments == sorted(moments)
 
     def test_filters_take_identifier_mask_and_format(self, connect: Connect, tmp_path: Path):
-        accepts = [Accept(0x100, 0x7F0, 0), Accept(0x18FF0000, 0x1FFF0000, 1)]
+        """What is not taken is on record all the same, and counted."""
+        accepts = [Accept(0x100, 0x7F0), Accept(0x18FF0000, 0x1FFF0000, Flags.EXTENDED)]
         with Journal.create(tmp_path / "frames", frame_dtype(), 100) as log:
             ours, peer = connect(log, accepts)
             wanted = [Frame.of(0x100), Frame.of(0x10F), Frame.of(0x18FFABCD, b"", Flags.EXTENDED)]
             others = [
                 Frame.of(0x110), Frame.of(0x7FF), Frame.of(0x18FEABCD, b"", Flags.EXTENDED),
-                Frame.of(0x100, b"", Flags.EXTENDED),
+                Frame.of(0x100, b"", Flags.EXTENDED), Frame.of(0x100, b"", Flags.REMOTE),
             ]  # fmt: skip
             last = Frame.of(0x101, b"last")
             peer.send([*others, *wanted, *others, last])
             assert keys(collect(ours.bus, 4)) == keys([*wanted, last])
-            assert row_keys(Journal.open(log.path)) == keys([*wanted, last])
+            assert row_keys(Journal.open(log.path)) == keys([*others, *wanted, *others, last])
+            assert ours.bus.struct.foreign == 2 * len(others)
             peer.close()
             ours.close()
 

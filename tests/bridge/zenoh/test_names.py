@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.native.frame import Frame
-from bridge.native.message import Decoded, Header
+from bridge.native.message import Decoded, Header, Profile
 from bridge.system import load_system
 from bridge.zenoh import names
 from bridge.zenoh.attach import traffic_of
@@ -105,14 +104,12 @@ def test_numbers_are_the_same_at_both_ends_of_every_key():
     assert len({n for key in streams for n in found[key]}) == len(streams) == 6
 
 
-def test_a_node_on_can_too_has_the_heartbeat_of_its_dbc_file():
-    system = load_system(CONFIGS / "teleoperation.toml", "mixed")
-    on_net, on_can = system.services["net"], system.services["left"]
-    for number in (2, 4):
-        ours, theirs = on_net.heartbeats[number], on_can.heartbeats[number]
-        assert ours.message.id == theirs.message.id
-        frame = Frame.of(ours.message.id)
-        assert (frame.id, ours.message.length) == (theirs.message.id, theirs.message.length)
+@pytest.mark.parametrize("deployment", ["mixed", "gateway"])
+def test_on_a_network_services_are_protected_whatever_else_a_node_is_on(deployment: str):
+    found = load_system(CONFIGS / "teleoperation.toml", deployment).services
+    profiles = {name: e.message.e2e for name, e in found["net"].named().items()}
+    assert set(profiles.values()) == {Profile.P04}
+    assert profiles.keys() == found["left"].named().keys() - {"SYNC"}
 
 
 @pytest.mark.parametrize("prefix", ["a//b", "/a", "a/", "a*", "ä", "a b", "a?b"])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,27 @@ from cosim.errors import RunError
 from cosim.failures import starting
 from cosim.fmi import FmuComponent, moves
 from cosim.fmi.layout import Layout, bind, late
+from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
 from cosim.fmi.remote import RemoteInstance, RemoteStep
 from cosim.native import MEANS, SLOPES, Result
 from cosim.plan import Plan, Slot, Step
 
+#: Results by which an FMU ends the simulation: after its step, and before it.
+ENDS = (Result.TERMINATED, Result.ENDED)
 Vector = NDArray[np.float64]
 Views = dict[str, Vector]
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """An FMU that ended the simulation at `time` (s)."""
+
+    component: str
+    time: float
+
+    def __str__(self) -> str:
+        return f"ended by {self.component} at t = {self.time:.6g} s"
 
 
 class Binding:
@@ -57,10 +72,10 @@ class Binding:
             operations[i] = native.Operation(
                 o.code, o.index, o.period, o.first, o.source, o.target, o.count, o.gain, o.offset
             )
-        self._units = (native.Unit * len(plan.components))()
+        self.units = (native.Unit * len(plan.components))()
         for i, step in enumerate(plan.components):
             with starting(step.name):
-                self._units[i] = self._unit(i, step)
+                self.units[i] = self._unit(i, step)
         self.links = (native.Link * len(plan.links))(
             *(self._link(i) for i in range(len(plan.links)))
         )
@@ -70,7 +85,7 @@ class Binding:
         )
         state.gates = c.addressof(through)
         self._alive += [operations, through]
-        state.operations, state.units = c.addressof(operations), c.addressof(self._units)
+        state.operations, state.units = c.addressof(operations), c.addressof(self.units)
         state.links = c.addressof(self.links)
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
@@ -92,7 +107,7 @@ class Binding:
             )
             if step.component.remote is None:
                 return bind(step.component.instance, layout, self._alive)
-            function = self._remote_call_back(step, layout, step.component.remote)
+            function = self._remote_call_back(index, step, layout, step.component.remote)
         else:
             function = self._call_back(index, step)
         call = native.CALL(function)
@@ -110,7 +125,7 @@ class Binding:
         }
 
     def _remote_call_back(
-        self, step: Step, layout: Layout, remote: RemoteInstance
+        self, index: int, step: Step, layout: Layout, remote: RemoteInstance
     ) -> Callable[[int, float, float], int]:
         assert isinstance(step.component, FmuComponent)
         there = moves.isolated(step.component, layout)
@@ -120,14 +135,31 @@ class Binding:
         def call(_: int, t: float, h: float) -> int:
             try:
                 result, status, place = stepped(t, self.state.tick)
-                if result is not Result.OK:
+                if result in ENDS:
+                    self.units[index].reached = remote.reached()
+                elif result is Result.STEP and status == DISCARD:
+                    at = remote.terminated()
+                    if at is not None:
+                        result, self.units[index].reached = Result.ENDED, at
+                if result is not Result.OK and result not in ENDS:
                     raise RunError(step_refused(step, self.signals, result, status, place))
             except BaseException as error:
                 self.failure = error
-                return 1
-            return 0
+                return Result.STEP
+            return result
 
         return call
+
+    def ended(self, index: int, result: Result) -> End | None:
+        """How the FMU of component `index` ended the simulation, if `result` means that."""
+        at = None
+        if result in ENDS:
+            at = self.units[index].reached
+        elif result is Result.STEP and self.state.failed_status == DISCARD:
+            component = self.plan.components[index].component
+            assert isinstance(component, FmuComponent)
+            at = component.instance.terminated()
+        return None if at is None else End(self.plan.components[index].name, at)
 
     def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
         inputs, outputs, component = self._inputs[index], self._outputs[index], step.component
@@ -137,8 +169,8 @@ class Binding:
                 store(outputs, component.step(t, h, inputs))
             except BaseException as error:
                 self.failure = error
-                return 1
-            return 0
+                return Result.STEP
+            return Result.OK
 
         return call
 
@@ -157,7 +189,7 @@ class Binding:
     def late(self) -> dict[str, tuple[int, float]]:
         """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
         found = {}
-        for step, unit in zip(self.plan.components, self._units, strict=True):
+        for step, unit in zip(self.plan.components, self.units, strict=True):
             if isinstance(step.component, FmuComponent):
                 remote = step.component.remote
                 count, most = late(unit) if remote is None else remote.late()

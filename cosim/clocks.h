@@ -58,7 +58,7 @@ static int tick_clocks(const doing_t *d, double now)
         c->next = DBL_MAX;
         *d->status = ((set_clock_t3)x->set_clock)(d->unit->instance, &c->reference, 1,
                                                   x->active + i);
-        if (*d->status > 1) return RUN_EVENT;
+        if (failed_call(*d->status)) return RUN_EVENT;
     }
     return RUN_OK;
 }
@@ -71,7 +71,7 @@ static int ask_interval(const doing_t *d, ticker_t *c, double now)
 
     *d->status = ((get_interval_t3)d->unit->typed->get_interval)(
         d->unit->instance, &c->reference, 1, &interval, &qualifier);
-    if (*d->status > 1) return RUN_EVENT;
+    if (failed_call(*d->status)) return RUN_EVENT;
     if (c->kind == CLOCK_COUNTDOWN && qualifier != INTERVAL_CHANGED) return RUN_OK;
     if (qualifier == INTERVAL_NOT_YET_KNOWN || !(interval >= 0.0)) return RUN_INTERVAL;
     c->next = now + interval;
@@ -134,7 +134,7 @@ static int ask_clocks(const doing_t *d)
         _Bool *active = x->active + x->n_clocks + i;
         if (c->n_clocks && !any_active(x, c->clocks, c->n_clocks)) continue;
         *d->status = ((get_clock_t3)x->get_clock)(d->unit->instance, &c->reference, 1, active);
-        if (*d->status > 1) return RUN_EVENT;
+        if (failed_call(*d->status)) return RUN_EVENT;
         if (*active) d->signals[c->place] += 1.0;
     }
     return RUN_OK;

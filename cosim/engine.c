@@ -19,45 +19,50 @@ static int not_finite(const double *x, int64_t n)
     return carry >> 63 != 0;
 }
 
+/* Neither OK nor a warning: also what FMI knows no status for, like -1. */
+INLINE int failed_call(int status) { return (unsigned)status > 1u; }
+
 INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
 {
     if (u->n_inputs) {
         *status = ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
-        if (*status > 1) return RUN_SET;
+        if (failed_call(*status)) return RUN_SET;
     }
     *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
-    if (*status > 1) return RUN_STEP;
+    if (failed_call(*status)) return RUN_STEP;
     if (u->n_outputs) {
         *status = ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
-        if (*status > 1) return RUN_GET;
+        if (failed_call(*status)) return RUN_GET;
     }
     return RUN_OK;
 }
 
-INLINE int step_fmi3(const unit_t *u, double *s, double t, int *status)
+INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
 {
     _Bool event = 0, terminate = 0, early = 0;
     double reached = t;
     if (u->n_inputs) {
         *status = ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
                                    (size_t)u->input_count);
-        if (*status > 1) return RUN_SET;
+        if (failed_call(*status)) return RUN_SET;
     }
     *status = ((step3_t)u->step)(u->instance, t, u->h, 1, &event, &terminate, &early, &reached);
-    if (*status > 1) return RUN_STEP;
-    if (early) return RUN_EARLY_RETURN;
+    if (failed_call(*status)) return RUN_STEP;
+    if (early && !terminate) return RUN_EARLY_RETURN;
     if (u->n_outputs) {
         *status = ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,
                                    (size_t)u->output_count);
-        if (*status > 1) return RUN_GET;
+        if (failed_call(*status)) return RUN_GET;
     }
-    return terminate ? RUN_TERMINATED : RUN_OK;
+    if (!terminate) return RUN_OK;
+    u->reached = reached;
+    return RUN_TERMINATED;
 }
 
 #include "typed.h"
 
 /* One step of an FMU outside of a plan: for a process that has but one. */
-API int32_t engine_unit(const unit_t *u, double *s, double t, int64_t hit, int32_t *status,
+API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status,
                         int32_t *failed)
 {
     switch (u->kind) {
@@ -69,7 +74,7 @@ API int32_t engine_unit(const unit_t *u, double *s, double t, int64_t hit, int32
 
 static int step_unit(engine_t *e, int32_t index)
 {
-    const unit_t *u = e->units + index;
+    unit_t *u = e->units + index;
     double *s = e->signals;
     double t = (double)(e->tick - u->lag) * e->h;
     int status = 0, result = RUN_OK;
@@ -81,10 +86,11 @@ static int step_unit(engine_t *e, int32_t index)
     } else if (u->kind == UNIT_TYPED) {
         result = step_typed(u, s, t, (e->tick - u->lag) / u->period, &status, &e->failed_signal);
     } else {
-        status = ((call_t)u->step)(index, t, u->h);
-        if (status) result = RUN_STEP;
+        result = ((call_t)u->step)(index, t, u->h);
     }
-    if (result == RUN_OK && not_finite(s + u->output, u->output_count)) result = RUN_NOT_FINITE;
+    if ((result == RUN_OK || result == RUN_TERMINATED) &&
+        not_finite(s + u->output, u->output_count))
+        result = RUN_NOT_FINITE;
     if (result != RUN_OK) {
         e->failed_index = index;
         e->failed_status = status;
@@ -165,13 +171,14 @@ static void draw(const operation_t *op, double h, double *s)
     }
 }
 
-/* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. */
+/* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. A tick in
+ * which an FMU ends the simulation after its step (RUN_TERMINATED) is done to its end and counted. */
 API int32_t engine_run(engine_t *e, int64_t ticks)
 {
     double *s = e->signals;
     operation_t *const first = e->operations, *const last = first + e->n_operations;
     const int64_t end = e->tick + ticks;
-    int32_t result = RUN_OK;
+    int32_t result = RUN_OK, terminated = 0;
 
     for (; e->tick < end; e->tick++) {
         const int64_t tick = e->tick;
@@ -212,7 +219,14 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
                 }
                 break;
             }
-            if (result != RUN_OK) return result;
+            if (result == RUN_OK) continue;
+            if (result != RUN_TERMINATED) return result;
+            terminated = 1;
+            result = RUN_OK;
+        }
+        if (terminated) {
+            e->tick++;
+            return RUN_TERMINATED;
         }
     }
     return RUN_OK;

@@ -22,13 +22,14 @@
 #define INLINE static inline
 #endif
 
-#define ENGINE_ABI 8
+#define ENGINE_ABI 9
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
 enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
-       RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL };
+       RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
+       RUN_ENDED };             /* an FMU ended the simulation before its step */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 enum { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
@@ -42,7 +43,7 @@ typedef struct {
     double gain, offset;
 } operation_t;
 
-typedef int32_t (*call_t)(int32_t unit, double t, double h);
+typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
 typedef int (*set2_t)(void *, const uint32_t *, size_t, const double *);
 typedef int (*get2_t)(void *, const uint32_t *, size_t, double *);
 typedef int (*step2_t)(void *, double, double, int);
@@ -127,6 +128,7 @@ typedef struct {
     int64_t output, output_count;
     typed_t *typed;
     int64_t period;         /* ticks */
+    double reached;         /* s, where the FMU was when it ended the simulation */
 } unit_t;
 
 typedef struct {

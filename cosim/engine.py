@@ -7,7 +7,6 @@ between chunks: hand over the next rows of the link tables, and a buffer to reco
 from __future__ import annotations
 
 import ctypes as c
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import native
-from cosim.binding import Binding, Vector, Views, store
+from cosim.binding import Binding, End, Vector, Views
 from cosim.errors import RunError
-from cosim.failures import not_finite, sentence, starting
+from cosim.failures import not_finite, sentence
 from cosim.fmi import FmuComponent
+from cosim.fmi.library import FATAL, OK, WARNING
 from cosim.fmi.refusals import step_refused
+from cosim.initialization import initialize, part
 from cosim.interrupts import deferred
 from cosim.native import Result
-from cosim.plan import Link, Plan, Slot, Step, Wire
+from cosim.plan import Plan, Slot, Step
 
 
 class Engine:
@@ -42,14 +43,11 @@ class Engine:
     ) -> None:
         self.plan = plan
         self.signals: Vector = np.zeros(plan.n_signals)
+        self.ended: End | None = None
         self._keep_tables = keep_tables
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._streams = [link.table.stream() for link in plan.links]
-        self._fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
-        edges: list[Wire | Link] = [*plan.wires, *plan.links]
-        for edge in edges:
-            self._fed[edge.target.component].append(edge)
         self._played = [player.source.stream() for player in plan.players]
         self._rows: dict[str, NDArray[Any]] = {}
         self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates or {})
@@ -68,68 +66,36 @@ class Engine:
         return int(self._state.tick)
 
     def initialize(self) -> None:
-        """Start all components; initial outputs travel along wires until nothing changes."""
-        for step in self.plan.components:
-            self._start(step)
-        for _ in range(len(self.plan.components) + 1):
-            before = self.signals.tobytes()
-            for i, step in enumerate(self.plan.components):
-                self._gather_initial(step.name)
-                with starting(step.name):
-                    store(self._outputs[i], step.component.initial(self._inputs[i]))
-            if self.signals.tobytes() == before:
-                break
-        for i, step in enumerate(self.plan.components):
-            if isinstance(step.component, FmuComponent):
-                with starting(step.name):
-                    for port, value in step.component.exit_initialization().items():
-                        self._outputs[i][port][...] = value
-        self._check_start()
+        """Start all components; initial outputs travel along wires until nothing changes.
+
+        The signals are then those of t = 0: what an FMU gives after Initialization Mode, and after
+        the events at the start. Raises ScenarioError.
+        """
+        self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
         self._bound.bind()
-
-    def _start(self, step: Step) -> None:
-        parameters = {p.name: p for p in step.component.parameters}
-        values = {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
-        with starting(step.name):
-            step.component.initialize(values)
-        for slot, port in zip(step.inputs, step.component.inputs, strict=True):
-            value = step.start.get(port.name) or port.default or (0.0,) * port.size
-            self.signals[slot.start : slot.start + slot.size] = value
-
-    def _gather_initial(self, name: str) -> None:
-        for e in self._fed[name]:
-            if isinstance(e, Link) and e.initial is not None:
-                value: Any = e.initial
-            else:
-                value = e.gain * _part(self.signals, e.source) + e.offset
-            _part(self.signals, e.target)[:] = value
-
-    def _check_start(self) -> None:
-        for step in self.plan.components:
-            for slot in step.outputs:
-                if not np.isfinite(_part(self.signals, slot)).all():
-                    value = _part(self.signals, slot).tolist()
-                    raise RunError(
-                        f"{slot.name} = {value} at the start", component=step.name, tick=0, time=0.0
-                    )
 
     # ---- running -----------------------------------------------------------------------------
 
     def run(self, ticks: int, record: Vector | None = None) -> int:
         """Run `ticks` ticks, recording one row a tick into `record` (rows, n_signals).
 
-        Returns the number of rows written. Raises RunError where a component fails or gives a
-        value that is not finite, KeyboardInterrupt after the tick in which Ctrl-C was pressed; rows
-        recorded until then are in `record`.
+        Returns the number of rows written. Where an FMU ends the simulation, it stops there, and
+        :attr:`ended` says so; nothing is run after that. Raises RunError where a component fails or
+        gives a value that is not finite, KeyboardInterrupt after the tick in which Ctrl-C was
+        pressed; rows recorded until then are in `record`.
         """
         state = self._state
+        if self.ended is not None:
+            ticks = 0
         state.row = 0  # before anything can interrupt: `rows` is then about this run
         self._next_tables(ticks)
         state.record = None if record is None else record.ctypes.data
         with deferred(self.stop):
             result = Result(self._library.engine_run(c.byref(state), ticks))
         if result not in (Result.OK, Result.STOPPED):
-            raise self._error(result)
+            self.ended = self.end(result)
+            if self.ended is None:
+                raise self._error(result)
         return int(state.row)
 
     @property
@@ -149,6 +115,10 @@ class Engine:
     def failure(self, result: int) -> BaseException:
         """What a result of ``engine_run`` other than OK and STOPPED means, as an error."""
         return self._error(Result(result))
+
+    def end(self, result: int) -> End | None:
+        """Which FMU ended the simulation, if that is what a result of ``engine_run`` means."""
+        return self._bound.ended(self._state.failed_index, Result(result))
 
     def stop(self) -> None:
         """Ask a running loop to stop after the current tick; callable from any thread."""
@@ -232,18 +202,21 @@ class Engine:
             (folder / f"{name}.fmu.log").write_text(text, encoding="utf-8")
 
     def close(self) -> None:
-        """Free the FMUs; may be called twice."""
-        for step in self.plan.components:
-            if isinstance(step.component, FmuComponent):
-                step.component.close()
+        """Free the FMUs; may be called twice.
 
-
-def _part(signals: Vector, slot: Slot) -> Vector:
-    return signals[slot.start : slot.start + slot.size]
+        After a fatal status the standard forbids every call to any instance of that FMU.
+        """
+        fmus = [s.component for s in self.plan.components if isinstance(s.component, FmuComponent)]
+        status, failed = self._state.failed_status, self._state.failed_index
+        if status not in (OK, WARNING):  # of a step, by an FMU
+            self.plan.components[failed].component.instance.returned(status)
+        fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}
+        for x in fmus:
+            x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
 
 
 def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:
-    views = {s.port: _part(signals, s).reshape(s.shape) for s in slots}
+    views = {s.port: part(signals, s).reshape(s.shape) for s in slots}
     for view in views.values():
         view.flags.writeable = writable
     return views

@@ -106,14 +106,15 @@ def estimate(make: Callable[[], Plan], samples: int = 40, tolerance: float = 1e-
         groups = _groups(behind.plan, left_out)
         done = 0
         for tick in _points(ahead.plan, groups, samples):
-            _go(ahead, tick)
-            _go(behind, tick)
+            if not (_go(ahead, tick) and _go(behind, tick)):
+                break
             changed = _changed(behind.plan, ahead.signals, behind.signals)
             if changed:
                 left_out[changed] = "does not go on as before from a state it saved"
                 groups = [_without(g, changed) for g in groups]
                 break
-            _try(ahead, behind, groups, tick)
+            if not _try(ahead, behind, groups, tick):
+                break
             done += 1
         found = [c for g in groups for c in _results(g, behind.plan.h, tolerance)]
     h = behind.plan.h
@@ -178,9 +179,11 @@ def _points(plan: Plan, groups: Sequence[Group], samples: int) -> Iterator[int]:
     yield from (common * i for i in sorted({i * n // samples for i in range(samples)}) if i < n)
 
 
-def _go(engine: Engine, tick: int) -> None:
+def _go(engine: Engine, tick: int) -> bool:
+    """Whether it gets there: an FMU may end the simulation before."""
     if tick > engine.tick:
         engine.run(tick - engine.tick)
+    return engine.ended is None
 
 
 def _changed(plan: Plan, expected: Vector, found: Vector) -> str:
@@ -192,16 +195,21 @@ def _changed(plan: Plan, expected: Vector, found: Vector) -> str:
     return ""
 
 
-def _try(ahead: Engine, behind: Engine, groups: Sequence[Group], tick: int) -> None:
-    """All groups at one point; `ahead` is some ticks further afterwards, `behind` as it was."""
+def _try(ahead: Engine, behind: Engine, groups: Sequence[Group], tick: int) -> bool:
+    """All groups at one point; `ahead` is some ticks further afterwards, `behind` as it was.
+
+    Returns whether `ahead` got there.
+    """
     for group in groups:
-        _go(ahead, tick + group.period)
+        if not _go(ahead, tick + group.period):
+            return False
         after = ahead.signals
         tried = [again(behind, group, after, tick, parts) for parts in PARTS]
         group.ticks.append(tick)
         group.values.append(
             tuple(outputs(signals, step) for step in group.steps for signals in (after, *tried))
         )
+    return True
 
 
 # ---- what it comes to -------------------------------------------------------------------------

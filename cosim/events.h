@@ -8,7 +8,7 @@ enum { CALLS_AT_MOST = 100000 }; /* without getting anywhere, within one step */
 
 /* A step being done: what everything in it needs. */
 typedef struct {
-    const unit_t *unit;
+    unit_t *unit;
     double *signals;
     int *status;
     int32_t *failed;
@@ -32,20 +32,23 @@ static int leave_event_mode(const doing_t *d, double now)
         again = 0;
         *d->status = ((update_t)x->update)(instance, &again, &terminate, &nominals, &values,
                                            &defined, &next);
-        if (*d->status > 1) return RUN_EVENT;
+        if (failed_call(*d->status)) return RUN_EVENT;
         if (x->get_interval && !terminate) result = ask_intervals(d, now, &again);
         if (result != RUN_OK) return result;
     }
     x->next_event = defined ? next : DBL_MAX;
-    if (terminate) return RUN_TERMINATED;
+    if (terminate) {
+        d->unit->reached = now;
+        return RUN_TERMINATED;
+    }
     *d->status = ((mode_t3)x->enter_step)(instance);
-    return *d->status > 1 ? RUN_EVENT : RUN_OK;
+    return failed_call(*d->status) ? RUN_EVENT : RUN_OK;
 }
 
 static int enter_event_mode(const doing_t *d)
 {
     *d->status = ((mode_t3)d->unit->typed->enter_event)(d->unit->instance);
-    return *d->status > 1 ? RUN_EVENT : RUN_OK;
+    return failed_call(*d->status) ? RUN_EVENT : RUN_OK;
 }
 
 static int changed(const access_t *a, int64_t n, const double *s)
@@ -71,7 +74,8 @@ static int input_event(const doing_t *d, int64_t hit, double t)
     if (result == RUN_OK && needed)
         result = set_typed(x->discrete, x->n_discrete, d->unit->instance, d->signals, d->status,
                            d->failed);
-    return result == RUN_OK ? leave_event_mode(d, t) : result;
+    if (result == RUN_OK) result = leave_event_mode(d, t);
+    return result == RUN_TERMINATED ? RUN_ENDED : result;
 }
 
 /* One event within a step, or at its end: clocks that are due at the end tick with the next step. */
@@ -89,7 +93,7 @@ static int step_event(const doing_t *d, double now, int inside, int happened)
 /* doStep until t + h: the FMU may return early, and is stopped where an event or a tick is known. */
 static int advance(const doing_t *d, double t)
 {
-    const unit_t *u = d->unit;
+    unit_t *u = d->unit;
     typed_t *x = u->typed;
     const double end = t + u->h, slack = SLACK * u->h;
     double now = t;
@@ -102,8 +106,11 @@ static int advance(const doing_t *d, double t)
         if (cut) length = next - now;
         *d->status = ((step3_t)u->step)(u->instance, now, length, 1, &event, &terminate, &early,
                                         &reached);
-        if (*d->status > 1) return RUN_STEP;
-        if (terminate) return RUN_TERMINATED;
+        if (failed_call(*d->status)) return RUN_STEP;
+        if (terminate) {
+            u->reached = reached;
+            return RUN_TERMINATED;
+        }
         now = early ? reached : cut ? next : end;
         if (x->update) {
             const int result = step_event(d, now, now < end - slack, event);

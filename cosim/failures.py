@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import CosimError, ScenarioError
+from cosim.fmi.library import status_name
 from cosim.native import Result
 from cosim.plan import Slot
-
-_STATUS = {2: "discard", 3: "error", 4: "fatal"}
 
 
 def sentence(error: BaseException, name: str = "") -> str:
@@ -54,10 +53,8 @@ def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
 
 def refused(result: Result, status: int, lines: Sequence[str]) -> str:
     """What an FMU did instead of a step; `lines`: the last of its log."""
-    if result is Result.TERMINATED:
-        return "the FMU asked to terminate the simulation"
     if result is Result.EARLY_RETURN:
         return "the FMU returned early from its step, which is not supported"
     verb = {Result.SET: "setting inputs", Result.GET: "getting outputs"}.get(result, "doStep")
     said = "; ".join(lines) or "the FMU logged nothing"
-    return f"{verb} returned {_STATUS.get(status, 'a failure')} ({said})"
+    return f"{verb} returned {status_name(status)} ({said})"

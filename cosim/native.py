@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.errors import CosimError
 from cosim.fmu_log import Log
 
-ABI = 8
+ABI = 9
 
 
 class Code(IntEnum):
@@ -63,6 +63,7 @@ class Result(IntEnum):
     STUCK = 11
     GATE = 12
     INTERVAL = 13
+    ENDED = 14
 
 
 class ClockKind(IntEnum):
@@ -204,6 +205,7 @@ class Unit(c.Structure):
         ("output_count", c.c_int64),
         ("typed", c.c_void_p),
         ("period", c.c_int64),
+        ("reached", c.c_double),
     )
 
 

@@ -6,7 +6,7 @@ import platform
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import cosim
 from cosim.assemble import assemble
+from cosim.binding import End
 from cosim.clock import stopwatch
 from cosim.engine import Engine
 from cosim.errors import Interrupted, RunError, ScenarioError
@@ -46,6 +47,7 @@ class Outcome:
     wall: float
     ages: Mapping[str, LinkStatistics]
     late: Mapping[str, tuple[int, float]]  # clocks of FMUs: how often, and by how much (s)
+    ended: End | None = None  # by an FMU, before its time
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
@@ -123,10 +125,16 @@ def simulate(
         recorder.close()
         wall = watch()
         late = engine.late()
-        found = metadata(scenario, plan, wall=wall) | {"texts": engine.texts(), "late_clocks": late}
+        found = metadata(scenario, plan, wall=wall) | {
+            "texts": engine.texts(),
+            "late_clocks": late,
+            "ended": None if engine.ended is None else asdict(engine.ended),
+        }
         write_metadata(folder, found)
     statistics = {name: counted.result() for name, counted in counts.items()}
-    return Outcome(folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late)
+    return Outcome(
+        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended
+    )
 
 
 class _Counted:
@@ -161,7 +169,7 @@ def _loop(
     rows: int,
     progress: Callable[[int, int], None],
 ) -> None:
-    while engine.tick < plan.ticks:
+    while True:
         first = engine.tick
         ticks = min(rows - 1, plan.ticks - first)
         buffer = recorder.buffer()
@@ -171,13 +179,16 @@ def _loop(
             failed = False
         finally:
             n = engine.rows
-            if engine.tick == plan.ticks or failed:  # the last row: everything as it stands
+            done = engine.tick == plan.ticks or engine.ended is not None
+            if failed or (done and n == engine.tick - first):  # the last row, as everything stands
                 buffer[n] = engine.signals
                 n += 1
             recorder.submit(buffer, first, n)
-        if engine.tick < first + ticks:
+        if engine.tick < first + ticks and not done:
             raise Interrupted(engine.tick * plan.h, str(recorder.path.parent))
         progress(engine.tick, plan.ticks)
+        if done:
+            return
 
 
 def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: Path) -> None:

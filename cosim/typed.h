@@ -99,7 +99,7 @@ static int set_typed(const access_t *a, int64_t n, void *instance, const double 
         const int result = convert_in(a + i, s, failed);
         if (result != RUN_OK) return result;
         *status = call_access(a + i, instance);
-        if (*status > 1) return RUN_SET;
+        if (failed_call(*status)) return RUN_SET;
     }
     return RUN_OK;
 }
@@ -110,7 +110,7 @@ static int get_typed(const access_t *a, int64_t n, void *instance, double *s, in
     for (int64_t i = 0; i < n; i++) {
         int result;
         *status = call_access(a + i, instance);
-        if (*status > 1) return RUN_GET;
+        if (failed_call(*status)) return RUN_GET;
         result = convert_out(a + i, s, failed);
         if (result != RUN_OK) return result;
     }
@@ -127,7 +127,7 @@ static int set_slopes(const typed_t *x, void *instance, const double *s, int *st
     for (int64_t i = 0; i < a->count; i++) ((double *)a->buffer)[i] = s[a->places[i]];
     *status = ((slopes2_t)a->call)(instance, a->references, (size_t)a->n_references, x->orders,
                                    a->buffer);
-    return *status > 1 ? RUN_SET : RUN_OK;
+    return failed_call(*status) ? RUN_SET : RUN_OK;
 }
 
 static int step_typed2(const unit_t *u, const double *s, double t, int *status)
@@ -136,13 +136,13 @@ static int step_typed2(const unit_t *u, const double *s, double t, int *status)
 
     if (result != RUN_OK) return result;
     *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
-    return *status > 1 ? RUN_STEP : RUN_OK;
+    return failed_call(*status) ? RUN_STEP : RUN_OK;
 }
 
 #if defined(__GNUC__)
 __attribute__((noinline)) /* the common steps stay as they are without it */
 #endif
-static int step_typed(const unit_t *u, double *s, double t, int64_t hit, int *status,
+static int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status,
                       int32_t *failed)
 {
     const typed_t *x = u->typed;

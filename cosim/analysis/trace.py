@@ -73,6 +73,7 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> Trace:
             except RunError as error:
                 stopped, n = str(error), engine.rows
             parts.append(buffer[:n:every, at])
+            stopped = stopped or str(engine.ended or "")
         if not stopped and plan.ticks % every == 0:
             parts.append(engine.signals[None, at].copy())
     x = np.concatenate(parts)

@@ -102,6 +102,8 @@ def run(
         raise typer.Exit(130) from None
     for line in late_ticks(outcome) if not quiet else ():
         typer.echo(line, err=True)
+    if outcome.ended is not None:
+        say(f"{outcome.ended}, of {plan.ticks * plan.h:g} s")
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +14,11 @@ from cosim.errors import FmuError, UnitError
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import of_content
-from cosim.fmi.library import Instance, Setup, instantiate
+from cosim.fmi.library import OK, Instance, Setup, instantiate
 from cosim.fmi.options import Options
 from cosim.fmi.ports import Group, groups
 from cosim.fmi.remote import RemoteInstance
+from cosim.fmi.start import Given, Start
 from cosim.fmi.values import (
     check_range,
     has_text,
@@ -58,10 +59,8 @@ class FmuComponent:
         self.archive = archives.unpack(path)
         folder = self.archive.folder
         self.description = of_content(folder, path)
-        sizes = {
-            **sizes_among(self.description.variables, self.options.given),
-            **self.options.sizes,
-        }
+        given = self.options.given
+        sizes = {**sizes_among(self.description.variables, given), **self.options.sizes}
         if sizes:
             self.description = of_content(folder, path, tuple(sizes.items()))
         self.name = name
@@ -70,15 +69,15 @@ class FmuComponent:
         self.inputs = tuple(port(g) for g in self.carried("input"))
         self.outputs = tuple(port(g) for g in self.carried("output"))
         self.parameters = tuple(parameter(g) for g in self.groups.values() if settable(g))
-        texts = {k: v for k, v in self.options.given.items() if has_text(self.groups, k)}
+        texts = {k: v for k, v in given.items() if has_text(self.groups, k)}
         self._texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
-        self._sizes = [(self.groups[k].first.reference, n) for k, n in sizes.items()]
+        self._sizes = sizes
         #: Names of `options.given` that are no values of signals or parameters.
         self.taken = frozenset({*sizes, *texts})
         #: Interval and shift (s) of clocks that were set or asked for, by value reference.
         self.intervals: clocks.Intervals = {}
         self._instance: Instance | None = None
-        self._initializing = False
+        self._start: Start | None = None  # while in Initialization Mode
         self._private: str | None = None
         self._last_text = ""
 
@@ -102,6 +101,11 @@ class FmuComponent:
         """The live instance where it is in another process, else None."""
         return self._instance if isinstance(self._instance, RemoteInstance) else None
 
+    @property
+    def broken(self) -> int:
+        """ERROR or FATAL where a live instance returned it (:mod:`cosim.fmi.library`), else OK."""
+        return OK if self._instance is None else self._instance.broken
+
     def references(self, causality: str) -> tuple[int, ...]:
         """Value references of all carried inputs or outputs, in port order."""
         return tuple(r for g in self.carried(causality) for r in g.references)
@@ -115,10 +119,7 @@ class FmuComponent:
             return name if defined is None else defined
 
     def number(self, name: str, value: Any) -> Any:
-        """A value a scenario gives, with the names of an enumeration's items as their numbers.
-
-        Raises FmuError for an item there is not.
-        """
+        """A value of a scenario, items of enumerations as numbers. FmuError: no such item."""
         group = self.groups.get(name)
         return item_numbers(group, value) if group and group.first.type == "Enumeration" else value
 
@@ -154,27 +155,20 @@ class FmuComponent:
         """Instantiate and enter Initialization Mode with `values` set; raises FmuError."""
         self.close()
         self._instance = self._instantiate()
-        if self._sizes:
-            references, extents = zip(*self._sizes, strict=True)
-            self._instance.configure(references, extents)
-        before = {k: v for k, v in values.items() if self.groups[k].first.causality != "input"}
-        for name, value in before.items():
-            self._set(self.groups[name], value)
-        for group, texts in self._texts:
-            if group.first.causality != "input":
-                self._instance.set_texts(group.first.type, group.references, texts)
-        self._instance.enter_initialization(0.0)
-        self._initializing = True
+        numbers = {k: v for k, v in values.items() if self.groups[k].first.type != "Clock"}
+        given = [Given(self.groups[k], self._checked(k, v)) for k, v in numbers.items()]
+        given += [Given(group, texts) for group, texts in self._texts]
+        given += [Given(self.groups[k], (n,)) for k, n in self._sizes.items()]
+        self._start = Start(self._instance, self.name, given)
+        self._start.enter()
         self.intervals = clocks.set_intervals(self, values)
-        for group, texts in self._texts:
-            if group.first.causality == "input":
-                self._instance.set_texts(group.first.type, group.references, texts)
 
     def _instantiate(self) -> Instance:
         d, options = self.description, self.options
         binary = archives.binary(self.archive, d.fmi, d.identifier, options.build)
         if d.flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
-            binary = self._private_copy(binary)
+            self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
+            binary = Path(shutil.copy2(binary, self._private))
         setup = Setup(
             fmi=d.fmi, path=binary, name=self.name, token=d.token,
             resources=self.archive.folder / "resources", logging=options.log,
@@ -187,44 +181,49 @@ class FmuComponent:
             return RemoteInstance(setup, options, scalars, room)
         return instantiate(setup, fmu_log.log(room=room))
 
-    def _private_copy(self, binary: Path) -> Path:
-        self._private = tempfile.mkdtemp(prefix="cosim-")
-        return Path(shutil.copy2(binary, self._private))
-
-    def _set(self, group: Group, value: Any) -> None:
+    def _checked(self, name: str, value: Any) -> list[float]:
         flat = [float(v) for v in value.reshape(-1)]
-        check_range(group, flat)
-        self.instance.set(group.first.type, group.references, flat)
+        check_range(self.groups[name], flat)
+        return flat
+
+    def _set(self, name: str, value: Any) -> None:
+        group = self.groups[name]
+        self.instance.set(group.first.type, group.references, self._checked(name, value))
 
     def initial(self, u: Values) -> Outputs:
         """Outputs in Initialization Mode for inputs `u`."""
         for name, value in u.items():
             if self.groups[name].first.type != "Clock":
-                self._set(self.groups[name], value)
-        return self._outputs()
+                self._set(name, value)
+        return self._outputs(self.carried("output"))
 
-    def _outputs(self) -> dict[str, np.ndarray[Any, Any]]:
+    def _outputs(self, groups: Sequence[Group]) -> dict[str, np.ndarray[Any, Any]]:
         return {
             g.name: self._shaped(
                 g.name,
                 [0.0] * g.size if g.first.type == "Clock"
                 else self.instance.get(g.first.type, g.references, g.size),
             )
-            for g in self.carried("output")
+            for g in groups
         }  # fmt: skip
 
     def exit_initialization(self) -> dict[str, np.ndarray[Any, Any]]:
         """Leave Initialization Mode, once; the first step does it if nobody has.
 
-        Returns the outputs of clocks that tick right then.
+        Returns the outputs as they are then; of those that belong to clocks, what ticked right
+        then. Raises FmuError for parameters and start values that the FMU did not take.
         """
-        if not self._initializing:
+        if self._start is None:
             return {}
         asked = clocks.unstated(self.description) if self.events else []
         self.intervals = {**self.intervals, **(self.instance.intervals(asked) if asked else {})}
-        found = self.instance.exit_initialization(clocks.of(self))
-        self._initializing = False
-        return {name: self._shaped(name, values) for name, values in found.items()}
+        ticked, self._start = self._start.leave(clocks.of(self)), None
+        free = [
+            g for g in self.carried("output")
+            if g.first.type != "Clock" and not (self.events and g.first.clocks)
+        ]  # fmt: skip
+        shaped = {name: self._shaped(name, values) for name, values in ticked.items()}
+        return self._outputs(free) | shaped
 
     def _shaped(self, name: str, values: list[float]) -> np.ndarray[Any, Any]:
         import numpy as np
@@ -240,9 +239,9 @@ class FmuComponent:
             raise FmuError(f"{self.name}: has clocks, which tick in the engine only")
         self.exit_initialization()
         for name, value in u.items():
-            self._set(self.groups[name], value)
+            self._set(name, value)
         self.instance.do_step(t, h)
-        return self._outputs()
+        return self._outputs(self.carried("output"))
 
     def get_state(self) -> object:
         """An FMU state handle of this instance; raises FmuError where the FMU has none."""
@@ -279,10 +278,11 @@ class FmuComponent:
         """Whether `name` is a String or Binary variable: no signal."""
         return has_text(self.groups, name)
 
-    def close(self) -> None:
-        """Free the instance; may be called twice."""
+    def close(self, *, abandon: bool = False) -> None:
+        """Free the instance; may be called twice. `abandon`: without any call to the FMU."""
         if self._instance is not None:
-            self._instance.free()
+            if not abandon:
+                self._instance.free()
             self._last_text = self._instance.log.text()
             self._instance = None
         if self._private is not None:

@@ -15,6 +15,9 @@ TYPES: Mapping[str, Any] = {
 }  # fmt: skip
 
 
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # of fmi2StatusKind
+
+
 class _Callbacks2(c.Structure):
     _fields_ = (
         ("logger", c.c_void_p),
@@ -54,12 +57,24 @@ class Instance2:
         if not self.handle:
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {'; '.join(self.log.tail())}")
 
-    def enter_initialization(self, t0: float) -> None:
-        """Set up the experiment (§2.1.6 of FMI 2.0.5) and enter Initialization Mode."""
+    @property
+    def broken(self) -> int:
+        """ERROR or FATAL where one was returned; else OK."""
+        return self._calls.broken
+
+    def returned(self, status: int) -> None:
+        """Take note of a status that the engine got."""
+        self._calls.returned(status)
+
+    def setup(self, t0: float) -> None:
+        """Set up the experiment (§2.1.6 of FMI 2.0.5), without tolerance and stop time."""
         setup = self._calls.checked(
             "SetupExperiment", c.c_void_p, c.c_int, c.c_double, c.c_double, c.c_int, c.c_double
         )
         setup(self.handle, 0, 0.0, t0, 0, 0.0)
+
+    def enter_initialization(self, t0: float) -> None:
+        """Enter Initialization Mode."""
         self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
 
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
@@ -81,7 +96,28 @@ class Instance2:
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode; FMI 2.0 has no clocks."""
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
+        self._calls.started = True
         return {}
+
+    def has_ended(self) -> bool:
+        """FMI 2.0 has no events in co-simulation."""
+        return False
+
+    def terminated(self) -> float | None:
+        """``fmi2Terminated``, and ``fmi2LastSuccessfulTime`` (s) if it is so (FMI 2.0.5 §4.2.2)."""
+        types = (c.c_void_p, c.c_int)
+        ended, time = c.c_int(), c.c_double()
+        try:
+            self._calls.checked("GetBooleanStatus", *types, c.c_void_p)(
+                self.handle, _TERMINATED, c.byref(ended)
+            )
+            if ended.value:
+                self._calls.checked("GetRealStatus", *types, c.c_void_p)(
+                    self.handle, _LAST_SUCCESSFUL_TIME, c.byref(time)
+                )
+        except FmuError:  # it does not say, which is no wish to end
+            return None
+        return time.value if ended.value else None
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
         suffix = "Integer" if kind == "Enumeration" else kind
@@ -139,10 +175,9 @@ class Instance2:
         free(self.handle, c.byref(c.c_void_p(state)))
 
     def free(self) -> None:
-        """``fmi2Terminate`` (its status does not matter any more) and ``fmi2FreeInstance``."""
+        """``fmi2Terminate`` and ``fmi2FreeInstance``, as far as they may be called."""
         if self.handle:
-            self._calls.function("Terminate", c.c_void_p)(self.handle)
-            self._calls.function("FreeInstance", c.c_void_p, result=None)(self.handle)
+            self._calls.free(self.handle)
             self.handle = 0
 
     def hot(self) -> tuple[int, int, int]:

@@ -26,7 +26,7 @@ class Instance3:
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi3", log)
         self.log = calls.log
-        self._event_mode, self.next_event = setup.event_mode, NEVER
+        self._event_mode, self.next_event, self._ended = setup.event_mode, NEVER, False
         instantiate = calls.function(
             "InstantiateCoSimulation",
             *(c.c_char_p, c.c_char_p, c.c_char_p, c.c_bool, c.c_bool, c.c_bool, c.c_bool),
@@ -42,6 +42,18 @@ class Instance3:
         if not self.handle:
             lines = "; ".join(self.log.tail())
             raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
+
+    @property
+    def broken(self) -> int:
+        """ERROR or FATAL where one was returned; else OK."""
+        return self._calls.broken
+
+    def returned(self, status: int) -> None:
+        """Take note of a status that the engine got."""
+        self._calls.returned(status)
+
+    def setup(self, t0: float) -> None:
+        """FMI 3.0 sets up an experiment when it enters Initialization Mode."""
 
     def enter_initialization(self, t0: float) -> None:
         """Enter Initialization Mode (§2.3.2 of FMI 3.0.2)."""
@@ -65,12 +77,21 @@ class Instance3:
         self._ticking = ticking = Ticking(self._calls, self.handle, asked)
         ticking.ask((*asked.changing, *asked.countdown))
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
+        self._calls.started = True
         if self._event_mode:
             self._leave_event_mode(
                 lambda: ticking.instant(self.get, self.get_texts),
                 lambda: ticking.ask(asked.countdown),
             )
         return ticking.values
+
+    def has_ended(self) -> bool:
+        """Whether it ended the simulation in Event Mode."""
+        return self._ended
+
+    def terminated(self) -> float | None:
+        """FMI 3.0 says so with the step itself."""
+        return None
 
     @property
     def next_ticks(self) -> Mapping[int, float]:
@@ -98,7 +119,8 @@ class Instance3:
             instant()
             update(self.handle, *flags, c.byref(time))
             if stop.value:
-                raise FmuError(f"{self._calls.name}: asked to terminate the simulation in an event")
+                self._ended = True
+                return
             after()
             if not again.value:
                 break
@@ -183,10 +205,11 @@ class Instance3:
         flags = [c.c_bool() for _ in range(3)]
         reached = c.c_double()
         step(self.handle, t, h, False, *(c.byref(f) for f in flags), c.byref(reached))
-        event, _, early = (flag.value for flag in flags)
-        if early:
+        event, ended, early = (flag.value for flag in flags)
+        self._ended = ended
+        if early and not ended:
             raise FmuError(f"{self._calls.name}: returned early; only the engine can go on")
-        if event and self._event_mode:
+        if event and self._event_mode and not ended:
             self._calls.checked("EnterEventMode", c.c_void_p)(self.handle)
             self._leave_event_mode()
 
@@ -206,10 +229,9 @@ class Instance3:
         free(self.handle, c.byref(c.c_void_p(state)))
 
     def free(self) -> None:
-        """``fmi3Terminate`` (its status does not matter any more) and ``fmi3FreeInstance``."""
+        """``fmi3Terminate`` and ``fmi3FreeInstance``, as far as they may be called."""
         if self.handle:
-            self._calls.function("Terminate", c.c_void_p)(self.handle)
-            self._calls.function("FreeInstance", c.c_void_p, result=None)(self.handle)
+            self._calls.free(self.handle)
             self.handle = 0
 
     def hot(self) -> tuple[int, int, int]:

@@ -20,7 +20,13 @@ from cosim.fmi.elf import missing_bytes
 
 #: A time event that never comes (s).
 NEVER = float("inf")
-_STATUS = {0: "OK", 1: "warning", 2: "discard", 3: "error", 4: "fatal", 5: "pending"}
+OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
+_STATUS = {2: "discard", 3: "error", 4: "fatal", 5: "pending"}
+
+
+def status_name(status: int) -> str:
+    """A status in words; one that FMI does not define counts as an error."""
+    return _STATUS.get(status, f"the unknown status {status}")
 
 
 class Instance(Protocol):
@@ -31,11 +37,21 @@ class Instance(Protocol):
     next_event: float
 
     @property
+    def broken(self) -> int:
+        """ERROR or FATAL where one was returned: what may still be called; else OK."""
+
+    def returned(self, status: int) -> None:
+        """Take note of a status that the engine got."""
+
+    @property
     def next_ticks(self) -> Mapping[int, float]:
         """When clocks tick next that the FMU is asked for (s), by value reference."""
 
+    def setup(self, t0: float) -> None:
+        """Set up the experiment from `t0` (s), without a stop time (FMI 2.0)."""
+
     def enter_initialization(self, t0: float) -> None:
-        """Set up the experiment from `t0` (s), without a stop time, and enter initialisation."""
+        """Enter Initialization Mode at `t0` (s)."""
 
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
         """Interval and shift (s) of periodic clocks, in Initialization Mode."""
@@ -45,6 +61,12 @@ class Instance(Protocol):
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode for Step Mode; values of clocks that ticked then, by name."""
+
+    def has_ended(self) -> bool:
+        """Whether it ended the simulation in the events of its start."""
+
+    def terminated(self) -> float | None:
+        """After a step that was discarded: the time (s) it came to if it ends the simulation."""
 
     def clocked_texts(self) -> dict[str, list[str]]:
         """Texts of clocks as they were when these last ticked, by name."""
@@ -149,6 +171,10 @@ class Calls:
         except OSError as error:
             raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
         self.prefix, self.name, self.log = prefix, setup.name, log
+        #: OK, ERROR or FATAL: the worst that was returned.
+        self.broken = OK
+        #: Whether initialization is over: only then may an instance be terminated.
+        self.started = False
 
     def function(self, suffix: str, *types: Any, result: Any = c.c_int) -> Any:
         """A function by its name without the prefix. Raises FmuError where it is missing."""
@@ -160,17 +186,39 @@ class Calls:
         return function
 
     def checked(self, suffix: str, *types: Any) -> Callable[..., None]:
-        """The same, raising FmuError for every status but OK and warning."""
-        function = self.function(suffix, *types)
+        """The same, raising FmuError for every status but OK and warning.
+
+        After an error or a fatal one nothing is called any more, and FmuError says so.
+        """
+        function, name = self.function(suffix, *types), f"{self.prefix}{suffix}"
 
         def call(*arguments: Any) -> None:
+            if self.broken:
+                raise FmuError(f"{self.name}: {name} must not be called after an error of the FMU")
             status = function(*arguments)
-            if status > 1:
+            self.returned(status)
+            if status not in (OK, WARNING):
                 lines = "; ".join(self.log.tail()) or "the FMU logged nothing"
-                meaning = _STATUS.get(status, str(status))
-                raise FmuError(f"{self.name}: {self.prefix}{suffix} returned {meaning}: {lines}")
+                raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {lines}")
 
         return call
+
+    def returned(self, status: int) -> None:
+        """Take note of a status: it decides what may be called (FMI 2.0.5 §2.1.3, 3.0.2 §2.2.3).
+
+        A pending step could only be asked about, so nothing is called after it either.
+        """
+        if status not in (OK, WARNING, DISCARD):
+            pending = status == PENDING and self.prefix == "fmi2"
+            worst = FATAL if status == FATAL or pending else ERROR
+            self.broken = max(self.broken, worst)
+
+    def free(self, handle: int) -> None:
+        """Terminate unless there was an error, free unless one was fatal."""
+        if self.started and not self.broken:
+            self.returned(self.function("Terminate", c.c_void_p)(handle))
+        if self.broken < FATAL:
+            self.function("FreeInstance", c.c_void_p, result=None)(handle)
 
 
 def uint32(values: Sequence[int]) -> Any:

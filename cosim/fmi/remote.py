@@ -22,7 +22,7 @@ from cosim import fmu_log, native
 from cosim.errors import FmuError
 from cosim.fmi.layout import Layout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
-from cosim.fmi.options import Options
+from cosim.fmi.options import PATIENCE, Options
 from cosim.fmi.worker import ANSWER, STEP
 
 if TYPE_CHECKING:
@@ -47,14 +47,14 @@ class RemoteInstance:
     ends or a call takes longer than `options.timeout` (s).
     """
 
-    handle = 0
+    handle = broken = 0
     next_event = NEVER  # known where the FMU is
     next_ticks: Mapping[int, float] = {}
 
     def __init__(self, setup: Setup, options: Options, scalars: int, room: int) -> None:
         if os.name != "posix":
             raise FmuError(f"{setup.name}: isolate needs Linux or macOS")
-        self._name, self._timeout, self._scalars = setup.name, options.timeout, scalars
+        self._name, self._scalars = setup.name, scalars
         self._offset = -(-(c.sizeof(fmu_log.Log) + room) // 64) * 64
         size = self._offset + 8 * max(1, scalars)
         from multiprocessing.connection import Connection  # of no use to others, and slow to load
@@ -70,6 +70,9 @@ class RemoteInstance:
         self._process.stdout.close()
         self.log = fmu_log.log(self._memory, room)
         self.stopping: Callable[[], bool] = lambda: False
+        self._timeout = max(PATIENCE, options.timeout)  # until Python runs there: no FMU's fault
+        self._call("ready")
+        self._timeout = options.timeout
         self._call("start", setup, room, options.memory)
 
     def signals(self) -> NDArray[np.float64]:
@@ -117,6 +120,13 @@ class RemoteInstance:
 
     # ---- the members of an instance ----------------------------------------------------------
 
+    def returned(self, status: int) -> None:
+        """It is known where the FMU is."""
+
+    def setup(self, t0: float) -> None:
+        """Set up the experiment."""
+        self._call("setup", t0)
+
     def enter_initialization(self, t0: float) -> None:
         """Enter Initialization Mode."""
         self._call("enter_initialization", t0)
@@ -134,6 +144,21 @@ class RemoteInstance:
         """Leave Initialization Mode; values of clocks that ticked then."""
         found: dict[str, list[float]] = self._call("exit_initialization", clocks)
         return found
+
+    def has_ended(self) -> bool:
+        """Whether it ended the simulation in the events of its start."""
+        ended: bool = self._call("has_ended")
+        return ended
+
+    def terminated(self) -> float | None:
+        """After a step that was discarded: the time (s) it came to if it ends the simulation."""
+        time: float | None = self._call("terminated")
+        return time
+
+    def reached(self) -> float:
+        """The time (s) at which a step there ended the simulation."""
+        time: float = self._call("reached")
+        return time
 
     def clocked_texts(self) -> dict[str, list[str]]:
         """Texts of clocks as they were when these last ticked."""

@@ -34,6 +34,9 @@ class Worker:
         self._status, self._failed = c.c_int32(), c.c_int32()
         self._step = native.library().engine_unit
 
+    def ready(self) -> None:
+        """The process runs."""
+
     def start(self, setup: Setup, room: int, limit: int) -> None:
         """Instantiate; `room`: bytes of the log, `limit`: MB of memory more than now, 0 for any."""
         if limit:
@@ -54,11 +57,17 @@ class Worker:
         result = self._step(
             c.byref(self._unit), self._signals, t, hit, c.byref(self._status), c.byref(self._failed)
         )
+        assert self._instance is not None
+        self._instance.returned(self._status.value)
         return result, self._status.value, self._failed.value
+
+    def reached(self) -> float:
+        """The time (s) at which a step ended the simulation."""
+        return float(self._unit.reached)
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
         """One member of this, or of the instance."""
-        if name in ("start", "bind", "late"):
+        if name in ("ready", "start", "bind", "late", "reached"):
             return getattr(self, name)(*arguments)
         return getattr(self._instance, name)(*arguments)
 

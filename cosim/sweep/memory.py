@@ -50,6 +50,7 @@ class Memory:
 def record(plan: Plan, columns: Sequence[Column], every: int = 1) -> Memory:
     """Run a plan from start to stop; every `every`-th tick of `columns`, and the last one.
 
+    Where an FMU ends the simulation, the last one is that.
     8 bytes a column and row. Raises CosimError as the engine does; KeyboardInterrupt if something
     stopped it.
     """
@@ -63,13 +64,18 @@ def record(plan: Plan, columns: Sequence[Column], every: int = 1) -> Memory:
     filled = 0
     with Engine(plan) as engine:
         engine.initialize()
-        while engine.tick < plan.ticks:
+        last = engine.signals
+        while engine.tick < plan.ticks and engine.ended is None:
             first, n = engine.tick, min(rows, plan.ticks - engine.tick)
-            engine.run(n, buffer)
-            if engine.tick < first + n:
+            done = engine.run(n, buffer)
+            if engine.tick < first + n and engine.ended is None:
                 raise KeyboardInterrupt
-            part = buffer[-first % every : n : every]
+            if done > engine.tick - first:  # it ended in a tick that is recorded already
+                last = buffer[done - 1]
+            part = buffer[-first % every : done : every]
             x[:, filled : filled + len(part)] = part[:, index].T
             filled += len(part)
-        x[:, -1] = engine.signals[index]
+        ticks = np.append(ticks[ticks < engine.tick], engine.tick)
+        x = x[:, : len(ticks)]
+        x[:, -1] = last[index]
     return Memory(columns, (ticks * plan.h).astype(np.float64), x)

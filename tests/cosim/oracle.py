@@ -74,6 +74,22 @@ def start(plan: Plan) -> np.ndarray:
         step.component.initialize({k: np.reshape(v, shapes[k]) for k, v in step.values.items()})
         for slot, port in zip(step.inputs, step.component.inputs, strict=True):
             signals[_range(slot)] = step.start.get(port.name) or port.default or 0.0
+    inside = {s.name for s in plan.components}  # whose outputs may still be computed
+    _travel(plan, signals, inside)
+    fmus = [s for s in plan.components if isinstance(s.component, FmuComponent)]
+    plants = [s for s in fmus if s.name not in plan.order]
+    sampled = [plan.component(n) for n in plan.order if plan.component(n) in fmus]
+    for step in (*plants, *sampled):
+        inside.remove(step.name)
+        found = step.component.exit_initialization()
+        for slot in step.outputs:
+            if slot.port in found:
+                signals[_range(slot)] = np.reshape(found[slot.port], -1)
+        _travel(plan, signals, inside)
+    return signals
+
+
+def _travel(plan: Plan, signals: np.ndarray, inside: set[str]) -> None:
     for _ in range(len(plan.components) + 1):
         for step in plan.components:
             for edge in (*plan.wires, *plan.links):
@@ -81,11 +97,8 @@ def start(plan: Plan) -> np.ndarray:
                     value = edge.gain * signals[_range(edge.source)] + edge.offset
                     given = getattr(edge, "initial", None)
                     signals[_range(edge.target)] = value if given is None else given
-            _store(signals, step, step.component.initial(_values(signals, step.inputs)))
-    for step in plan.components:
-        if isinstance(step.component, FmuComponent):
-            step.component.exit_initialization()
-    return signals
+            if step.name in inside:
+                _store(signals, step, step.component.initial(_values(signals, step.inputs)))
 
 
 def _range(slot: Slot) -> slice:

@@ -201,6 +201,45 @@ def sloped2(attributes: str = 'canInterpolateInputs="true"') -> str:
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
+def strict2() -> str:
+    """An FMU that writes down its calls and goes wrong as it is told: see ``strict2.c``."""
+
+    def scalar(name: str, reference: int, causality: str, typed: str, more: str = "") -> str:
+        return (
+            f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+            f"{more}>{typed}</ScalarVariable>"
+        )
+
+    fixed = 'variability="fixed"'
+    variables = (
+        scalar("u", 0, "input", '<Real start="0"/>'),
+        scalar("gain", 1, "parameter", '<Real start="2"/>', fixed),
+        scalar("when", 2, "parameter", '<Real start="1e9"/>', fixed),
+        scalar("x", 3, "local", '<Real start="1"/>', 'initial="exact"'),
+        scalar("y", 4, "output", "<Real/>"),
+        scalar("how", 10, "parameter", '<Integer start="0"/>', fixed),
+        scalar("status", 11, "parameter", '<Integer start="0"/>', fixed),
+    )
+    return f"""<fmiModelDescription fmiVersion="2.0" modelName="strict" guid="t">
+<CoSimulation modelIdentifier="strict2" canHandleVariableCommunicationStepSize="true"/>
+<ModelVariables>{"".join(variables)}</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
+def strict3(attributes: str = "") -> str:
+    """The same in FMI 3.0: see ``strict3.c``."""
+    fixed = 'causality="parameter" variability="fixed"'
+    return f"""<fmiModelDescription fmiVersion="3.0" modelName="strict" instantiationToken="t">
+<CoSimulation modelIdentifier="strict3" canHandleVariableCommunicationStepSize="true" {attributes}/>
+<ModelVariables><Float64 name="u" valueReference="0" causality="input" start="0"/>
+<Float64 name="gain" valueReference="1" {fixed} start="2"/>
+<Float64 name="when" valueReference="2" {fixed} start="1e9"/>
+<Float64 name="x" valueReference="3" causality="local" initial="exact" start="1"/>
+<Float64 name="y" valueReference="4" causality="output"/>
+<Int32 name="how" valueReference="10" {fixed} start="0"/>
+<Int32 name="status" valueReference="11" {fixed} start="0"/>
+</ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+
 @lru_cache
 def library(identifier: str) -> bytes:
     """The compiled C file."""

@@ -92,9 +92,10 @@ def by_fmpy(path: Path) -> dict[str, list[float]]:
     fmu.instantiate(eventModeUsed=True)
     fmu.enterInitializationMode()
     now = {name: fmu.getFloat64([r])[0] for name, r in OUTPUTS.items()}
-    now |= {"y_echo": float(fmu.getInt32([40])[0]), "time": fmu.getFloat64([30])[0]}
+    now |= {"y_echo": float(fmu.getInt32([40])[0])}
     fmu.exitInitializationMode()
     event(fmu, now, set(), {})
+    now["time"] = fmu.getFloat64([30])[0]
     found = {name: [value] for name, value in now.items()}
     for k in range(STEPS):
         u = {FAST: FED["u_fast"][k], SLOW: FED["u_slow"][k], BELL: FED["u_bell"][k]}

@@ -102,6 +102,7 @@ FMI int fmi3SetFloat64(fmu_t *x, const uint32_t *r, size_t n, const double *v, s
 FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t m)
 {
     (void)m;
-    for (size_t i = 0; i < n; i++) v[i] = (&x->sampled)[r[i] - SAMPLED];
+    for (size_t i = 0; i < n; i++)
+        v[i] = r[i] == HALF ? x->half : (&x->sampled)[r[i] - SAMPLED];
     return 0;
 }

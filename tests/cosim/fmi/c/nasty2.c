@@ -94,8 +94,7 @@ FMI int fmi2SetReal(fmu_t *x, const uint32_t *r, size_t n, const double *v)
 }
 FMI int fmi2GetReal(fmu_t *x, const uint32_t *r, size_t n, double *v)
 {
-    (void)r;
-    for (size_t i = 0; i < n; i++) v[i] = x->y;
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == 2 ? x->when : x->y;
     return 0;
 }
 FMI int fmi2SetInteger(fmu_t *x, const uint32_t *r, size_t n, const int *v)
@@ -106,7 +105,7 @@ FMI int fmi2SetInteger(fmu_t *x, const uint32_t *r, size_t n, const int *v)
 }
 FMI int fmi2GetInteger(fmu_t *x, const uint32_t *r, size_t n, int *v)
 {
-    for (size_t i = 0; i < n; i++) v[i] = x->given[r[i] == 15 ? 2 : 0];
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == 3 ? x->how : x->given[r[i] == 15 ? 2 : 0];
     return 0;
 }
 FMI int fmi2SetBoolean(fmu_t *x, const uint32_t *r, size_t n, const int *v)

@@ -104,7 +104,8 @@ FMI int fmi3GetInt64(fmu_t *x, const uint32_t *r, size_t n, int64_t *v, size_t m
 {
     (void)m; /* mode 3 ("too much") gives more than a double holds */
     for (size_t i = 0; i < n; i++)
-        if (r[i] == 210) v[i] = (int64_t)x->given[10];
+        if (r[i] == MODE) v[i] = x->mode;
+        else if (r[i] == 210) v[i] = (int64_t)x->given[10];
         else v[i] = x->mode == 3 ? x->exact_given + 9007199254740993 : x->exact_given;
     return 0;
 }
@@ -119,7 +120,7 @@ FMI int fmi3SetUInt64(fmu_t *x, const uint32_t *r, size_t n, const uint64_t *v, 
 FMI int fmi3GetUInt64(fmu_t *x, const uint32_t *r, size_t n, uint64_t *v, size_t m)
 {
     (void)m;
-    for (size_t i = 0; i < n; i++) v[i] = (uint64_t)x->given[r[i] - 200];
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == SIZE ? x->size : (uint64_t)x->given[r[i] - 200];
     return 0;
 }
 FMI int fmi3SetFloat64(fmu_t *x, const uint32_t *r, size_t n, const double *v, size_t m)
@@ -144,7 +145,7 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
             if (m < used + all) return refuse(x, "fmi3GetFloat64", r[i], m);
             memcpy(v + used, x->output, all * sizeof *v);
             used += all;
-        } else v[used++] = x->given[0];
+        } else v[used++] = r[i] == FACTOR ? x->factor : x->given[0];
     return used == m ? 0 : refuse(x, "fmi3GetFloat64", n ? *r : 0, m);
 }
 FMI int fmi3SetString(fmu_t *x, const uint32_t *r, size_t n, const char *const *v, size_t m)

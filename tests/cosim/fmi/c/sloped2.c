@@ -56,7 +56,7 @@ FMI int fmi2SetInteger(fmu_t *x, const uint32_t *r, size_t n, const int *v)
 }
 FMI int fmi2GetReal(fmu_t *x, const uint32_t *r, size_t n, double *v)
 {
-    for (size_t i = 0; i < n; i++) v[i] = x->y[r[i] - X];
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == MOST ? x->most : x->y[r[i] - X];
     return 0;
 }
 FMI int fmi2SetRealInputDerivatives(fmu_t *x, const uint32_t *r, size_t n, const int *order,

@@ -174,7 +174,8 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
     (void)m;
     for (size_t i = 0; i < n; i++) {
         if (!open(x, r[i])) return refuse(x, "got without a clock");
-        v[i] = x->initializing ? -1.0
+        v[i] = r[i] >= WAIT && r[i] <= LENIENT ? x->u[r[i] - U_PULSE]
+             : x->initializing ? -1.0
              : r[i] == Y_PULSE ? x->sum + x->u[0]
              : r[i] == Y_DONE ? x->taken : x->time;
     }

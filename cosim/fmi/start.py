@@ -1,0 +1,133 @@
+"""What an FMU starts from: set when the standard lets it be set, then read back.
+
+Parameters and start values are set after ``fmi2SetupExperiment`` and before Initialization Mode is
+entered (FMI 2.0.5 §2.1.6, 3.0.2 §2.3.2), where both "exact" and "approx" ones may be set. Some
+exporters set their parameters to the defaults in ``fmi2SetupExperiment``. Others may do so on
+entering Initialization Mode, where exact values may be set once more. What an FMU computes with
+in the end is read back, and compared to the bit.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from cosim.errors import FmuError
+from cosim.fmi.library import Clocks, Instance
+from cosim.fmi.ports import Group
+from cosim.fmi.variables import TEXTS
+
+Found = Sequence[float] | Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A variable and what was set: numbers, or texts (Binary: hexadecimal); all scalars."""
+
+    group: Group
+    values: Found
+
+    @property
+    def exact(self) -> bool:
+        """Whether the FMU has to start from this very value, and not from one near it."""
+        return self.is_parameter or self.group.first.initial == "exact"
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether it keeps its value after the start, too."""
+        return self.group.first.causality in ("parameter", "structuralParameter")
+
+    def set(self, x: Instance) -> None:
+        """Set it. Raises FmuError."""
+        first, references = self.group.first, self.group.references
+        if first.type in TEXTS:
+            x.set_texts(first.type, references, [str(v) for v in self.values])
+        else:
+            x.set(first.type, references, [float(v) for v in self.values])
+
+    def differs(self, x: Instance) -> Found | None:
+        """What the FMU has in its place; None: the same. Raises FmuError."""
+        first, references = self.group.first, self.group.references
+        found: Found
+        if first.type in TEXTS:
+            found = x.get_texts(first.type, references, self.group.size)
+        else:
+            found = x.get(first.type, references, self.group.size)
+        wanted = [_carried(first.type, v) for v in self.values]
+        return None if wanted == [_carried(first.type, v) for v in found] else found
+
+
+class Start:
+    """The start of an instance: from what is `given` to its first step. Raises FmuError."""
+
+    def __init__(self, x: Instance, name: str, given: Sequence[Given]) -> None:
+        by = defaultdict(list)
+        for one in given:
+            by[one.group.first.causality].append(one)
+        self._x, self._name = x, name
+        self._sizes, self._inputs = by.pop("structuralParameter", []), by.pop("input", [])
+        self._given = [one for some in by.values() for one in some]
+
+    def enter(self) -> None:
+        """Enter Initialization Mode with everything set; numeric inputs are left to others."""
+        x = self._x
+        if self._sizes:
+            references = [one.group.first.reference for one in self._sizes]
+            x.configure(references, [int(one.values[0]) for one in self._sizes])
+        x.setup(0.0)
+        for one in self._given:
+            one.set(x)
+        x.enter_initialization(0.0)
+        for one in self._given:
+            if one.exact and one.differs(x) is not None:
+                one.set(x)
+        for one in self._inputs:
+            if one.group.first.type in TEXTS:
+                one.set(x)
+
+    def leave(self, clocks: Clocks) -> dict[str, list[float]]:
+        """Leave Initialization Mode; returns what clocks gave that ticked then, by name.
+
+        Start values are compared just before, since an event may change them afterwards;
+        parameters after it. Raises FmuError that names all that the FMU did not take.
+        """
+        exact = [one for one in self._given if one.exact]
+        self._check([one for one in exact if not one.is_parameter])
+        found = self._x.exit_initialization(clocks)
+        self._check([*self._sizes, *(one for one in exact if one.is_parameter)])
+        return found
+
+    def _check(self, given: Sequence[Given]) -> None:
+        lines = list(_differences(self._x, given))
+        if lines:
+            raise FmuError(
+                f"{self._name}: the FMU does not take what was set: {'; '.join(lines)}; set what "
+                "it has, or leave it out"
+            )
+
+
+def _differences(x: Instance, given: Sequence[Given]) -> Iterator[str]:
+    for one in given:
+        found = one.differs(x)
+        if found is not None:
+            what = "parameter" if one.is_parameter else "start value"
+            yield (
+                f"{what} {one.group.name} was set to {_written(one.values)}, after initialization "
+                f"it is {_written(found)}"
+            )
+
+
+def _carried(kind: str, value: float | str) -> float | str:
+    """A value as the FMU can hold it: Float32 rounded, a Boolean 0 or 1, Binary in lower case."""
+    if isinstance(value, str):
+        return "".join(value.lower().split()) if kind == "Binary" else value
+    if kind == "Float32":
+        return c.c_float(value).value
+    return float(value != 0.0) if kind == "Boolean" else float(value)
+
+
+def _written(values: Found) -> str:
+    texts = [repr(v) if isinstance(v, str) else f"{v:.17g}" for v in values]
+    return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"

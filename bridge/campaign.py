@@ -30,6 +30,7 @@ import msgspec
 
 from bridge.fault_script import FaultScript
 from bridge.faults import load
+from bridge.native import message as messages
 from bridge.native.safety import Why
 from cosim.convert import convert
 from cosim.errors import ScenarioError
@@ -37,18 +38,7 @@ from cosim.scenario import read_document
 
 #: Reasons a node can have stopped for, and counters of a receiver, by their names here.
 REASONS = tuple((why.name or "").lower() for why in Why)
-COUNTERS = (
-    "lost",
-    "repeated",
-    "reordered",
-    "wrong_sequence",
-    "crc",
-    "length",
-    "invalid",
-    "range",
-    "simulated",
-    "stale",
-)
+COUNTERS = messages.COUNTERS[1:]  # without `ok`
 
 
 class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

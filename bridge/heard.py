@@ -119,8 +119,14 @@ class Heard:
         return _tells_life(self.message) and status & _LIFE in waiting
 
     def _counted(self, counter: int, t: int) -> bool:
-        gone = 0 if self.t_ns < 0 else round((t - self.t_ns) / self.receiver.period_ns)
-        return self.receiver.accept(counter, t, max(0, int(self.receiver.sequence)) + gone) >= 0
+        """Whether it is new. A listener does not know t = 0: the first frame is taken to be late
+        by a quarter of a turn of the counter, so that faster ones may follow.
+        """
+        r = self.receiver
+        if r.sequence < 0:
+            r.lead_ns = 0
+            r.offset_ns = t - (counter + (1 << r.counter_bits) // 4) * r.period_ns
+        return r.accept(counter, t) >= 0
 
     def _refuse(self, why: Decoded) -> None:
         r = self.receiver

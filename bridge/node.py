@@ -28,6 +28,7 @@ from bridge.journal import Journal
 from bridge.lives import Life
 from bridge.native import node as native
 from bridge.native.faults import INJECTED
+from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import State
 from bridge.process import Start
 from bridge.realtime import enter, verdict, warm_up
@@ -227,11 +228,8 @@ def _kept(options: Options, report: Statement) -> Statement:
     return report
 
 
-def _counts(receiver: Any) -> dict[str, int]:
-    names = ("ok", "lost", "repeated", "reordered", "wrong_sequence", "crc", "length")
-    return {
-        n: int(getattr(receiver, n)) for n in (*names, "invalid", "range", "simulated", "stale")
-    }
+def _counts(receiver: Receiver) -> dict[str, int]:
+    return {name: int(getattr(receiver, name)) for name in COUNTERS}
 
 
 # ---- as a process ---------------------------------------------------------------------------

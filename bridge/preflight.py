@@ -8,7 +8,7 @@ from bridge.can.codec import Codec
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
 from bridge.check import Watchdog, check_buses
-from bridge.native.message import Profile
+from bridge.native.message import STAMP_TURNS, Profile
 from bridge.protect import emulated
 from bridge.safety import in_si
 from bridge.system import System
@@ -72,12 +72,17 @@ def watchdogs(system: System) -> list[Watchdog]:
 
 
 def overruns(system: System) -> list[Finding]:
-    """Nodes that may be later than a turn of a counter: their samples would be numbered wrongly."""
+    """Nodes that may be later than a turn of a counter: their samples could be numbered wrongly.
+
+    Time stamps tell them apart, so only messages without one are looked at.
+    """
     d = system.deployment
     found: list[Finding] = []
     for name, m in system.messages.items():
         if m.forward is not None:
             continue  # a gateway numbers nothing
+        if m.encoding.message.time >= 0:
+            continue
         profile = Profile(m.encoding.message.e2e)
         turn = (1 << profile.counter_bits) * m.period_ns * 1e-9
         overrun = d.seconds(d.nodes[m.node].overrun, "nodes", m.node, "overrun")
@@ -108,7 +113,7 @@ def forwarded(system: System) -> list[Finding]:
             continue
         stamp = message.header[message.time].length if message.time >= 0 else 0
         counter = (1 << Profile(message.e2e).counter_bits) * m.period_ns * 1e-9
-        latest = 0.75 * ((1 << stamp) * 1e-6 if stamp else counter)
+        latest = STAMP_TURNS * (1 << stamp) * 1e-6 if stamp else 0.75 * counter
         allowed = system.messages[m.forward.of].max_age_ns * 1e-9
         if latest > LATE or 0 < allowed <= latest:
             continue

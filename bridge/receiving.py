@@ -52,7 +52,12 @@ class Receiving:
 
     def _reception(self, r: native.Reception, carried: Carried) -> None:
         message = carried.encoding.message
-        receiver = messages.receiver(carried.period_ns, messages.Profile(message.e2e))
+        receiver = messages.receiver(
+            carried.period_ns,
+            messages.Profile(message.e2e),
+            carried.offset_ns,
+            message.header[message.time].length if message.time >= 0 else 0,
+        )
         values = np.zeros(carried.outlet.width)
         r.message, r.receiver = c.pointer(message), c.pointer(receiver)
         r.values, r.width = values.ctypes.data, values.size
@@ -60,7 +65,6 @@ class Receiving:
         r.period_ns, r.offset_ns = carried.period_ns, carried.offset_ns
         r.max_age_ns = carried.max_age_ns
         r.newest = r.arrival_ns = -1
-        r.time_bits = message.header[message.time].length if message.time >= 0 else 0
         r.accept_simulated = not self._real
         r.sender = self._system.deployment.nodes[carried.node].number
         self.receivers[carried.name] = receiver

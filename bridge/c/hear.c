@@ -9,36 +9,6 @@ static int64_t sampled(const reception_t *r, int64_t j)
     return j * r->period_ns + r->offset_ns;
 }
 
-/* The sample whose nominal time is the last at or before t. */
-static int64_t expected(const reception_t *r, int64_t t)
-{
-    int64_t j = (t - r->offset_ns) / r->period_ns;
-    return j < 0 ? 0 : j;
-}
-
-/* When it was sent, by its time stamp (us, so many bits), near its arrival; without one: that. The
- * counter is unwrapped by this time, so a frame may be as late as it likes. */
-static int64_t sent_at(const reception_t *r, const header_t *header, int64_t arrival)
-{
-    if (r->time_bits <= 0) return arrival;
-    const int64_t us = arrival / 1000;
-    const uint64_t span = r->time_bits >= 32 ? 0x100000000u : (uint64_t)1 << r->time_bits;
-    int64_t step = (int64_t)(((uint64_t)header->t_us - (uint64_t)us) & (span - 1));
-    if (step >= (int64_t)(span / 4)) step -= (int64_t)span; /* late rather than early */
-    return (us + step) * 1000;
-}
-
-/* With a stamp, when a sample was to be sent is known, not learned: the receiver looks for its number
- * from one ahead of that, for a whole turn of the counter back. Returns by how much its window,
- * made for learning, is moved. */
-static int64_t anchored(const reception_t *r)
-{
-    const int64_t ahead = ((int64_t)1 << r->receiver->counter_bits) / 4 - 1;
-    if (r->time_bits <= 0 || ahead < 0) return 0;
-    r->receiver->origin_ns = r->offset_ns + ahead * r->period_ns;
-    return ahead;
-}
-
 /* Whether t = 0 is known. */
 static int32_t started(const node_t *n)
 {
@@ -121,21 +91,16 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         return;
     }
     if (!started(n)) return;
-    const int64_t sent = sent_at(r, &header, t);
-    int64_t j = receiver_accept(r->receiver, &header, sent, expected(r, sent) - anchored(r));
-    if (r->message->e2e == E2E_NONE) {
-        j = expected(r, t);
-        if (j <= r->newest) j = r->newest + 1;
-    }
+    const int64_t j = receiver_accept(r->receiver, &header, t);
     if (j < 0) return;
-    r->transit_ns = t - (r->time_bits > 0 ? sent : sampled(r, j));
+    r->transit_ns = t - r->receiver->sampled_ns;
     if (r->max_age_ns > 0 && r->transit_ns > r->max_age_ns) {
         r->receiver->stale++;
         return;
     }
     if (j > r->newest && r->n_forwards > 0) {
         header.counter = (uint32_t)j;
-        header.t_us = (uint32_t)((r->time_bits > 0 ? sent : sampled(r, j)) / 1000);
+        header.t_us = (uint32_t)(r->receiver->sampled_ns / 1000);
         node_forward(n, r, &header, frame);
     }
     if (j > r->newest && !torque_of_fault(n, r, &header)) {

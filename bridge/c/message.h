@@ -81,37 +81,51 @@ API void e2e_protect(int32_t profile, const uint8_t *data_ids, uint32_t counter,
 API int32_t e2e_check(int32_t profile, const uint8_t *data_ids, const uint8_t *data, int32_t length,
                       uint32_t *counter);
 
-/* What became of the frames of one message, as its receiver saw it. */
+/* What became of the frames of one message, as its receiver saw it. period_ns > 0. */
 typedef struct {
     int64_t ok, lost, repeated, reordered, wrong_sequence;      /* lost: by gaps of the counter */
     int64_t crc, length, invalid, range, simulated, stale;
+    int64_t rate;           /* faster changes than there may be */
+    int64_t resyncs;        /* the counter was believed anew */
     int64_t sequence;       /* of the last accepted sample, -1: none: the counter, unwrapped */
     int64_t arrival_ns;     /* of the last accepted */
     int64_t period_ns;      /* nominal, of the sender */
-    int32_t counter_bits, maximum_gap;  /* largest step of the counter that is accepted, 0: any; a
-                                         * larger one: resync */
-    int64_t origin_ns;      /* when sample 0 would have arrived on the fastest way seen */
+    int64_t offset_ns;      /* nominal time of sample j: j * period + offset */
+    int32_t counter_bits;   /* 0: no counter */
+    int32_t time_bits;      /* of the time stamp, us; 0: none */
+    int64_t sampled_ns;     /* of the last accepted: by its stamp, else the nominal time of its number */
+    int64_t lead_ns;        /* nominal time less arrival, of the fastest frame */
     int64_t older;          /* the number of the last frame that was repeated or older */
+    uint64_t seen;          /* bit i: sequence - i was accepted */
+    int64_t shift;          /* added to the counter, since it has begun anew */
+    int64_t trial, trial_first, trial_ns;   /* number of the last of the frames that were refused and */
+    int32_t tried, reserved;                /* follow each other; of the first, its arrival; how many */
 } receiver_t;
 
 enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
 
-/* Unwraps the counter of a frame that arrived at t_ns, with the receiver's M = 2^counter_bits.
+/* The number of the sample in a frame that arrived at t_ns; M = 2^counter_bits.
  *
- * A frame may be late, but hardly early. So of the sequence numbers that fit the counter it is the
- * one that lies in (p - 3/4 M, p + 1/4 M], where p is the number the time lets expect:
- * (t_ns - origin_ns) / period_ns, i.e. as fast as the fastest frame so far (forgotten by 244 ppm,
- * more than clocks differ by). For the first frame, and after a silence of more than maximum_gap
- * periods (M if that is 0), p = `expected`: the sequence number that was nominally sent at t_ns.
- * Right as long as no frame is later than 3/4 M periods and clocks agree within 1/4 M periods.
+ * With a time stamp (the nominal time of the sample, modulo 2^time_bits us) stamp and counter give
+ * it, however late the frame is; a stamp of 16 bits is searched for 64 of its turns, 4.2 s. Without
+ * a stamp it is, of the numbers that fit the counter, the greatest that can have been sent by then:
+ * right as long as no frame is later than 3/4 M periods. Without a counter the arrival counts.
  *
- * Returns the sequence number, which is above the last one, and counts it ok, the numbers between
- * lost; RECEIVE_REPEATED; RECEIVE_OLDER than the last (counted reordered: the caller drops it unless
- * its link wants reordered samples; its number is `older`); or RECEIVE_WRONG: a step of more than
- * maximum_gap in less time than that (counted wrong_sequence, to be dropped). A sender that counts
- * anew is therefore accepted again after a silence of its own or maximum_gap periods of being wrong.
- * To start over, set sequence = -1. */
-API int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns, int64_t expected);
+ * No number is accepted that its sender cannot have sent: its nominal time lies at most a period
+ * (2 ms, if that is more) after t_ns + L, L being by how much the sender's clock is ahead: 0 at first,
+ * then learned from the fastest frame, at most 488 ppm of the time passed.
+ *
+ * Returns the number, which is above the last one, and counts it ok, the numbers between lost; or
+ * RECEIVE_REPEATED; RECEIVE_OLDER than the last (counted reordered; its number is `older`); or
+ * RECEIVE_WRONG: ahead of its time, or (without a stamp) after so long a silence that a turn of the
+ * counter may have gone by.
+ *
+ * What is refused is believed after all when 3 such frames follow each other, over two periods, with
+ * none accepted between them (as the state machine of AUTOSAR E2E needs a window of valid samples):
+ * `resyncs`. So a forged frame shuts nobody out, and a sender that counts anew is heard with its
+ * third frame. What a stamp says is older than what was accepted is never believed. To start over, set
+ * sequence = -1. */
+API int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns);
 
 /* sizeof: field_t, message_t, header_t, receiver_t for which = 0..3; else 0. */
 API size_t message_sizes(int32_t which);

@@ -74,7 +74,7 @@ void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
     memset(&header, 0, sizeof header);
     header.counter = (uint32_t)sequence;
     header.status = status(n, o);
-    header.t_us = (uint32_t)(now_ns / 1000);
+    header.t_us = (uint32_t)((sequence * o->every * o->hit_ticks * n->h_ns + n->phase_ns) / 1000);
     message_encode(o->message, o->values, &header, &frame);
     o->sent++;
     o->saturated += header.saturated != 0;

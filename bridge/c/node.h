@@ -74,9 +74,8 @@ typedef struct {
     int64_t offset_ns;      /* phase of the sender: nominal time of sample j is j*period + offset */
     int64_t max_age_ns;     /* by its time stamp: older is dropped; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
-    int32_t time_bits;      /* of the time stamp, 0: none */
-    int32_t accept_simulated, previewed, reserved;
-    int64_t transit_ns;     /* what the network took, of the newest */
+    int32_t accept_simulated, previewed;
+    int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
     history_t *history;     /* of its sender: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
     int32_t n_forwards;
@@ -221,7 +220,8 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 
 /* Frames that have arrived by limit_ns (relative): checked, decoded, put into delay lines. hear.c */
 void node_hear(node_t *n, int64_t limit_ns);
-/* A message of an outlet, with the values it has. node.c */
+/* A message of an outlet, with the values it has; its time stamp is the nominal time of this sample,
+ * so receivers know how old it is, and which one, however late the node was. node.c */
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
 /* 0, or why it was not handed over: of bus_send. */
 int32_t node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);

@@ -1,53 +1,185 @@
 /* receiver.c: see receiver_t in message.h */
 #include "message.h"
 
+/* WINDOW: consecutive frames that have to agree before a counter that does not fit is believed.
+ * TURNS: turns of a short time stamp among which the counter decides. */
+enum { WINDOW = 3, TURNS = 64 };
+static const int64_t EARLY_NS = 2000000;    /* how far clocks may be apart, if a period is less */
+
 static int64_t divided(int64_t a, int64_t b)    /* towards minus infinity, b > 0 */
 {
     return a / b - (a % b < 0);
 }
 
-/* The number in (p - 3/4 M, p + 1/4 M] whose low bits are the counter; the least of all, 0 or more,
- * where that is negative. */
-static int64_t unwrapped(const receiver_t *r, uint32_t counter, int64_t p)
+static int64_t turn(const receiver_t *r)
 {
-    int64_t M = (int64_t)1 << r->counter_bits, top = p + M / 4;
-    int64_t k = top - ((top - (int64_t)counter) & (M - 1));
-    return k < 0 ? (int64_t)counter & (M - 1) : k;
+    return (int64_t)1 << r->counter_bits;
 }
 
-static int64_t refused(int64_t *count, int64_t why)
+/* The number of the sample that is nominally sent last at or before t. */
+static int64_t number_at(const receiver_t *r, int64_t t)
 {
-    ++*count;
+    return divided(t - r->offset_ns, r->period_ns);
+}
+
+static int64_t sampled(const receiver_t *r, int64_t number)
+{
+    return number * r->period_ns + r->offset_ns;
+}
+
+/* How far the sender's clock is ahead of this one by the fastest frame so far (negative: the frame
+ * was on its way so long). Forgotten by 244 ppm, which is more than clocks differ by. */
+static int64_t lead(const receiver_t *r, int64_t t)
+{
+    return r->sequence < 0 || t <= r->arrival_ns ? r->lead_ns : r->lead_ns - (t - r->arrival_ns) / 4096;
+}
+
+/* The greatest number its sender can have sent by t: by nominal times, or by the fastest frame so
+ * far if that says more, and the uncertainty of clocks. */
+static int64_t latest(const receiver_t *r, int64_t t)
+{
+    const int64_t early = r->period_ns > EARLY_NS ? r->period_ns : EARLY_NS;
+    const int64_t fastest = lead(r, t);
+    const int64_t most = number_at(r, t + early + (fastest > 0 ? fastest : 0));
+    const int64_t near = number_at(r, t + fastest) + (turn(r) > 4 ? turn(r) / 4 : 1);
+    return r->time_bits > 0 || r->counter_bits == 0 || most < near ? most : near;
+}
+
+/* The greatest number at or below `top` whose low bits are the counter. */
+static int64_t below(const receiver_t *r, uint32_t counter, int64_t top)
+{
+    const int64_t bits = turn(r) - 1, k = top - ((top - counter - r->shift) & bits);
+    return k < 0 ? k + turn(r) : k;
+}
+
+/* By the time stamp, which is the nominal time of the sample in us: the number whose low bits are
+ * the counter and whose time is that of the stamp, a turn of the stamp back and back again if need
+ * be. A stamp that is no nominal time (somebody else's sender) gives the nearest number with that
+ * counter. *time: of the stamp, ns. */
+static int64_t stamped(const receiver_t *r, const header_t *header, int64_t t, int64_t *time)
+{
+    const int64_t span = (int64_t)1 << r->time_bits, us = divided(t, 1000);
+    int64_t newest = ((int64_t)header->t_us - us) & (span - 1);
+    newest = us + (newest < span / 4 ? newest : newest - span); /* late rather than early */
+    for (int32_t n = 0; n < TURNS; n++) {
+        const int64_t stamp = newest - n * span;
+        const int64_t k = number_at(r, stamp * 1000 + 999);
+        if (k < 0) break;
+        *time = sampled(r, k);
+        if (divided(*time, 1000) == stamp && ((k - header->counter - r->shift) & (turn(r) - 1)) == 0)
+            return k;
+    }
+    *time = newest * 1000;
+    return below(r, header->counter, number_at(r, *time + r->period_ns / 2));
+}
+
+/* Without a counter the arrival alone counts: a sample a period, and one that jitter brings sooner. */
+static int64_t uncounted(const receiver_t *r, int64_t t)
+{
+    const int64_t now = number_at(r, t) < 0 ? 0 : number_at(r, t);
+    return now > r->sequence ? now : now == r->sequence ? now + 1 : r->sequence;
+}
+
+/* Whether a whole turn of the counter may have gone by unseen: then its number is not known. */
+static int32_t ambiguous(const receiver_t *r, int64_t t, int64_t top)
+{
+    return r->time_bits <= 0 && r->sequence >= 0 && turn(r) > 1 && top - r->sequence > turn(r) &&
+           2 * (t - r->arrival_ns) > turn(r) * r->period_ns;
+}
+
+/* 0, or why a frame with number k is not accepted. */
+static int64_t refusal(const receiver_t *r, int64_t k, int64_t t, int64_t top)
+{
+    if (k > top || ambiguous(r, t, top)) return RECEIVE_WRONG;
+    if (r->sequence >= 0 && k == r->sequence) return RECEIVE_REPEATED;
+    return r->sequence >= 0 && k < r->sequence ? RECEIVE_OLDER : 0;
+}
+
+/* Whether the WINDOW frames up to this one follow each other at their pace. No faster than time passes:
+ * so the sender that was heard before would have spoken between them. */
+static int32_t agreed(receiver_t *r, int64_t k, int64_t t)
+{
+    const int64_t behind = t - r->trial_ns - (k - r->trial_first) * r->period_ns;
+    const int32_t follows = k == r->trial + 1 && behind >= -r->period_ns && behind <= r->period_ns;
+    if (r->tried == 0 || !follows) {
+        r->tried = 0;
+        r->trial_first = k;
+        r->trial_ns = t;
+    }
+    r->trial = k;
+    return ++r->tried >= WINDOW;
+}
+
+/* Whether this number was accepted before, or is older than what may have been overtaken. */
+static int32_t seen(const receiver_t *r, int64_t k)
+{
+    const int64_t back = r->sequence - k;
+    return back < 0 || back >= 64 || (r->seen >> back & 1);
+}
+
+static void see(receiver_t *r, int64_t k)
+{
+    const int64_t step = k - r->sequence;
+    r->seen = r->sequence < 0 || step >= 64 ? 1 : r->seen << step | 1;
+}
+
+/* The number with which to go on where enough frames agree, or `why` not. A counter that has begun
+ * anew is turned to where time is; the time itself is never moved: what a stamp says is older than
+ * what was accepted stays refused, and without a stamp what was only overtaken. */
+static int64_t resynced(receiver_t *r, int64_t k, int64_t why, int64_t time, int64_t t, int64_t top)
+{
+    const int32_t first = r->sequence < 0;
+    if (turn(r) == 1 || (r->time_bits <= 0 && !first && !seen(r, k)) || !agreed(r, k, t)) return why;
+    if (!first && (k <= r->sequence || (k > top && r->time_bits <= 0))) {
+        const int64_t at = r->time_bits > 0 ? time : t + lead(r, t);
+        const int64_t now = number_at(r, at + r->period_ns / 2);
+        if (now <= r->sequence) return why;
+        r->shift = (r->shift + now - k) & (turn(r) - 1);
+        k = now;
+    }
+    r->resyncs += !first;
+    r->lead_ns = sampled(r, k) - t;
+    return k;
+}
+
+static int64_t counted(receiver_t *r, int64_t why)
+{
+    ++*(why == RECEIVE_REPEATED ? &r->repeated : why == RECEIVE_OLDER ? &r->reordered : &r->wrong_sequence);
     return why;
 }
 
-int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns, int64_t expected)
+/* The fastest frame so far. Ahead of nominal times a clock is believed to run by 488 ppm, not more. */
+static void learn(receiver_t *r, int64_t k, int64_t t)
 {
-    int64_t period = r->period_ns > 0 ? r->period_ns : 1;
-    int64_t passed = t_ns > r->arrival_ns ? t_ns - r->arrival_ns : 0;
-    int32_t first = r->sequence < 0;
-    int64_t limit = r->maximum_gap > 0 ? r->maximum_gap : (int64_t)1 << r->counter_bits;
-    int32_t silent = first || passed / period > limit;
-    int64_t origin = first ? 0 : r->origin_ns + passed / 4096;
-    int64_t p = silent ? expected : divided(t_ns - origin + period / 2, period);
-    int64_t k = unwrapped(r, header->counter, p);
+    const int64_t old = lead(r, t), found = sampled(r, k) - t;
+    const int64_t passed = r->sequence < 0 || t < r->arrival_ns ? 0 : t - r->arrival_ns;
+    const int64_t most = (old > 0 ? old : 0) + passed / 2048;
+    r->lead_ns = found <= old ? old : found < most ? found : most;
+}
 
-    r->older = first || k > r->sequence ? r->older : k;
-    if (!first && k == r->sequence)
-        return refused(&r->repeated, RECEIVE_REPEATED);
-    if (!first && k < r->sequence)
-        return refused(&r->reordered, RECEIVE_OLDER);
-    if (!silent && r->maximum_gap > 0 && k - r->sequence > r->maximum_gap)
-        return refused(&r->wrong_sequence, RECEIVE_WRONG);
-    if (!first)
+int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns)
+{
+    const int64_t top = latest(r, t_ns);
+    int64_t time = t_ns;
+    int64_t k = r->time_bits > 0   ? stamped(r, header, t_ns, &time)
+              : r->counter_bits > 0 ? below(r, header->counter, top)
+                                    : uncounted(r, t_ns);
+    const int64_t why = refusal(r, k, t_ns, top);
+
+    r->older = why == RECEIVE_REPEATED || why == RECEIVE_OLDER ? k : r->older;
+    if (why) {
+        k = resynced(r, k, why, time, t_ns, top);
+        if (k < 0) return counted(r, why);
+    } else {
+        learn(r, k, t_ns);
+    }
+    if (r->sequence >= 0 && r->counter_bits > 0)
         r->lost += k - r->sequence - 1;
-    if (silent)     /* this one may be late itself: then `expected` is the fastest way known */
-        origin = t_ns - p * period;
-    if (t_ns - k * period < origin)
-        origin = t_ns - k * period;
     r->ok++;
+    r->tried = 0;
+    see(r, k);
     r->sequence = k;
     r->arrival_ns = t_ns;
-    r->origin_ns = origin;
+    r->sampled_ns = r->time_bits > 0 ? time : sampled(r, k);
     return k;
 }

@@ -58,6 +58,14 @@ class Received(IntEnum):
     WRONG = -3
 
 
+STAMP_TURNS = 64  # of a time stamp among which the counter decides (TURNS of receiver.c)
+#: What a receiver counts, in the order of ``receiver_t``.
+COUNTERS = (
+    *("ok", "lost", "repeated", "reordered", "wrong_sequence", "crc", "length", "invalid"),
+    *("range", "simulated", "stale", "rate", "resyncs"),
+)
+
+
 class Field(c.Structure):
     """``field_t``."""
 
@@ -109,31 +117,36 @@ class Receiver(c.Structure):
     """``receiver_t``: make it with :func:`receiver`."""
 
     _fields_ = (
-        *((name, c.c_int64) for name in ("ok", "lost", "repeated", "reordered", "wrong_sequence")),
-        *(
-            (name, c.c_int64)
-            for name in ("crc", "length", "invalid", "range", "simulated", "stale")
-        ),
-        *((name, c.c_int64) for name in ("sequence", "arrival_ns", "period_ns")),
+        *((name, c.c_int64) for name in COUNTERS),
+        *((name, c.c_int64) for name in ("sequence", "arrival_ns", "period_ns", "offset_ns")),
         ("counter_bits", c.c_int32),
-        ("maximum_gap", c.c_int32),
-        ("origin_ns", c.c_int64),
-        ("older", c.c_int64),
+        ("time_bits", c.c_int32),
+        *((name, c.c_int64) for name in ("sampled_ns", "lead_ns", "older")),
+        ("seen", c.c_uint64),
+        ("shift", c.c_int64),
+        *((name, c.c_int64) for name in ("trial", "trial_first", "trial_ns")),
+        ("tried", c.c_int32),
+        ("reserved", c.c_int32),
     )
 
-    def accept(self, counter: int, t_ns: int, expected: int) -> int:
-        """The sequence number of a frame that arrived at `t_ns`, or one of :class:`Received`."""
-        header = Header(counter=counter)
-        return int(_declared().receiver_accept(c.byref(self), c.byref(header), t_ns, expected))
+    def accept(self, counter: int, t_ns: int, t_us: int = 0) -> int:
+        """The number of a sample that arrived at `t_ns`, or one of :class:`Received`."""
+        header = Header(counter=counter, t_us=t_us)
+        return int(_declared().receiver_accept(c.byref(self), c.byref(header), t_ns))
 
 
-def receiver(period_ns: int, profile: Profile, maximum_gap: int = 0) -> Receiver:
-    """A receiver that has seen nothing yet. `period_ns`: the sender's; `maximum_gap`: 0 is any."""
+def receiver(period_ns: int, profile: Profile, offset_ns: int = 0, time_bits: int = 0) -> Receiver:
+    """A receiver that has seen nothing yet.
+
+    Sample j of the sender has the nominal time j * `period_ns` + `offset_ns`; `time_bits`: of the
+    time stamp in its messages, 0: none.
+    """
     return Receiver(
         sequence=-1,
         period_ns=period_ns,
+        offset_ns=offset_ns,
         counter_bits=profile.counter_bits,
-        maximum_gap=maximum_gap,
+        time_bits=time_bits,
     )
 
 
@@ -183,7 +196,7 @@ def _declared() -> c.CDLL:
     lib.e2e_protect.restype = None
     lib.e2e_check.argtypes = (*(c.c_int32, c.c_char_p, c.c_char_p, c.c_int32, c.c_void_p),)
     lib.e2e_check.restype = c.c_int32
-    lib.receiver_accept.argtypes = (c.POINTER(Receiver), c.POINTER(Header), c.c_int64, c.c_int64)
+    lib.receiver_accept.argtypes = (c.POINTER(Receiver), c.POINTER(Header), c.c_int64)
     lib.receiver_accept.restype = c.c_int64
     lib.message_sizes.argtypes = (c.c_int32,)
     lib.message_sizes.restype = c.c_size_t

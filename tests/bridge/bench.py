@@ -84,10 +84,11 @@ class Bench:
         now, start = monotonic_ns(), self.struct.start_ns
         running = start and now >= start
         life = State.ACTIVE if running else State.INACTIVE
-        k = max(0, now - start) // 1_000_000 if running else 0
         status = life | (Status.SIMULATED if self.simulated else 0)
-        header = Header(counter=k, status=status, t_us=max(0, now - start) // 1000)
         for message, bus in (("STATE_1", "left"), ("STATE_3", "right")):
+            period = self.system.messages[message].period_ns
+            k = max(0, now - start) // period if running else 0
+            header = Header(counter=k, status=status, t_us=k * period // 1000)
             codec = self.system.messages[message].encoding
             if message in self.system.heard_by("master_control"):
                 self.put(bus, codec.frame([*self.q, 0.0, 0.0], header, now))

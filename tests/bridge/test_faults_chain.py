@@ -33,7 +33,7 @@ def sent(j):
 
 def frames():
     for j in range(N):
-        frame = CODEC.frame(sent(j), Header(counter=j & 0xFF, status=2, t_us=0))
+        frame = CODEC.frame(sent(j), Header(counter=j & 0xFF, status=2, t_us=j * PERIOD // 1000))
         frame.t_ns, frame.sequence = START + j * PERIOD + int(TAU * 1e6), j
         yield frame
 
@@ -41,7 +41,7 @@ def frames():
 def run(rules, journal=None):
     """The receiver, the delay line, and what was accepted: (sequence, values) in order."""
     injector = Injector(rules, journal=journal)
-    heard, accepted = receiver(PERIOD, CODEC.layout.profile), []
+    heard, accepted = receiver(PERIOD, CODEC.layout.profile, time_bits=CODEC.layout.time_bits), []
     line = DelayLine(delay.STAMP, len(CODEC.signals), 5, 5, 0.001, 64)
     coming, held = list(frames()), []
     for slot in range(N + 40):
@@ -54,7 +54,7 @@ def run(rules, journal=None):
                 heard.crc += result is Decoded.CRC
                 continue
             t = frame.t_ns - START
-            j = heard.accept(header.counter, t, t // PERIOD)
+            j = heard.accept(header.counter, t, header.t_us)
             if j >= 0:
                 accepted.append((j, values))
                 line.put(j, j * PERIOD, t, values)

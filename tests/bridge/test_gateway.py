@@ -87,8 +87,8 @@ def test_a_stamp_that_turns_sooner_than_a_network_is_slow_is_warned_of(tmp_path)
     found = _classic_right()
     found["messages"]["xi_master"].pop("max_age")
     (warning,) = preflight.forwarded(system_of(found, tmp_path))
-    assert warning.where == "XI_2" and warning.number == pytest.approx(0.049152)
-    found["messages"]["xi_master"]["max_age"] = "40 ms"
+    assert warning.where == "XI_2" and warning.number == pytest.approx(64 * 0.065536)
+    found["messages"]["xi_master"]["max_age"] = "4 s"
     assert not preflight.forwarded(system_of(found, tmp_path))
 
 

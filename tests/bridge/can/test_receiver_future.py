@@ -1,0 +1,151 @@
+"""No number ahead of its time, and no true sender shut out, whatever stalls or is forged."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bridge.native.message import Profile, receiver
+
+PERIOD = 5_000_000  # ns
+OFFSET = 500_000
+PROFILES = st.sampled_from([Profile.P02, Profile.P05, Profile.P04])
+STAMPS = st.sampled_from([0, 16, 32])
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def stamp(k, bits, period=PERIOD):
+    """The time stamp of sample k, us."""
+    return ((k * period + OFFSET) // 1000) & ((1 << bits) - 1)
+
+
+def stalled(random, n, period):
+    """When samples 0 ... n - 1 arrive, (n,): sender and network stand still, then burst."""
+    due = np.arange(n) * period + OFFSET
+    times = due.astype(float)
+    for _ in range(int(random.integers(0, 4))):  # the sender stands still, and catches up
+        start, length = random.uniform(0, n * period), random.uniform(0, 2e9)
+        inside = (times >= start) & (times < start + length)
+        times[inside] = start + length + np.arange(inside.sum()) * 30_000
+    times = np.maximum.accumulate(times)
+    for _ in range(int(random.integers(0, 3))):  # so does what lies between
+        start, length = random.uniform(0, n * period), random.uniform(0, 0.3e9)
+        inside = (times >= start) & (times < start + length)
+        times[inside] = start + length
+    return (np.maximum.accumulate(times) + random.uniform(0, 3e5, n)).astype(np.int64)
+
+
+@given(PROFILES, STAMPS, SEEDS, st.sampled_from([1_000_000, PERIOD, 7_000_000]), st.floats(0, 0.5))
+@settings(max_examples=150)
+def test_no_number_is_ahead_of_its_time(profile, bits, seed, period, loss):
+    """However long sender or network stand still, and whatever is lost meanwhile."""
+    random = np.random.default_rng(seed)
+    r = receiver(period, profile, OFFSET, bits)
+    arrivals = stalled(random, 600, period)
+    for k in np.flatnonzero(random.random(600) >= loss).tolist():
+        t = int(arrivals[k])
+        found = r.accept(k % 2**profile.counter_bits, t, stamp(k, bits, period))
+        if found >= 0:
+            assert found * period + OFFSET <= t + max(period, 2_000_000)
+        if bits and found >= 0:
+            assert found == k
+
+
+@given(st.integers(0, 5), SEEDS, st.booleans())
+@settings(max_examples=60)
+def test_forged_counters_and_stamps_lead_nowhere_ahead(bits, seed, anything):
+    """A flood of anything between the frames of the true sender."""
+    random = np.random.default_rng(seed)
+    r = receiver(PERIOD, Profile.P05, OFFSET, [0, 16, 32][bits % 3])
+    clocks = 2 * PERIOD
+    for k in range(300):
+        true = k * PERIOD + OFFSET + 300_000
+        for _ in range(int(random.integers(0, 6))):
+            t = true - int(random.integers(0, PERIOD))
+            counter = int(random.integers(0, 256)) if anything else (k + 60) % 256
+            found = r.accept(counter, t, int(random.integers(0, 2**32)))
+            assert found < 0 or found * PERIOD + OFFSET <= t + clocks + t // 2048
+        r.accept(k & 255, true, stamp(k, r.time_bits))
+
+
+@pytest.mark.parametrize("profile", [Profile.P02, Profile.P05, Profile.P04])
+@pytest.mark.parametrize("bits", [0, 16, 32])
+@pytest.mark.parametrize("ahead", [1, 2, 3, 7, 15, 60, 127, 200, 255])
+def test_one_forged_frame_shuts_nobody_out(profile, bits, ahead):
+    """Counter (and stamp) of a sample to come: at most one true sample is missed for it."""
+    r = receiver(PERIOD, profile, OFFSET, bits)
+    missed = 0
+    for k in range(300):
+        t = k * PERIOD + OFFSET + 300_000
+        taken = r.accept(k % 2**profile.counter_bits, t, stamp(k, bits))
+        missed += taken != k
+        if k == 100:
+            later = k + ahead
+            r.accept(later % 2**profile.counter_bits, t + PERIOD // 3, stamp(later, bits))
+    assert missed <= 1
+
+
+@given(PROFILES, STAMPS, SEEDS)
+@settings(max_examples=60)
+def test_a_few_forged_frames_leave_the_true_sender_heard(profile, bits, seed):
+    """Now and then up to two between two true ones, with any counter: none is numbered wrongly."""
+    random = np.random.default_rng(seed)
+    r = receiver(PERIOD, profile, OFFSET, bits)
+    longest = silent = 0
+    for k in range(400):
+        t = k * PERIOD + OFFSET + 300_000
+        found = r.accept(k % 2**profile.counter_bits, t, stamp(k, bits))
+        assert found < 0 or found == k
+        silent = 0 if found == k else silent + 1
+        longest = max(longest, silent)
+        forged = int(random.integers(1, 3)) if k % 10 == 5 else 0
+        for share in sorted(random.uniform(0.05, 0.95, forged)):
+            later = k + int(random.integers(-300, 300))
+            counter = later % 2**profile.counter_bits
+            r.accept(counter, t + int(share * PERIOD), stamp(max(0, later), bits))
+    assert longest <= 2
+
+
+@pytest.mark.parametrize("profile", [Profile.P02, Profile.P05, Profile.P04])
+@pytest.mark.parametrize("bits", [0, 16, 32])
+@pytest.mark.parametrize("anew", [0, 5, 77])
+def test_a_sender_that_counts_anew_is_heard_with_its_third_frame(profile, bits, anew):
+    r = receiver(PERIOD, profile, OFFSET, bits)
+    heard = []
+    for k in range(1000, 1200):
+        t = k * PERIOD + OFFSET + 300_000
+        counter = k if k < 1100 else k - 1100 + anew
+        heard.append(r.accept(counter % 2**profile.counter_bits, t, stamp(k, bits)))
+    assert heard[:100] == list(range(1000, 1100))
+    # Without a stamp a counter that fits by chance is a period ahead, within what clocks may be.
+    assert set(np.array(heard[102:]) - np.arange(1102, 1200)) <= ({0} if bits else {0, 1})
+    assert r.resyncs <= 1
+
+
+@pytest.mark.parametrize("late", [0.1, 0.4, 1.0, 4.0])
+def test_stamp_and_counter_tell_a_sample_however_late_it_is(late):
+    """16 bits of microseconds and 4 of a counter: one sample in 41 s."""
+    r = receiver(PERIOD, Profile.P02, OFFSET, 16)
+    for k in range(1000):
+        t = k * PERIOD + OFFSET + (int(late * 1e9) if k >= 500 else 100_000)
+        assert r.accept(k & 15, t, stamp(k, 16)) == k
+        assert r.sampled_ns == k * PERIOD + OFFSET
+
+
+def test_a_clock_ahead_by_more_than_a_period_is_believed_with_the_third_frame():
+    """Two hosts whose runs began 80 ms apart."""
+    r = receiver(PERIOD, Profile.P04, OFFSET, 32)
+    found = [r.accept(k, k * PERIOD + OFFSET - 80_000_000, stamp(k, 32)) for k in range(100, 300)]
+    assert max(found[:2]) < 0 and found[2:] == list(range(102, 300)) and r.resyncs == 0
+
+
+def test_without_a_counter_a_sample_a_period_and_never_a_later_one():
+    """Of a flood one a period is taken, and one for jitter."""
+    r = receiver(PERIOD, Profile.NONE, OFFSET)
+    for n in range(5000):
+        t = OFFSET + n * PERIOD // 50
+        found = r.accept(0, t)
+        assert found < 0 or found <= n // 50 + 1
+    assert r.repeated > 4700

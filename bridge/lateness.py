@@ -2,7 +2,8 @@
 
 Lateness is when it woke minus the deadline. Quantiles are of the values themselves (nearest rank:
 the ⌈q·n⌉-th smallest), so p99.9 of less than 1000 slots is their maximum. A node that is late
-executes the slots it missed at once: one stall of 5 ms at 1 kHz shows as five late slots.
+executes the slots it missed at once: one stall of 5 ms at 1 kHz shows as five late slots. The row
+"each stall once" counts only the first of them, as cyclictest does, and compares with it.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ class Spread:
 class Lateness:
     """The report: `late`, `period` between waking up, `parts` of a slot; all ns.
 
+    `once`: `late` without the slots whose deadline had passed when the slot before them began.
     `missed`: slots that woke a period late or more, as ``bridge/c/run.c`` counts them. `bins`:
     (lower edge, ns, count) of the bins of ``pace.h`` that are not empty, ascending.
     """
@@ -75,6 +77,7 @@ class Lateness:
     period_ns: int
     missed: int
     late: Spread
+    once: Spread
     period: Spread | None
     parts: Mapping[str, Spread]
     bins: tuple[tuple[int, int], ...]
@@ -88,6 +91,7 @@ class Lateness:
         """A header and a row each for lateness, period and parts, texts in us."""
         table = [["us", "min", "avg", "p50", "p99", "p99.9", "max", "std"]]
         table.append(["lateness", *self.late.row()])
+        table.append(["  each stall once", *self.once.row()])
         if self.period is not None:
             table.append([f"period ({self.period_ns * 1e-3:g} nominal)", *self.period.row()])
         return table + [[name, *spread.row()] for name, spread in self.parts.items()]
@@ -143,10 +147,12 @@ def lateness(
         )
     late = columns["woke"] - columns["deadline"]
     between = np.diff(columns["woke"])
+    behind = np.r_[False, columns["woke"][:-1] >= columns["deadline"][1:]][: len(late)]
     return Lateness(
         period_ns=period_ns,
         missed=int(np.count_nonzero(late >= period_ns)),
         late=Spread.of(late, "lateness"),
+        once=Spread.of(late[~behind], "lateness"),
         period=Spread.of(between, "period") if len(between) else None,
         parts={
             name: Spread.of(columns[end] - columns[start], name)

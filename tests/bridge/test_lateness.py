@@ -63,7 +63,16 @@ def test_parts_that_were_not_kept_are_left_out() -> None:
     found = lateness([0, 10], [1, 11], 10, received=[2, 12])
     assert list(found.parts) == ["receive"]
     assert found.rows()[1][0] == "lateness"
-    assert len(found.rows()) == 4
+    assert len(found.rows()) == 5
+
+
+def test_a_stall_counts_once_beside_every_slot_that_it_made_late() -> None:
+    stall = [4_900_000, 3_900_000, 2_900_000, 1_900_000, 900_000]  # slots caught up after 4.9 ms
+    found = report([10_000] * 5 + stall + [10_000] * 5)
+    assert found.late.count == 15
+    assert found.once.count == 11
+    assert (found.once.maximum, found.once.p50) == (4_900_000, 10_000)
+    assert found.text().splitlines()[2].split()[:3] == ["each", "stall", "once"]
 
 
 def test_a_journal_says_what_sending_took() -> None:
@@ -83,7 +92,7 @@ def test_text_and_json() -> None:
     found = report([5_000] * 50 + [120_000])
     lines = found.text().splitlines()
     assert len({len(line) for line in lines[:-1]}) == 1
-    assert "period (1000 nominal)" in lines[2]
+    assert "period (1000 nominal)" in lines[3]
     kept = json.loads(json.dumps(found.facts()))
     assert kept["late"]["p50"] == 5_000
     assert kept["bins"] == [[5_000, 50], [120_000, 1]]

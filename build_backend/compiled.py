@@ -59,8 +59,9 @@ def _library(output: Path, units: list[Path], sources: list[Path], include: Path
 def _models() -> list[Path]:
     """All FMUs; those of models that are no longer there go."""
     folder = ROOT / "fmus" / "_built"
-    files = [p for p in (ROOT / "fmus").rglob("*") if p.is_file() and _is_source(p)]
-    made_from = _fingerprint([*files, *(ROOT / "cosim").glob("*.py")])
+    fmus = ROOT / "fmus"
+    files = [*fmus.glob("*.py"), *fmus.glob("models/*.py"), *fmus.glob("c/*.[ch]")]
+    made_from = _fingerprint([*files, ROOT / "cosim/errors.py", ROOT / "cosim/units.py"])
     stamp = folder / "built.json"
     if _current(stamp, made_from):
         return []
@@ -71,11 +72,6 @@ def _models() -> list[Path]:
         path.unlink()
     _write(stamp, made_from, built)
     return built
-
-
-def _is_source(path: Path) -> bool:
-    parts = path.relative_to(ROOT).parts
-    return "_built" not in parts and "__pycache__" not in parts
 
 
 def _fingerprint(files: Iterable[Path]) -> str:

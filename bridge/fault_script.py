@@ -7,6 +7,7 @@ Faults of processes and buses are a list of events that whoever supervises the n
 
 from __future__ import annotations
 
+import ctypes as c
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -18,6 +19,7 @@ from typing import Any, Literal
 
 from bridge.native import faults as native
 from bridge.native.faults import Fault, Injector
+from bridge.native.message import Message
 from cosim.errors import ScenarioError
 
 Action = Literal[
@@ -35,7 +37,13 @@ KINDS = {
     "duplicate": native.DUPLICATE,
     "reorder": native.REORDER,
     "corrupt": native.CORRUPT,
+    "forge": native.FORGE,
+    "replay": native.REPLAY,
+    "absurd": native.ABSURD,
+    "flood": native.FLOOD,
 }
+#: What a hostile peer does, who knows the format of a message: only to messages of the deployment.
+HOSTILE = ("forge", "replay", "absurd", "flood")
 EXTENDED = 0x80000000  # in identifiers given to this module, as in linux/can.h
 _ALL_BITS = 0x1FFFFFFF | native.EXTENDED
 
@@ -119,24 +127,33 @@ class FaultScript:
         ids: Mapping[str, int],
         buses: Mapping[str, int] | None = None,
         *,
+        samples: Mapping[str, Message] | None = None,
         journal: int | None = None,
-        capacity: int = 1024,
+        capacity: int = 4096,
     ) -> NodeFaults | None:
         """What happens to frames as `node` receives them; None: nothing.
 
         `ids`: identifiers of what it hears, by name (bit 31: a 29-bit one), SYNC among them;
-        `buses`: their numbers in the node; `journal`: address of a journal of INJECTED rows;
-        `capacity`: frames that wait at once. What the node does not know is passed over; see
-        :meth:`check`.
+        `buses`: their numbers in the node; `samples`: the messages of the deployment among them,
+        by name, which a hostile peer can make (they have to live as long as this); `journal`:
+        address of a journal of INJECTED rows; `capacity`: frames that wait at once. What the node
+        does not know is passed over; see :meth:`check`.
         """
         numbers = buses or {}
         rules, indices = [], []
         for fault in self.frames:
             if not _named(node, fault.nodes) or (fault.bus and fault.bus not in numbers):
                 continue
-            for name, identifier, mask in _matching(fault.messages, ids):
+            hostile = fault.kind in HOSTILE
+            known = {n: i for n, i in ids.items() if n in (samples or {})} if hostile else ids
+            wanted = tuple(known) if hostile and "*" in fault.messages else fault.messages
+            for name, identifier, mask in _matching(wanted, known):
+                if hostile and name not in known:
+                    continue
                 rule = _rule(fault, identifier, mask, self._random(fault, node, name))
                 rule.bus = numbers[fault.bus] if fault.bus else -1
+                if hostile and samples:
+                    rule.message = c.pointer(samples[name])
                 rules.append(rule)
                 indices.append(fault.index)
         if not rules:

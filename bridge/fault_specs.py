@@ -59,6 +59,24 @@ class ReorderSpec(DropSpec, frozen=True, kw_only=True):
     within: Number = 1
 
 
+class ForgeSpec(CountSpec, frozen=True, kw_only=True):
+    """One more, with the right CRC: `by` is added to its values, its counter `count` ahead."""
+
+    by: Range = 1.0
+
+
+class AbsurdSpec(DropSpec, frozen=True, kw_only=True):
+    """Its values become so large, of both signs, with the right CRC."""
+
+    by: Range = 1e6
+
+
+class FloodSpec(DropSpec, frozen=True, kw_only=True):
+    """Valid frames with counters that go on, at this rate."""
+
+    rate: Number
+
+
 class KillSpec(Spec, frozen=True, kw_only=True):
     """SIGKILL, for good."""
 
@@ -139,6 +157,10 @@ SPECS: dict[str, type[Spec]] = {
     "duplicate": DuplicateSpec,
     "reorder": ReorderSpec,
     "corrupt": CountSpec,
+    "forge": ForgeSpec,
+    "replay": CountSpec,
+    "absurd": AbsurdSpec,
+    "flood": FloodSpec,
     "sync-loss": SyncLossSpec,
     "kill": KillSpec,
     "restart": RestartSpec,

@@ -14,12 +14,15 @@ from typing import Any
 from bridge.fault_script import Action, Event, FaultScript, FrameFault
 from bridge.fault_specs import (
     SPECS,
+    AbsurdSpec,
     BabbleSpec,
     BusDownSpec,
     ClockJumpSpec,
     CountSpec,
     DropSpec,
     DuplicateSpec,
+    FloodSpec,
+    ForgeSpec,
     FreezeSpec,
     KillSpec,
     LateSpec,
@@ -98,12 +101,12 @@ class _Place:
             raise ScenarioError(f"is {t1:g} s; expected more than from, {t0:g} s", self.of("to"))
         return t0, t1
 
-    def between(self, by: Range) -> tuple[float, float]:
+    def between(self, by: Range, unit: str = "s", least: float = 0.0) -> tuple[float, float]:
         a, b = by if isinstance(by, tuple) else (by, by)
-        low, high = self.value("by", a), self.value("by", b)
+        low, high = self.value("by", a, unit, least), self.value("by", b, unit, least)
         if high < low:
             raise ScenarioError(
-                f"is {low:g} to {high:g} s; expected [least, greatest]", self.of("by")
+                f"is {low:g} to {high:g} {unit}; expected [least, greatest]", self.of("by")
             )
         return low, high
 
@@ -123,6 +126,10 @@ def _frame_fault(spec: SyncLossSpec, place: _Place) -> FrameFault:
         a, b = place.between(spec.by)
     elif isinstance(spec, ReorderSpec):
         b = place.value("within", spec.within)
+    elif isinstance(spec, ForgeSpec | AbsurdSpec):
+        a, b = place.between(spec.by, "1", -inf)
+    elif isinstance(spec, FloodSpec):
+        a = 1 / place.value("rate", spec.rate, "1/s", 1.0, 1e6)
     messages = spec.message if isinstance(spec, DropSpec) else "SYNC"
     return FrameFault(
         index=place.index,

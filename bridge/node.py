@@ -24,10 +24,9 @@ from bridge.control import Control, Say, listen_to, refusals, signals
 from bridge.fault_script import FaultScript, NodeFaults
 from bridge.faults import load
 from bridge.grants import Realtime
-from bridge.journal import Journal
+from bridge.injecting import inject
 from bridge.lives import Life
 from bridge.native import node as native
-from bridge.native.faults import INJECTED
 from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import State
 from bridge.process import Start
@@ -123,9 +122,8 @@ def _configured(
     listen: Callable[[Control], None],
 ) -> Statement:
     d, struct = wired.system.deployment, wired.struct
-    faults = _faults(wired, options, list(buses))
-    if faults is not None:
-        struct.faults = c.pointer(faults.injector.struct)
+    script, record = options.script, options.folder / options.life.file("faults")
+    faults = None if script is None else inject(wired, script, record)
     struct.first = max([1, *(s.period for s in wired.plan.plan.components)])
     control = Control(struct)
     answer(wired, buses, control)
@@ -151,20 +149,6 @@ def _configured(
             result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
         return _kept(options, _report(wired, buses, options, result, facts, warning, faults))
-
-
-def _faults(wired: Wired, options: Options, buses: Sequence[str]) -> NodeFaults | None:
-    """What a script does to frames this node receives; what it did is in ``LIFE.faults``."""
-    if options.script is None:
-        return None
-    journal = Journal.create(options.folder / options.life.file("faults"), INJECTED, 100_000)
-    wired.keep(journal)
-    return options.script.frames_for(
-        options.life.node,
-        wired.system.identifiers(options.life.node),
-        {name: i for i, name in enumerate(buses)},
-        journal=journal.address,
-    )
 
 
 def _report(

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "hostile.h"
+
 #define SECOND 1e9
 
 /* What becomes of one frame on its way through the rules. */
@@ -14,25 +16,12 @@ typedef struct {
     uint32_t tag;           /* frame.reserved while it waits for the next one: rule + 1 */
     double a, b;            /* of duplicates, s */
     uint64_t draws;         /* of duplicates */
+    int32_t added;          /* by hostile peers, already waiting */
 } passage_t;
-
-/* SplitMix64: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014. */
-static uint64_t next(uint64_t *state)
-{
-    uint64_t z = *state += 0x9E3779B97F4A7C15u;
-    z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
-    z = (z ^ z >> 27) * 0x94D049BB133111EBu;
-    return z ^ z >> 31;
-}
-
-static double unit(uint64_t z)
-{
-    return (double)(z >> 11) * (1.0 / 9007199254740992.0);
-}
 
 static int64_t between_ns(double a, double b, uint64_t *draws)
 {
-    return (int64_t)((a + (b - a) * unit(next(draws))) * SECOND + 0.5);
+    return (int64_t)((a + (b - a) * faults_unit(draws)) * SECOND + 0.5);
 }
 
 /* CRC-32 of IEEE 802.3, as zlib has it. */
@@ -99,7 +88,7 @@ static int corrupt(frame_t *frame, int32_t count, uint64_t *draws)
     uint8_t mask[FRAME_DATA] = {0};
     const int32_t bits = 8 * (int32_t)length_of(frame);
     for (int32_t i = bits - (count < bits ? count : bits); i < bits; i++) {
-        int32_t bit = (int32_t)(next(draws) % (uint64_t)(i + 1));
+        int32_t bit = (int32_t)(faults_next(draws) % (uint64_t)(i + 1));
         if (mask[bit / 8] >> bit % 8 & 1) bit = i;
         mask[bit / 8] |= (uint8_t)(1 << bit % 8);
     }
@@ -107,10 +96,52 @@ static int corrupt(frame_t *frame, int32_t count, uint64_t *draws)
     return bits > 0 && count > 0;
 }
 
+/* ---- hostile peers ---- */
+
+static void add(faults_t *f, passage_t *p, const frame_t *frame, int64_t later_ns)
+{
+    frame_t more = *frame;
+    more.t_ns = p->frame.t_ns + later_ns;
+    more.reserved = 0;
+    insert(f, &more);
+    p->added++;
+}
+
+static int forge(faults_t *f, const fault_t *r, passage_t *p, uint64_t *draws)
+{
+    frame_t frame = p->frame;
+    if (!hostile_remake(r, &frame, (uint32_t)r->count, draws)) return 0;
+    add(f, p, &frame, 0);
+    return 1;
+}
+
+/* What was recorded, over and over. */
+static int replay(faults_t *f, fault_t *r, passage_t *p)
+{
+    const frame_t *frame = hostile_again(r);
+    if (frame) add(f, p, frame, 0);
+    return frame != NULL;
+}
+
+static int flood(faults_t *f, fault_t *r, passage_t *p, int64_t t, uint64_t *draws)
+{
+    const int64_t n = hostile_flood(r, t), apart = (int64_t)(r->a * SECOND);
+    for (int64_t i = 1; i <= n; i++) {
+        frame_t frame = p->frame;
+        if (!hostile_remake(r, &frame, (uint32_t)i, draws)) return 0;
+        add(f, p, &frame, i * apart);
+    }
+    return n > 0;
+}
+
 /* What a rule does to a frame that it hits; 0: nothing. */
-static int strike(fault_t *r, int64_t number, passage_t *p, uint64_t draws)
+static int strike(faults_t *f, fault_t *r, int64_t number, passage_t *p, int64_t t, uint64_t draws)
 {
     switch (r->kind) {
+    case FAULT_FORGE: return forge(f, r, p, &draws);
+    case FAULT_REPLAY: return replay(f, r, p);
+    case FAULT_ABSURD: return hostile_remake(r, &p->frame, 0, &draws);
+    case FAULT_FLOOD: return flood(f, r, p, t, &draws);
     case FAULT_DROP:
     case FAULT_BURST: p->copies = 0; return 1;
     case FAULT_DELAY:
@@ -132,9 +163,9 @@ static int strike(fault_t *r, int64_t number, passage_t *p, uint64_t draws)
 /* Whether a rule hits a frame that fits, in its time; the generator is asked, once. */
 static int hit(fault_t *r, uint64_t *draws)
 {
-    *draws = next(&r->random);
+    *draws = faults_next(&r->random);
     r->asked++;
-    const int drawn = unit(*draws) < r->probability;
+    const int drawn = faults_share(*draws) < r->probability;
     if (r->kind != FAULT_BURST) return drawn;
     if (r->left == 0 && drawn) r->left = r->count;
     return r->left > 0 && r->left--;
@@ -146,10 +177,11 @@ static void apply(faults_t *f, int64_t number, passage_t *p, int64_t t)
     fault_t *r = f->rules + number;
     uint64_t draws = 0;
     if (!fits(r, &p->frame)) return;
+    if (r->kind == FAULT_REPLAY && t < r->t0_ns) hostile_remember(r, &p->frame);
     int struck = t >= r->t0_ns && t < r->t1_ns && hit(r, &draws);
     if (p->copies == 0) return;
     if (r->kind == FAULT_REORDER && struck) struck = tagged(f, (uint32_t)number + 1) < 0;
-    if (struck && strike(r, number, p, draws)) {
+    if (struck && strike(f, r, number, p, t, draws)) {
         r->hits++;
         p->kinds |= 1u << r->kind;
         if (p->rule < 0) p->rule = (int32_t)number;
@@ -197,7 +229,7 @@ static void record(faults_t *f, const frame_t *was, const passage_t *p, int64_t 
     row->length = was->length;
     row->flags = was->flags;
     row->bus = was->bus;
-    row->copies = p->copies;
+    row->copies = p->copies + p->added;
     memcpy(row->data, was->data, n < sizeof row->data ? n : sizeof row->data);
     journal_commit(f->journal);
 }
@@ -213,16 +245,16 @@ static void let_through(faults_t *f, const passage_t *p)
     }
 }
 
-void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns)
+void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t started)
 {
     passage_t p = {.frame = *frame, .copies = 1, .rule = -1};
     p.frame.reserved = 0;
     f->frames++;
-    for (int64_t i = 0; start_ns > 0 && i < f->n_rules; i++)
+    for (int64_t i = 0; started && i < f->n_rules; i++)
         apply(f, i, &p, frame->t_ns - start_ns);
     if (p.rule >= 0) record(f, frame, &p, start_ns);
     let_through(f, &p);
-    if (start_ns > 0) release(f, &p);
+    if (started) release(f, &p);
 }
 
 int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns)

@@ -4,7 +4,10 @@
  * Rules are applied in order, each to what the one before made of the frame; the time that counts is
  * the arrival. Seeded: every rule has its own generator (SplitMix64), asked once a frame that fits,
  * whatever other rules do; what else it needs for that frame (how long, which bits) is drawn from
- * that one number. Before the start (start_ns <= 0) nothing is touched.
+ * that one number. Before the start nothing is touched.
+ *
+ * FORGE, REPLAY, ABSURD and FLOOD are what a hostile peer does, who knows the format, the CRC and the
+ * data ID of a message: they need `message`. What they add arrives before the frame that was hit.
  *
  * Every frame that was changed is a row of `journal`, with what it was: the ground truth against
  * which a receiver's checks are held.
@@ -16,13 +19,20 @@
 
 #include "frame.h"
 #include "journal.h"
+#include "message.h"
 
 enum { FAULT_DROP, FAULT_BURST /* drop `count` in a row */,
        FAULT_DELAY /* by `a` to `b` s; what fits stays in order */,
        FAULT_JITTER /* by `a` to `b` s, may overtake */,
        FAULT_DUPLICATE /* `count` more, each `a` to `b` s after the first */,
        FAULT_REORDER /* after the next that fits; after `b` s if none comes */,
-       FAULT_CORRUPT /* flip `count` different bits of the data */ };
+       FAULT_CORRUPT /* flip `count` different bits of the data */,
+       FAULT_FORGE /* one more: a..b added to every value, the counter `count` steps ahead */,
+       FAULT_REPLAY /* one more: of the last `count` frames before t0, one after the other */,
+       FAULT_ABSURD /* every value becomes a..b, in turn positive and negative */,
+       FAULT_FLOOD /* valid frames, `a` s apart, with counters that go on, until the next comes */ };
+/* The most frames a flood adds to one. */
+enum { FAULT_MOST = 512 };
 
 enum { FAULT_EXTENDED = 0x40000000 };   /* in id and mask of a rule: a 29-bit identifier */
 
@@ -34,9 +44,13 @@ typedef struct {
     double probability, a, b;
     uint64_t random;        /* state of the generator */
     int64_t left;           /* of a burst */
-    int64_t last_ns;        /* DELAY: when the last one gets through */
+    int64_t last_ns;        /* DELAY: when the last one gets through; FLOOD: when the last one came */
     int64_t asked;          /* frames that fit */
     int64_t hits;           /* frames it did something to */
+    const message_t *message;   /* of hostile peers: what they send; else NULL */
+    double *values;         /* room for the message's values */
+    frame_t *store;         /* REPLAY: `count` frames, a circle; else NULL */
+    int64_t stored, taken;  /* frames recorded, and sent again */
 } fault_t;
 
 typedef struct {
@@ -49,7 +63,7 @@ typedef struct {
     uint32_t kinds;         /* bits 1 << FAULT_... of all that did */
     uint16_t length;
     uint8_t flags, bus;
-    int32_t copies;         /* that went on; 0: dropped */
+    int32_t copies;         /* that went on, with those a hostile peer added; 0: dropped */
     uint8_t data[64];       /* as it was, the first 64 bytes */
 } injected_t;
 
@@ -65,8 +79,9 @@ typedef struct {
     int64_t overflow;       /* lost because too many waited: not on purpose */
 } faults_t;
 
-/* Takes a frame in; what comes out (none, one, more) waits inside. t_ns is the arrival. */
-API void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns);
+/* Takes a frame in; what comes out (none, one, more) waits inside. t_ns is the arrival; `started`:
+ * the run has a start, start_ns. */
+API void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t started);
 /* The next that gets through by now: 1 and *frame with its new t_ns, or 0. */
 API int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns);
 /* Bytes of fault_t, injected_t, faults_t. */

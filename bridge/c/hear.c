@@ -236,7 +236,7 @@ void node_hear(node_t *n, int64_t limit_ns)
             }
             n->has_pending[b] = 0;
             n->pending[b].bus = (uint8_t)b;
-            if (n->faults) faults_put(n->faults, n->pending + b, n->start_ns);
+            if (n->faults) faults_put(n->faults, n->pending + b, n->start_ns, started(n));
             else dispatch(n, n->pending + b);
         }
     }

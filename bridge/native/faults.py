@@ -11,9 +11,11 @@ import numpy as np
 
 from bridge.native.frame import Frame
 from bridge.native.library import library
+from bridge.native.message import Message
 from cosim.errors import PlanError
 
-DROP, BURST, DELAY, JITTER, DUPLICATE, REORDER, CORRUPT = range(7)
+DROP, BURST, DELAY, JITTER, DUPLICATE, REORDER, CORRUPT, FORGE, REPLAY, ABSURD, FLOOD = range(11)
+HOSTILE = (FORGE, REPLAY, ABSURD, FLOOD)
 EXTENDED = 0x40000000
 FOREVER = 2**63 - 1
 
@@ -58,6 +60,11 @@ class Fault(c.Structure):
         ("last_ns", c.c_int64),
         ("asked", c.c_int64),
         ("hits", c.c_int64),
+        ("message", c.POINTER(Message)),
+        ("values", c.c_void_p),
+        ("store", c.POINTER(Frame)),
+        ("stored", c.c_int64),
+        ("taken", c.c_int64),
     )
 
 
@@ -95,11 +102,22 @@ class Injector:
         if capacity < 1 or capacity & (capacity - 1):
             raise PlanError(f"faults with {capacity} frames waiting; expected a power of two")
         self.rules = (Fault * len(rules))(*rules)
+        self._room = [self._room_for(rule) for rule in self.rules]
         self._waiting = (Frame * capacity)()
         self.struct = Faults(n_rules=len(rules), capacity=capacity, journal=journal)
         self.struct.rules = c.addressof(self.rules)
         self.struct.waiting = c.addressof(self._waiting)
         self._library = _declared()
+
+    @staticmethod
+    def _room_for(rule: Fault) -> tuple[object, ...]:
+        """Memory of a rule of a hostile peer, bound to it."""
+        if rule.kind not in HOSTILE or not rule.message:
+            return ()
+        values = (c.c_double * max(1, rule.message.contents.n_fields))()
+        frames = (Frame * max(1, rule.count if rule.kind == REPLAY else 0))()
+        rule.values, rule.store = c.addressof(values), frames
+        return values, frames
 
     @property
     def address(self) -> int:
@@ -108,7 +126,7 @@ class Injector:
 
     def put(self, frame: Frame, start_ns: int) -> None:
         """Take a frame in; its `t_ns` is the arrival, `start_ns` t = 0 on the same clock."""
-        self._library.faults_put(c.byref(self.struct), c.byref(frame), start_ns)
+        self._library.faults_put(c.byref(self.struct), c.byref(frame), start_ns, start_ns > 0)
 
     def get(self, now_ns: int) -> Frame | None:
         """The next that gets through by now, with its new `t_ns`; None: there is none."""
@@ -129,7 +147,7 @@ def sizes(which: int) -> int:
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
-    lib.faults_put.argtypes = (c.POINTER(Faults), c.POINTER(Frame), c.c_int64)
+    lib.faults_put.argtypes = (c.POINTER(Faults), c.POINTER(Frame), c.c_int64, c.c_int32)
     lib.faults_put.restype = None
     lib.faults_get.argtypes = (c.POINTER(Faults), c.POINTER(Frame), c.c_int64)
     lib.faults_get.restype = c.c_int32

@@ -74,8 +74,9 @@ class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """An emulated drive between the bus and a plant's torque input `port`.
 
     `q`, `dq`: the plant's outputs its encoders measure. `watchdog`: time without a valid command
-    after which it latches a fault. `damping`: N.m.s/rad in fault. `profile`: a file that gives
-    what is not said here, beside the deployment.
+    after which it latches a fault. `max_age`: a torque that is older when it arrives, or when it is
+    to act, is refused; default: as long as the watchdog waits. `damping`: N.m.s/rad in fault.
+    `profile`: a file that gives what is not said here, beside the deployment.
     """
 
     port: str = "tau"
@@ -85,6 +86,7 @@ class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     tau_max: Numbers | None = None
     lag: Number | None = None
     watchdog: Number | None = None
+    max_age: Number | None = None
     damping: Number | None = None
     q_lsb: Number | None = None
     dq_lsb: Number | None = None

@@ -14,6 +14,7 @@ from bridge import drives, safety
 from bridge.can.profiles import load_profile
 from bridge.cut import Inlet, NodePlan, Outlet
 from bridge.deploy import Deployment, DriveSpec, GuardSpec, NodeSpec
+from bridge.safety import in_si
 from cosim.errors import ScenarioError
 from cosim.plan import Slot
 
@@ -66,6 +67,25 @@ def emulated(
     names = ("tau_max", "lag", "watchdog", "damping", "q_lsb", "dq_lsb", "tau_lsb")
     said = {n: _listed(getattr(spec, n), at) for n in names if getattr(spec, n) is not None}
     return replace(known, **said)
+
+
+def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
+    """The greatest age of a torque that moves a drive, ns: what is said, else its watchdog.
+
+    Raises ScenarioError for an age that is not positive.
+    """
+    if spec.max_age is None:
+        return round(in_si(emulated(spec, d).watchdog, "s", f"{place}.watchdog") * 1e9)
+    said = in_si(spec.max_age, "s", f"{place}.max_age")
+    if not 0 < said < 1e6:
+        raise ScenarioError(f"is {said:g} s, expected more than 0", f"{place}.max_age")
+    return round(said * 1e9)
+
+
+def drives_by(plan: NodePlan, spec: NodeSpec, message: str) -> bool:
+    """Whether a message carries torques of the node's drive."""
+    port = spec.drive.port if spec.drive else None
+    return any(i.message == message and i.target.port == port for i in plan.inlets)
 
 
 def _listed(value: Any, at: Span | None) -> Any:
@@ -148,7 +168,7 @@ _VELOCITY = ("dq_max", "power_max")
 def _check_drive(plan: NodePlan, spec: NodeSpec, d: Deployment, place: str) -> None:
     if spec.drive is None:
         return
-    emulated(spec.drive, d)  # its profile is there
+    torque_age(spec.drive, d, place)  # its profile is there, too
     found = [i for i in plan.inlets if i.target.port == spec.drive.port]
     if not found:
         text = f"no torque {spec.drive.port!r} arrives from another node; expected one to drive"

@@ -15,7 +15,7 @@ from bridge.latency import delays_for, newest_for
 from bridge.native import message as messages
 from bridge.native import node as native
 from bridge.native.delay import DelayLine
-from bridge.protect import Span, age_slot, emulated, input_of
+from bridge.protect import Span, age_slot, drives_by, emulated, input_of, torque_age
 from bridge.system import Carried, System
 from cosim.plan import Wire
 
@@ -63,12 +63,20 @@ class Receiving:
         r.values, r.width = values.ctypes.data, values.size
         r.bus = self._buses.index(carried.bus)
         r.period_ns, r.offset_ns = carried.period_ns, carried.offset_ns
-        r.max_age_ns = carried.max_age_ns
+        r.max_age_ns = self._max_age(carried)
         r.newest = r.arrival_ns = -1
         r.accept_simulated = not self._real
         r.sender = self._system.deployment.nodes[carried.node].number
         self.receivers[carried.name] = receiver
         self._alive += [receiver, values]
+
+    def _max_age(self, carried: Carried) -> int:
+        """What the message says, or the drive it moves, if that is less; ns, 0: any."""
+        spec, d = self._spec.drive, self._system.deployment
+        ages = [carried.max_age_ns]
+        if spec is not None and drives_by(self._plan, self._spec, carried.name):
+            ages.append(torque_age(spec, d, d.place("nodes", self._name, "drive")))
+        return min((age for age in ages if age), default=0)
 
     def _aparts(self) -> None:
         """Positions that are compared before the start."""
@@ -150,7 +158,7 @@ class Receiving:
         drive = emulated(spec, d, at).build(joints, inlet.ticks * self._system.plan.h, place)
         self.drives.append(drive)
         command = np.zeros(joints)
-        entry.drive = c.pointer(drive.struct)
+        entry.drive, entry.max_age_ns = c.pointer(drive.struct), torque_age(spec, d, place)
         entry.command = command.ctypes.data
         entry.q, entry.dq = q + at.entry, dq + at.entry
         self._alive.append(command)

@@ -51,12 +51,23 @@ static void give(const inlet_t *in, const double *value, double *target)
     for (int32_t k = 0; k < in->count; k++) target[k] = in->gain * value[k] + in->offset;
 }
 
-/* Torque commands go through the drive. One that nobody's journal tells of feeds its watchdog, too. */
+/* How old what is held is, by the nominal times of its sender's slot and of this one; ns. */
+static int64_t age_ns(const inlet_t *in)
+{
+    const int64_t held = in->held < 0 ? 0 : in->held;
+    const int64_t sent = held * in->reception->period_ns + in->reception->offset_ns;
+    return in->node->now_ns + in->node->phase_ns - sent;
+}
+
+/* Torque commands go through the drive. One that nobody's journal tells of feeds its watchdog, too;
+ * one that is too old (also by the law of its link) neither moves it nor feeds the watchdog. */
 static void through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
 {
     node_t *n = in->node;
-    if (value) give(in, value, in->command);
-    drive_step(in->drive, in->command, fresh && in->held >= 0, signals + in->dq, n->now_ns,
+    const int32_t old = in->max_age_ns > 0 && in->held >= 0 && age_ns(in) > in->max_age_ns;
+    if (old && fresh) in->reception->receiver->stale++;
+    if (value && !old) give(in, value, in->command);
+    drive_step(in->drive, in->command, fresh && in->held >= 0 && !old, signals + in->dq, n->now_ns,
                signals + in->target);
     if (in->drive->state == DRIVE_FAULT && n->life.state != LIFE_FAULT) n->life.now |= WHY_WATCHDOG;
 }
@@ -68,14 +79,6 @@ static void through(inlet_t *in, const double *value, double *signals)
     if (value) give(in, value, target);
     else if (in->begun && in->held < 0)
         memcpy(target, in->initial, (size_t)in->count * sizeof *target);
-}
-
-/* How old what is held is, by the nominal times of its sender's slot and of this one; s. */
-static double age(const inlet_t *in)
-{
-    const int64_t held = in->held < 0 ? 0 : in->held;
-    const int64_t sent = held * in->reception->period_ns + in->reception->offset_ns;
-    return (double)(in->node->now_ns + in->node->phase_ns - sent) * 1e-9;
 }
 
 API int32_t inlet_pass(void *context, int64_t tick, double *signals)
@@ -97,7 +100,7 @@ API int32_t inlet_pass(void *context, int64_t tick, double *signals)
         in->begun = 1;
     }
     const int64_t silence = n->now_ns - in->heard_ns;
-    if (in->link_age >= 0) signals[in->link_age] = age(in);
+    if (in->link_age >= 0) signals[in->link_age] = (double)age_ns(in) * 1e-9;
     if (in->age >= 0) signals[in->age] = (double)silence * 1e-9;
     if (in->stop_ns > 0 && silence > in->stop_ns) n->life.now |= WHY_STALE;
     return 0;

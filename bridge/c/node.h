@@ -72,7 +72,8 @@ typedef struct {
     int32_t width, bus;
     int64_t period_ns;      /* of the sender */
     int64_t offset_ns;      /* phase of the sender: nominal time of sample j is j*period + offset */
-    int64_t max_age_ns;     /* by its time stamp: older is dropped; 0: any */
+    int64_t max_age_ns;     /* older at its arrival is refused: by its stamp, else by the nominal time
+                             * of its number; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
     int32_t accept_simulated, previewed;
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
@@ -100,6 +101,7 @@ typedef struct {
     int64_t stop_ns;        /* silence that stops the node; 0: never */
     int64_t period;         /* ticks of the receiver */
     drive_t *drive;         /* between this and the plant; or NULL */
+    int64_t max_age_ns;     /* drive: an older torque is not given, and feeds no watchdog; 0: any */
     int64_t q, dq;          /* of the plant, for the drive: signals */
     double *command;        /* (count,): drive: what was received */
     int64_t held, newest;   /* of this tick */

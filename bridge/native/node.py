@@ -107,6 +107,7 @@ class Inlet(c.Structure):
         ("stop_ns", c.c_int64),
         ("period", c.c_int64),
         ("drive", c.POINTER(safety.Drive)),
+        ("max_age_ns", c.c_int64),
         ("q", c.c_int64),
         ("dq", c.c_int64),
         ("command", c.c_void_p),

@@ -22,7 +22,7 @@ from bridge.system import System
 from bridge.wiring import Rows
 from cosim.links.grid import Grid
 from cosim.links.statistics import LinkStatistics, statistics
-from cosim.links.storage import TableWriter
+from cosim.links.writer import TableWriter
 from cosim.plan import Link
 from cosim.record import Recorder, link_file
 from cosim.simulate import columns

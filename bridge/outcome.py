@@ -37,6 +37,7 @@ from cosim.clock import monotonic_ns, realtime_ns
 from cosim.errors import CosimError, RunError
 from cosim.links.statistics import LinkStatistics
 from cosim.record import Run, write_metadata
+from cosim.record.folder import FINISHED, STOPPED
 from cosim.simulate import metadata
 
 TWIN, BUSES = "twin", "buses"
@@ -134,7 +135,8 @@ def run_twin(system: System, folder: Path) -> Path:
     rows = replay.load(nodes)
     collect.write_trajectories(system, rows, folder)
     collect.write_tables(system, rows, folder)
-    write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, {}))
+    facts = metadata(system.scenario, system.plan) | deployed(system, {})
+    write_metadata(folder, facts | {"status": FINISHED})
     shutil.rmtree(nodes)
     return folder
 
@@ -177,6 +179,7 @@ def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dic
     return {
         **metadata(system.scenario, system.plan),
         **deployed(system, facts),
+        "status": FINISHED if outcome.finished else STOPPED,
         "rehearsal": {
             "finished": outcome.finished,
             "notes": [note.facts() for note in outcome.notes],

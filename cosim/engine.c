@@ -216,6 +216,7 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
                 if (e->record) {
                     memcpy(e->record + e->row * e->n_signals, s, (size_t)e->n_signals * sizeof *s);
                     e->row++;
+                    if (e->recorded) publish(e->recorded, e->row);
                 }
                 break;
             }

@@ -22,7 +22,17 @@
 #define INLINE static inline
 #endif
 
-#define ENGINE_ABI 9
+/* Store a count after everything that was written before it. */
+INLINE void publish(int64_t *place, int64_t count)
+{
+#if defined(__GNUC__)
+    __atomic_store_n(place, count, __ATOMIC_RELEASE);
+#else
+    *(volatile int64_t *)place = count;
+#endif
+}
+
+#define ENGINE_ABI 10
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
@@ -158,6 +168,7 @@ typedef struct {
     gate_t *gates;
     double *signals;
     double *record;         /* rows of n_signals, or NULL */
+    int64_t *recorded;      /* the number of rows in `record`, for who reads them meanwhile; NULL */
     int64_t n_operations, n_signals;
     int64_t row, tick;
     double h;

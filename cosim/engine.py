@@ -76,9 +76,10 @@ class Engine:
 
     # ---- running -----------------------------------------------------------------------------
 
-    def run(self, ticks: int, record: Vector | None = None) -> int:
+    def run(self, ticks: int, record: Vector | None = None, recorded: int = 0) -> int:
         """Run `ticks` ticks, recording one row a tick into `record` (rows, n_signals).
 
+        `recorded`: address of an int64 that counts these rows as they come; 0: nobody looks.
         Returns the number of rows written. Where an FMU ends the simulation, it stops there, and
         :attr:`ended` says so; nothing is run after that. Raises RunError where a component fails or
         gives a value that is not finite, KeyboardInterrupt after the tick in which Ctrl-C was
@@ -90,6 +91,7 @@ class Engine:
         state.row = 0  # before anything can interrupt: `rows` is then about this run
         self._next_tables(ticks)
         state.record = None if record is None else record.ctypes.data
+        state.recorded = recorded or None
         with deferred(self.stop):
             result = Result(self._library.engine_run(c.byref(state), ticks))
         if result not in (Result.OK, Result.STOPPED):

@@ -58,6 +58,10 @@ class RunError(CosimError, RuntimeError):
         self.saved: str | None = None
 
 
+class CutShort(UserWarning):
+    """A run folder whose run did not come to its end is read as far as it goes."""
+
+
 class Interrupted(KeyboardInterrupt):
     """Somebody stopped a run (Ctrl-C) at `time` (s); what was recorded is in the folder `saved`."""
 

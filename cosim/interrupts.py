@@ -1,4 +1,8 @@
-"""Ctrl-C while C runs: a loop stops between two ticks instead of somewhere inside a call-back."""
+"""Signals that end a command: a loop in C stops between two ticks, not inside a call-back.
+
+SIGINT (Ctrl-C), SIGTERM and SIGHUP all mean the same: stop, keep what was recorded, and end with
+exit code 128 + the number of the signal: 130, 143 and 129.
+"""
 
 from __future__ import annotations
 
@@ -8,52 +12,71 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+#: The signals that end a command, by name; Windows has no SIGHUP.
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in dir(signal)
+)
+#: The signal that came last: signals belong to the process, and so does this.
+_received: list[int] = []
+
+
+def exit_code() -> int:
+    """Exit code of a command that a signal has ended: 130, 143 or 129; 130 if none has come."""
+    return 128 + (_received[-1] if _received else int(signal.SIGINT))
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _received[:] = [number]
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None], ours: bool) -> Iterator[None]:
+    """Install `handler` for the ending signals in the block.
+
+    A signal somebody else handles or ignores stays theirs. `ours`: only where Python's own handler
+    or :func:`terminated` is in place, not where the system's default would end the process.
+    """
+    free = {signal.default_int_handler, _interrupt} | (set() if ours else {signal.SIG_DFL})
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {n: h for n in ENDING if (h := signal.getsignal(n)) in free}
+    try:
+        for number in before:
+            signal.signal(number, handler)
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
+
 
 @contextmanager
 def deferred(stop: Callable[[], None]) -> Iterator[None]:
-    """Turn the first SIGINT of the block into `stop()`, and KeyboardInterrupt at its end.
+    """Turn the first ending signal of the block into `stop()`, and KeyboardInterrupt at its end.
 
     Python raises KeyboardInterrupt wherever it next gets to run; in a function that C calls, that
     is before the function's first line, where nobody can catch it and it is lost. The second
-    SIGINT raises at once, for a component that hangs. Only in the main thread and where Python's
-    own handler is in place; elsewhere the block runs as it is.
+    signal raises at once, for a component that hangs. SIGINT where Python's own handler is in
+    place, SIGTERM and SIGHUP inside of :func:`terminated`; only in the main thread.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    ):
-        yield
-        return
     pressed = False
 
     def note(number: int, frame: FrameType | None) -> None:
         nonlocal pressed
         if pressed:
-            signal.default_int_handler(number, frame)
+            _interrupt(number, frame)
+        _received[:] = [number]
         pressed = True
         stop()
 
-    signal.signal(signal.SIGINT, note)
-    try:
+    with _handled(note, ours=True):
         yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     if pressed:
         raise KeyboardInterrupt
 
 
 @contextmanager
 def terminated() -> Iterator[None]:
-    """SIGTERM is a Ctrl-C in the block, where this thread may say so."""
-    if threading.current_thread() is not threading.main_thread():
+    """SIGTERM and SIGHUP are a Ctrl-C in the block, where this thread may say so."""
+    with _handled(_interrupt, ours=False):
         yield
-        return
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.errors import CosimError
 from cosim.fmu_log import Log
 
-ABI = 9
+ABI = 10
 
 
 class Code(IntEnum):
@@ -249,6 +249,7 @@ class EngineState(c.Structure):
         ("gates", c.c_void_p),
         ("signals", c.c_void_p),
         ("record", c.c_void_p),
+        ("recorded", c.c_void_p),
         ("n_operations", c.c_int64),
         ("n_signals", c.c_int64),
         ("row", c.c_int64),

@@ -22,10 +22,10 @@ from cosim.errors import Interrupted, RunError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.interrupts import deferred
 from cosim.links.statistics import Ages, LinkStatistics
-from cosim.links.storage import TableWriter
+from cosim.links.writer import TableWriter
 from cosim.plan import Plan, Slot
 from cosim.record import Column, Recorder, claim_folder, link_file, write_metadata
-from cosim.record.folder import LAST
+from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
 from cosim.scenario import Scenario, as_data
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
@@ -87,9 +87,10 @@ def simulate(
     """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 
     The folder is made once all components have started: what cannot start leaves nothing behind.
-    `progress` is called with (ticks done, ticks in all) between chunks. Raises CosimError; a
-    RunError leaves what was recorded, and the last ticks of every signal, in the folder. Ctrl-C
-    (and the engine's `stop`) becomes Interrupted, and leaves what was recorded.
+    From then on it can be read at any moment, also after the process was killed. `progress` is
+    called with (ticks done, ticks in all) between chunks. Raises CosimError; a RunError leaves what
+    was recorded, and the last ticks of every signal, in the folder. Ctrl-C (and the engine's
+    `stop`) becomes Interrupted, and leaves what was recorded.
     """
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
@@ -106,31 +107,34 @@ def simulate(
         engine.initialize()
         stack.enter_context(deferred(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
+        facts = metadata(scenario, plan)
+        write_metadata(folder, facts)
         stack.callback(engine.save_logs, folder)
         for x in plan.links:
             writer = TableWriter(link_file(folder, x.name), x.table.facts())
             tables[x.name] = stack.enter_context(writer)
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
-            n_signals=plan.n_signals,
+            n_signals=plan.n_signals, everything=_everything(plan),
         )  # fmt: skip
         stack.enter_context(recorder)
         watch = stopwatch()
         try:
             _loop(engine, plan, recorder, rows, progress)
         except BaseException as error:
-            _save_failure(error, recorder, plan, folder)
-            write_metadata(folder, metadata(scenario, plan, error=error))
+            _save_failure(error, recorder, plan, folder, facts)
             raise
         recorder.close()
         wall = watch()
         late = engine.late()
-        found = metadata(scenario, plan, wall=wall) | {
+        found = {
+            "status": FINISHED,
+            "wall": wall,
             "texts": engine.texts(),
             "late_clocks": late,
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
-        write_metadata(folder, found)
+    write_metadata(folder, facts | found)  # once all tables are complete
     statistics = {name: counted.result() for name, counted in counts.items()}
     return Outcome(
         folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended
@@ -175,7 +179,7 @@ def _loop(
         buffer = recorder.buffer()
         failed = True
         try:
-            engine.run(ticks, buffer)
+            engine.run(ticks, buffer, recorder.begin(buffer, first))
             failed = False
         finally:
             n = engine.rows
@@ -191,25 +195,32 @@ def _loop(
             return
 
 
-def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: Path) -> None:
+def _save_failure(
+    error: BaseException, recorder: Recorder, plan: Plan, folder: Path, facts: Mapping[str, Any]
+) -> None:
     """Keep the last ticks of every signal; their last row is what the failure left behind."""
-    if isinstance(error, RunError):
-        slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
-        error.saved = str(folder)
-        try:
-            recorder.save_last(folder / LAST, FLIGHT_RECORDER, _columns(slots))
-        except RunError as failure:  # what stopped the run comes first
-            error.add_note(str(failure))
+    try:
+        if isinstance(error, RunError):
+            error.saved = str(folder)
+            recorder.save_last(folder / LAST, FLIGHT_RECORDER, _everything(plan))
+        write_metadata(folder, {**facts, **stopped(error)})
+    except RunError as failure:  # what stopped the run comes first
+        error.add_note(str(failure))
 
 
-def metadata(
-    scenario: Scenario,
-    plan: Plan,
-    wall: float | None = None,
-    error: BaseException | None = None,
-) -> dict[str, Any]:
-    """What ``run.json`` says: scenario, seeds, versions, FMU hashes, links, outcome."""
+def _everything(plan: Plan) -> list[Column]:
+    return _columns([s for c in plan.components for s in (*c.inputs, *c.outputs)])
+
+
+def stopped(error: BaseException) -> dict[str, Any]:
+    """What ``run.json`` says of a run that had to stop."""
+    return {"status": STOPPED, "error": f"{type(error).__name__}: {error}"}
+
+
+def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
+    """What ``run.json`` says when a run begins: scenario, seeds, versions, FMU hashes, links."""
     return {
+        "status": RUNNING,
         "scenario": as_data(scenario),
         "seed": scenario.run.seed,
         "step": plan.h,
@@ -224,8 +235,8 @@ def metadata(
         },
         "weights": {p.target.name: p.source.facts() for p in plan.players},
         "links": {x.name: x.table.facts() for x in plan.links},
-        "wall": wall,
-        "error": None if error is None else f"{type(error).__name__}: {error}",
+        "wall": None,
+        "error": None,
     }
 
 

@@ -146,6 +146,7 @@ def _run(
     from bridge.rehearse import Rehearsal
     from cosim.cli.summary import progress_bar
     from cosim.errors import Interrupted
+    from cosim.interrupts import exit_code
     from cosim.record import claim_folder
 
     refuse(preflight.check(system), quiet)
@@ -172,7 +173,7 @@ def _run(
     _say(system, outcome, plot, quiet)
     if interrupted:
         typer.echo(f"interrupted; recorded until then: {folder}", err=True)
-        raise typer.Exit(130)
+        raise typer.Exit(exit_code())
     if not outcome.finished or outcome.replayed is None or outcome.replayed.first is not None:
         raise typer.Exit(1)
 

@@ -144,6 +144,7 @@ def _driven(
 ) -> list[dict[str, object]]:
     from bridge.soak_drive import soak as drive
     from cosim.cli.sweep import progress_of
+    from cosim.interrupts import exit_code
 
     with progress_of(quiet) as progress:
         try:
@@ -162,4 +163,4 @@ def _driven(
                 "goes on",
                 err=True,
             )
-            raise typer.Exit(130) from None
+            raise typer.Exit(exit_code()) from None

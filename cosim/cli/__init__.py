@@ -1,6 +1,7 @@
 """The commands. Errors become one sentence and an exit code; nothing else is caught.
 
-Exit codes: 0 done, 1 a run stopped or a comparison failed, 2 bad input, 130 interrupted.
+Exit codes: 0 done, 1 a run stopped or a comparison failed, 2 bad input; ended by a signal: 130
+(SIGINT), 143 (SIGTERM), 129 (SIGHUP).
 """
 
 from __future__ import annotations
@@ -8,11 +9,28 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import warnings
+from typing import TextIO
 
 import typer
 
-from cosim.cli import analyze, check, compare, export, info, new, reproduce, run, show, sweep
-from cosim.errors import CosimError
+from cosim.cli import (
+    analyze,
+    check,
+    compare,
+    export,
+    info,
+    new,
+    recover,
+    reproduce,
+    run,
+    show,
+    sweep,
+)
+from cosim.cli.supervise import supervised
+from cosim.errors import CosimError, CutShort
+from cosim.interrupts import exit_code, terminated
+from cosim.record.folder import reason
 
 app = typer.Typer(
     name="cosim",
@@ -32,6 +50,7 @@ app.command("compare")(compare.compare)
 app.command("sweep")(sweep.sweep)
 app.command("export")(export.export)
 app.command("new")(new.new)
+app.command("recover")(recover.recover)
 
 #: Commands of the bridge, which this package does not know: (module, function) by name.
 BRIDGE = {
@@ -67,12 +86,26 @@ def _options(
     """Co-simulation of controllers and FMU plants over links with real latency."""
 
 
+#: Commands that run FMUs in their own process, where an FMU may crash or call exit().
+RUNNING = {"run", "sweep", "compare", "analyze", "reproduce", "replay"}
+
+
 def main() -> None:
     """Entry point of the console script."""
+    if len(sys.argv) > 1 and sys.argv[1] in RUNNING:
+        sys.exit(supervised(command))
+    command()
+
+
+def command() -> None:
+    """The command in this process."""
     # The working directory is where a user's own modules are.
     sys.path.insert(0, os.getcwd())
     try:
-        app()
+        with warnings.catch_warnings(), terminated():
+            warnings.simplefilter("once", CutShort)
+            warnings.showwarning = _warn
+            app()
     except CosimError as error:
         typer.echo(f"error: {error}", err=True)
         saved = vars(error).get("saved")
@@ -83,6 +116,27 @@ def main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         typer.echo("interrupted", err=True)
-        sys.exit(130)
+        sys.exit(exit_code())
     except BrokenPipeError:
         sys.exit(1)
+    except MemoryError:
+        typer.echo("error: there is not enough memory for this", err=True)
+        sys.exit(1)
+    except OSError as error:
+        typer.echo(f"error: {error.filename or 'the system'}: {reason(error)}", err=True)
+        sys.exit(1)
+
+
+def _warn(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """What a reader has to say about a folder is one sentence, without the place in the code."""
+    if issubclass(category, CutShort):
+        typer.echo(f"note: {message}", err=True)
+    else:
+        typer.echo(warnings.formatwarning(message, category, filename, lineno, line), err=True)

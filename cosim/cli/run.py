@@ -65,8 +65,10 @@ def run(
     from cosim.assemble import assemble
     from cosim.cli.check import warn
     from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
+    from cosim.cli.supervise import recording
     from cosim.clock import stamp
     from cosim.errors import Interrupted, ScenarioError
+    from cosim.interrupts import exit_code
     from cosim.record import Run
     from cosim.recorded import over
     from cosim.scenario import load, logging
@@ -91,6 +93,7 @@ def run(
         if not quiet:
             typer.echo(text)
 
+    recording(folder)
     say(header(loaded, plan))
     if not quiet:
         warn(loaded, plan)
@@ -99,7 +102,7 @@ def run(
             outcome = simulate(loaded, folder, progress, plan, force=force)
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(exit_code()) from None
     for line in late_ticks(outcome) if not quiet else ():
         typer.echo(line, err=True)
     if outcome.ended is not None:

@@ -47,6 +47,7 @@ def sweep(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
+    from cosim.interrupts import exit_code
     from cosim.sweep import drive, figures, summary
     from cosim.sweep.study import load_study
 
@@ -73,7 +74,7 @@ def sweep(
                 f"interrupted; {progress.count} runs more are in {folder}, --resume goes on",
                 err=True,
             )
-            raise typer.Exit(130) from None
+            raise typer.Exit(exit_code()) from None
     for line in summary.lines(table):
         say(line)
     for path in summary.write(table, folder):

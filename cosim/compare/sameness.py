@@ -19,7 +19,7 @@ import numpy as np
 from cosim.compare.documents import Case
 from cosim.compare.measure import Recorded
 from cosim.links.statistics import LinkStatistics, statistics
-from cosim.links.storage import TableWriter
+from cosim.links.writer import TableWriter
 
 Key = tuple[str, int, str]  # link law, seed, channel
 

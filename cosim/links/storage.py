@@ -1,106 +1,37 @@
 """Tables as Parquet files: one column `sent` (int32), everything else in the schema metadata.
 
 The same rows and facts give the same bytes, however the rows were handed over. A stored table
-replays: it answers like one that is drawn, without law or semantics.
+replays: it answers like one that is drawn, without law or semantics. While a table is written it is
+``NAME.rows``: a line of JSON with the facts, then the rows (int32, little-endian). Such a file of a
+process that was killed is read like a finished one.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cosim.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import IntArray
-from cosim.links.table import TableSpec, TableStream, check_indices
+from cosim.links.table import TableStream, check_indices
+from cosim.record.folder import ROWS
 
 COLUMN = "sent"
 FACTS = b"cosim.link"
 GROUP = 1 << 18  # rows of a row group
 
 
-class TableWriter:
-    """Writes rows as they come; a context manager. Memory: one row group.
-
-    `facts`: what :meth:`TableSpec.facts` says, or at least `name`, `sender_period`,
-    `receiver_period` (ticks) and `h` (s), without which a table does not replay.
-    """
-
-    def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        what = {"description": "index of the sent sample held at each look; -1: none yet"}
-        field = pa.field(COLUMN, pa.int32(), nullable=False, metadata=what)
-        text = json.dumps(facts, sort_keys=True, allow_nan=False)
-        self._schema = pa.schema([field], metadata={FACTS: text.encode()})
-        self._writer = pq.ParquetWriter(
-            path,
-            self._schema,
-            compression="zstd",
-            use_dictionary=False,
-            column_encoding={COLUMN: "DELTA_BINARY_PACKED"},
-        )
-        self._buffer = np.empty(GROUP, np.int32)
-        self._filled = 0
-
-    def write(self, rows: ArrayLike) -> None:
-        """Append rows, (n,) integers."""
-        rest = np.asarray(rows, dtype=np.int32)
-        while rest.size:
-            part = rest[: GROUP - self._filled]
-            self._buffer[self._filled : self._filled + part.size] = part
-            self._filled += part.size
-            rest = rest[part.size :]
-            if self._filled == GROUP:
-                self._flush()
-
-    def close(self) -> None:
-        """Write what is left and the footer."""
-        if self._filled:
-            self._flush()
-        self._writer.close()
-
-    def __enter__(self) -> TableWriter:
-        """The writer itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close; what was written up to an error is kept."""
-        self.close()
-
-    def _flush(self) -> None:
-        import pyarrow as pa
-
-        batch = pa.record_batch([pa.array(self._buffer[: self._filled])], schema=self._schema)
-        self._writer.write_batch(batch, row_group_size=GROUP)
-        self._filled = 0
-
-
-def save_table(path: Path, table: TableSpec, length: int) -> None:
-    """Write the first `length` rows of a table. Raises ScenarioError if it has fewer."""
-    stream = table.stream(length)
-    with TableWriter(path, table.facts()) as writer:
-        for start in range(0, length, GROUP):
-            writer.write(stream.rows(min(GROUP, length - start)))
-
-
 def load_table(path: Path) -> tuple[dict[str, Any], NDArray[np.int32]]:
     """The facts and all rows of a stored table. Raises ScenarioError naming the file."""
-    facts, _ = _read_facts(path)
-    groups = list(_groups(path))
+    facts, _ = read_facts(path)
+    groups = list(table_groups(path))
     return facts, np.concatenate(groups) if groups else np.empty(0, np.int32)
 
 
@@ -134,7 +65,7 @@ class StoredTable:
 
     def facts(self) -> dict[str, Any]:
         """What the file says, as a replay of it."""
-        facts, _ = _read_facts(self.path)
+        facts, _ = read_facts(self.path)
         return {**facts, "name": self.name, "replay": self.path.name}
 
 
@@ -144,7 +75,7 @@ def open_table(path: Path, *, name: str, grid: Grid) -> StoredTable:
     Raises ScenarioError where the file is no table, belongs to other periods, or holds a sample
     before it was sent; the message names the file and the row.
     """
-    facts, length = _read_facts(path)
+    facts, length = read_facts(path)
     found = tuple(facts.get(key) for key in ("sender_period", "receiver_period", "h"))
     if found[:2] != (grid.n_s, grid.n_r) or not _same(found[2], grid.h):
         raise ScenarioError(
@@ -154,7 +85,7 @@ def open_table(path: Path, *, name: str, grid: Grid) -> StoredTable:
         )
     check_indices(grid, length)
     least, greatest, row, before = None, 0, 0, -1
-    for sent in _groups(path):
+    for sent in table_groups(path):
         ages, fresh = _ages(sent, before, row, grid, path)
         if ages.size:
             smallest = int(ages.min())
@@ -186,7 +117,7 @@ def _ages(
 
 class _StoredRows:
     def __init__(self, path: Path) -> None:
-        self._groups = _groups(path)
+        self._groups = table_groups(path)
         self._rest = np.empty(0, np.int32)
 
     def take(self, n: int) -> IntArray:
@@ -200,8 +131,11 @@ class _StoredRows:
         return np.concatenate([np.empty(0, np.int32), *parts]).astype(np.int64)
 
 
-def _groups(path: Path) -> Iterator[NDArray[np.int32]]:
+def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:
     """The rows, one row group after the other; empty ones are left out."""
+    if path.suffix == ROWS:
+        yield from _unfinished(path)
+        return
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
@@ -215,13 +149,41 @@ def _groups(path: Path) -> Iterator[NDArray[np.int32]]:
                 yield rows
 
 
-def _read_facts(path: Path) -> tuple[dict[str, Any], int]:
+def _unfinished(path: Path) -> Iterator[NDArray[np.int32]]:
+    """The rows of a file of rows; the last one may be cut."""
+    with path.open("rb") as file:
+        file.readline()
+        while data := file.read(4 * GROUP):
+            if rows := len(data) // 4:
+                yield np.frombuffer(data, "<i4", rows).astype(np.int32, copy=False)
+
+
+def read_facts(path: Path) -> tuple[dict[str, Any], int]:
     """Facts and number of rows. Raises ScenarioError where this is no link table."""
+    if not path.is_file():
+        raise ScenarioError("no such file; expected a stored link table", str(path))
+    schema, length = _of_rows(path) if path.suffix == ROWS else _of_parquet(path)
+    try:
+        facts = json.loads(schema)
+    except ValueError as error:  # also UnicodeDecodeError
+        raise ScenarioError(f"its metadata is not readable JSON: {error}", str(path)) from None
+    if not isinstance(facts, dict):
+        raise ScenarioError(f"its metadata is {facts!r}; expected a JSON object", str(path))
+    return facts, length
+
+
+def _of_rows(path: Path) -> tuple[bytes, int]:
+    """The text of the facts, and the number of rows."""
+    with path.open("rb") as file:
+        text = file.readline()
+        return text, (path.stat().st_size - len(text)) // 4
+
+
+def _of_parquet(path: Path) -> tuple[bytes, int]:
+    """The text of the facts, and the number of rows. Raises ScenarioError."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if not path.is_file():
-        raise ScenarioError("no such file; expected a stored link table", str(path))
     try:
         with pq.ParquetFile(path) as file:
             schema, length = file.schema_arrow, file.metadata.num_rows
@@ -234,13 +196,7 @@ def _read_facts(path: Path) -> tuple[dict[str, Any], int]:
             f" {COLUMN!r} and the metadata {FACTS.decode()!r}",
             str(path),
         )
-    try:
-        facts = json.loads(schema.metadata[FACTS])
-    except ValueError as error:  # also UnicodeDecodeError
-        raise ScenarioError(f"its metadata is not readable JSON: {error}", str(path)) from None
-    if not isinstance(facts, dict):
-        raise ScenarioError(f"its metadata is {facts!r}; expected a JSON object", str(path))
-    return facts, int(length)
+    return schema.metadata[FACTS], int(length)
 
 
 def _same(found: object, h: float) -> bool:

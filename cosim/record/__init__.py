@@ -6,7 +6,9 @@
   the field's metadata;
 * ``run.json``: scenario, seeds, versions, results;
 * ``links/<name>.parquet``: the table of sent samples of each link;
-* ``last.parquet``: the last ticks of *all* signals, only after a run that had to stop.
+* ``last.parquet``: the last ticks of *all* signals, only after a run that had to stop;
+* while the run goes on, ``trajectories.parquet.part``, ``trajectories.live`` and
+  ``links/<name>.rows`` in place of what is complete only at the end.
 
 This package knows columns and rows; it does not know what the signals mean.
 """

@@ -13,9 +13,17 @@ from urllib.parse import quote, unquote
 from cosim.errors import RunError, ScenarioError
 
 TRAJECTORIES = "trajectories.parquet"
+#: While a run goes on: row groups without a footer yet, and what is still in memory.
+PART, LIVE = "trajectories.parquet.part", "trajectories.live"
 METADATA = "run.json"
 LAST = "last.parquet"
 LINKS = "links"
+#: Suffix of a link's table while a run goes on.
+ROWS = ".rows"
+#: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
+#: more was cut short; `cosim recover` makes it "recovered".
+RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
+_SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
@@ -35,7 +43,7 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
                 "choose another one or force overwriting",
                 str(folder),
             )
-        if present and not {TRAJECTORIES, METADATA, LAST, LINKS} & set(present):
+        if present and not {*_SINGLE, LINKS} & set(present):
             raise ScenarioError(
                 f"the folder holds {_some(present)} but no earlier run; nothing is overwritten",
                 str(folder),
@@ -48,8 +56,9 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
 
 
 def _own_files(folder: Path) -> list[Path]:
-    single = [folder / name for name in (TRAJECTORIES, METADATA, LAST)]
-    return [path for path in single if path.is_file()] + sorted((folder / LINKS).glob("*.parquet"))
+    single = [folder / name for name in _SINGLE]
+    tables = [p for kind in ("*.parquet", f"*{ROWS}") for p in sorted((folder / LINKS).glob(kind))]
+    return [path for path in single if path.is_file()] + tables
 
 
 def _some(names: list[str]) -> str:
@@ -77,9 +86,15 @@ def link_file(folder: str | Path, name: str) -> Path:
 
 
 def link_files(folder: Path) -> dict[str, Path]:
-    """The stored link tables of a folder: file by link name, sorted by name."""
-    files = (folder / LINKS).glob("*.parquet")
-    return dict(sorted((unquote(path.stem), path) for path in files))
+    """The stored link tables of a folder: file by link name, sorted by name.
+
+    Of a run that was cut short, the rows written until then.
+    """
+    unfinished = (folder / LINKS).glob(f"*{ROWS}")
+    finished = (folder / LINKS).glob("*.parquet")
+    return dict(
+        sorted({unquote(p.stem): p for files in (unfinished, finished) for p in files}.items())
+    )
 
 
 def write_metadata(folder: str | Path, mapping: Mapping[str, Any]) -> Path:

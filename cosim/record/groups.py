@@ -11,32 +11,53 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Rows = NDArray[np.float64]
+from cosim.record.live import Column, Live, Rows
 
+#: How files of trajectories are written.
+SETTINGS: Mapping[str, Any] = {
+    "compression": "snappy",
+    "use_dictionary": False,
+    "write_statistics": ["t"],
+}
 #: Values in a row group, at most (8 MiB), and the limits of its rows.
 _GROUP_VALUES, _GROUP_LEAST, _GROUP_MOST = 1 << 20, 1 << 10, 1 << 16
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A recorded scalar: its name (``master.q[0]``), unit and index in the signal vector."""
-
-    name: str
-    unit: str
-    index: int
 
 
 def group_rows(n_columns: int) -> int:
     """Rows in a full row group of `n_columns` signals: a power of two near 8 MiB."""
     fit = _GROUP_VALUES // (n_columns + 1)
     return max(_GROUP_LEAST, min(_GROUP_MOST, 1 << (max(fit, 1).bit_length() - 1)))
+
+
+def schema(columns: Sequence[Column], h: float, every: int, metadata: Mapping[str, str]) -> Any:
+    """Of a file of trajectories: ``t`` and the columns, each with its unit."""
+    import pyarrow as pa
+
+    named = [("t", "s"), *((column.name, column.unit) for column in columns)]
+    return pa.schema(
+        [pa.field(n, pa.float64(), nullable=False, metadata={"unit": u}) for n, u in named],
+        metadata={"h": repr(h), "every": str(every), **metadata},
+    )
+
+
+def batch(values: NDArray[np.float64], fields: Any) -> Any:
+    """An Arrow batch of `values` (columns, rows) as they lie there.
+
+    (Arrow's own way from NumPy imports numpy.ma: 10 ms.)
+    """
+    import pyarrow as pa
+
+    def array(column: NDArray[np.float64]) -> Any:
+        place = pa.py_buffer(column)
+        return pa.Array.from_buffers(pa.float64(), len(column), [None, place])
+
+    return pa.RecordBatch.from_arrays([array(column) for column in values], schema=fields)
 
 
 class GroupWriter:
@@ -54,30 +75,22 @@ class GroupWriter:
         h: float,
         every: int = 1,
         metadata: Mapping[str, str] | None = None,
+        live: Live | None = None,
     ) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        self._arrow: Any = pa
         self._h, self._every = h, every
         self._index = np.array([column.index for column in columns], dtype=np.intp)
         self._rows = group_rows(len(columns))
-        self._group = np.empty((len(columns) + 1, self._rows))  # row 0 is t
-        self._fill = 0
+        self._counts = np.zeros(2, np.int64)  # rows written, rows in the group
+        self._group = np.empty((len(columns) + 1, self._rows)) if live is None else live.group
+        if live is not None:
+            self._counts = live.counts
         self._pending: tuple[int, Rows] | None = None  # last tick so far, if not on the grid
-        named = [("t", "s"), *((column.name, column.unit) for column in columns)]
-        self._schema: Any = pa.schema(
-            [pa.field(n, pa.float64(), nullable=False, metadata={"unit": u}) for n, u in named],
-            metadata={"h": repr(h), "every": str(every), **(metadata or {})},
-        )
+        self._schema = schema(columns, h, every, metadata or {})
         self._file: Any = pa.OSFile(str(path), "wb")
-        self._writer: Any = pq.ParquetWriter(
-            self._file,
-            self._schema,
-            compression="snappy",
-            use_dictionary=False,
-            write_statistics=["t"],
-        )
+        self._writer: Any = pq.ParquetWriter(self._file, self._schema, **SETTINGS)
 
     def add(self, rows: Rows, k0: int) -> None:
         """Take `rows` (n, n_signals), the signal vector at ticks k0 … k0+n-1."""
@@ -93,26 +106,27 @@ class GroupWriter:
         """Take rows on the grid: ticks k0, k0 + every and so on."""
         done = 0
         while done < len(rows):
-            n = min(len(rows) - done, self._rows - self._fill)
-            place = slice(self._fill, self._fill + n)
+            fill = self._fill
+            n = min(len(rows) - done, self._rows - fill)
+            place = slice(fill, fill + n)
             ticks = k0 + self._every * np.arange(done, done + n, dtype=np.int64)
             np.multiply(ticks, self._h, out=self._group[0, place])
             self._group[1:, place] = rows[done : done + n].T[self._index]
-            self._fill += n
+            self._counts[1] = fill + n  # after the rows themselves: a reader counts on it
             done += n
             if self._fill == self._rows:
                 self._flush()
 
-    def _flush(self) -> None:
-        arrays = [self._array(values[: self._fill]) for values in self._group]
-        batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
-        self._writer.write_batch(batch, row_group_size=self._rows)
-        self._fill = 0
+    @property
+    def _fill(self) -> int:
+        """Rows in the group so far."""
+        return int(self._counts[1])
 
-    def _array(self, values: NDArray[np.float64]) -> Any:
-        """`values` as they lie there. (Arrow's own way from NumPy imports numpy.ma: 10 ms.)"""
-        place = self._arrow.py_buffer(values)
-        return self._arrow.Array.from_buffers(self._arrow.float64(), len(values), [None, place])
+    def _flush(self) -> None:
+        fill = self._fill
+        self._writer.write_batch(batch(self._group[:, :fill], self._schema), self._rows)
+        self._counts[0] += fill
+        self._counts[1] = 0
 
     def close(self) -> None:
         """Write what is left, the last tick included, and the footer."""

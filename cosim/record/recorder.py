@@ -3,11 +3,15 @@
 The engine fills a buffer, hands it over and takes the next one; a thread selects, transposes and
 encodes. Buffers are few and allocated once: memory does not grow with the length of a run (the
 index at the end of the Parquet file does: some kilobytes a row group). What the buffers still
-hold is the flight recorder: the last ticks of *all* signals, recorded or not.
+hold is the flight recorder: the last ticks of *all* signals, recorded or not. They lie in a file
+that is mapped into memory (:mod:`cosim.record.live`), so that a process that is killed loses none
+of them.
 """
 
 from __future__ import annotations
 
+import errno
+import os
 import queue
 import threading
 from collections import deque
@@ -19,8 +23,9 @@ from types import TracebackType
 import numpy as np
 
 from cosim.errors import RunError, ScenarioError
-from cosim.record.folder import TRAJECTORIES, reason
-from cosim.record.groups import Column, GroupWriter, Rows
+from cosim.record.folder import LIVE, PART, TRAJECTORIES, reason
+from cosim.record.groups import GroupWriter, group_rows
+from cosim.record.live import Column, Layout, Live, Rows
 
 __all__ = ["Column", "Recorder"]
 
@@ -34,11 +39,15 @@ class Recorder:
             rows = recorder.buffer()          # (rows_per_chunk, n_signals), yours to fill
             recorder.submit(rows, k0=0, n=2048)
 
+    Until :meth:`close` the rows are in two other files, from which they are read or recovered where
+    the process was killed (:mod:`cosim.record.recover`).
+
     `columns`: what is recorded, in this order. `h`: base step, s. `every`: ticks k with
     k mod every = 0 are kept, and the last one. `rows_per_chunk`: rows (ticks) of a buffer.
     `keep`: ticks the flight recorder reaches back, at least, if chunks are handed in full or a
     row short of it; the buffers (three or more) are as many as that takes.
-    `metadata`: texts for the file's schema metadata, which is part of its bytes.
+    `metadata`: texts for the file's schema metadata, which is part of its bytes. `everything`: what
+    a recovery writes into ``last.parquet``.
 
     Raises ScenarioError for settings that cannot be, RunError with the path if the file cannot
     be created. What fails in the thread (a full disk) is raised as RunError by the next
@@ -56,6 +65,7 @@ class Recorder:
         every: int = 1,
         keep: int = 1000,
         metadata: Mapping[str, str] | None = None,
+        everything: Sequence[Column] = (),
     ) -> None:
         _check(columns, h, n_signals, rows_per_chunk, every, keep)
         self.path = Path(folder) / TRAJECTORIES
@@ -70,27 +80,42 @@ class Recorder:
         self._out: list[Rows] = []  # with the engine
         self._held: deque[tuple[Rows, int, int]] = deque()  # handed in, not yet reused
         self._buffers = max(3, 1 + ceil(keep / max(1, rows_per_chunk - 1)))
-        for _ in range(self._buffers):
-            self._free.put(np.empty((rows_per_chunk, n_signals)))
-        self._writer = self._create()
+        layout = Layout(
+            self._columns, h, every, n_signals, rows_per_chunk, self._buffers,
+            group_rows(len(columns)), metadata or {}, tuple(everything),
+        )  # fmt: skip
+        self._live, self._writer = self._create(layout)
+        self._chunks = list(self._live.chunks)
+        for rows in self._chunks:
+            self._free.put(rows)
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
-    def _create(self) -> GroupWriter:
-        """Open the file here, so that a folder that cannot be written fails at once.
+    def _create(self, layout: Layout) -> tuple[Live, GroupWriter]:
+        """Open the files here, so that a folder that cannot be written fails at once.
 
         And so that pyarrow is imported before the run: next to it, the import would hold up
         every call of the engine that comes back to Python.
         """
+        folder = self.path.parent
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with open(self.path, "xb"):
-                pass
-            return GroupWriter(
-                self.path, self._columns, h=self._h, every=self._every, metadata=self._metadata
-            )
+            folder.mkdir(parents=True, exist_ok=True)
+            if self.path.exists():
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            live = Live.create(folder / LIVE, layout)
         except OSError as error:
             raise RunError(f"cannot write {self.path}: {reason(error)}") from error
+        try:
+            writer = GroupWriter(
+                folder / PART, layout.columns, h=layout.h, every=layout.every,
+                metadata=layout.metadata, live=live,
+            )  # fmt: skip
+        except OSError as error:
+            live.release()
+            for name in (LIVE, PART):
+                (folder / name).unlink(missing_ok=True)
+            raise RunError(f"cannot write {self.path}: {reason(error)}") from error
+        return live, writer
 
     # ---- the engine's side -------------------------------------------------------------------
 
@@ -105,8 +130,22 @@ class Recorder:
         rows = self._free.get()
         self._raise_failure()
         self._held = deque(entry for entry in self._held if entry[0] is not rows)
+        self._live.spans[self._place(rows), 1] = 0
         self._out.append(rows)
         return rows
+
+    def begin(self, buffer: Rows, k0: int) -> int:
+        """Say that `buffer` is filled from tick `k0` on; the address of its number of rows (int64).
+
+        Whoever counts the rows there as they come loses none of them when the process is killed.
+        """
+        place = self._place(buffer)
+        self._live.spans[place, 0] = k0
+        return self._live.address(place)
+
+    def _place(self, buffer: Rows) -> int:
+        """Which chunk it is."""
+        return next(i for i, rows in enumerate(self._chunks) if rows is buffer)
 
     def submit(self, buffer: Rows, k0: int, n: int) -> None:
         """Hand over a buffer: its first `n` rows are ticks `k0` … `k0`+n-1, following the last."""
@@ -119,6 +158,9 @@ class Recorder:
             raise RunError(f"found a chunk from tick {k0}, expected tick {self._next or 0}")
         del self._out[place]
         self._next = k0 + n
+        span = self._live.spans[self._place(buffer)]
+        span[0] = k0
+        span[1] = n
         self._held.append((buffer, k0, n))
         self._raise_failure()
         self._full.put((buffer, k0, n))
@@ -130,7 +172,13 @@ class Recorder:
         self._closed = True
         self._full.put(None)
         self._thread.join()
+        self._live.release()
         self._raise_failure()
+        try:
+            os.replace(self.path.with_name(PART), self.path)
+            self.path.with_name(LIVE).unlink(missing_ok=True)
+        except OSError as error:
+            raise RunError(f"cannot write {self.path}: {reason(error)}") from error
 
     def __enter__(self) -> Recorder:
         return self

@@ -7,12 +7,15 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import RunError, ScenarioError
-from cosim.record.folder import TRAJECTORIES, link_files, read_metadata, reason
+from cosim.errors import CutShort, RunError, ScenarioError
+from cosim.record.folder import LIVE, TRAJECTORIES, link_files, read_metadata, reason
+from cosim.record.live import in_use
+from cosim.record.recover import in_memory, unfinished
 
 Array = NDArray[np.float64]
 
@@ -20,7 +23,7 @@ _ENTRY = re.compile(r"(.+?)((?:\[[\d, ]+\])+)$")  # master.q[0], m.xi_in[1,0], m
 
 
 class Run:
-    """Trajectories of a finished run. Make one with :meth:`open`.
+    """Trajectories of a run. Make one with :meth:`open`.
 
     ``run.t`` (n,) s; ``run.column("master.q[0]")`` (n,); ``run.array("master.q")`` (n, m).
     Arrays are read-only. Unknown names raise ScenarioError with the nearest known ones.
@@ -45,12 +48,15 @@ class Run:
     def open(cls, folder: str | Path) -> Run:
         """Open a run folder, or a single trajectory file such as ``last.parquet``.
 
-        Raises ScenarioError if there is none or it cannot be read.
+        A run that was cut short (killed, a full disk) is read as far as it was recorded, with the
+        warning CutShort. Raises ScenarioError if there is none or it cannot be read.
         """
         place = Path(folder)
         path = place if place.is_file() else place / TRAJECTORIES
         if not place.exists():
             raise ScenarioError("there is no such run folder", str(place))
+        if unfinished(place):
+            return cls._recovered(path)
         if not path.exists():
             raise ScenarioError(f"no {TRAJECTORIES} in this folder; not a run folder", str(place))
         import pyarrow.parquet as pq
@@ -64,6 +70,15 @@ class Run:
         if "t" not in file.schema_arrow.names:
             raise ScenarioError("found no column 't'; not the trajectories of a run", str(path))
         return cls(path, file)
+
+    @classmethod
+    def _recovered(cls, path: Path) -> Run:
+        """A run that was cut short, as far as it was recorded; a warning says so."""
+        run = cls(path, in_memory(path.parent))
+        what = "still goes on" if in_use(path.with_name(LIVE)) else "was cut short"
+        until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "recorded nothing"
+        warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)
+        return run
 
     # ---- signals -----------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ from cosim import scenario
 from cosim.assemble import assemble
 from cosim.errors import ScenarioError
 from cosim.links.spec import link_table
-from cosim.links.storage import save_table
+from cosim.links.writer import save_table
 from cosim.plan import Link, Slot, Wire
 
 CONFIGS = Path(__file__).parents[2] / "configs"

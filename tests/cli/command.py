@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.cli import main
+from cosim.cli import command
 from cosim.cli.check import MARK
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,7 +47,7 @@ class Command:
         self.patch.setattr(sys, "path", list(sys.path))
         self.capture.readouterr()
         try:
-            main()
+            command()
             code: int | str | None = 0
         except SystemExit as end:
             code = end.code

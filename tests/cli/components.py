@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import signal
+
 import numpy as np
 
 from cosim.component import Kind, Outputs, Parameter, Port, Values
@@ -26,3 +30,32 @@ class Half:
         if t >= self.fails:
             y[0] = np.nan
         return {"y": y}
+
+
+class Ends:
+    """Sampled: ends its own process at t = 1.5 s: 0 exit(0), 1 abort(), 2 a crash, 3 SIGKILL."""
+
+    kind: Kind = "sampled"
+    inputs = (Port("u"),)
+    outputs = (Port("y"),)
+    parameters = (Parameter("how", (0.0,)),)
+
+    def initialize(self, values: Values) -> None:
+        self.how = int(values["how"])
+
+    def initial(self, u: Values) -> Outputs:
+        return {"y": 1.0}
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        if t >= 1.5:
+            system = ctypes.CDLL(None)
+            match self.how:
+                case 0:
+                    system.exit(0)
+                case 1:
+                    system.abort()
+                case 2:
+                    system.memset(None, 0, 1)
+                case _:
+                    os.kill(os.getpid(), signal.SIGKILL)
+        return {"y": 1.0}

@@ -156,25 +156,28 @@ def test_a_component_that_cannot_be_made_is_a_sentence(
 # ---- Ctrl-C -------------------------------------------------------------------------------------
 
 
-def interrupted(process: subprocess.Popen[str], folder: Path) -> tuple[str, Run]:
-    """Press Ctrl-C once the run has recorded something; its message and what it left."""
-    trajectories = folder / "trajectories.parquet"
+def ended(process: subprocess.Popen[str], folder: Path, number: signal.Signals) -> tuple[str, Run]:
+    """Send a signal once the run has recorded something; its message and what it left."""
+    part = folder / "trajectories.parquet.part"
     try:
         for _ in range(6000):
-            if trajectories.is_file() and trajectories.stat().st_size > 1000:
+            if part.is_file() and part.stat().st_size > 1000:
                 break
             assert process.poll() is None, process.communicate()
             sleep(0.01)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, said = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert process.returncode == 130
-    return Done.of(130, "", said).err, Run.open(folder)
+    assert process.returncode == 128 + number
+    return Done.of(128 + number, "", said).err, Run.open(folder)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("parts", ["FMUs", "call-backs"])
-def test_ctrl_c_keeps_what_was_recorded(tmp_path: Path, parts: str) -> None:
+def test_a_signal_keeps_what_was_recorded(
+    tmp_path: Path, parts: str, number: signal.Signals
+) -> None:
     scenario: Path = CONFIG
     if parts == "call-backs":
         scenario = tmp_path / "loop.toml"
@@ -185,7 +188,7 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path: Path, parts: str) -> None:
             encoding="utf-8",
         )
     process = started("run", scenario, "--set", "run.stop=1e6", "--out", "here", cwd=tmp_path)
-    said, result = interrupted(process, tmp_path / "here")
+    said, result = ended(process, tmp_path / "here", number)
     sentence, place = said.strip().split("; recorded until then: ")
     assert place == "here"
     time = float(sentence.removeprefix("interrupted at t = ").removesuffix(" s"))
@@ -193,3 +196,4 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path: Path, parts: str) -> None:
     assert np.array_equal(result.t, np.arange(len(result)) * 1e-3)
     assert all(np.isfinite(result.column(name)).all() for name in result.names)
     assert result.metadata["error"].startswith("Interrupted: interrupted at t = ")
+    assert result.metadata["status"] == "stopped"

@@ -13,8 +13,9 @@ from cosim.errors import RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.semantics import Packets, Playout, Signal
-from cosim.links.storage import GROUP, TableWriter, load_table, open_table, save_table
+from cosim.links.storage import GROUP, load_table, open_table
 from cosim.links.table import DrawnTable
+from cosim.links.writer import TableWriter, save_table
 
 GRID = Grid(2, 3, 0.005)
 TABLE = DrawnTable("a->b", GRID, Uniform(0.05, 0.4, 0.03), Packets("last-arrival"), 11)

@@ -1,0 +1,20 @@
+"""``cosim recover``: complete the folder of a run that was killed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def recover(
+    run: Annotated[Path, typer.Argument(help="Run folder of a run that was cut short.")],
+) -> None:
+    """Complete a run folder whose run was killed, or found its disk full: Parquet files, run.json.
+
+    Every command reads such a folder as it is; other tools need the complete files.
+    """
+    from cosim.recovery import repair
+
+    typer.echo(repair(run) or "complete: nothing is to be recovered")

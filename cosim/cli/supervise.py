@@ -1,0 +1,134 @@
+"""A command in a process of its own, watched by the one that was started.
+
+An FMU is foreign code in the process that runs it: it may crash, or call `exit(0)`. The command
+therefore works in a child process, which tells its exit code over a pipe as the last thing it does.
+A child that ends without that did not finish, whatever its exit status says. The child is forked
+before anything large is imported: that costs about a millisecond.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from cosim.interrupts import ENDING
+
+#: The end of the pipe in a child that is supervised.
+_told: list[int] = []
+_PR_SET_PDEATHSIG = 1
+
+
+def recording(folder: Path) -> None:
+    """Tell the supervisor, if there is one, which run folder this command writes."""
+    for pipe in _told:
+        os.write(pipe, f"folder {folder.absolute()}\n".encode())
+
+
+def supervised(command: Callable[[], None]) -> int:
+    """Call `command` in a child process; its exit code, 1 for a child that did not finish.
+
+    SIGINT, SIGTERM and SIGHUP are passed on once, SIGTSTP stops both. When this process is killed
+    the child is too (Linux). On Windows the command runs in this process.
+    """
+    if sys.platform == "win32":
+        command()
+        return 0
+    reading, writing = os.pipe()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    signals = {*ENDING, signal.SIGTSTP, signal.SIGCONT, signal.SIGCHLD}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    parent = os.getpid()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        os.setpgid(0, 0)  # Ctrl-C reaches it through its supervisor, once
+        _die_with(parent)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _work(command, writing)
+    os.close(writing)
+    status = _wait(child, signals)
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with open(reading, encoding="utf-8") as pipe:
+        said = dict(line.rstrip("\n").split(" ", 1) for line in pipe)
+    return int(said["code"]) if "code" in said else _unfinished(status, said.get("folder", ""))
+
+
+def _die_with(parent: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+
+def _work(command: Callable[[], None], writing: int) -> NoReturn:
+    """The child: run the command, and tell its exit code before the interpreter shuts down."""
+    _told.append(writing)
+    code = _code(command)
+    os.write(writing, f"code {code}\n".encode())
+    sys.exit(code)
+
+
+def _code(command: Callable[[], None]) -> int:
+    """The exit code of a command, as the interpreter would have it."""
+    try:
+        command()
+        code: int | str | None = 0
+    except SystemExit as end:
+        code = end.code
+    except BaseException:
+        kind, error, place = sys.exc_info()
+        if kind and error:
+            sys.excepthook(kind, error, place)
+        code = 1
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BrokenPipeError:  # nobody reads any more
+        return 1
+    return code if isinstance(code, int) else int(code is not None)
+
+
+def _wait(child: int, signals: set[signal.Signals]) -> int:
+    """Pass signals on until the child has ended; its wait status."""
+    while True:
+        number = signal.sigwait(signals)
+        if number == signal.SIGCHLD:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return status
+        elif number == signal.SIGTSTP:
+            os.kill(child, signal.SIGSTOP)
+            os.kill(os.getpid(), signal.SIGSTOP)
+        else:
+            os.kill(child, number)
+
+
+def _unfinished(status: int, folder: str) -> int:
+    """Say how the child ended, and complete the folder it has left; the exit code."""
+    from cosim.errors import CosimError
+    from cosim.recovery import repair
+
+    if os.WIFSIGNALED(status):
+        name = signal.Signals(os.WTERMSIG(status)).name
+        how = f"the process of the run was ended by {name}"
+        how += " (a component crashed)" if name in _CRASHES else ""
+        how += " (by somebody, or for lack of memory)" if name == "SIGKILL" else ""
+    else:
+        code = os.WEXITSTATUS(status)
+        how = f"a component ended the process of the run (exit code {code})"
+    sys.stderr.write(f"error: {how}\n")
+    try:
+        if folder and (until := repair(Path(folder), how)):
+            sys.stderr.write(f"{until}: {folder}\n")
+    except CosimError as error:
+        sys.stderr.write(f"error: {error}\n")
+    return 1
+
+
+_CRASHES = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT"}

@@ -1,0 +1,172 @@
+"""What a recording holds in memory while it is made, in a file that outlives the process.
+
+``trajectories.live`` is mapped into memory. In it stand, one after the other: a header of 64
+bytes; a JSON text that says what is recorded; for each chunk of the engine the tick it begins with
+and the number of its rows; the row group that is being filled; the chunks. The engine writes each
+row straight into the mapping and then counts it, so that a process that is killed loses no row
+that was counted: the pages belong to the kernel. Complete row groups are in
+``trajectories.parquet.part``, which has no footer yet. Both files go when the recording is closed.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import ScenarioError
+
+Rows = NDArray[np.float64]
+MAGIC, HEADER, PAGE = b"cosimlv1", 64, 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A recorded scalar: its name (``master.q[0]``), unit and index in the signal vector."""
+
+    name: str
+    unit: str
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What is recorded, and the sizes of the arrays it is recorded with.
+
+    `columns`: those of the trajectories; `everything`: those of ``last.parquet``; `h`: base step,
+    s; `every`: ticks between two rows that are kept; `rows`: of a chunk; `group`: rows of a row
+    group.
+    """
+
+    columns: tuple[Column, ...]
+    h: float
+    every: int
+    n_signals: int
+    rows: int
+    chunks: int
+    group: int
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    everything: tuple[Column, ...] = ()
+
+    def text(self) -> bytes:
+        """As JSON."""
+        return json.dumps(asdict(self)).encode()
+
+    @classmethod
+    def parse(cls, text: bytes) -> Self:
+        """Of :meth:`text`. Raises ValueError, TypeError or KeyError for another text."""
+        said: dict[str, Any] = json.loads(text)
+        lists = {
+            key: tuple(Column(**column) for column in said[key])
+            for key in ("columns", "everything")
+        }
+        return cls(**{**said, **lists})
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Bytes of the counts of chunks, of the row group, and of all chunks."""
+        values = self.chunks * self.rows * self.n_signals
+        return 16 * self.chunks, 8 * self.group * (len(self.columns) + 1), 8 * values
+
+
+@final
+class Live:
+    """The arrays of a recording.
+
+    `counts`: (written, filled): rows in complete row groups in the file, and rows in `group`;
+    `spans`: (chunks, 2), the first tick and the number of rows of each chunk; `group`: (columns
+    + 1, rows), row 0 is t; `chunks`: (chunks, rows, n_signals).
+    """
+
+    def __init__(self, layout: Layout, memory: Any, text: int, held: int = -1) -> None:
+        self.layout, self._held = layout, held
+        start = -(-(HEADER + text) // PAGE) * PAGE
+        spans, group, chunks = layout.sizes
+        self.counts: NDArray[np.int64] = np.frombuffer(memory, np.int64, 2, 16)
+        self.spans = np.frombuffer(memory, np.int64, spans // 8, start).reshape(-1, 2)
+        start += spans
+        self.group: Rows = np.frombuffer(memory, np.float64, group // 8, start)
+        self.group = self.group.reshape(-1, layout.group)
+        start += group
+        shape = (layout.chunks, layout.rows, layout.n_signals)
+        self.chunks: Rows = np.frombuffer(memory, np.float64, chunks // 8, start).reshape(shape)
+
+    @classmethod
+    def create(cls, path: Path, layout: Layout) -> Self:
+        """A new file. Raises OSError; then there is no file."""
+        text = layout.text()
+        start = -(-(HEADER + len(text)) // PAGE) * PAGE
+        memory, held = mapped(path, start + sum(layout.sizes))
+        memory[8:16] = len(text).to_bytes(8, sys.byteorder)
+        memory[HEADER : HEADER + len(text)] = text
+        memory[:8] = MAGIC  # last: a file without it says nothing
+        return cls(layout, memory, len(text), held)
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """What a process has left. Raises ScenarioError where it is damaged."""
+        try:
+            data = path.read_bytes()
+            text = int.from_bytes(data[8:16], sys.byteorder)
+            if data[:8] != MAGIC:
+                raise ValueError(f"begins with {data[:8]!r}, expected {MAGIC!r}")
+            return cls(Layout.parse(data[HEADER : HEADER + text]), data, text)
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise ScenarioError(f"cannot be read: {error}", str(path)) from error
+
+    def release(self) -> None:
+        """Say that the recording is over; see :func:`in_use`."""
+        if self._held >= 0:
+            os.close(self._held)
+        self._held = -1
+
+    def address(self, chunk: int) -> int:
+        """Of the number of rows of a chunk, for the engine."""
+        return int(self.spans[chunk].ctypes.data) + self.spans.itemsize
+
+
+def mapped(path: Path, size: int) -> tuple[mmap.mmap, int]:
+    """A new file of `size` bytes (zeros), mapped and shared; its place on the disk is taken.
+
+    So a full disk is an error here and not a SIGBUS later. The descriptor that is returned holds a
+    lock until it is closed, or the process has ended. Raises OSError; then there is no file. On
+    Windows, where a file in use cannot be deleted, it is memory of this process only.
+    """
+    if sys.platform == "win32":
+        return mmap.mmap(-1, size), -1
+    import fcntl
+
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if sys.platform == "linux":
+            os.posix_fallocate(descriptor, 0, size)
+        else:
+            os.truncate(descriptor, size)
+        return mmap.mmap(descriptor, size), descriptor
+    except BaseException:
+        path.unlink(missing_ok=True)
+        os.close(descriptor)
+        raise
+
+
+def in_use(path: Path) -> bool:
+    """Whether a process still records into this file."""
+    if sys.platform == "win32" or not path.exists():
+        return False
+    import fcntl
+
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False

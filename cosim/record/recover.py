@@ -1,0 +1,136 @@
+"""What a run that was cut short has left: read as it is, or made into a complete file.
+
+Nothing has to be asked of who wrote it: the row groups in ``trajectories.parquet.part``, the rows
+in ``trajectories.live`` and the rows of link tables are there whenever and however the process has
+ended. Ticks that are in two of the files are taken once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.errors import RunError, ScenarioError
+from cosim.record.folder import LAST, LIVE, PART, TRAJECTORIES, reason
+from cosim.record.groups import SETTINGS, batch, schema
+from cosim.record.live import Column, Live, Rows, in_use
+from cosim.record.pages import groups
+
+
+def unfinished(folder: Path) -> bool:
+    """Whether the folder holds a recording that was not closed."""
+    return not (folder / TRAJECTORIES).exists() and (folder / LIVE).exists()
+
+
+def in_memory(folder: Path) -> Any:
+    """The trajectories of an unfinished folder, as an open Parquet file. Raises ScenarioError."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    _write(folder, sink)
+    return pq.ParquetFile(pa.BufferReader(sink.getvalue()))
+
+
+def complete(folder: Path) -> int:
+    """Write ``trajectories.parquet`` and ``last.parquet`` of an unfinished folder; rows written.
+
+    The files they come from are deleted afterwards. Raises ScenarioError where those are damaged
+    or the run still goes on, RunError where nothing can be written.
+    """
+    import pyarrow as pa
+
+    if in_use(folder / LIVE):
+        raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
+
+    scratch = folder / f"{TRAJECTORIES}.recovered"
+    try:
+        with pa.OSFile(str(scratch), "wb") as sink:
+            rows = _write(folder, sink)
+        _write_last(folder)
+        scratch.replace(folder / TRAJECTORIES)
+        for name in (LIVE, PART):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        scratch.unlink(missing_ok=True)
+        raise RunError(f"cannot write {folder / TRAJECTORIES}: {reason(error)}") from error
+    return rows
+
+
+def _write(folder: Path, sink: Any) -> int:
+    import pyarrow.parquet as pq
+
+    live = Live.read(folder / LIVE)
+    said = live.layout
+    fields = schema(said.columns, said.h, said.every, said.metadata)
+    rows = 0
+    with pq.ParquetWriter(sink, fields, **SETTINGS) as writer:
+        for group in _groups(folder, live):
+            writer.write_batch(batch(group, fields), said.group)
+            rows += group.shape[1]
+    return rows
+
+
+def _groups(folder: Path, live: Live) -> Iterator[NDArray[np.float64]]:
+    """Everything recorded, (columns + 1, rows) each; row 0 is t. No row group is larger than full.
+
+    Rows in the group and in the chunks may be those of the file, or of the group, as well.
+    """
+    said = live.layout
+    written, filled = (int(n) for n in live.counts)
+    last = -1
+    for found in groups(folder / PART, len(live.group), said.group, written // said.group):
+        yield found
+        last = round(found[0, -1] / said.h)
+    rest = live.group[:, :filled]
+    rest = rest[:, np.rint(rest[0] / said.h) > last]
+    if rest.size:
+        last = round(rest[0, -1] / said.h)
+    for k0, rows in _chunks(live):
+        ticks = np.arange(k0, k0 + len(rows))
+        kept = (ticks > last) & ((ticks % said.every == 0) | (ticks == _newest(live)))
+        rest = np.concatenate([rest, _columns(live, ticks[kept], rows[kept])], axis=1)
+    for first in range(0, rest.shape[1], said.group):
+        yield np.ascontiguousarray(rest[:, first : first + said.group])
+
+
+def _columns(live: Live, ticks: NDArray[np.int64], rows: Rows) -> NDArray[np.float64]:
+    index = np.array([column.index for column in live.layout.columns], dtype=np.intp)
+    return np.concatenate([ticks[None] * live.layout.h, rows.T[index]])
+
+
+def _chunks(live: Live) -> list[tuple[int, Rows]]:
+    """First tick and rows of the chunks, in order; empty ones are left out."""
+    spans = sorted((int(k0), int(n), i) for i, (k0, n) in enumerate(live.spans) if n > 0)
+    return [(k0, live.chunks[i][:n]) for k0, n, i in spans]
+
+
+def _newest(live: Live) -> int:
+    """The last tick that was recorded."""
+    return max((k0 + len(rows) for k0, rows in _chunks(live)), default=0) - 1
+
+
+def _write_last(folder: Path) -> None:
+    """The last ticks of all signals, as far as the chunks reach back."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    live = Live.read(folder / LIVE)
+    chunks = _chunks(live)
+    if not live.layout.everything or not chunks:
+        return
+    rows = np.concatenate([rows for _, rows in chunks])
+    ticks = np.concatenate([np.arange(k0, k0 + len(rows)) for k0, rows in chunks])
+    everything: tuple[Column, ...] = live.layout.everything
+    fields = schema(everything, live.layout.h, 1, live.layout.metadata)
+    index = np.array([column.index for column in everything], dtype=np.intp)
+    values = np.concatenate([ticks[None] * live.layout.h, rows.T[index]])
+    with (
+        pa.OSFile(str(folder / LAST), "wb") as sink,
+        pq.ParquetWriter(sink, fields, **SETTINGS) as writer,
+    ):
+        writer.write_batch(batch(np.ascontiguousarray(values), fields))

@@ -13,6 +13,7 @@ from bridge.protect import emulated
 from bridge.safety import in_si
 from bridge.system import System
 from cosim.check.finding import Finding
+from cosim.check.wiring import unfed
 
 #: s; what comes later over a network than this is nothing a controller wants.
 LATE = 10.0
@@ -135,6 +136,7 @@ def forwarded(system: System) -> list[Finding]:
 
 
 def check(system: System) -> list[Finding]:
-    """Findings: of the buses, then of the nodes."""
-    found = check_buses(messages(system), timings(system), watchdogs(system))
+    """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
+    found = [*unfed(system.plan)]
+    found += check_buses(messages(system), timings(system), watchdogs(system))
     return [*found, *overruns(system), *forwarded(system)]

@@ -34,7 +34,9 @@ Outputs: TypeAlias = "Mapping[str, ArrayLike]"
 class Port:
     """A named signal of float64 values: `shape` () is a scalar, (m,) a vector, row-major.
 
-    `default` (flattened, () = zeros) is what an input holds when nothing is wired to it.
+    `default` (flattened, () = zeros) is what an input holds when nothing is wired to it. With
+    `optional` that is normal; else ``cosim check`` takes it for a forgotten wire, unless the
+    scenario sets a start value.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Port:
     unit: str = "1"
     description: str = ""
     default: tuple[float, ...] = ()
+    optional: bool = False
 
     @property
     def size(self) -> int:

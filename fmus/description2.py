@@ -23,7 +23,7 @@ from fmus.attributes import (
     outputs,
     units,
 )
-from fmus.model import Model, Variable
+from fmus.model import Model, Variable, annotation
 from fmus.source import c_files, scalars, token
 
 _TYPE = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
@@ -51,7 +51,7 @@ def describe(model: Model) -> Element:
     categories(root)
     experiment(root, model)
     tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="cosim")
-    SubElement(tool, "Component", kind=model.kind)
+    SubElement(tool, "Component", annotation(model.kind, model.inputs()))
     _variables(SubElement(root, "ModelVariables"), model)
     _structure(SubElement(root, "ModelStructure"), model)
     return root

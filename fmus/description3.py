@@ -21,7 +21,7 @@ from fmus.attributes import (
     outputs,
     units,
 )
-from fmus.model import Model
+from fmus.model import Model, annotation
 from fmus.source import token
 
 _TYPE = {"real": "Float64", "integer": "Int32", "boolean": "Boolean"}
@@ -47,8 +47,8 @@ def describe(model: Model) -> Element:
     experiment(root, model)
     _variables(SubElement(root, "ModelVariables"), model)
     _structure(SubElement(root, "ModelStructure"), model)
-    annotation = SubElement(SubElement(root, "Annotations"), "Annotation", type="cosim.component")
-    SubElement(annotation, "Component", kind=model.kind)
+    ours = SubElement(SubElement(root, "Annotations"), "Annotation", type="cosim.component")
+    SubElement(ours, "Component", annotation(model.kind, model.inputs()))
     return root
 
 

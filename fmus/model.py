@@ -7,6 +7,7 @@ value references its variables.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from math import isfinite, prod
 from typing import Literal
@@ -26,7 +27,8 @@ class Variable:
     directly, at the start and in a step; what is named here is tested by perturbation.
     `elementwise`: each entry depends on the entry of the same place only (equal shapes).
     `start_depends`: the parameters and start values that the calculated start of an output depends
-    on besides. `symbol`: the C name where `name` is a keyword or clashes.
+    on besides. `optional`: an input that is often left unfed, on purpose. `symbol`: the C name
+    where `name` is a keyword or clashes.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Variable:
     minimum: float | None = None
     maximum: float | None = None
     symbol: str = ""
+    optional: bool = False
 
     @property
     def size(self) -> int:
@@ -106,7 +109,14 @@ class Model:
 
 def _port(variable: Variable) -> Port:
     default = variable.starts if variable.causality == "input" else ()
-    return Port(variable.name, variable.shape, variable.unit, variable.description, default)
+    v = variable
+    return Port(v.name, v.shape, v.unit, v.description, default, v.optional)
+
+
+def annotation(kind: Kind, inputs: Iterable[Port]) -> dict[str, str]:
+    """What our FMUs say of themselves beyond FMI; :mod:`cosim.fmi.description` reads it."""
+    optional = " ".join(p.name for p in inputs if p.optional)
+    return {"kind": kind, "optional": optional} if optional else {"kind": kind}
 
 
 def clocked(model: Model, interval: float) -> Model:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.check import Strict
+
 if TYPE_CHECKING:
     from bridge.outcome import Outcome
     from bridge.rehearse import Settings
@@ -78,6 +80,7 @@ def rehearse(
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    strict: Strict = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Rehearse a scenario: real processes, real frames, the wall clock; then judge it.
@@ -85,6 +88,7 @@ def rehearse(
     Exits with 1 where a node did not come to the end, or the replay is not the run.
     """
     from bridge import deploy as deployments
+    from bridge import preflight
     from bridge.cli.options import bus_settings, clock_settings
     from bridge.system import load_system
 
@@ -97,6 +101,7 @@ def rehearse(
         deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
     )
     system = load_system(scenario, str(path), changes)
+    refuse(preflight.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
         typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
     from bridge.rehearse import Settings
@@ -140,7 +145,7 @@ def _run(
 ) -> None:
     from dataclasses import replace
 
-    from bridge import happen, preflight
+    from bridge import happen
     from bridge.faults import load
     from bridge.outcome import clear, complete
     from bridge.rehearse import Rehearsal
@@ -149,7 +154,6 @@ def _run(
     from cosim.interrupts import exit_code
     from cosim.record import claim_folder
 
-    refuse(preflight.check(system), quiet)
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
         settings = replace(settings, events=happen.events(script, system))
@@ -178,8 +182,8 @@ def _run(
         raise typer.Exit(1)
 
 
-def refuse(findings: object, quiet: bool) -> None:
-    """Say errors and warnings of a check; end where there is an error."""
+def refuse(findings: object, *, strict: bool, quiet: bool) -> None:
+    """Say errors and warnings of a check; end where there is an error, or any if `strict`."""
     from collections.abc import Iterable
     from typing import cast
 
@@ -187,7 +191,8 @@ def refuse(findings: object, quiet: bool) -> None:
     from cosim.errors import ScenarioError
 
     found = list(cast(Iterable[Finding], findings))
-    errors = [f for f in found if f.severity == "error"]
+    serious = ("error", "warning") if strict else ("error",)
+    errors = [f for f in found if f.severity in serious]
     for f in found:
         if f.severity == "warning" and not quiet:
             typer.echo(f"check: {f.line}", err=True)

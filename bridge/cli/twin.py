@@ -39,6 +39,7 @@ def run(
     *,
     force: bool,
     plot: bool,
+    strict: bool,
     quiet: bool,
 ) -> None:
     """The twin into a run folder, and its numbers."""
@@ -57,7 +58,7 @@ def run(
     if clock != "simulated":
         raise ScenarioError(f"--clock {clock}: expected simulated; on the wall: cosim rehearse")
     system = load_system(scenario, deploy, settings)
-    refuse(preflight.check(system), quiet)
+    refuse(preflight.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or fresh(Path("runs") / name)
     claim_folder(folder, force=force)

@@ -31,7 +31,7 @@ RULES: tuple[Rule, ...] = (
     couplings.constant_delay,
     channels.bounded,
     channels.buffer,
-    wiring.uncontrolled,
+    lambda known: wiring.unfed(known.plan),
     wiring.saturation,
     wiring.size,
 )
@@ -40,7 +40,6 @@ NOTES: tuple[Rule, ...] = (
     laws.prediction,
     channels.backwards,
     channels.like_a_wire,
-    wiring.unfed,
     wiring.jacobi,
     wiring.unknown,
 )

@@ -8,54 +8,40 @@ from cosim.analysis.network import network
 from cosim.analysis.system import System
 from cosim.check.finding import Finding, Severity
 from cosim.check.peaks import peaks
-from cosim.plan import Step
+from cosim.plan import Plan, Slot
 
 #: A recording of more bytes is worth a warning.
 LARGE = 2e9
 
 
-def uncontrolled(system: System) -> Iterator[Finding]:
-    """An arm whose torque nothing feeds."""
-    for name, arm in sorted(system.arms.items()):
-        if name not in system.controls:
-            yield Finding(
-                rule="uncontrolled",
-                severity="warning",
-                where=f"{name}.{arm.torque}",
-                number=0.0,
-                unit="N.m",
-                reason="nothing feeds the arm's torque: nobody controls it",
-                advice=f'components.{name}.inputs.{arm.torque} = "CONTROLLER.tau"',
-            )
+def unfed(plan: Plan) -> Iterator[Finding]:
+    """Inputs that nothing feeds and the scenario does not set: a wire may have been forgotten.
 
-
-def unfed(system: System) -> Iterator[Finding]:
-    """Inputs that nothing feeds and the scenario does not set: they keep their default."""
-    for step in system.plan.components:
-        names = [name for name in _unfed(system, step) if name not in step.start]
-        if names:
+    Not those that their model declares optional (:class:`cosim.component.Port`).
+    """
+    fed = {i for slot in _fed(plan) for i in range(slot.start, slot.start + slot.size)}
+    for step in plan.components:
+        for slot, port in zip(step.inputs, step.component.inputs, strict=True):
+            idle = [name for i, name in enumerate(slot.scalars()) if slot.start + i not in fed]
+            if not idle or port.optional or port.name in step.start:
+                continue
+            which = slot.name if len(idle) == slot.size else ", ".join(idle)
             yield Finding(
                 rule="unfed",
-                severity="note",
-                where=step.name,
-                number=float(len(names)),
+                severity="warning",
+                where=which,
+                number=float(len(idle)),
                 unit="1",
-                reason=f"inputs that nothing feeds keep their default: {', '.join(names)}",
+                reason="nothing feeds this input, and the scenario sets no start value for it",
+                advice=f'components.{step.name}.inputs.{port.name} = "COMPONENT.OUTPUT", or '
+                f"components.{step.name}.start.{port.name} = ... where it is meant to stay there",
             )
 
 
-def _unfed(system: System, step: Step) -> list[str]:
-    targets = [(w.target.start, w.target.size) for w in system.plan.wires]
-    targets += [(x.target.start, x.target.size) for x in system.plan.links]
-    targets += [(x.age.start, x.age.size) for x in system.plan.links if x.age is not None]
-    targets += [(p.target.start, p.target.size) for p in system.plan.players]
-    found = []
-    for slot in step.inputs:
-        end = slot.start + slot.size
-        fed = sum(max(0, min(end, at + n) - max(slot.start, at)) for at, n in targets)
-        if fed < slot.size:
-            found.append(slot.port)
-    return found
+def _fed(plan: Plan) -> list[Slot]:
+    found = [w.target for w in plan.wires] + [x.target for x in plan.links]
+    found += [x.age for x in plan.links if x.age is not None]
+    return found + [p.target for p in plan.players]
 
 
 def saturation(system: System) -> Iterator[Finding]:

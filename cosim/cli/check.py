@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from cosim.check import Finding
     from cosim.plan import Plan
     from cosim.scenario import Scenario
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
 
 #: Who checks the buses of a deployment; this package does not know it.
 BUSES = "bridge.cli.twin"
+Strict = Annotated[bool, typer.Option("--strict", help="Warnings before the run are errors.")]
 #: What lines of a check begin with while something else is done.
 MARK = "check: "
 
@@ -49,7 +52,8 @@ def check(
     found = findings(loaded, assemble(loaded))
     typer.echo(loaded.title)
     if deploy is not None:
-        found = (*found, *importlib.import_module(BUSES).findings(scenario, deploy, set_ or []))
+        more = importlib.import_module(BUSES).findings(scenario, deploy, set_ or [])
+        found = (*found, *(f for f in more if f not in found))
     for f in found:
         typer.echo("")
         for line in paragraph(f):
@@ -68,10 +72,11 @@ def paragraph(finding: Finding) -> list[str]:
     return [*lines, f"    -> {finding.advice}"] if finding.advice else lines
 
 
-def warn(scenario: Scenario, plan: Plan) -> None:
+def warn(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
     """What ``cosim run`` says of it: errors and warnings, a line each, on standard error.
 
-    A check that fails is a line as well: it never stands in the way of a run.
+    A check that fails is a line as well: it never stands in the way of a run. Raises ScenarioError
+    for all of these if `strict`.
     """
     from cosim.check import check as findings
 
@@ -79,7 +84,23 @@ def warn(scenario: Scenario, plan: Plan) -> None:
         lines = [f.line for f in findings(scenario, plan, notes=False)]
     except Exception as error:  # whatever a check comes across, the run goes on
         lines = [f"failed: {type(error).__name__}: {error}"]
-    for line in lines:
+    _say(lines, strict=strict, quiet=quiet)
+
+
+def forgotten(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
+    """Say which inputs nothing feeds, a line each. Raises ScenarioError for any if `strict`."""
+    from cosim.check.wiring import unfed
+
+    found = dict.fromkeys(f.line for plan in plans for f in unfed(plan))
+    _say(list(found), strict=strict, quiet=quiet)
+
+
+def _say(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:
+    from cosim.errors import ScenarioError
+
+    if strict and lines:
+        raise ScenarioError("; ".join(lines), "--strict")
+    for line in lines if not quiet else ():
         typer.echo(f"{MARK}{line}", err=True)
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.check import Strict
+
 if TYPE_CHECKING:
     from cosim.compare.comparison import Comparison
     from cosim.compare.variants import Selection, Variants
@@ -45,9 +47,11 @@ def compare(
     list_: Annotated[
         bool, typer.Option("--list", help="List what there is to compare; run nothing.")
     ] = False,
+    strict: Strict = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run every controller under every operator over every link law, and print one table."""
+    from cosim.cli.check import forgotten
     from cosim.cli.summary import progress_bar
     from cosim.clock import stamp, stopwatch
     from cosim.compare import report
@@ -62,7 +66,8 @@ def compare(
     chosen = known.select(*(_names(text) for text in (controllers, operators, links)))
     base = read_base(scenario, known, set_ or ())
     folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
-    check(base, known, chosen)  # before there is a folder
+    plans = check(base, known, chosen)  # before there is a folder
+    forgotten(plans, strict=strict, quiet=quiet)
     report.claim(folder, force=force)
     watch = stopwatch()
     with progress_bar(quiet) as progress:

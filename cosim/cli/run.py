@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.check import Strict
+
 if TYPE_CHECKING:
     from cosim.scenario import Scenario
 
@@ -59,6 +61,7 @@ def run(
     fmu_log: Annotated[
         bool, typer.Option("--fmu-log", help="Keep what every FMU logs in NAME.fmu.log.")
     ] = False,
+    strict: Strict = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
@@ -79,7 +82,10 @@ def run(
         if links is not None:
             raise ScenarioError("--links is for runs without nodes; expected no --deploy beside it")
         twin = importlib.import_module(TWIN)
-        twin.run(scenario, deploy, clock, settings, out, force=force, plot=plot, quiet=quiet)
+        twin.run(
+            scenario, deploy, clock, settings, out,
+            force=force, plot=plot, strict=strict, quiet=quiet,
+        )  # fmt: skip
         return
     loaded = load(scenario, settings)
     if fmu_log:
@@ -95,8 +101,7 @@ def run(
 
     recording(folder)
     say(header(loaded, plan))
-    if not quiet:
-        warn(loaded, plan)
+    warn(loaded, plan, strict=strict, quiet=quiet)
     try:
         with progress_bar(quiet) as progress:
             outcome = simulate(loaded, folder, progress, plan, force=force)

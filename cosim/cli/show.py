@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.check import Strict
+
 if TYPE_CHECKING:
     from cosim.plan import Link, Plan, Slot, Step, Wire
 
@@ -18,13 +20,16 @@ def show(
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
     ] = None,
+    strict: Strict = False,
 ) -> None:
     """Print how a scenario will run: components, rates, order, and what every input samples."""
     from cosim.assemble import assemble
+    from cosim.cli.check import forgotten
     from cosim.scenario import load
 
     loaded = load(scenario, set_ or [])
     plan = assemble(loaded)
+    forgotten([plan], strict=strict, quiet=False)
     typer.echo(loaded.title)
     typer.echo(
         f"base step {plan.h:g} s, {plan.ticks} ticks ({plan.ticks * plan.h:g} s), "

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.check import Strict
+
 if TYPE_CHECKING:
     from cosim.sweep.drive import Begun
     from cosim.sweep.perform import Row
@@ -44,9 +46,11 @@ def sweep(
         int | None, typer.Option(min=0, help="At most so many runs this time.")
     ] = None,
     plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    strict: Strict = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
+    from cosim.cli.check import forgotten
     from cosim.interrupts import exit_code
     from cosim.sweep import drive, figures, summary
     from cosim.sweep.study import load_study
@@ -63,6 +67,7 @@ def sweep(
         try:
             table = drive.sweep(
                 loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
+                checked=lambda plan: forgotten([plan], strict=strict, quiet=quiet),
                 begun=lambda b: progress.begin(b, loaded.title), done=progress.done,
                 stopping=lambda: typer.echo(
                     "stopping: waiting for the runs that are under way (Ctrl-C again: not)",

@@ -110,8 +110,8 @@ def read_by(variants: Variants) -> Iterator[tuple[str, str]]:
             yield name.partition("[")[0], f"{variants.path} at {place}"
 
 
-def check(base: Base, variants: Variants, chosen: Selection) -> None:
-    """Refuse what cannot be assembled, before anything runs: each variant once.
+def check(base: Base, variants: Variants, chosen: Selection) -> list[Plan]:
+    """Refuse what cannot be assembled, before anything runs: each variant once; their plans.
 
     Raises ScenarioError that starts with the place of the variant, or of all that were tried
     together where it may be any of them.
@@ -122,12 +122,15 @@ def check(base: Base, variants: Variants, chosen: Selection) -> None:
     cases |= {f"controllers.{x}": replace(first, controller=x) for x in chosen.controllers[1:]}
     cases |= {f"operators.{x}": replace(first, operator=x) for x in chosen.operators[1:]}
     cases |= {f"links.{x}": replace(first, link=x) for x in chosen.links[1:]}
+    plans = []
     for name, case in cases.items():
-        slots = _assembled(base, variants, case, name).slots()
+        plans.append(_assembled(base, variants, case, name))
+        slots = plans[-1].slots()
         for signal, place in read_by(variants):
             if signal not in slots:
                 sentence = f"with {name}, {unknown(signal, slots, 'signal')}"
                 raise ScenarioError(sentence, place)
+    return plans
 
 
 def _assembled(base: Base, variants: Variants, case: Case, name: str) -> Plan:

@@ -66,7 +66,8 @@ class FmuComponent:
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
-        self.inputs = tuple(port(g) for g in self.carried("input"))
+        optional = self.description.optional
+        self.inputs = tuple(port(g, g.name in optional) for g in self.carried("input"))
         self.outputs = tuple(port(g) for g in self.carried("output"))
         self.parameters = tuple(parameter(g) for g in self.groups.values() if settable(g))
         texts = {k: v for k, v in given.items() if has_text(self.groups, k)}

@@ -30,6 +30,7 @@ class Description:
     flags: Mapping[str, bool]
     default_step: float | None
     kind: str | None
+    optional: frozenset[str] = frozenset()  # inputs that are often left unfed
     step_attributes: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -89,6 +90,7 @@ def _describe(
         raise FmuError(f"{origin}: FMI 2.0 has no structural parameters, found {sorted(sizes)}")
     variables = tuple(variables2(root) if fmi == "2.0" else variables3(root, sizes))
     _check_names(variables, origin)
+    kind, optional = _ours(root)
     return Description(
         fmi=fmi,
         name=root.get("modelName", identifier),
@@ -100,7 +102,8 @@ def _describe(
         units=_units(root),
         flags={k: v in ("true", "1") for k, v in interface.attrib.items() if v in _BOOLEANS},
         default_step=_positive(step) if step else None,
-        kind=_kind(root),
+        kind=kind,
+        optional=optional,
         step_attributes=dict(interface.attrib),
     )
 
@@ -141,9 +144,11 @@ def _units(root: ElementTree.Element) -> dict[str, Unit]:
     return units
 
 
-def _kind(root: ElementTree.Element) -> str | None:
-    """Our own annotation: whether the FMU samples (a controller) or integrates (a plant)."""
+def _ours(root: ElementTree.Element) -> tuple[str | None, frozenset[str]]:
+    """Our annotation: whether the FMU samples (a controller) or integrates (a plant), and inputs
+    that are often left unfed.
+    """
     for element in root.iter("Component"):
         if element.get("kind") in ("sampled", "continuous"):
-            return element.get("kind")
-    return None
+            return element.get("kind"), frozenset(element.get("optional", "").split())
+    return None, frozenset()

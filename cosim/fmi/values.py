@@ -26,11 +26,14 @@ _RANGES = {
 }
 
 
-def port(group: Group) -> Port:
-    """An input or output; inputs hold their start value where nothing is wired to them."""
+def port(group: Group, optional: bool = False) -> Port:
+    """An input or output; inputs hold their start value where nothing is wired to them.
+
+    `optional`: that this is normal.
+    """
     v = group.first
     start = _numbers(group) if v.causality == "input" else ()
-    return Port(group.name, group.shape, v.unit or "1", v.description, start)
+    return Port(group.name, group.shape, v.unit or "1", v.description, start, optional)
 
 
 def parameter(group: Group) -> Parameter:

@@ -58,20 +58,23 @@ def sweep(
     begun: Callable[[Begun], None] = lambda begun: None,
     done: Callable[[Row], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
+    checked: Callable[[Plan], None] = lambda plan: None,
 ) -> Table:
     """Run what `folder` does not have yet, at most `limit` runs; the table of all there is.
 
     With `retry`, which goes on as `resume` does, runs that failed count as not there.
-    `opened` opens the workers (see :mod:`cosim.sweep.workers`). `begun` is called once, `done` with
-    every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs that are out
-    have ended (at a second Ctrl-C, at once). Raises CosimError for a study that cannot be run, and
-    for a folder that has runs already and no `resume`, or whose scenario has changed and no
-    `force`; never for a run that fails.
+    `opened` opens the workers (see :mod:`cosim.sweep.workers`). `checked` is called with the plan
+    of the first run before there is a folder, and may raise CosimError. `begun` is called once,
+    `done` with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs
+    that are out have ended (at a second Ctrl-C, at once). Raises CosimError for a study that cannot
+    be run, and for a folder that has runs already and no `resume`, or whose scenario has changed
+    and no `force`; never for a run that fails.
     """
     total = count(study)
     native.library()  # what is wrong with the installation is wrong with no run
     common = job(study, folder.resolve() / RUNS if study.keep == "trajectories" else None)
     plan, units = check(study, common)
+    checked(plan)
     figures.check(study, [axis.name for axis in study.axes], units)
     fingerprint = _fingerprint(study.scenario, plan)
     with stores.locked(folder):

@@ -34,8 +34,13 @@ def _inputs(n: int) -> tuple[Variable, ...]:
     return (
         *arm,
         Variable("xi_in", "input", (n, 2), _RATE, description="Received xi, a row a neighbour"),
-        Variable("w", "input", (n,), "1", 1.0, "Weight of each neighbour's edge, 0 = inactive"),
-        Variable("age", "input", (n,), "s", description="Age of what each neighbour sent"),
+        Variable(
+            *("w", "input", (n,), "1", 1.0, "Weight of each neighbour's edge, 0 = inactive"),
+            optional=True,
+        ),
+        Variable(
+            *("age", "input", (n,), "s", 0.0, "Age of what each neighbour sent"), optional=True
+        ),
     )
 
 

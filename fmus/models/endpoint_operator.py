@@ -55,7 +55,10 @@ def model() -> Model:
             Q,
             DQ,
             Variable("x_h", "input", (2,), "m", (0.0, 1.0), "Endpoint the hand wants"),
-            Variable("dx_h", "input", (2,), "m/s", 0.0, "Velocity of the endpoint it wants"),
+            Variable(
+                *("dx_h", "input", (2,), "m/s", 0.0, "Velocity of the endpoint it wants"),
+                optional=True,
+            ),
             Variable(
                 "tau_h",
                 "output",

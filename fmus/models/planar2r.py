@@ -80,9 +80,13 @@ _STIFFNESS, _DAMPING = "N.m/rad", "N.m.s/rad"
 def _ports() -> tuple[Variable, ...]:
     return (
         Variable("tau", "input", (2,), _TORQUE, description="Control torque"),
-        Variable("tau_ext", "input", (2,), _TORQUE, description="External torque fed in"),
-        Variable("q_h", "input", (2,), "rad", description="Position the operator wants"),
-        Variable("grip", "input", start=1.0, description="Scale of the grip: 0 released, 1 held"),
+        Variable(
+            *("tau_ext", "input", (2,), _TORQUE, 0.0, "External torque fed in"), optional=True
+        ),
+        Variable(*("q_h", "input", (2,), "rad", 0.0, "Position the operator wants"), optional=True),
+        Variable(
+            *("grip", "input", (), "1", 1.0, "Scale of the grip: 0 released, 1 held"), optional=True
+        ),
         Variable("q", "output", (2,), "rad", settable=True, description="Joint position"),
         Variable("dq", "output", (2,), _RATE, settable=True, description="Joint velocity"),
         Variable(

@@ -22,6 +22,7 @@ from xml.etree.ElementTree import Element, SubElement
 from cosim.component import Component, Parameter, Port
 from cosim.errors import CosimError, FmuError, ScenarioError
 from cosim.units import BASE, parse
+from fmus.model import annotation
 
 #: The script inside the FMU: what PythonFMU calls, and the component behind it.
 _SCRIPT = '''\
@@ -190,7 +191,7 @@ def _described(data: bytes, component: Component) -> bytes:
             SubElement(unknowns, "Unknown", index=unknown.get("index", ""))
     vendor = Element("VendorAnnotations")
     tool = SubElement(vendor, "Tool", name="cosim fmus")
-    SubElement(tool, "Component", kind=component.kind)
+    SubElement(tool, "Component", annotation(component.kind, component.inputs))
     at = [child.tag for child in root].index("ModelVariables")
     root.insert(at, vendor)
     text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)

@@ -70,11 +70,15 @@ CASES: list[tuple[str, str, Severity, float, Document, Document]] = [
     ("like-a-wire", "links.slave.q->master_control.q_j", "note", 0.0,
      rivals("pd", {"law": "constant", "delay": 0.0}), rivals("pd", CONSTANT)),
     # wiring
-    ("uncontrolled", "slave.tau", "warning", 0.0,
+    ("unfed", "slave.tau", "warning", 2.0,
      changed(teleoperator(), ("components.slave.inputs", None)), teleoperator()),
-    ("unfed", "master_control", "note", 2.0, teleoperator(),
-     changed(teleoperator(), ("components.master_control.start.w", 1.0),
-             ("components.master_control.start.age", 0.0))),
+    ("unfed", "slave.tau", "warning", 2.0,
+     changed(teleoperator(), ("components.slave.inputs", None)),
+     changed(teleoperator(), ("components.slave.inputs", None),
+             ("components.slave.start.tau", 0.0))),
+    ("unfed", "master_control.dq[1]", "warning", 1.0,
+     changed(teleoperator(), ("components.master_control.inputs",
+                              {"q": "master.q", "dq[0]": "master.dq[0]"})), teleoperator()),
     ("saturation", "master_control", "warning", 22.0,
      teleoperator(tau_max=5.0), teleoperator(tau_max=60.0)),
     ("jacobi", "run.algorithm", "note", 0.005,
@@ -101,10 +105,10 @@ def test_every_rule_is_among_the_cases() -> None:
     assert {c[0] for c in CASES} >= {
         "root", "spanning-tree", "unheard", "stale", "sampling", "adaptation", "contact", "hand",
         "passivity", "grip", "degenerate", "no-integral", "gravity", "damping", "constant-delay",
-        "bounded", "buffer", "backwards", "like-a-wire", "uncontrolled", "unfed", "saturation",
+        "bounded", "buffer", "backwards", "like-a-wire", "unfed", "saturation",
         "jacobi",
     }  # fmt: skip
-    assert len(RULES) + len(NOTES) == 26
+    assert len(RULES) + len(NOTES) == 25
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

@@ -1,0 +1,120 @@
+"""A forgotten wire is said by every command, and an error with --strict."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cosim.assemble import assemble
+from cosim.check.wiring import unfed
+from cosim.cli import app
+from cosim.component import Port
+from cosim.scenario import load
+from fmus.models import planar2r, teleoperation
+from tests.cosim.fmi.exporter import export, strict2
+
+CONFIGS = Path("configs").resolve()
+SCENARIO = CONFIGS / "teleoperation.toml"
+FORGOTTEN = 'components.master_control.inputs={q="master.q"}'
+SAID = "warning: master_control.dq: nothing feeds this input, and the scenario sets no start value"
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, list(arguments))
+    return result.exit_code, f"{result.output} {result.exception or ''}"
+
+
+def commands(folder: Path) -> dict[str, list[str]]:
+    """Every command that runs, or says how something will; the study sets what others are told."""
+    study = folder / "study.toml"
+    study.write_text(
+        f"scenario = \"{SCENARIO}\"\nsettings = ['{FORGOTTEN}', 'run.stop=0.01']\n"
+        '[vary.k]\npaths = ["components.master.parameters.k_p"]\nvalues = [1, 2]\n'
+    )
+    out = ["--out", str(folder / "out")]
+    change = ["--set", FORGOTTEN, "--set", "run.stop=0.05"]
+    return {
+        "run": ["run", str(SCENARIO), *change, "--no-plot", *out],
+        "twin": ["run", str(SCENARIO), *change, "--no-plot", *out, "--deploy", "can"],
+        "show": ["show", str(SCENARIO), *change],
+        "sweep": ["sweep", str(study), "--no-plot", "--workers", "threads", *out],
+        "compare": ["compare", str(SCENARIO), "--controllers", "forgetful",
+                    "--variants", str(forgetful(folder)), "--no-plot", *out],
+        "rehearse": ["rehearse", str(SCENARIO), *change, *out],
+    }  # fmt: skip
+
+
+def forgetful(folder: Path) -> Path:
+    """Variants with a controller whose wire is forgotten."""
+    path = folder / "variants.toml"
+    path.write_text(
+        """
+set = ["run.step=5 ms", "run.stop=0.05 s"]
+[roles.master]
+arm = "master"
+controller = "master_control"
+[roles.slave]
+arm = "slave"
+controller = "slave_control"
+[wiring]
+inputs = { q = "arm.q" }
+drives = { tau = "controller.tau" }
+[controllers.forgetful]
+model = "fmus.models.pd"
+preset = "PD(10,4)"
+receives = { q_j = "arm.q", dq_j = "arm.dq" }
+[operators.light]
+master = { k_p = 10.0, k_d = 5.0 }
+[links.constant]
+delay = { law = "constant", delay = "100 ms" }
+[columns.effort]
+kind = "norm"
+of = ["master.tau_h"]
+[stable]
+position = ["master.q", "slave.q"]
+velocity = ["master.dq", "slave.dq"]
+position_limit = 100.0
+velocity_limit = 200.0
+rest = 0.01
+window = 0.01
+[figure]
+y = ["master.q[0]", "slave.q[0]"]
+"""
+    )
+    return path
+
+
+@pytest.mark.parametrize("command", ["run", "twin", "show", "sweep", "compare"])
+def test_a_forgotten_wire_is_said(tmp_path: Path, command: str) -> None:
+    code, said = run(*commands(tmp_path)[command])
+    assert SAID in said
+    assert code == 0, said
+
+
+@pytest.mark.parametrize("command", ["run", "twin", "show", "sweep", "compare", "rehearse"])
+def test_it_is_an_error_with_strict(tmp_path: Path, command: str) -> None:
+    code, said = run(*commands(tmp_path)[command], "--strict")
+    assert code != 0
+    assert SAID in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_model_declares_optional_goes_unsaid() -> None:
+    for fmi in ("2.0", "3.0"):
+        plan = assemble(
+            load(SCENARIO, [f'components.{n}.fmi="{fmi}"' for n in ("master", "slave")])
+        )
+        assert not list(unfed(plan))
+    optional = {p.name for m in (planar2r, teleoperation) for p in m.model().inputs() if p.optional}
+    assert optional == {"tau_ext", "q_h", "grip", "w", "age"}
+    assert not Port("u").optional
+
+
+def test_inputs_of_other_tools_are_said_whatever_their_start(tmp_path: Path) -> None:
+    export(strict2(), tmp_path / "strict.fmu")
+    path = tmp_path / "s.toml"
+    path.write_text('[run]\nstep = 0.1\nstop = 1\n[components.x]\nmodel = "strict.fmu"\n')
+    assert [f.where for f in unfed(assemble(load(path)))] == ["x.u"]
+    assert not list(unfed(assemble(load(path, ["components.x.start.u=0"]))))

@@ -21,7 +21,10 @@ from bridge.wiring import Wired
 
 
 class Stoppable(Protocol):
-    """What stops a node: :class:`bridge.node.Control`."""
+    """What arms and stops a node: :class:`bridge.control.Control`."""
+
+    def arm(self) -> None:
+        """Torque may follow START."""
 
     def stop(self) -> None:
         """Ramp down and stop."""

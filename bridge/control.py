@@ -5,6 +5,7 @@ The node itself is C without the GIL (``bridge/c/run.c``); these are threads bes
 
 from __future__ import annotations
 
+import ctypes as c
 import json
 import signal
 import socket
@@ -32,7 +33,7 @@ class Control:
 
     def start(self, start_ns: int) -> None:
         """Be at t = 0 at this time of the monotonic clock, or say why not."""
-        self._struct.start_ns = start_ns
+        self._struct.asked_ns = start_ns
         self._give(Command.START)
 
     def arm(self) -> None:
@@ -46,7 +47,7 @@ class Control:
 
     def again(self) -> None:
         """ARM and START of a node that runs, after RESET."""
-        self._give(Command.ARM)
+        self.arm()
         self._give(Command.START)
 
     def estop(self) -> None:
@@ -69,10 +70,10 @@ class Control:
         self._struct.quit = 1
 
     def _give(self, command: Command) -> None:
-        """One command after the other: C takes one a slot."""
-        self._struct.command = command
+        """Add a command to those of the next slot, and wait until the node has taken them."""
+        native.functions().node_tell(c.byref(self._struct), command)
         for _ in range(round(TAKEN / 0.001)):
-            if self._struct.command == Command.NONE or self._struct.quit:
+            if not self._struct.told or self._struct.quit:
                 return
             sleep(0.001)
 

@@ -39,7 +39,7 @@ def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
     inlet: Any = [(name, "<i8") for name in ("held", "newest", "age_ns", "transit_ns")]
     width = sum(o.width for o in plan.outlets)
     fields: list[Any] = [(name, "<i8") for name in head]
-    fields += [("state", "<i4"), ("command", "<i4")]
+    fields += [("state", "<i4"), ("commands", "<u4")]
     fields += [(name, "<u4") for name in ("now", "reasons", "guard", "flags")]
     fields += [
         ("scale", "<f8"),

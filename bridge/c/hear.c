@@ -135,6 +135,8 @@ static void alarmed(node_t *n, int64_t t)
     if (news && n->gateway) node_estop(n, t);
 }
 
+enum { START_NS = 100000000 /* from the arrival of an NMT START to t = 0 */ };
+
 static int32_t command_of(int32_t nmt)
 {
     switch (nmt) {
@@ -154,8 +156,8 @@ static void managed(node_t *n, const frame_t *frame)
     if (n->gateway) node_pass(n, v, frame);
     if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
     const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
-    if (command == COMMAND_START && n->start_ns == 0) n->start_ns = frame->t_ns + 100000000;
-    if (command != COMMAND_NONE) n->life.command = command;
+    if (command == COMMAND_START) n->nmt_ns = frame->t_ns + START_NS;
+    if (command != COMMAND_NONE) n->life.commands = commands_add(n->life.commands, command);
 }
 
 /* A peer that has begun again may count anew. */

@@ -42,11 +42,9 @@ static uint32_t reset(life_t *life)
     return 0;
 }
 
-/* Applies the command; returns the bits it raises. */
-static uint32_t obey(life_t *life, uint32_t now)
+/* Applies a command; returns the bits it raises. */
+static uint32_t apply(life_t *life, uint32_t command, uint32_t now)
 {
-    const int32_t command = life->command;
-    life->command = COMMAND_NONE;
     switch (command) {
     case COMMAND_NONE: return 0;
     case COMMAND_ARM: life->refused = arm(life, now); return 0;
@@ -58,6 +56,20 @@ static uint32_t obey(life_t *life, uint32_t now)
         return life->state == LIFE_ACTIVE ? WHY_COMMAND : 0;
     default: return WHY_COMPONENT;
     }
+}
+
+/* Applies the commands of a tick; returns the bits they raise. */
+static uint32_t obey(life_t *life, uint32_t now)
+{
+    uint32_t left = life->commands, raised = 0;
+    life->commands = 0;
+    if (commands_stop(left)) return apply(life, COMMAND_STOP, now);
+    if (left && now & WHY_ESTOP) {
+        life->refused = WHY_ESTOP;
+        return 0;
+    }
+    for (; left; left >>= 3) raised |= apply(life, left & 7, now);
+    return raised;
 }
 
 /* Latches what was raised, where the state lets it. */

@@ -23,7 +23,15 @@ API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns)
 
 static int32_t ended(const node_t *n)
 {
-    return *(const volatile int32_t *)&n->quit || *(const volatile int32_t *)&n->command == COMMAND_STOP;
+    return *(const volatile int32_t *)&n->quit || commands_stop(__atomic_load_n(&n->told, __ATOMIC_ACQUIRE));
+}
+
+static int32_t started(const node_t *n)
+{
+    uint32_t told = __atomic_load_n(&n->told, __ATOMIC_ACQUIRE);
+    for (; told; told >>= 3)
+        if ((told & 7) == COMMAND_START) return 1;
+    return 0;
 }
 
 /* The counter of Profile 4, which every sample has. */
@@ -135,12 +143,12 @@ static int32_t send(lockstep_t *l)
 API int32_t lockstep_run(lockstep_t *l)
 {
     node_t *n = l->node;
-    while (*(volatile int32_t *)&n->command != COMMAND_START) {
+    while (!started(n)) {
         if (ended(n)) return LIVE_NEVER_STARTED;
         if (gather(l) < 0) return LOCKSTEP_LOST;
         pace_wait(pace_now() + 1000000, 0, &n->quit);
     }
-    n->command = COMMAND_NONE;
+    n->told = 0;
     n->start_ns = 0;
     n->life.state = LIFE_ACTIVE;
     n->life.armed = 1;

@@ -128,13 +128,30 @@ static void drives(node_t *n, int32_t before)
 {
     const int32_t state = n->life.state;
     if (state == before) return;
+    /* FAULT -> RESET, ARM, START in one slot: cleared, then enabled */
     for (int32_t i = 0; i < n->n_inlets; i++) {
         drive_t *d = n->inlets[i].drive;
         if (!d) continue;
         if (before == LIFE_FAULT) drive_request(d, DRIVE_CLEAR, n->now_ns);
-        else if (state == LIFE_ACTIVE) drive_request(d, DRIVE_ENABLE, n->now_ns);
+        if (state == LIFE_ACTIVE) drive_request(d, DRIVE_ENABLE, n->now_ns);
         else if (state == LIFE_FAULT && d->state == DRIVE_ENABLED) d->state = DRIVE_FAULT;
     }
+}
+
+void node_tell(node_t *n, int32_t command)
+{
+    uint32_t before = __atomic_load_n(&n->told, __ATOMIC_ACQUIRE);
+    while (!__atomic_compare_exchange_n(&n->told, &before, commands_add(before, command), 0,
+                                        __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)) {}
+}
+
+/* The commands of this slot: those heard, then those told. */
+static uint32_t take_told(node_t *n)
+{
+    uint32_t found = n->life.commands;
+    for (uint32_t told = __atomic_exchange_n(&n->told, 0, __ATOMIC_ACQ_REL); told; told >>= 3)
+        found = commands_add(found, (int32_t)(told & 7));
+    return found;
 }
 
 static void live(node_t *n, row_t *row)
@@ -143,16 +160,15 @@ static void live(node_t *n, row_t *row)
     if (n->clock == CLOCK_REPLAY) {
         const row_t *r = (const row_t *)(n->replayed + n->replay_row * n->row_size);
         n->life.now = r->now;
-        n->life.command = r->command;
+        n->life.commands = r->commands;
     } else {
-        const int32_t command = __atomic_exchange_n(&n->command, COMMAND_NONE, __ATOMIC_ACQ_REL);
         watch(n);
-        if (command != COMMAND_NONE) n->life.command = command;
-        if (n->life.command == COMMAND_STOP) n->stopping = 1;
+        n->life.commands = take_told(n);
+        if (commands_stop(n->life.commands)) n->stopping = 1;
     }
     if (row) {
         row->now = n->life.now;
-        row->command = n->life.command;
+        row->commands = n->life.commands;
     }
     life_step(&n->life);
     drives(n, before);

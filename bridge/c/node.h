@@ -148,10 +148,13 @@ typedef struct node {
     int64_t h_ns, phase_ns; /* length of a slot */
     double h;
     int64_t slot, first, slots; /* next, of this life, end of the run */
-    int64_t start_ns;       /* CLOCK_MONOTONIC of t = 0; 0: not known yet */
+    int64_t start_ns;       /* CLOCK_MONOTONIC of t = 0; 0: not known: no START waits or was obeyed */
+    int64_t asked_ns;       /* t = 0 of a START from outside; set before node_tell */
+    int64_t nmt_ns;         /* t = 0 of the last START heard */
     int64_t now_ns;         /* of this slot */
     int64_t overrun_ns;     /* later than this is a fault */
-    int32_t command, quit;  /* from outside: COMMAND_..., or stop at once */
+    uint32_t told;          /* commands from outside: node_tell */
+    int32_t quit;           /* from outside: stop at once */
     int32_t simulated, result;
 
     bus_t *buses;
@@ -202,7 +205,8 @@ typedef struct node {
 /* Begins every row of the journal; then inlets, outlets, signals. */
 typedef struct {
     int64_t slot, deadline_ns, woke_ns, received_ns, send_ns, done_ns; /* send: a duration */
-    int32_t state, command;
+    int32_t state;
+    uint32_t commands;      /* of this slot: heard, then told; see safety.h */
     uint32_t now, reasons;
     uint32_t guard, flags;
     double scale;
@@ -222,6 +226,8 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 
 /* Frames that have arrived by limit_ns (relative): checked, decoded, put into delay lines. hear.c */
 void node_hear(node_t *n, int64_t limit_ns);
+/* A command from another thread: none is lost, whoever else gives one. node.c */
+API void node_tell(node_t *n, int32_t command);
 /* A message of an outlet, with the values it has; its time stamp is the nominal time of this sample,
  * so receivers know how old it is, and which one, however late the node was. node.c */
 void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);

@@ -56,7 +56,7 @@ static void prepare_end(node_t *n)
     if (n->simulated || n->ending || n->slot < n->slots - n->life.ramp_ticks) return;
     for (int32_t i = 0; i < n->n_outlets; i++)
         if (n->outlets[i].guard && n->life.state == LIFE_ACTIVE) n->ending = 1;
-    if (n->ending) n->life.command = COMMAND_STOP;
+    if (n->ending) n->life.commands = commands_add(n->life.commands, COMMAND_STOP);
 }
 
 API int32_t node_live(node_t *n)

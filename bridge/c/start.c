@@ -4,7 +4,7 @@
 enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000,
        PATIENCE_NS = 1000000000 };
 
-/* A START that has come: when, and until when it may be obeyed; 0: none. */
+/* A START that has come: from and until when it may be obeyed; until 0: none. */
 typedef struct { int64_t from, until; } pending_t;
 
 static int32_t there(const peer_t *peer, int64_t now)
@@ -49,36 +49,62 @@ static uint32_t missing(const node_t *n, int64_t now)
 /* One step of the life cycle with a command, and with what is in its way. */
 static void command(node_t *n, int32_t what, uint32_t why)
 {
-    n->life.command = what;
+    n->life.commands = (uint32_t)what;
     n->life.now |= why;
     life_step(&n->life);
     if (!n->life.refused) return;
     n->refused = n->life.refused | n->life.reasons;
     n->refusals++;
-    if (what == COMMAND_START) n->start_ns = 0;
 }
 
-/* What has been commanded, by the process's owner or on the bus. START waits for its time. */
-static void obey(node_t *n, pending_t *start, int64_t now)
+/* START waits for its time. One that was heard does not move one that waits already. */
+static void hold(node_t *n, pending_t *start, int64_t start_ns, int64_t now)
 {
-    const int32_t given = __atomic_exchange_n(&n->command, COMMAND_NONE, __ATOMIC_ACQ_REL);
-    const int32_t what = given != COMMAND_NONE ? given : n->life.command;
-    n->life.command = COMMAND_NONE;
-    n->life.now &= ~(uint32_t)WHY_NOT_YET;
-    if (what == COMMAND_START) {
-        start->from = n->start_ns - OBEY_NS;
-        start->until = n->start_ns > now ? n->start_ns - REFUSE_NS : now + PATIENCE_NS;
-    } else if (what != COMMAND_NONE) {
-        if (what == COMMAND_STOP) start->until = 0;
-        command(n, what, what == COMMAND_ARM ? missing(n, now) : 0);
+    n->start_ns = start_ns;
+    start->from = start_ns - OBEY_NS;
+    start->until = start_ns > now ? start_ns - REFUSE_NS : now + PATIENCE_NS;
+}
+
+/* Commands in their order; a STOP or an emergency stop has cancelled others. */
+static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start_ns, int64_t now)
+{
+    for (; commands; commands >>= 3) {
+        const int32_t what = (int32_t)(commands & 7);
+        if (what == COMMAND_START) hold(n, start, start_ns, now);
+        else command(n, what, what == COMMAND_ARM ? missing(n, now) : 0);
     }
-    life_step(&n->life);
+}
+
+/* START, when it is time: what has come until then is what the first slot holds. */
+static void start_if_due(node_t *n, pending_t *start, int64_t now)
+{
     if (!start->until || now < start->from) return;
     const uint32_t why = missing(n, now);
     if (why && now < start->until) return;
     if (n->simulated && !n->life.armed && !why) command(n, COMMAND_ARM, 0);
     command(n, COMMAND_START, why);
     start->until = 0;
+}
+
+/* What has been commanded, on the bus or by the process's owner. */
+static void obey(node_t *n, pending_t *start, int64_t now)
+{
+    const uint32_t heard = n->life.commands;
+    const uint32_t told = __atomic_exchange_n(&n->told, 0, __ATOMIC_ACQ_REL);
+    const int32_t stop = commands_stop(heard) || commands_stop(told);
+    n->life.commands = 0;
+    n->life.now &= ~(uint32_t)WHY_NOT_YET;
+    if (stop || (n->life.now & WHY_ESTOP && (heard || told))) {
+        start->until = 0;
+        command(n, stop ? COMMAND_STOP : COMMAND_START, 0);
+    } else {
+        follow(n, start, heard, start->until ? n->start_ns : n->nmt_ns, now);
+        follow(n, start, told, n->asked_ns, now);
+    }
+    life_step(&n->life);
+    start_if_due(n, start, now);
+    /* t = 0 is known while a START waits, and when it was obeyed; not when it was refused or cancelled */
+    if (n->life.state != LIFE_ACTIVE && !start->until) n->start_ns = 0;
 }
 
 int32_t node_wait(node_t *n)

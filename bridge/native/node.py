@@ -187,9 +187,11 @@ class Node(c.Structure):
         ("first", c.c_int64),
         ("slots", c.c_int64),
         ("start_ns", c.c_int64),
+        ("asked_ns", c.c_int64),
+        ("nmt_ns", c.c_int64),
         ("now_ns", c.c_int64),
         ("overrun_ns", c.c_int64),
-        ("command", c.c_int32),
+        ("told", c.c_uint32),
         ("quit", c.c_int32),
         ("simulated", c.c_int32),
         ("result", c.c_int32),
@@ -256,6 +258,7 @@ def functions() -> c.CDLL:
     found = library()
     node, i32 = c.POINTER(Node), c.c_int32
     found.node_live.argtypes, found.node_live.restype = (node,), i32
+    found.node_tell.argtypes, found.node_tell.restype = (node, i32), None
     found.node_enable.argtypes, found.node_enable.restype = (node, c.c_int64), None
     found.nodes_replay.argtypes = (c.c_void_p, i32, c.POINTER(i32))
     found.nodes_replay.restype = i32

@@ -98,7 +98,7 @@ class Life(c.Structure):
         ("armed", c.c_int32),
         ("reasons", c.c_uint32),
         ("now", c.c_uint32),
-        ("command", c.c_int32),
+        ("commands", c.c_uint32),
         ("ramp_ticks", c.c_int32),
         ("ramp", c.c_int32),
         ("refused", c.c_uint32),

@@ -16,7 +16,7 @@ import zenoh
 from bridge.attach import Stoppable
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
-from bridge.native.safety import Command, State
+from bridge.native.safety import State
 from bridge.safety import explain
 from bridge.sending import forwarded_facts
 from bridge.services import Encoding
@@ -34,11 +34,7 @@ _PATIENCE = 3.0
 
 def serve(end: ZenohAttachment, wired: Wired, control: Stoppable) -> None:
     """Answer for a node until its session is closed."""
-
-    def arm() -> None:
-        wired.struct.command = Command.ARM
-
-    commands: Mapping[str, Callable[[], None]] = {"arm": arm, "stop": control.stop}
+    commands: Mapping[str, Callable[[], None]] = {"arm": control.arm, "stop": control.stop}
     answers = {
         "state": lambda: state(wired, end),
         "parameters": lambda: parameters(wired),

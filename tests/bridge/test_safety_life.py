@@ -20,7 +20,7 @@ MS = 1_000_000
 
 
 def tick(life: Life, command: Command = Command.NONE, now: int = 0) -> State:
-    life.command, life.now = command, life.now | now
+    life.commands, life.now = command, life.now | now
     return step(life)
 
 
@@ -155,9 +155,9 @@ def test_whatever_is_commanded(ticks: list[tuple[int, int]], ramp: int) -> None:
     life, seen = inactive(ramp), []
     for command, now in ticks:
         before = State(life.state), bool(life.armed), life.reasons
-        life.command, life.now = command, now
+        life.commands, life.now = command, now
         state = step(life)
-        assert (life.command, life.now) == (0, 0)
+        assert (life.commands, life.now) == (0, 0)
         assert 0.0 <= life.scale <= 1.0
         assert (life.scale == 1.0) == (state == State.ACTIVE)
         assert not (state == State.ACTIVE and life.reasons)

@@ -52,7 +52,7 @@ def taken(slots, row):
     """Identifiers of the frames that the node has obeyed or counted in this slot."""
     receiver, peer = slots.wired.receivers["STATE_1"], slots.wired.peers["master"]
     found = {
-        NMT: row["command"] != 0,
+        NMT: row["commands"] != 0,
         ESTOP: row["now"] & Why.ESTOP != 0,
         SYNC: slots.struct.syncs_received > 0,
         HEARTBEAT: peer.state >= 0,

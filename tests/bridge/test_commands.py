@@ -142,9 +142,10 @@ def test_what_was_commanded_is_replayed(tmp_path):
             for command in (ARM, STOP, RESET):
                 node._buses[0].rx.put(nmt.frame([NMT[command], TO_ALL], Header()))
 
-    with twin.wired(system, tmp_path, prepare) as nodes:
+    (tmp_path / "twin").mkdir()
+    with twin.wired(system, tmp_path / "twin", prepare) as nodes:
         twin.run(system, nodes)
-    rows = replay.load(tmp_path)
+    rows = replay.load(tmp_path / "twin")
     mine = rows[Life("master_control")]
     row = mine[0]
     assert (row["commands"], row["state"]) == (digits(ARM, STOP, RESET), State.STOPPING)

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from bridge import logged
 from bridge.can.log import frame_of
+from bridge.compared import History
 from bridge.logged import Sample
 from bridge.native import node as native
 from bridge.native.bus import Bus, Kind
 from bridge.native.frame import Ring
 from bridge.native.safety import State
-from bridge.replay import History
 from bridge.system import System
 from bridge.wiring import Wired
 from cosim.errors import ScenarioError

@@ -189,6 +189,7 @@ def _report(
         drive_faults=sum(int(drive.struct.faults) for drive in wired.drives),
         buses={name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
         journal_dropped=wired.journal.dropped,
+        heard_dropped=wired.heard.dropped if wired.heard else 0,
         injected=faults.hits() if faults else {},
     )
 

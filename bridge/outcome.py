@@ -5,7 +5,8 @@
     RUN/run.json               scenario, deployment, settings, versions, verdict
     RUN/trajectories.parquet   signals on the base tick, as an offline run has them
     RUN/links/*.parquet        which sent sample each link's receiver held
-    RUN/nodes/LIFE.journal     a row a slot; LIFE.json its report; LIFE.BUS.frames every frame;
+    RUN/nodes/LIFE.journal     a row a slot; LIFE.heard a row a sample that it heard;
+                               LIFE.json its report; LIFE.BUS.frames every frame;
                                LIFE is NODE, or NODE@2 where it was started again
     RUN/buses/BUS.log          candump
     RUN/twin/                  the same on a simulated clock
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -94,7 +95,7 @@ def complete(
     between hosts.
     """
     nodes = folder / NODES
-    rows = replay.load(nodes)
+    rows, heard = replay.load(nodes), replay.heard_of(nodes)
     if not rows:
         why = "; ".join(map(str, ended.notes)) or "nobody said why"
         raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
@@ -104,7 +105,7 @@ def complete(
     offset = realtime_ns() - monotonic_ns()
     collect.write_bus_logs(logs, folder / BUSES, formats, offset)
     reports = report.node_reports(system, rows, nodes)
-    replayed, error = _replayed(system, rows)
+    replayed, error = _replayed(system, rows, heard)
     rms = float("nan")
     if with_twin:
         rms = positions_rms(system, folder, run_twin(system, folder / TWIN), ticks)
@@ -119,10 +120,12 @@ def complete(
     return outcome
 
 
-def _replayed(system: System, rows: Mapping[Life, Rows]) -> tuple[replay.Replay | None, str]:
+def _replayed(
+    system: System, rows: Mapping[Life, Rows], heard: Mapping[Life, Rows]
+) -> tuple[replay.Replay | None, str]:
     with TemporaryDirectory() as scratch:
         try:
-            return replay.replay(system, rows, Path(scratch)), ""
+            return replay.replay(system, rows, heard, Path(scratch)), ""
         except CosimError as error:
             return None, str(error)
 
@@ -197,6 +200,7 @@ def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dic
             "twin_rms": outcome.twin_rms,
             "replay": None if replayed is None else replayed.greatest,
             "replay_error": outcome.replay_error,
+            "altered": [asdict(a) for a in replayed.altered] if replayed else [],
         },
     }
 
@@ -223,6 +227,8 @@ def lines(system: System, outcome: Outcome) -> list[str]:
             report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS")
         )
     said.append(report.line("replay", replay_text(outcome)))
+    found = outcome.replayed.altered if outcome.replayed else ()
+    said += [report.line("altered", str(altered)) for altered in found]
     return said
 
 

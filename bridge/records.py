@@ -74,6 +74,7 @@ class Statement(Record, frozen=True, kw_only=True):
     drive_faults: int = 0
     buses: Mapping[str, Mapping[str, Any]] = {}
     journal_dropped: int = 0
+    heard_dropped: int = 0
     injected: Mapping[int, int] = {}
 
     def write(self, folder: Path) -> None:

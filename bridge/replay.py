@@ -1,14 +1,15 @@
-"""A recorded run again, offline: every node computes its slots, from what its journal says it held.
+"""A recorded run again, offline: every node computes its slots from what its journals say.
 
-Nothing but the sequence numbers held and the events of the life cycle is taken from the recording
-(and, for messages whose sender was not recorded, their values): so every signal of every node comes
-out the same to the last bit, or something was altered.
+Nothing but the samples heard, the sequence numbers held and the events of the life cycle is taken
+from the recording: so every signal of every node comes out the same to the last bit, whoever its
+peers were, or something was altered. Whether what was heard is what its sender sent is another
+question (:mod:`bridge.compared`).
 """
 
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +18,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge import compared
+from bridge.compared import Altered, History
 from bridge.journal import Journal
 from bridge.lives import ByLife, Life, files
 from bridge.native import node as native
 from bridge.native.safety import State
 from bridge.sending import Forwarding
 from bridge.system import System, make_system
-from bridge.wiring import Rows, Wired
-from cosim.errors import RunError, ScenarioError
+from bridge.wiring import HEARD, Rows, Wired, heard_dtype
+from cosim.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,44 +50,51 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a replay found: slots by life, the greatest difference, and the first one if any."""
+    """What a replay found: slots by life, the greatest difference, and the first one if any.
+
+    `altered`: samples that are not those of their sender; `alone`: messages some of whose samples
+    could not be held against their sender, which was not recorded or does not count them, or are
+    not in the journal of what was heard, which was full: their inputs are taken as recorded.
+    """
 
     slots: Mapping[Life, int]
     greatest: float
     first: Difference | None
-    alone: tuple[str, ...]  # messages some of whose samples nobody's journal tells: as recorded
+    alone: tuple[str, ...] = ()
+    altered: tuple[Altered, ...] = ()
 
 
-def replay(system: System, recorded: Mapping[Life, Rows], folder: Path) -> Replay:
+def replay(
+    system: System, recorded: Mapping[Life, Rows], heard: Mapping[Life, Rows], folder: Path
+) -> Replay:
     """Compute the recorded lives again, into journals in `folder`, and compare every bit.
 
-    Gateways compute nothing: what they forwarded is what its first sender computes.
+    Each life hears what it heard, whoever sent it: no other node is needed. What it heard is then
+    held against what its sender computed, where that was recorded. Gateways compute nothing.
 
-    `recorded`: rows by life. Raises ScenarioError where rows are not those of this system, RunError
-    where the replay cannot go on.
+    `recorded`: rows by life; `heard`: of :func:`heard_of`. Raises ScenarioError where they are not
+    of this system.
     """
     lives = {life: r for life, r in recorded.items() if system.nodes[life.node].plan.components}
-    histories = _histories(system, lives)
+    there = {life: rows for life, rows in heard.items() if life in recorded}
+    sent = compared.sent_histories(system, lives)
+    unheard: set[str] = set()
     with ExitStack() as stack:
-        wired = {
-            life: _wire(stack, _fresh(system, life), life, rows, histories, folder)
-            for life, rows in lives.items()
-        }
-        _run(wired)
-        found = {life: w.journal.rows for life, w in wired.items()}
-        differences = [
-            d for life in lives for d in _compare(system, life, lives[life], found[life])
-        ]
+        found: dict[Life, Rows] = {}
+        histories = {}  # C reads them until the end
+        for life, rows in lives.items():
+            node = _wire(stack, _fresh(system, life), life, rows, folder)
+            histories[life] = _hear(node, life, there, sent)
+            unheard.update(compared.unheard(system, life, rows, histories[life]))
+            _run(node, life)
+            found[life] = node.journal.rows
+        differences = [d for x, rows in lives.items() for d in _compare(system, x, rows, found[x])]
         greatest = max((_greatest(lives[life], found[life]) for life in lives), default=0.0)
         found.clear()
     first = min(differences, key=lambda d: d.t, default=None)
-    alone = {m for life, rows in lives.items() for m in _unknown(system, life, rows, histories)}
-    return Replay(
-        ByLife({life: len(rows) for life, rows in lives.items()}),
-        greatest,
-        first,
-        tuple(sorted(alone)),
-    )
+    slots = ByLife({life: len(rows) for life, rows in lives.items()})
+    altered, alone = compared.against_senders(system, lives, there, sent)
+    return Replay(slots, greatest, first, tuple(sorted(alone | unheard)), altered)
 
 
 def load(folder: Path) -> ByLife[Rows]:
@@ -95,55 +105,9 @@ def load(folder: Path) -> ByLife[Rows]:
     return ByLife({life: rows for life, rows in found.items() if len(rows)})
 
 
-# ---- histories: what was sent, by sequence number -------------------------------------------
-
-
-class History:
-    """Memory for all samples of one message."""
-
-    def __init__(self, width: int, capacity: int) -> None:
-        self.values = np.zeros((capacity, width))
-        self.there = np.full(capacity, native.UNKNOWN, np.uint8)
-        self.struct = native.History(
-            first=0,
-            capacity=capacity,
-            width=width,
-            values=self.values.ctypes.data,
-            there=self.there.ctypes.data,
-        )
-
-    def knows(self, held: NDArray[np.int64]) -> bool:
-        """Whether all these samples were computed."""
-        return bool(held.max() < self.there.size and (self.there[held] == native.THERE).all())
-
-
-def _histories(system: System, lives: Mapping[Life, Rows]) -> dict[str, History]:
-    """By message of the nodes recorded; awaited is what was sent in the slots of a life."""
-    found: dict[str, History] = {}
-    for life, rows in lives.items():
-        node = system.nodes[life.node]
-        ticks = rows["slot"] * node.ticks
-        for outlet in node.outlets:
-            if not system.messages[outlet.message].encoding.message.e2e:
-                continue  # no counter: which sample was held is known by its time only, so nearly
-            sent = ticks[ticks % outlet.ticks == 0] // outlet.ticks
-            capacity = system.plan.ticks // outlet.ticks + 8
-            for made in (outlet, *(m.outlet for m in system.forwards_of(outlet.message))):
-                history = found.setdefault(made.message, History(made.width, capacity))
-                history.there[sent] = native.AWAITED
-    return found
-
-
-def _unknown(
-    system: System, life: Life, rows: Rows, histories: Mapping[str, History]
-) -> Iterator[str]:
-    """Messages of which this life held samples that nobody's journal tells."""
-    for i, inlet in enumerate(system.nodes[life.node].inlets):
-        held = rows["inlets"]["held"][:, i]
-        held = held[held >= 0]
-        history = histories.get(inlet.message)
-        if held.size and (history is None or not history.knows(held)):
-            yield inlet.message
+def heard_of(folder: Path) -> ByLife[Rows]:
+    """What each life of a run folder heard (:func:`bridge.wiring.heard_dtype`)."""
+    return ByLife({life: Journal.open(path) for life, path in files(folder, HEARD).items()})
 
 
 def _fresh(system: System, life: Life) -> System:
@@ -151,14 +115,7 @@ def _fresh(system: System, life: Life) -> System:
     return system if life.boot == 1 else make_system(system.scenario, system.deployment)
 
 
-def _wire(
-    stack: ExitStack,
-    system: System,
-    life: Life,
-    rows: Rows,
-    histories: Mapping[str, History],
-    folder: Path,
-) -> Wired:
+def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path) -> Wired:
     node = Wired(system, life.node, {}, folder / life.file("journal"), native.REPLAY)
     if rows.dtype != node.journal.rows.dtype:
         node.journal.close()
@@ -172,15 +129,32 @@ def _wire(
     s.replayed, s.replayed_rows = rows.ctypes.data, len(rows)
     s.slot = s.first = int(rows["slot"][0])
     s.life.state, s.life.armed = State.ACTIVE, 1
-    for message, reception in node.receiving.receptions.items():
-        if message in histories:
-            reception.history = c.pointer(histories[message].struct)
-    for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):
-        if outlet.message in histories:
-            _remember(node, outlet.message, entry, histories)
     _begin(node, rows)
     native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
     return node
+
+
+def _hear(
+    node: Wired, life: Life, heard: Mapping[Life, Rows], sent: Mapping[str, History]
+) -> dict[str, History]:
+    """What was heard of each message, for its reception; what is sent again goes to `sent`."""
+    rows = heard.get(life)
+    if rows is None or rows.dtype != heard_dtype(node.system, life.node):
+        found = "nothing" if rows is None else "other messages"
+        raise ScenarioError(
+            f"{found} recorded of what {life} heard; expected {life.file(HEARD)} of it",
+            str(node.system.deployment.path),
+        )
+    histories: dict[str, History] = {}
+    for number, (message, reception) in enumerate(node.receiving.receptions.items()):
+        mine = rows[rows["message"] == number]
+        history = compared.heard_history(mine, reception.width)
+        reception.history = c.pointer(history.struct)
+        histories[message] = history
+    for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):
+        if outlet.message in sent:
+            _remember(node, outlet.message, entry, sent)
+    return histories
 
 
 def _remember(
@@ -218,22 +192,12 @@ def _begin(node: Wired, rows: Rows) -> None:
             node.engine.signals[part] = signals[part]
 
 
-def _run(wired: Mapping[Life, Wired]) -> None:
-    nodes = list(wired.values())
-    pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes))
-    stuck = c.c_int32(-1)
-    result = native.functions().nodes_replay(pointers, len(nodes), c.byref(stuck))
-    if not result:
-        return
-    life, node = list(wired.items())[stuck.value]
-    if result > 0:
+def _run(node: Wired, life: Life) -> None:
+    result = native.functions().node_replay(c.byref(node.struct))
+    if result:
         error = node.engine.failure(result)
         error.add_note(f"in the replay of {life}")
         raise error
-    raise RunError(
-        f"replay: {life} waits at slot {node.struct.slot} for a sample that nobody sent; "
-        "a journal is missing or was altered"
-    )
 
 
 # ---- comparison -----------------------------------------------------------------------------

@@ -202,6 +202,9 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
         for bus, health in said.buses.items():
             if text := _health(health):
                 lines.append(line("bus health", f"{report.life}: {bus}: {text}"))
+        for count, what in ((said.journal_dropped, "slots"), (said.heard_dropped, "samples heard")):
+            if count:
+                lines.append(line("journal full", f"{report.life}: {count} {what} not recorded"))
         if said.drive_faults:
             lines.append(line("drive", f"{report.life}: {said.drive_faults} faults"))
     return lines

@@ -31,6 +31,8 @@ from cosim.engine import Engine
 from cosim.native import Code
 
 Rows = NDArray[np.void]
+#: Kind of the file of what a life heard, beside its journal.
+HEARD = "heard"
 
 
 def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
@@ -50,9 +52,29 @@ def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
     return np.dtype(fields)
 
 
+def heard_dtype(system: System, name: str) -> np.dtype[np.void]:
+    """A row of the journal of what a node heard (``heard_t``): a sample that it accepted.
+
+    `message`: its number in :meth:`System.heard_by`; `sequence`: as the receiver numbered it;
+    `values`: decoded, those of shorter messages end with zeros.
+    """
+    width = max((system.messages[m].outlet.width for m in system.heard_by(name)), default=0)
+    fields: list[Any] = [("sequence", "<i8"), ("arrival_ns", "<i8")]
+    return np.dtype([*fields, ("message", "<i4"), ("status", "<u4"), ("values", "<f8", (width,))])
+
+
+def heard_rows(system: System, name: str) -> int:
+    """Room for what a node hears in a run: all samples of its messages, a quarter more, and 64."""
+    seconds = system.nodes[name].slots * system.nodes[name].h
+    periods = [system.messages[m].period_ns for m in system.heard_by(name)]
+    return sum(64 + int(1.25e9 * seconds / period) for period in periods) or 1
+
+
 @final
 class Wired:
     """A node ready to run: `struct` for C, `engine` initialized, `journal` open.
+
+    `heard`: the journal of what it hears; a replay has none.
 
     `buses`: by name, those of :meth:`System.buses_of`; none for a replay. `clock`: WALL, SIMULATED
     or REPLAY of :mod:`bridge.native.node`. Use as a context manager: FMUs are freed at the end.
@@ -86,6 +108,15 @@ class Wired:
         self._bind_peers()
         self.journal = Journal.create(journal, row_dtype(self.plan), self.plan.slots + 8)
         self._journals = [self.journal]
+        self.heard: Journal | None = None
+        if clock != native.REPLAY:
+            self.heard = Journal.create(
+                journal.with_suffix(f".{HEARD}"),
+                heard_dtype(system, name),
+                heard_rows(system, name),
+            )
+            self.keep(self.heard)
+            self.struct.heard = c.cast(self.heard.address, type(self.struct.heard))
         self.struct.journal = c.cast(self.journal.address, type(self.struct.journal))
         self._offsets()
         self.engine = Engine(self.plan.plan, gates={**self.receiving.gates, **self.sending.gates})

@@ -107,6 +107,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         r->newest = j;
         r->arrival_ns = t;
     }
+    node_heard(n, r, j, t, header.status);
     for (int32_t i = 0; i < n->n_inlets; i++)
         if (n->inlets[i].reception == r)
             delay_put(n->inlets[i].delay, j, sampled(r, j), t, r->values + n->inlets[i].first);

@@ -10,8 +10,8 @@ static const inlet_row_t *recorded(const inlet_t *in)
     return (const inlet_row_t *)(row + n->inlet_offset) + (in - n->inlets);
 }
 
-/* Replay: what was sent is computed again, unless nobody's journal tells of it. */
-static int32_t computed(const history_t *h, int64_t held)
+/* Replay: whether what was held is in the journal of what was heard: it is, unless that was full. */
+static int32_t known(const history_t *h, int64_t held)
 {
     const int64_t k = h ? held - h->first : -1;
     return h && (held < 0 || (k >= 0 && k < h->capacity && h->there[k] == SAMPLE_THERE));
@@ -38,7 +38,7 @@ static const double *take(inlet_t *in)
         const history_t *h = in->reception->history;
         in->held = recorded(in)->held;
         in->newest = recorded(in)->newest;
-        if (in->held < 0 || !computed(h, in->held)) return 0;
+        if (in->held < 0 || !known(h, in->held)) return 0;
         return h->values + (in->held - h->first) * h->width + in->first;
     }
     in->held = delay_take(in->delay, n->slot / in->period, n->now_ns);
@@ -59,7 +59,7 @@ static int64_t age_ns(const inlet_t *in)
     return in->node->now_ns + in->node->phase_ns - sent;
 }
 
-/* Torque commands go through the drive. One that nobody's journal tells of feeds its watchdog, too;
+/* Torque commands go through the drive. One whose value is not known feeds its watchdog, too;
  * one that is too old (also by the law of its link) neither moves it nor feeds the watchdog. */
 static void through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
 {
@@ -93,7 +93,7 @@ API int32_t inlet_pass(void *context, int64_t tick, double *signals)
     in->last_newest = in->newest;
     if (in->drive) through_drive(in, value, fresh, signals);
     else through(in, value, signals);
-    if (n->clock == CLOCK_REPLAY && !computed(in->reception->history, in->held))
+    if (n->clock == CLOCK_REPLAY && !known(in->reception->history, in->held))
         as_recorded(in, signals);
     if (!in->begun) {
         memcpy(in->initial, signals + in->target, (size_t)in->count * sizeof *signals);

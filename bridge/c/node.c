@@ -9,8 +9,8 @@ API size_t node_sizes(int32_t which)
     static const size_t sizes[] = {sizeof(history_t), sizeof(reception_t), sizeof(inlet_t),
                                    sizeof(outlet_t), sizeof(node_t), sizeof(row_t),
                                    sizeof(inlet_row_t), sizeof(played_t), sizeof(forward_t),
-                                   sizeof(services_t)};
-    return which >= 0 && which < 10 ? sizes[which] : 0;
+                                   sizeof(services_t), sizeof(heard_t)};
+    return which >= 0 && which < 11 ? sizes[which] : 0;
 }
 
 /* ---- outlets ---- */

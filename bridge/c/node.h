@@ -42,10 +42,11 @@ enum { ALARM_NONE, ALARM_RAISED, ALARM_OURS };
 
 struct node;
 
-/* Of a sample in a replay: not computed yet; computed; in nobody's journal. */
-enum { SAMPLE_AWAITED, SAMPLE_THERE, SAMPLE_UNKNOWN };
+/* Of a sample in a replay: not known, or there. */
+enum { SAMPLE_UNKNOWN, SAMPLE_THERE };
 
-/* Decoded samples of one message, by sequence number: what a replay reads. */
+/* Decoded samples of one message, by sequence number: in a replay what a reception has heard, and
+ * what an outlet sends again. */
 typedef struct {
     int64_t first, count, capacity;
     int32_t width, reserved;
@@ -77,7 +78,7 @@ typedef struct {
     int64_t newest, arrival_ns; /* accepted last; -1: none */
     int32_t accept_simulated, previewed;
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
-    history_t *history;     /* of its sender: replay; else NULL */
+    history_t *history;     /* what was heard of it: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
     int32_t n_forwards;
     forward_t *forwards;    /* what goes on at once when a sample was accepted */
@@ -184,7 +185,7 @@ typedef struct node {
     int32_t alarms;         /* ESTOP frames still to be sent */
     int64_t alarm_ns;       /* when the next one is due */
 
-    journal_t *journal;
+    journal_t *journal, *heard;  /* heard: NULL in a replay, which reads one */
     int64_t inlet_offset, outlet_offset, signals_offset;    /* into a row */
     const char *replayed;   /* CLOCK_REPLAY: rows of the recording */
     int64_t replayed_rows, row_size, replay_row;
@@ -214,6 +215,10 @@ typedef struct {
 
 typedef struct { int64_t held, newest, age_ns, transit_ns; } inlet_row_t;
 
+/* Begins every row of the journal of what was heard: a sample of the message that is number `message`
+ * among the receptions, as its receiver numbered it; then its values, room for the widest message. */
+typedef struct { int64_t sequence, arrival_ns; int32_t message; uint32_t status; } heard_t;
+
 /* Whether a message says in which state its sender is: a status of 4 bits (classic CAN) does not. */
 static inline int32_t tells_life(const message_t *m)
 {
@@ -224,6 +229,8 @@ static inline int32_t tells_life(const message_t *m)
 API int32_t inlet_pass(void *context, int64_t tick, double *signals);
 API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 
+/* A sample of r that was accepted, with r's values, into the journal of what was heard. heard.c */
+void node_heard(node_t *n, const reception_t *r, int64_t sequence, int64_t arrival_ns, uint32_t status);
 /* Frames that have arrived by limit_ns (relative): checked, decoded, put into delay lines. hear.c */
 void node_hear(node_t *n, int64_t limit_ns);
 /* A command from another thread: none is lost, whoever else gives one. node.c */
@@ -279,8 +286,8 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time
                            const double *bitrates, int32_t n_networks, const int32_t *routes,
                            int32_t n_routes);
 
-/* Replay: all nodes along their recordings. *stuck: the node that waits for a sample nobody sends. */
-API int32_t nodes_replay(node_t **nodes, int32_t n_nodes, int32_t *stuck);
+/* Replay: a node along its recording, from what it held. Returns the engine's result. */
+API int32_t node_replay(node_t *n);
 
 /* Some slots of one node on the simulated clock, slot i with what has arrived by limits[i]: what a
  * bus log tells. Returns the engine's result. */

@@ -175,43 +175,14 @@ API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count)
 
 /* ---- replay ---- */
 
-/* Whether everything is there that the next slot held when it was recorded. */
-static int32_t ready(const node_t *n)
+API int32_t node_replay(node_t *n)
 {
-    const char *row = n->replayed + n->replay_row * n->row_size;
-    const inlet_row_t *in = (const inlet_row_t *)(row + n->inlet_offset);
-    for (int32_t i = 0; i < n->n_inlets; i++) {
-        const history_t *h = n->inlets[i].reception->history;
-        if (!h || in[i].held < 0) continue;
-        const int64_t k = in[i].held - h->first;
-        if (k >= 0 && k < h->capacity && h->there[k] == SAMPLE_AWAITED) return 0;
+    while (n->replay_row < n->replayed_rows) {
+        const row_t *row = (const row_t *)(n->replayed + n->replay_row * n->row_size);
+        const uint32_t flags = row->flags & ~(uint32_t)ROW_FAILED;
+        const int32_t failed = (row->flags & ROW_FAILED) != 0;
+        const int32_t result = node_slot(n, row->deadline_ns, row->woke_ns, flags);
+        if (result && !failed) return result;
     }
-    return 1;
-}
-
-API int32_t nodes_replay(node_t **nodes, int32_t n_nodes, int32_t *stuck)
-{
-    for (;;) {
-        int32_t moved = 0, left = -1;
-        for (int32_t i = 0; i < n_nodes; i++) {
-            node_t *n = nodes[i];
-            while (n->replay_row < n->replayed_rows && ready(n)) {
-                const row_t *row = (const row_t *)(n->replayed + n->replay_row * n->row_size);
-                const uint32_t flags = row->flags & ~(uint32_t)ROW_FAILED;
-                const int32_t failed = (row->flags & ROW_FAILED) != 0;
-                const int32_t result = node_slot(n, row->deadline_ns, row->woke_ns, flags);
-                if (result && !failed) {
-                    *stuck = i;
-                    return result;
-                }
-                moved = 1;
-            }
-            if (n->replay_row < n->replayed_rows) left = i;
-        }
-        if (left < 0) return 0;
-        if (!moved) {
-            *stuck = left;
-            return -1;
-        }
-    }
+    return 0;
 }

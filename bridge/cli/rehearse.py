@@ -85,7 +85,8 @@ def rehearse(
 ) -> None:
     """Rehearse a scenario: real processes, real frames, the wall clock; then judge it.
 
-    Exits with 1 where a node did not come to the end, or the replay is not the run.
+    Exits with 1 where a node did not come to the end, the replay is not the run, or a node heard
+    samples that their sender did not send.
     """
     from bridge import deploy as deployments
     from bridge import preflight
@@ -178,7 +179,8 @@ def _run(
     if interrupted:
         typer.echo(f"interrupted; recorded until then: {folder}", err=True)
         raise typer.Exit(exit_code())
-    if not outcome.finished or outcome.replayed is None or outcome.replayed.first is not None:
+    replayed = outcome.replayed
+    if not outcome.finished or replayed is None or replayed.first or replayed.altered:
         raise typer.Exit(1)
 
 
@@ -248,4 +250,6 @@ def verdict(outcome: Outcome) -> str:
     slots = sum(r.slots for r in outcome.reports)
     share = f"{missed} of {slots} slots missed" if missed else "no slot missed"
     exact = outcome.replayed is not None and outcome.replayed.first is None
-    return f"finished, {share}, {'replays exactly' if exact else 'does NOT replay'}"
+    strange = sum(a.count for a in outcome.replayed.altered) if outcome.replayed else 0
+    said = f", {strange} samples heard that their senders did not send" if strange else ""
+    return f"finished, {share}, {'replays exactly' if exact else 'does NOT replay'}{said}"

@@ -33,7 +33,8 @@ def replay(
 ) -> None:
     """Compute a recorded run again, offline, and compare every signal of every node bit for bit.
 
-    Exits with 1 where anything differs, and says where first. With --offline there are no nodes:
+    Exits with 1 where anything differs, and says where first; and where samples were heard that
+    their recorded sender did not send. With --offline there are no nodes:
     the scenario runs as `cosim run` does, links hold what was held, into RUN/offline; exits with 1
     where that is different.
     """
@@ -52,15 +53,19 @@ def replay(
         _offline(system, run, rows)
     watch = stopwatch()
     with TemporaryDirectory() as scratch:
-        found = again.replay(system, rows, Path(scratch))
+        found = again.replay(system, rows, again.heard_of(run / NODES), Path(scratch))
     seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
     for life, slots in found.slots.items():
         typer.echo(f"{life!s:<16} {slots} slots")
     for message in found.alone:
-        typer.echo(f"{message:<16} taken from the recording: its sender was not recorded")
+        typer.echo(f"{message:<16} not all held against its sender, which was not recorded")
+    for altered in found.altered:
+        typer.echo(f"{'altered':<16} {altered}")
     typer.echo(f"{'time':<16} {seconds:g} s in {watch():.2f} s")
     if found.first is None:
         typer.echo(f"{'difference':<16} exactly 0 in every signal")
+        if found.altered:
+            raise typer.Exit(1)
         return
     typer.echo(f"{'difference':<16} up to {found.greatest:.6g}; first: {found.first}")
     raise typer.Exit(1)

@@ -16,7 +16,7 @@ WALL, SIMULATED, REPLAY = 1, 2, 3
 BURST = 1  # flag of a row: a missed slot, done late
 JOINTS = 32  # the most a guard can have
 RAISED = 1  # of `alarm`: emergency stop
-AWAITED, THERE, UNKNOWN = 0, 1, 2  # a sample in a replay
+UNKNOWN, THERE = 0, 1  # a sample in a replay
 FINISHED, STOPPED, NEVER_STARTED, FAULT = 0, -1, -2, -3
 
 Doubles = c.POINTER(c.c_double)
@@ -227,6 +227,7 @@ class Node(c.Structure):
         ("alarms", c.c_int32),
         ("alarm_ns", c.c_int64),
         ("journal", c.POINTER(JournalStruct)),
+        ("heard", c.POINTER(JournalStruct)),
         ("inlet_offset", c.c_int64),
         ("outlet_offset", c.c_int64),
         ("signals_offset", c.c_int64),
@@ -260,8 +261,7 @@ def functions() -> c.CDLL:
     found.node_live.argtypes, found.node_live.restype = (node,), i32
     found.node_tell.argtypes, found.node_tell.restype = (node, i32), None
     found.node_enable.argtypes, found.node_enable.restype = (node, c.c_int64), None
-    found.nodes_replay.argtypes = (c.c_void_p, i32, c.POINTER(i32))
-    found.nodes_replay.restype = i32
+    found.node_replay.argtypes, found.node_replay.restype = (node,), i32
     found.nodes_simulate.argtypes = (
         *(c.c_void_p, i32, c.c_void_p, c.c_void_p),
         *(i32, c.c_void_p, i32),

@@ -77,7 +77,7 @@ def test_the_twin_reaches_q_h_within_the_drives_torque_and_replays(tmp_path):
         assert np.abs(signal(system, rows, arm, f"{arm}.q")[-1] - [3.5, 3.0]).max() < 0.02
         sent = rows[f"{arm}_control"]["sent"]
         assert np.abs(sent[:, :2]).max() <= 7.0
-    found = replay.replay(system, rows, tmp_path)
+    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
     assert found.first is None and found.greatest == 0.0
     assert "master_tau_1" in found.alone and "XI_2" not in found.alone  # no counter: as recorded
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from bridge.cli.monitor import monitor
 from bridge.rehearse import STARTED
-from bridge.replay import load, replay
+from bridge.replay import heard_of, load, replay
 from bridge.system import load_system
 from cosim.clock import monotonic_ns, sleep
 from cosim.errors import ScenarioError
@@ -85,7 +85,7 @@ def test_looking_at_a_rehearsal_that_runs(tmp_path):
     system = load_system(ROOT / "configs" / "teleoperation.toml", "can", SETTINGS)
     rows = load(folder / "nodes")
     (tmp_path / "again").mkdir()
-    assert replay(system, rows, tmp_path / "again").first is None
+    assert replay(system, rows, heard_of(folder / "nodes"), tmp_path / "again").first is None
     slots = sum(len(r) for r in rows.values())
     assert messages(tmp_path / "live.mcap") == 2 * slots
 

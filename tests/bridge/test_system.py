@@ -7,7 +7,7 @@ import ctypes as c
 import pytest
 
 from bridge.native import node as native
-from bridge.wiring import row_dtype
+from bridge.wiring import heard_dtype, row_dtype
 from cosim.errors import CosimError, ScenarioError
 from tests.bridge.deployments import NETWORK, SHORT, TELEOPERATION, document, named, system_of
 
@@ -19,7 +19,7 @@ def test_structs_are_as_large_here_as_in_c():
     assert sizes(7) == c.sizeof(native.Played)
     assert sizes(8) == c.sizeof(native.Forward)
     assert sizes(9) == c.sizeof(native.Services)
-    assert sizes(10) == sizes(-1) == 0
+    assert sizes(11) == sizes(-1) == 0
 
 
 def test_rows_begin_with_the_struct_of_c():
@@ -28,6 +28,8 @@ def test_rows_begin_with_the_struct_of_c():
         fields = dtype.fields
         assert fields["inlets"][1] == native.functions().node_sizes(5), name
         assert fields["inlets"][0].base.itemsize == native.functions().node_sizes(6)
+        heard = heard_dtype(named("can"), name)
+        assert heard.fields["values"][1] == native.functions().node_sizes(10)
         assert fields["sent"][1] % 8 == fields["signals"][1] % 8 == dtype.itemsize % 8 == 0
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bridge import replay
+from bridge.lives import ByLife, Life
 from bridge.relay.network import Network
 from bridge.system import load_system
 from tests.network.hosts import ARMS, Case, Site, settings
@@ -53,7 +54,10 @@ def test_a_start_that_travels_shifts_clocks_by_what_it_took(tmp_path: Path):
         changes = ['run.stop="2 s"', *settings(Case(2.0), Site(network, None))]
         started(network, changes, tmp_path)
     system = load_system(SCENARIO, "zenoh", changes)
-    rows = {arm: replay.load(tmp_path / arm / "nodes")[arm] for arm in ARMS}
+    rows, heard = (
+        ByLife({Life(arm): read(tmp_path / arm / "nodes")[arm] for arm in ARMS})
+        for read in (replay.load, replay.heard_of)
+    )
     begun = [
         json.loads((tmp_path / a / "nodes" / f"{a}.json").read_text())["start_ns"] for a in ARMS
     ]
@@ -62,5 +66,5 @@ def test_a_start_that_travels_shifts_clocks_by_what_it_took(tmp_path: Path):
     taken = {a: np.median(rows[a]["inlets"]["transit_ns"][1000:]) * 1e-9 for a in ARMS}
     assert taken["slave"] == pytest.approx(LATE - apart, abs=0.3 * LATE)
     assert taken["master"] == pytest.approx(LATE + apart, abs=0.3 * LATE)
-    found = replay.replay(system, rows, tmp_path)
+    found = replay.replay(system, rows, heard, tmp_path)
     assert (found.greatest, found.first, found.alone) == (0.0, None, ())

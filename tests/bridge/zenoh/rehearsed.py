@@ -62,7 +62,7 @@ def collect(system: System, ended: Ended, folder: Path) -> Rehearsed:
     write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, {}))
     again = folder / "again"
     again.mkdir()
-    found = replay.replay(system, rows, again)
+    found = replay.replay(system, rows, replay.heard_of(nodes), again)
     reports = {p.stem: json.loads(p.read_text()) for p in nodes.glob("*.json")}
     return Rehearsed(system, ended, rows, reports, found)
 

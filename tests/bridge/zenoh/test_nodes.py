@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from bridge import replay
+from bridge.lives import ByLife, Life
 from bridge.system import load_system
 from bridge.zenoh.certificates import make_keys
 from tests.bridge.zenoh.rehearsed import CONFIGS
@@ -54,8 +55,11 @@ def test_the_operator_starts_nodes_with_certificates(tmp_path: Path):
         said, errors = process.communicate(timeout=60.0)
         assert process.returncode == 0, said + errors
     system = load_system(SCENARIO, "zenoh", changes)
-    rows = {arm: replay.load(tmp_path / arm / "nodes")[arm] for arm in ARMS}
-    found = replay.replay(system, rows, tmp_path)
+    rows, heard = (
+        ByLife({Life(arm): read(tmp_path / arm / "nodes")[arm] for arm in ARMS})
+        for read in (replay.load, replay.heard_of)
+    )
+    found = replay.replay(system, rows, heard, tmp_path)
     assert (found.greatest, found.first, found.alone) == (0.0, None, ())
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from bridge.evidence_links import Network, of_links
-from bridge.fault_script import EXTENDED, KINDS, OF_LINKS, Event, FaultScript, FrameFault
+from bridge.fault_script import EXTENDED, HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
 from bridge.findings import Evidence, Place, Sign, Signs
 from bridge.lives import Life
 from bridge.records import Done, Missed, Refused
@@ -94,7 +94,7 @@ def _effective(record: Rows, fault: FrameFault, number: int) -> Rows:
     gone, changed = rows["copies"] == 0, rows["crc"] != rows["crc_after"]
     wanted = gone
     if fault.kind not in ("drop", "burst", "sync-loss"):
-        wanted = ~gone & (changed if fault.kind == "corrupt" else ~changed)
+        wanted = ~gone & (changed if fault.kind in ("corrupt", "absurd") else ~changed)
     found: Rows = rows[wanted]
     return found
 
@@ -107,12 +107,23 @@ def _frame_signs(fault: FrameFault, shown: Shown, life: Life, message: str, rows
         said = shown.said(life)
         lost = said.syncs.get("lost", 0) if said else 0
         return (Sign(what="syncs", number=lost),) if lost else ()
+    if fault.kind in HOSTILE:
+        return _hostile_signs(signs, shown, life, message)
     counters = [name for name in signs if name in COUNTERS]
     found = shown.counted(life, message, counters, len(rows)) if counters else ()
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
         found = (*found, *shown.age(life, message, fault.t0, fault.t1 + fault.b, least))
     return found
+
+
+def _hostile_signs(signs: Sequence[str], shown: Shown, life: Life, message: str) -> Signs:
+    """One sign is enough: a frame that is refused may be refused for another's sake."""
+    counters = [name for name in signs if name in COUNTERS]
+    found = shown.counted(life, message, counters, 1) if counters else ()
+    if "surplus" in signs:
+        found = (*found, *shown.surplus(life, message))
+    return (*found, *shown.unlike(life, message)) if "altered" in signs else found
 
 
 # ---- faults of processes, buses and networks ------------------------------------------------

@@ -37,6 +37,10 @@ class Sign(Record, frozen=True, kw_only=True):
                 return f"{self.life}: the bus was not well"
             case "frames":
                 return f"{n:.0f} frames of no known message"
+            case "surplus":
+                return f"{n:.0f} more frames than were sent"
+            case "altered":
+                return f"{n:.0f} samples that are not those sent"
             case "syncs":
                 return f"{n:.0f} SYNC lost"
             case "refusal" if self.note is not None:

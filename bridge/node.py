@@ -110,7 +110,7 @@ def _in_lockstep(
             threading.Thread(target=listen, args=(control,), daemon=True).start()
             result = stepping.run()
             stalled = stepping.error(result)
-            report = _report(stepping.wired, buses, options, result, {}, "", None, stalled)
+            report = stated(stepping.wired, buses, options, result, {}, "", None, stalled)
             return _kept(options, report)
 
 
@@ -148,10 +148,10 @@ def _configured(
         with refusals(struct, say):
             result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
-        return _kept(options, _report(wired, buses, options, result, facts, warning, faults))
+        return _kept(options, stated(wired, buses, options, result, facts, warning, faults))
 
 
-def _report(
+def stated(
     wired: Wired,
     buses: Mapping[str, Attachment],
     options: Options,
@@ -161,6 +161,7 @@ def _report(
     faults: NodeFaults | None,
     stalled: str = "",
 ) -> Statement:
+    """What a node says of itself at its end; `result`: of node_live."""
     s = wired.struct
     end, error = _ended(wired, result)
     return Statement(

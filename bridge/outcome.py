@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge import collect, evidence, replay, report, twin
+from bridge import collect, evidence, replay, report, twin, verdict
 from bridge.evidence_links import Network
 from bridge.fault_script import FaultScript
 from bridge.findings import Evidence
@@ -111,7 +111,10 @@ def complete(
         rms = positions_rms(system, folder, run_twin(system, folder / TWIN), ticks)
     faults: Sequence[Evidence] = ()
     if script is not None:
-        faults = evidence.find(script, Shown(system, rows, reports, nodes, ended.notes), network)
+        strange = replayed.altered if replayed else ()
+        altered = {(a.life, a.message): a.count for a in strange}
+        shown = Shown(system, rows, reports, nodes, ended.notes, altered)
+        faults = evidence.find(script, shown, network)
     outcome = Outcome(
         folder, ticks, rows, reports, ages, replayed, error, rms,
         report.bus_lines(system, logs), ended.notes, faults,
@@ -178,13 +181,15 @@ def deployed(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dict[str, Any]:
-    replayed = outcome.replayed
+    replayed, judged = outcome.replayed, verdict.of(system, outcome)
     return {
         **metadata(system.scenario, system.plan),
         **deployed(system, facts),
         "status": FINISHED if outcome.finished else STOPPED,
         "rehearsal": {
             "finished": outcome.finished,
+            "verdict": str(judged.word),
+            "reasons": list(judged.reasons),
             "notes": [note.facts() for note in outcome.notes],
             "faults": [fault.facts() for fault in outcome.faults],
             "nodes": {

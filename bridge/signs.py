@@ -6,7 +6,7 @@ Times are s since the start of the run.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
@@ -18,6 +18,7 @@ from bridge.journal import Journal
 from bridge.lives import Life, lives_of
 from bridge.records import End, Note, Statement
 from bridge.report import NodeReport
+from bridge.surplus import surpluses
 from bridge.system import System
 from bridge.wiring import Rows
 
@@ -36,13 +37,20 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "freeze": ("late", "ended"),
     "clock-jump": ("late", "stopped", "silence"),
     "bus-down": ("health",),
+    "forge": ("wrong_sequence", "range", "rate", "invalid", "resyncs", "surplus", "altered"),
+    "replay": ("wrong_sequence", "reordered", "repeated", "stale", "surplus", "altered"),
+    "absurd": ("range", "rate", "invalid", "altered"),
+    "flood": ("surplus",),
     "babble": ("frames",),
     "net-down": ("silence", "lost"),
     "net-delay": ("age",),
     "net-loss": ("lost",),
     "net-rate": ("age", "lost"),
 }
-COUNTERS = ("lost", "crc", "length", "invalid", "range", "repeated", "reordered")
+COUNTERS = (
+    *("lost", "crc", "length", "invalid", "range", "rate", "repeated", "reordered", "stale"),
+    *("wrong_sequence", "resyncs"),
+)
 #: Share of what was done that has to show, in numbers and in time.
 ENOUGH, LONG = 0.5, 0.8
 #: s after the end of a fault within which what it did may show.
@@ -52,13 +60,17 @@ AFTER = 3.0
 @final
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`."""
+    """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`.
+
+    `altered`: samples that a life heard otherwise than they were sent, by life and message.
+    """
 
     system: System
     rows: Mapping[Life, Rows]
     reports: Sequence[NodeReport]
     nodes: Path
     notes: Sequence[Note]
+    altered: Mapping[tuple[Life, str], int] = field(default_factory=dict)
 
     def said(self, life: Life) -> Statement | None:
         """The report of a life; None where it did not live to tell."""
@@ -84,12 +96,23 @@ class Shown:
             return ()
         return tuple(Sign(what=name, number=n) for name, n in found.items() if n)
 
+    def surplus(self, life: Life, message: str) -> Signs:
+        """How many frames of a message were heard beyond those that were sent."""
+        found = surpluses(self.system, self.rows, self.reports)
+        more = (s.heard - s.sent for s in found if (s.life, s.message) == (life, message))
+        return tuple(Sign(what="surplus", number=n) for n in more)
+
+    def unlike(self, life: Life, message: str) -> Signs:
+        """How many samples were heard otherwise than they were sent."""
+        n = self.altered.get((life, message), 0)
+        return (Sign(what="altered", number=n),) if n else ()
+
     # ---- times -------------------------------------------------------------------------------
 
     def age(self, life: Life, message: str, t0: float, t1: float, least: float) -> Signs:
         """How long a sample of this time was on the way, if that is nearly `least` s."""
         taken = [
-            rows["transit_ns"][rows["newest"] >= 0].max(initial=0) * 1e-9
+            float(rows["transit_ns"][rows["newest"] >= 0].max(initial=0)) * 1e-9
             for rows in self._inlets(life, message, t0, t1 + AFTER)
         ]
         worst = max(taken, default=0.0)

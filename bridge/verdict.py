@@ -1,8 +1,8 @@
 """What is said of a rehearsal in one word: passed, failed or inconclusive; and why.
 
 *Failed*: a node did not come to the end, the replay is not the run, more samples were heard than
-their senders sent, or others, or a fault on purpose is not in the report. *Inconclusive*: only what a machine
-that stands still causes as well, and a node was that late although no fault made it so.
+their senders sent, or others, or a fault on purpose is not in the report. *Inconclusive*: only what
+a machine that stands still causes as well, and a node was that late although no fault made it so.
 """
 
 from __future__ import annotations

@@ -87,8 +87,8 @@ def rehearse(
     """Rehearse a scenario: real processes, real frames, the wall clock; then judge it.
 
     Exits with 1 where it failed: a node did not come to the end, the replay is not the run, more
-    or other samples were heard than sent, or a fault on purpose is not in the report; with 3 where it is
-    inconclusive, because this machine was too slow to judge.
+    or other samples were heard than sent, or a fault on purpose is not in the report; with 3 where
+    it is inconclusive, because this machine was too slow to judge.
     """
     from bridge import deploy as deployments
     from bridge import preflight

@@ -18,6 +18,7 @@ FAULTS = {
     "forge": {"probability": 0.3, "count": 60},
     "replay": {"count": 100},
     "flood": {"rate": 5000.0},
+    "absurd": {"probability": 0.3},
     "corrupt": {"probability": 0.3, "count": 3},
     "drop": {"probability": 0.3},
 }
@@ -41,6 +42,14 @@ def test_a_hostile_peer_is_in_the_report_and_in_the_verdict(tmp_path, deploy, ki
     found = verdict.of(system, outcome)
     assert found.word is Word.FAILED and found.exit_code == 1
     assert HEARD[deploy][1] in found.text()
+    assert outcome.replayed is not None and outcome.replayed.first is None
+
+
+def test_absurd_values_are_in_the_report_and_in_the_verdict(tmp_path):
+    system, outcome = run(tmp_path, "can", "absurd")
+    assert outcome.faults[0].verdict == "seen", outcome.faults[0].text()
+    assert verdict.of(system, outcome).word is Word.FAILED
+    assert outcome.replayed is not None and outcome.replayed.first is None
 
 
 @pytest.mark.parametrize("kind", ["corrupt", "drop"])

@@ -124,6 +124,13 @@ def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> At
     return opened
 
 
+def announce(buses: Mapping[str, Attachment]) -> None:
+    """Let it be seen on Zenoh buses that this node is ready."""
+    for end in buses.values():
+        if (ready := getattr(end, "ready", None)) is not None:
+            ready()
+
+
 def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) -> None:
     """Let a node be asked and told over its Zenoh buses, as long as they are open."""
     for name, end in buses.items():

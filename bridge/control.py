@@ -20,8 +20,8 @@ from bridge.records import names_of, refusal
 from cosim.clock import sleep
 
 Say = Callable[[Mapping[str, Any]], None]
-#: s between two looks at what a node has to say, and until a command has to be taken.
-LOOK, TAKEN = 0.02, 0.5
+#: s until a command has to be taken.
+TAKEN = 0.5
 
 
 class Control:
@@ -111,37 +111,6 @@ def signals(control: Control) -> Iterator[None]:
         tells.close()
         thread.join()
         told.close()
-
-
-@contextmanager
-def refusals(struct: native.Node, say: Say) -> Iterator[None]:
-    """Say why, each time the node refuses ARM or START.
-
-    ``{"event": "refused", "reasons": ["apart"], "armed": true, "why": "…"}``
-    """
-    ended = threading.Event()
-
-    def look() -> None:
-        seen = 0
-        while not ended.wait(LOOK):
-            if struct.refusals != seen:
-                seen = struct.refusals
-                say(
-                    {
-                        "event": "refused",
-                        "reasons": names_of(struct.refused),
-                        "armed": bool(struct.life.armed),
-                        "why": why(struct),
-                    }
-                )
-
-    thread = threading.Thread(target=look, name="refusals", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
 
 
 def why(struct: native.Node) -> str:

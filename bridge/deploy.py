@@ -15,7 +15,7 @@ import msgspec
 from cosim.convert import Number, convert, number
 from cosim.errors import ScenarioError
 from cosim.scenario import read_document
-from cosim.settings import change
+from cosim.settings import as_toml, change
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
@@ -97,11 +97,11 @@ class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """What becomes of an input whose messages stay away.
 
     `age`: an input of the component that gets the time since the last one arrived (s).
-    `stop`: the node stops after so long without one; 0: never.
+    `stop`: the node stops after so long without one; 0: never; not said: `silence` of the file.
     """
 
     age: str = ""
-    stop: Number = 0.0
+    stop: Number | None = None
 
 
 class ApartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -172,6 +172,8 @@ class Deployment(msgspec.Struct, frozen=True):
 
     `latency`: whether the links' configured delays are added to the network's own. `sync`: the
     node that sends SYNC, if one does. `enforce`: refuse to start where real time is not granted.
+    `patience` (s): all nodes have to be ready within it. `silence` (s): a node that hears nothing
+    of a message for so long stops, and the run with it; 0: never.
     """
 
     path: Path
@@ -180,6 +182,8 @@ class Deployment(msgspec.Struct, frozen=True):
     latency: bool
     enforce: bool
     sync: str
+    patience: float
+    silence: float
     set: dict[str, Any]
     buses: dict[str, BusSpec]
     nodes: dict[str, NodeSpec]
@@ -204,10 +208,10 @@ class Deployment(msgspec.Struct, frozen=True):
 
     def settings(self) -> list[str]:
         """The changes to the scenario, as ``--set`` takes them."""
-        return [f"{path}={_toml(value)}" for path, value in self.set.items()]
+        return [f"{path}={as_toml(value)}" for path, value in self.set.items()]
 
 
-_TABLES = ("title", "clock", "latency", "enforce", "sync", "set", "buses", "nodes", "messages")
+_TABLES = Deployment.__struct_fields__[1:]
 
 
 def find(scenario: Path, given: str) -> Path:
@@ -230,26 +234,32 @@ def load(path: Path, settings: Sequence[str] = ()) -> Deployment:
         change(document, setting)
     for key in document:
         if key not in _TABLES:
-            raise ScenarioError(
-                f"unknown key {key!r}; expected one of {', '.join(_TABLES)}", f"{path}"
-            )
-    for key in ("buses", "nodes", "messages"):
+            known = ", ".join(_TABLES)
+            raise ScenarioError(f"unknown key {key!r}; expected one of {known}", f"{path}")
+    for key in _TABLES[-3:]:
         if not isinstance(document.get(key), dict):
             raise ScenarioError(f"no [{key}.NAME] table", f"{path}")
-    deployment = Deployment(
+    d = Deployment(
         path=path,
         title=convert(document.get("title", path.stem), str, path, "title"),
         clock=convert(document.get("clock", "wall"), Literal["wall", "simulated"], path, "clock"),  # type: ignore[arg-type]
         latency=convert(document.get("latency", True), bool, path, "latency"),
         enforce=convert(document.get("enforce", False), bool, path, "enforce"),
         sync=convert(document.get("sync", ""), str, path, "sync"),
+        patience=_seconds(document, "patience", 60.0, path),
+        silence=_seconds(document, "silence", 10.0, path),
         set=convert(document.get("set", {}), dict[str, Any], path, "set"),
         buses=_each(document["buses"], BusSpec, path, "buses"),
         nodes=_each(document["nodes"], NodeSpec, path, "nodes"),
         messages=_each(document["messages"], MessageSpec, path, "messages"),
     )
-    _check(deployment)
-    return deployment
+    _check(d)
+    return d
+
+
+def _seconds(document: dict[str, Any], key: str, usual: float, path: Path) -> float:
+    found: Number = convert(document.get(key, usual), Number, path, key)  # type: ignore[arg-type]
+    return number(found, "s", f"{path} at {key}")
 
 
 def _each(table: dict[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
@@ -262,17 +272,13 @@ def _check(d: Deployment) -> None:
     homes: dict[str, str] = {}
     for name, node in d.nodes.items():
         if node.number in numbers:
-            raise ScenarioError(
-                f"number {node.number} is {numbers[node.number]}'s already",
-                d.place("nodes", name, "number"),
-            )
+            text = f"number {node.number} is {numbers[node.number]}'s already"
+            raise ScenarioError(text, d.place("nodes", name, "number"))
         numbers[node.number] = name
         for component in node.components:
             if component in homes:
-                raise ScenarioError(
-                    f"{component} lives in {homes[component]} already",
-                    d.place("nodes", name, "components"),
-                )
+                text = f"{component} lives in {homes[component]} already"
+                raise ScenarioError(text, d.place("nodes", name, "components"))
             homes[component] = name
         for peer in node.requires:
             _known(peer, d.nodes, "node", d.place("nodes", name, "requires"))
@@ -285,16 +291,3 @@ def _check(d: Deployment) -> None:
 def _known(name: str, table: dict[str, Any], what: str, place: str) -> None:
     if name not in table:
         raise ScenarioError(f"no {what} {name!r}; there are: {', '.join(sorted(table))}", place)
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML text."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, list):
-        return "[" + ", ".join(_toml(v) for v in value) + "]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_toml(k)} = {_toml(v)}" for k, v in value.items()) + "}"
-    return repr(value)

@@ -191,7 +191,7 @@ def _jumped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
 def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
     for report in shown.reports:
         health = report.said.buses.get(bus, {}) if report.said else {}
-        if health.get("restarts") or health.get("error_frames") or health.get("send_failed"):
+        if any(health.get(k) for k in ("restarts", "peers_left", "error_frames", "send_failed")):
             return (Sign(what="health", life=report.life),)
     return ()
 

@@ -29,6 +29,8 @@ class Thread:
         self.done: Mapping[str, Any] | None = None
         self.failed: Mapping[str, Any] | None = None
         self.refused: list[Mapping[str, Any]] = []  # START or ARM
+        self.waiting: tuple[str, ...] = ()  # for what it waits before it is ready
+        self.deaf: tuple[str, ...] = ()  # what it hears no more
         self._told: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=str(start.life), daemon=True)
         self._thread.start()
@@ -46,6 +48,10 @@ class Thread:
                 self.ready = event
             case "refused":
                 self.refused.append(event)
+            case "waiting":
+                self.waiting = tuple(event["for"])
+            case "deaf":
+                self.deaf = tuple(event["to"])
 
     def poll(self) -> None:
         """Nothing: events are taken in as they come."""

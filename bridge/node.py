@@ -18,12 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from bridge import lockstep
-from bridge.attach import answer, attached
+from bridge.attach import announce, answer, attached
 from bridge.can.interface import Attachment
-from bridge.control import Control, Say, listen_to, refusals, signals
+from bridge.control import Control, Say, listen_to, signals
 from bridge.fault_script import FaultScript, NodeFaults
 from bridge.faults import load
 from bridge.grants import Realtime
+from bridge.hearing import never, silent, watched
 from bridge.injecting import inject
 from bridge.lives import Life
 from bridge.native import node as native
@@ -136,16 +137,15 @@ def _configured(
     with signals(control), enter(wanted) as granted:
         warm = warm_up(struct.h_ns, options.warm_up) if options.warm_up > 0 else None
         warning = verdict(warm, wanted.mode) if warm else ""
-        say(
-            {
-                "event": "ready",
-                "refused": [f"{i.name}: {i.said}" for i in granted.refused],
-                "warning": warning,
-            }
-        )
+        refused = [f"{i.name}: {i.said}" for i in granted.refused]
+
+        def ready() -> Mapping[str, Any]:
+            announce(buses)
+            return {"event": "ready", "refused": refused, "warning": warning}
+
         thread = threading.Thread(target=listen, args=(control,), name="control", daemon=True)
         thread.start()
-        with refusals(struct, say):
+        with watched(wired, say, ready):
             result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
         return _kept(options, stated(wired, buses, options, result, facts, warning, faults))
@@ -205,7 +205,10 @@ def _ended(wired: Wired, result: int) -> tuple[End, str]:
             f"the run was over: {s.slots} slots to t = {s.slots * s.h:g} s, and this life would "
             f"have begun with slot {s.first}"
         )
-    return ENDS.get(result, End.FAILED), ""
+    if result == native.FINISHED and (unheard := never(wired)):
+        return End.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
+    lost = silent(wired) if result != native.FINISHED else []
+    return ENDS.get(result, End.FAILED), f"hears nothing of {', '.join(lost)}" if lost else ""
 
 
 def _kept(options: Options, report: Statement) -> Statement:

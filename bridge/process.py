@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -46,6 +46,13 @@ class Start:
         return cls(**{**said, **paths, "life": life, "settings": tuple(said["settings"])})
 
 
+def unready(waiting: Sequence[str]) -> str:
+    """What a node that is not ready waits for, as far as it said."""
+    if waiting:
+        return f"has not heard {', '.join(waiting)}"
+    return "opens its buses and loads its components"
+
+
 @final
 class Process:
     """One life of a node. What it writes on standard error is kept in ``FOLDER/LIFE.err``."""
@@ -58,6 +65,8 @@ class Process:
         self.done: Mapping[str, Any] | None = None
         self.failed: Mapping[str, Any] | None = None
         self.refused: list[Mapping[str, Any]] = []  # START or ARM
+        self.waiting: tuple[str, ...] = ()  # for what it waits before it is ready
+        self.deaf: tuple[str, ...] = ()  # what it hears no more
         with self.errors.open("wb") as errors:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "bridge.start", start.text()],
@@ -92,6 +101,10 @@ class Process:
                     self.done = event
                 case "refused":
                     self.refused.append(event)
+                case "waiting":
+                    self.waiting = tuple(event["for"])
+                case "deaf":
+                    self.deaf = tuple(event["to"])
                 case "failed":
                     self.failed = event
 

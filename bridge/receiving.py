@@ -19,6 +19,9 @@ from bridge.protect import Span, age_slot, drives_by, emulated, input_of, torque
 from bridge.system import Carried, System
 from cosim.plan import Wire
 
+#: A node waits at least so many periods of a message, however short the deployment's `silence`.
+PERIODS = 4
+
 
 @final
 class Receiving:
@@ -139,7 +142,12 @@ class Receiving:
         spec = self._spec.stale.get(name, StaleSpec())
         place = ("nodes", self._name, "stale", name)
         entry.age = -1
-        entry.stop_ns = round(d.seconds(spec.stop, *place, "stop") * 1e9)
+        period = self._system.messages[inlet.message].period_ns * 1e-9
+        usual = max(d.silence, PERIODS * period) if d.silence > 0 else 0.0
+        stop = usual if spec.stop is None else d.seconds(spec.stop, *place, "stop")
+        entry.stop_ns = round(stop * 1e9)
+        if entry.stop_ns > 0:
+            self.receptions[inlet.message].awaited = 1
         if spec.age:
             entry.age = age_slot(self._plan, inlet, spec.age, d.place(*place, "age"))
 

@@ -31,6 +31,8 @@ class End(StrEnum):
     FAILED = "failed"
     TOO_LATE = "too late"
     """It was ready when the run was over."""
+    DEAF = "deaf"
+    """It came to the end, and has heard not one sample of a message that it needs."""
     KILLED = "killed"
     """It left no report."""
 
@@ -170,18 +172,33 @@ class Missed(_Note, frozen=True, kw_only=True, tag="missed"):
 
 
 class Refused(_Note, frozen=True, kw_only=True, tag="refused"):
-    """A life refused to arm or to start; `reasons`: names of the bits of ``Why``."""
+    """A life refused to arm or to start; `reasons`: names of the bits of ``Why``; `missing`: what
+    it had not heard.
+    """
 
     life: Life
     reasons: tuple[str, ...]
     armed: bool = True
+    missing: tuple[str, ...] = ()
 
     def words(self) -> str:
         """``node slave@2 refuses to start: the arms are too far apart to start``."""
-        return f"node {self.life} refuses to start: {refusal(self.reasons, self.armed)}"
+        why = refusal(self.reasons, self.armed, self.missing)
+        return f"node {self.life} refuses to start: {why}"
 
 
-Note: TypeAlias = Done | Remark | Gone | Missed | Refused
+class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
+    """A life heard nothing of a message for longer than it may; all were stopped. `to`: phrases."""
+
+    life: Life
+    to: tuple[str, ...]
+
+    def words(self) -> str:
+        """``node slave hears nothing of xi_master from master for 10 s: all were stopped``."""
+        return f"node {self.life} hears nothing of {', '.join(self.to)}: all were stopped"
+
+
+Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf
 
 
 def noted(what: str | Event, t: float) -> Note:
@@ -191,8 +208,10 @@ def noted(what: str | Event, t: float) -> Note:
     return Done(t=t, action=what.action, target=what.target, index=what.index)
 
 
-def refusal(reasons: Sequence[str], armed: bool) -> str:
-    """Why ARM or START was refused, in words."""
+def refusal(reasons: Sequence[str], armed: bool, missing: Sequence[str] = ()) -> str:
+    """Why ARM or START was refused, in words; `missing`: what was not heard."""
+    if missing:
+        return f"{refusal(reasons, armed)} (not heard: {', '.join(missing)})"
     others = [name for name in reasons if name != "command"]
     if not others:
         return "not in this state" if armed else "not armed"

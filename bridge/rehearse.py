@@ -10,77 +10,38 @@ import json
 import os
 import signal
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import dataclass, field, replace
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import final
 
 from bridge.enabling import enabled
-from bridge.fault_script import Event as Planned
 from bridge.inprocess import Thread
 from bridge.lives import Life
 from bridge.lockstep import wanted
-from bridge.process import Process, Start
-from bridge.records import End, Gone, Missed, Note, Refused, noted
+from bridge.process import Process, Start, unready
+from bridge.records import Deaf, End, Gone, Missed, Refused, noted
+from bridge.rehearsal import Ended as Ended
+from bridge.rehearsal import Event as Event
+from bridge.rehearsal import Node as Node
+from bridge.rehearsal import Settings as Settings
 from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
 from cosim.errors import Interrupted, RunError
 from cosim.interrupts import terminated
 
-Inside = Callable[[str], AbstractContextManager[None]]
 #: Names in a run folder.
 NODES = "nodes"
 STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
-#: A node as its supervisor sees it; threads where a bus does not leave the process.
-Node = Process | Thread
 IN_PROCESS = "virtual"
-#: s until all nodes have to be ready, and between two looks at them.
-PATIENCE, LOOK = 60.0, 0.05
+#: s between two looks at the nodes.
+LOOK = 0.05
 #: s; an event that comes later than that puts off those after it.
 LATE = 0.1
 #: s after the end; Zenoh stands by a connection that nobody answers any more for 10 s.
 ENDING = 30.0
 #: s from the last node's being ready to t = 0.
 LEAD = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something done to a rehearsal at `t` (s); `what`: for its notes, see :mod:`bridge.faults`.
-
-    `revives`: it starts a node again, for which a run waits of which nobody is left.
-    """
-
-    t: float
-    what: str | Planned
-    do: Callable[[Rehearsal], None]
-    revives: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """How a rehearsal is run; `real`: its nodes may move real drives."""
-
-    scenario: Path
-    deployment: Path
-    changes: tuple[str, ...] = ()
-    warm_up: float = 0.2
-    realtime: bool = True
-    real: bool = False
-    script: str = ""
-    events: Sequence[Event] = ()
-    nodes: tuple[str, ...] = ()  # those started here; empty: all
-    inside: Inside = lambda node: nullcontext()  # the host a node's process is started on
-
-
-@dataclass(slots=True)
-class Ended:
-    """What came of a rehearsal: lives in the order they were started, and what was noticed."""
-
-    lives: list[Node] = field(default_factory=list)
-    notes: list[Note] = field(default_factory=list)
-    start_ns: int = 0
-    interrupted: bool = False
 
 
 @final
@@ -92,6 +53,7 @@ class Rehearsal:
         self.ended = Ended()
         self.current: dict[str, Node] = {}
         self.expected: set[str] = set()  # nodes whose end is part of the plan
+        self._stopped = False  # all were told to stop
         buses = system.deployment.buses.values()
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
         self._timed = not wanted(system)  # in lock-step nothing says when the end is
@@ -185,7 +147,8 @@ class Rehearsal:
         (self.folder / STARTED).write_text(text, encoding="utf-8")
 
     def _all_ready(self) -> None:
-        end = monotonic_ns() + round(PATIENCE * 1e9)
+        patience = self.system.deployment.patience
+        end = monotonic_ns() + round(patience * 1e9)
         waiting = dict(self.current)
         while waiting:
             for name, process in list(waiting.items()):
@@ -193,7 +156,8 @@ class Rehearsal:
                 if process.ready:
                     del waiting[name]
             if monotonic_ns() > end:
-                raise RunError(f"{', '.join(waiting)}: not ready after {PATIENCE:g} s")
+                said = "; ".join(f"{n}: {unready(p.waiting)}" for n, p in waiting.items())
+                raise RunError(f"not ready after {patience:g} s (patience): {said}")
             sleep(LOOK)
 
     def _watch(self, progress: Callable[[float, float], None]) -> None:
@@ -220,6 +184,7 @@ class Rehearsal:
         for name, process in list(self.current.items()):
             process.poll()
             self._refused(process)
+            self._deaf(process)
             if process.code is None or name in self.expected:
                 continue
             end = End(process.done["end"]) if process.done else End.KILLED
@@ -233,10 +198,24 @@ class Rehearsal:
             detail = why or (end if process.done else process.reason())
             gone = Gone(t=self.t, life=life, end=end, code=process.code, detail=detail)
             self.ended.notes.append(gone)
-            for other in self.current.values():
-                if other is not process:
-                    self.expected.add(other.start.life.node)
-                    other.tell("stop")
+            self._stop_others(process)
+
+    def _deaf(self, process: Node) -> None:
+        """A node that hears no more what it needs ends the run."""
+        if not process.deaf or self._stopped:
+            return
+        note = Deaf(t=self.t, life=process.start.life, to=process.deaf)
+        self.ended.notes.append(note)
+        process.tell("stop")
+        self.expected.add(process.start.life.node)
+        self._stop_others(process)
+
+    def _stop_others(self, process: Node) -> None:
+        self._stopped = True
+        for other in self.current.values():
+            if other is not process:
+                self.expected.add(other.start.life.node)
+                other.tell("stop")
 
     def _missed(self) -> bool:
         """Later lives that are not ready long after the end are ended: whether nobody else runs."""
@@ -254,7 +233,8 @@ class Rehearsal:
         if not process.refused:
             return
         said, life = process.refused.pop(), process.start.life
-        note = Refused(t=self.t, life=life, reasons=tuple(said["reasons"]), armed=said["armed"])
+        why, missing = tuple(said["reasons"]), tuple(said["missing"])
+        note = Refused(t=self.t, life=life, reasons=why, armed=said["armed"], missing=missing)
         if life.boot == 1:
             self.stop()
             raise RunError(note.words())

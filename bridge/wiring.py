@@ -192,6 +192,7 @@ class Wired:
         s.h, s.h_ns = self.plan.h, round(self.plan.h * 1e9)
         s.phase_ns = round(d.seconds(self.spec.phase, *place, "phase") * 1e9)
         s.slots = self.plan.slots
+        s.patience_ns = round(d.patience * 1e9)
         overrun = d.seconds(self.spec.overrun, *place, "overrun")
         s.overrun_ns = round(overrun * 1e9) if self.spec.components else 0  # gateways move nothing
         s.simulated = not self.real

@@ -60,3 +60,16 @@ def _index(node: Sequence[Any], part: str, setting: str) -> int:
     if not part.isdigit() or int(part) >= len(node):
         raise ScenarioError(f"--set {setting!r}: {part!r} is no index below {len(node)}")
     return int(part)
+
+
+def as_toml(value: Any) -> str:
+    """A value as TOML text, as a setting takes it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(as_toml(v) for v in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{as_toml(k)} = {as_toml(v)}" for k, v in value.items()) + "}"
+    return repr(value)

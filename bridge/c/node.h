@@ -77,6 +77,7 @@ typedef struct {
                              * of its number; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
     int32_t accept_simulated, previewed;
+    int32_t awaited, reserved;  /* awaited: no start before it was heard, if it tells previews */
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
     history_t *history;     /* what was heard of it: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
@@ -201,6 +202,7 @@ typedef struct node {
     played_t *played;
     int64_t n_played;
     int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
+    int64_t patience_ns;    /* a START whose time has passed waits so long for what is missing */
 } node_t;
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
@@ -258,10 +260,13 @@ void node_estop(node_t *n, int64_t now_ns);
 int32_t node_is_estop(const node_t *n, const frame_t *frame);
 /* Before the start, on the wall clock: heartbeats and previews, until START is obeyed. START is held
  * until 100 ms before start_ns and obeyed then, or in the 80 ms after it, as soon as required peers
- * are there, inputs with a `stop` were previewed, drives have watchdogs and positions are near each
- * other; else it is refused: `refusals`, `refused`. ARM is refused likewise. A rehearsal arms itself;
- * where real drives are meant, ARM has to come first. LIVE_FINISHED: it is ACTIVE. start.c */
+ * are there, messages that are `awaited` were heard, drives have watchdogs and positions are near each
+ * other; else it is refused: `refusals`, `refused`. A START whose time has passed (of a node that joins
+ * a run) waits for `patience_ns`. ARM is refused likewise. A rehearsal arms itself; where real drives
+ * are meant, ARM has to come first. LIVE_FINISHED: it is ACTIVE. start.c */
 int32_t node_wait(node_t *n);
+API int32_t node_unheard(const node_t *n, int32_t i);   /* message i is awaited and was not heard */
+API int32_t node_absent(const node_t *n, int32_t i, int64_t now);   /* peer i is required, not there */
 /* The ends of a run: a component has failed (its torque is let down in the life cycle's ramp); `quit`;
  * the last slot is done. All leave zero torque on the bus. end.c */
 void node_let_down(node_t *n);
@@ -273,8 +278,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags);
 
 /* Wall clock: from configured to finished. Waits for COMMAND_START with start_ns set (or NMT start),
  * then slot by slot until the end, a stop, or `quit`. Where real drives are meant, the life cycle's
- * ramp ends with the last slot; a rehearsal, which has to be comparable to its end, sends zero torque
- * after it. */
+ * ramp ends with the last slot; a rehearsal, comparable to its end, sends zero torque after it. */
 API int32_t node_live(node_t *n);
 
 /* At the first slot: emulated drives on and enabled, tables at their rows. node_live does it. */
@@ -283,14 +287,12 @@ API void node_enable(node_t *n, int64_t now_ns);
 /* Simulated clock: all nodes to the end, the next deadline first; frames take frame_ns on their bus,
  * one after the other, and are forwarded when they arrive. `routes`: for each node and bus the number of the shared network, or -1. */
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time)(const frame_t *, double, double),
-                           const double *bitrates, int32_t n_networks, const int32_t *routes,
-                           int32_t n_routes);
+                           const double *bitrates, int32_t n_networks, const int32_t *routes, int32_t n_routes);
 
 /* Replay: a node along its recording, from what it held. Returns the engine's result. */
 API int32_t node_replay(node_t *n);
 
-/* Some slots of one node on the simulated clock, slot i with what has arrived by limits[i]: what a
- * bus log tells. Returns the engine's result. */
+/* Slots of one node on the simulated clock, slot i with what has arrived by limits[i]: of a bus log. */
 API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count);
 
 API size_t node_sizes(int32_t which);

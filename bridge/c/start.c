@@ -1,8 +1,7 @@
 /* start.c: a node before its first slot, on the wall clock: who is there, and may it start? */
 #include "node.h"
 
-enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000,
-       PATIENCE_NS = 1000000000 };
+enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000 };
 
 /* A START that has come: from and until when it may be obeyed; until 0: none. */
 typedef struct { int64_t from, until; } pending_t;
@@ -16,6 +15,16 @@ static int32_t there(const peer_t *peer, int64_t now)
 static int32_t heard(const reception_t *r)
 {
     return r->previewed || r->newest >= 0 || !tells_life(r->message);
+}
+
+API int32_t node_unheard(const node_t *n, int32_t i)
+{
+    return n->receptions[i].awaited && !heard(n->receptions + i);
+}
+
+API int32_t node_absent(const node_t *n, int32_t i, int64_t now)
+{
+    return n->peers[i].required && !there(n->peers + i, now);
 }
 
 static int32_t apart(const apart_t *x)
@@ -32,10 +41,11 @@ static uint32_t missing(const node_t *n, int64_t now)
 {
     uint32_t why = 0;
     for (int32_t i = 0; i < n->n_peers; i++)
-        if (n->peers[i].required && !there(n->peers + i, now)) why |= WHY_PEER;
+        if (node_absent(n, i, now)) why |= WHY_PEER;
+    for (int32_t i = 0; i < n->n_receptions; i++)
+        if (node_unheard(n, i)) why |= WHY_STALE;
     for (int32_t i = 0; i < n->n_inlets; i++) {
         const inlet_t *in = n->inlets + i;
-        if (in->stop_ns > 0 && !heard(in->reception)) why |= WHY_STALE;
         if (in->drive && in->drive->watchdog.timeout_ns <= 0) why |= WHY_WATCHDOG;
     }
     for (int32_t i = 0; i < n->n_aparts; i++) {
@@ -57,12 +67,18 @@ static void command(node_t *n, int32_t what, uint32_t why)
     n->refusals++;
 }
 
+/* Nothing is missing for a run that is over: whoever joins it then has nothing to do. */
+static int32_t over(const node_t *n, int64_t now)
+{
+    return n->start_ns != 0 && now - n->start_ns >= n->slots * n->h_ns;
+}
+
 /* START waits for its time. One that was heard does not move one that waits already. */
 static void hold(node_t *n, pending_t *start, int64_t start_ns, int64_t now)
 {
     n->start_ns = start_ns;
     start->from = start_ns - OBEY_NS;
-    start->until = start_ns > now ? start_ns - REFUSE_NS : now + PATIENCE_NS;
+    start->until = start_ns > now ? start_ns - REFUSE_NS : now + n->patience_ns;
 }
 
 /* Commands in their order; a STOP or an emergency stop has cancelled others. */
@@ -79,7 +95,7 @@ static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start
 static void start_if_due(node_t *n, pending_t *start, int64_t now)
 {
     if (!start->until || now < start->from) return;
-    const uint32_t why = missing(n, now);
+    const uint32_t why = over(n, now) ? 0 : missing(n, now);
     if (why && now < start->until) return;
     if (n->simulated && !n->life.armed && !why) command(n, COMMAND_ARM, 0);
     command(n, COMMAND_START, why);

@@ -14,6 +14,7 @@ WRONG = {
     "overruns": "lost on the way in",
     "error_frames": "error frames",
     "restarts": "restarts",
+    "peers_left": "times a peer left",
     "log_dropped": "not logged",
 }
 
@@ -57,6 +58,8 @@ class BusHealth:
     interface: InterfaceCounters | None = None
     foreign: int = 0
     """Received, but nothing this node listens to: another identifier or another format."""
+    peers_left: int = 0
+    """Times the presence of a peer ended; on Zenoh only."""
 
     @property
     def ok(self) -> bool:

@@ -37,6 +37,7 @@ def node(
 
     Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
     """
+    import threading
     from contextlib import ExitStack
 
     from bridge import deploy as deployments
@@ -48,8 +49,8 @@ def node(
     from bridge.outcome import deployed
     from bridge.rehearse import NODES
     from bridge.system import load_system
-    from cosim.clock import monotonic_ns, sleep, stamp
-    from cosim.errors import CosimError, ScenarioError
+    from cosim.clock import monotonic_ns, stamp
+    from cosim.errors import CosimError, RunError, ScenarioError
     from cosim.record import write_metadata
     from cosim.simulate import metadata
 
@@ -69,8 +70,18 @@ def node(
     write_metadata(folder, metadata(system.scenario, system.plan) | facts)
 
     controls: list[Control] = []
+    waited: list[str] = []
+    ready = threading.Event()
 
     def say(event: Mapping[str, Any]) -> None:
+        if event["event"] == "waiting":
+            if event["for"] != waited:
+                waited[:] = event["for"]
+                typer.echo(f"{name}: has not heard {', '.join(waited)}", err=True)
+            return
+        if event["event"] == "deaf":
+            typer.echo(f"{name}: hears nothing of {', '.join(event['to'])}", err=True)
+            return
         if event["event"] == "refused":
             typer.echo(f"{name}: refused to start or to arm: {event['why']}", err=True)
             for control in controls if now else ():
@@ -81,11 +92,16 @@ def node(
                 typer.echo(f"not granted: {text}", err=True)
         waiting = "starting" if now else "waiting for NMT start on its bus (Ctrl-C ends)"
         typer.echo(f"{name}: ready, {waiting}")
+        ready.set()
 
     def listen(control: Control) -> None:
         controls.append(control)
         if now:
-            sleep(0.5)  # peers and first values have been heard
+            if not ready.wait(system.deployment.patience):
+                wanting = ", ".join(waited)
+                failures.append(RunError(f"{name}: not ready: has not heard {wanting}"))
+                control.quit()
+                return
             if hardware:
                 try:
                     drives.enter_context(enabled(system, [name]))

@@ -32,7 +32,8 @@ def tell(
 ) -> None:
     """Give a command to the nodes of a deployment, or ask them; prints what they answer.
 
-    A command waits until all nodes it is for are there (`options.wait`); a stop does not.
+    A start waits until all nodes it is for are ready (`patience` of the deployment), other
+    commands until they are there (`options.wait`); a stop does not wait.
     """
     from bridge.system import load_system
     from cosim.errors import ScenarioError
@@ -54,8 +55,8 @@ def _tell(
     from bridge.zenoh.attach import rules_of
     from bridge.zenoh.names import names_of
     from bridge.zenoh.options import options_of
-    from bridge.zenoh.presence import Presence
-    from bridge.zenoh.remote import READ, ask, command
+    from bridge.zenoh.presence import Presence, wait_until_there
+    from bridge.zenoh.remote import READ, ask, command, wait_until_ready
     from bridge.zenoh.session import close_session, configure, open_session
 
     d = system.deployment
@@ -70,7 +71,11 @@ def _tell(
             assert nmt is not None  # a Zenoh bus has one
             if what == "stop":  # those it reaches already
                 command(session, names, nmt, what, number)
-            Presence(session, names, name).wait(nodes, {}, options.wait or PATIENCE)
+            if what == "start":
+                wait_until_ready(session, names, nodes, name, d.patience)
+            else:
+                present = Presence(session, names, name)
+                wait_until_there(lambda: present.missing(nodes, {}), options.wait or PATIENCE)
             command(session, names, nmt, what, number)
     finally:
         close_session(session)

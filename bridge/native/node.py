@@ -69,6 +69,8 @@ class Reception(c.Structure):
         ("arrival_ns", c.c_int64),
         ("accept_simulated", c.c_int32),
         ("previewed", c.c_int32),
+        ("awaited", c.c_int32),
+        ("reserved", c.c_int32),
         ("transit_ns", c.c_int64),
         ("history", c.POINTER(History)),
         ("sender", c.c_int32),
@@ -247,6 +249,7 @@ class Node(c.Structure):
         ("played", c.POINTER(Played)),
         ("n_played", c.c_int64),
         ("gateway", c.c_int64),
+        ("patience_ns", c.c_int64),
     )
 
 
@@ -262,6 +265,8 @@ def functions() -> c.CDLL:
     found.node_tell.argtypes, found.node_tell.restype = (node, i32), None
     found.node_enable.argtypes, found.node_enable.restype = (node, c.c_int64), None
     found.node_replay.argtypes, found.node_replay.restype = (node,), i32
+    found.node_unheard.argtypes, found.node_unheard.restype = (node, i32), i32
+    found.node_absent.argtypes, found.node_absent.restype = (node, i32, c.c_int64), i32
     found.nodes_simulate.argtypes = (
         *(c.c_void_p, i32, c.c_void_p, c.c_void_p),
         *(i32, c.c_void_p, i32),

@@ -41,7 +41,17 @@ def traffic_of(system: System, bus: str, node: str) -> Traffic:
         if system.nodes[node].forwards:
             publishes[names.shared("nmt")] = service.nmt.message.id
     awaited = tuple(keys[name] for name in own if name in elsewhere)
-    return Traffic(node, publishes, hears, peers, awaited)
+    steady = {keys[n]: system.messages[n].period_ns * 1e-9 for n in heard if _first(system, n)}
+    beats = {p: d.seconds(d.nodes[p].heartbeat, "nodes", p, "heartbeat") for p in peers}
+    beaten = {names.of(p, "heartbeat"): period for p, period in beats.items() if period > 0}
+    steady |= {key: period for key, period in beaten.items() if key in hears}
+    longest = max(steady.values(), default=0.0)
+    return Traffic(node, publishes, hears, peers, awaited, tuple(steady), longest)
+
+
+def _first(system: System, message: str) -> bool:
+    """Whether its sender makes it; a gateway is silent where what it forwards is."""
+    return system.messages[message].forward is None
 
 
 def rules_of(system: System, bus: str) -> Mapping[str, object]:

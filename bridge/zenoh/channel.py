@@ -21,8 +21,16 @@ from bridge.native.frame import Frame, Ring
 from bridge.native.mail import bringer, keep_thread, taker
 from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
-from bridge.zenoh.presence import Presence
-from bridge.zenoh.session import CLOSING, close_session, configure, lease_of, open_session
+from bridge.zenoh.presence import Presence, wait_until_there
+from bridge.zenoh.release import release
+from bridge.zenoh.session import (
+    CLOSING,
+    close_session,
+    configure,
+    lease_of,
+    open_session,
+    udp_of,
+)
 from bridge.zenoh.silence import LOOK, Silence
 from bridge.zenoh.wake import Wake
 from cosim.clock import monotonic_ns
@@ -34,7 +42,8 @@ ENCODING = "application/octet-stream;cosim.sample.v1"
 class Traffic:
     """What one node says and hears on a bus: numbers of frames by key, and whom it waits for.
 
-    `heard_by_others`: keys it publishes that somebody has to listen to before it is ready.
+    `heard_by_others`: keys it publishes that somebody has to listen to before it is ready;
+    `steady`: keys it hears that are said all the time, and the longest period of them, s.
     """
 
     node: str
@@ -42,6 +51,8 @@ class Traffic:
     hears: Mapping[str, int]
     peers: tuple[str, ...] = ()
     heard_by_others: tuple[str, ...] = ()
+    steady: tuple[str, ...] = ()
+    period: float = 0.0
 
 
 @final
@@ -63,8 +74,12 @@ class ZenohAttachment:
         self._name, self.names, self.traffic, self._options = name, names, traffic, options
         self._config = configure(options, traffic.node, access)
         self._rx, self._tx = Ring(capacity), Ring(capacity)
-        self._refused, self._restarts, self._fault = 0, 0, ""
-        self._silence = Silence(names.senders(traffic.hears), lease_of(self._config))
+        self._refused, self._restarts, self._left, self._fault = 0, 0, 0, ""
+        self._silence = Silence(
+            names.senders(traffic.steady), lease_of(self._config), period=traffic.period,
+            udp=bool(udp_of(self._config)),
+        )  # fmt: skip
+        self._opening, self._ready = threading.Lock(), False
         self._declaring: list[Callable[[zenoh.Session], None]] = []
         self._stop = threading.Event()
         self._wake = Wake()
@@ -98,6 +113,8 @@ class ZenohAttachment:
         for declare in self._declaring:
             declare(session)
         self.presence.declare()
+        if self._ready:
+            self.presence.ready()
         self.session = session
 
     def declare(self, declare: Callable[[zenoh.Session], None]) -> None:
@@ -112,19 +129,30 @@ class ZenohAttachment:
         """
         if self._options.wait <= 0:
             return
-        numbers = {key: self.traffic.publishes[key] for key in self.traffic.heard_by_others}
-        heard = {key: self._publishers[number] for key, number in numbers.items()}
-        self.presence.wait(self.traffic.peers, heard, self._options.wait, self._stop.is_set)
+        wait_until_there(self._missing, self._options.wait, self._stop.is_set)
+
+    def _missing(self) -> list[str]:
+        with self._opening:
+            numbers = {key: self.traffic.publishes[key] for key in self.traffic.heard_by_others}
+            heard = {key: self._publishers[number] for key, number in numbers.items()}
+            return self.presence.missing(self.traffic.peers, heard)
+
+    def ready(self) -> None:
+        """Let it be seen that this node is ready for a start."""
+        with self._opening:
+            self._ready = True
+            self.presence.ready()
 
     def health(self, now_ns: int) -> BusHealth:
-        """State and counts at `now_ns` (monotonic); `restarts`: times a peer went away, or the
-        session was opened anew.
+        """State and counts at `now_ns` (monotonic); `restarts`: times the session was opened anew;
+        `peers_left`: times the token of a peer went away.
         """
         health = bus_health(self.bus, self._name, now_ns)
         return replace(
             health,
             send_failed=health.send_failed + self._refused,
-            restarts=self._restarts + self.presence.lost,
+            restarts=self._restarts,
+            peers_left=self._left + self.presence.lost,
             last_error=self._fault or health.last_error,
         )
 
@@ -147,24 +175,26 @@ class ZenohAttachment:
         close_session(self.session)
 
     def _mend(self) -> None:
-        """Open the session anew where a peer is there, was heard, and is heard no more."""
+        """Open the session anew where a peer is heard no more; see :class:`Silence`."""
         while not self._stop.wait(LOOK):
             silent = self._silence.silent(self.presence.there, monotonic_ns())
             if silent:
-                self._close()
-                self._reopen()
-                self._fault = f"{', '.join(silent)} there but silent: session opened anew"
+                with self._opening:
+                    self._left += self.presence.lost
+                    self._close()
+                    self._reopen()
+                self._fault = f"{', '.join(silent)} silent: session opened anew"
 
     def _reopen(self) -> None:
         while not self._stop.is_set():
-            lost = self.presence.lost
             try:
                 self._open()
             except BusError as error:  # as long as the old one holds the address
                 self._fault = str(error)
+                release(udp_of(self._config))
                 self._stop.wait(LOOK)
             else:
-                self._restarts += 1 + lost
+                self._restarts += 1
                 if self._stop.is_set():  # nobody may wait for it any more
                     self._close()
                 return

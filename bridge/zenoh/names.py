@@ -4,6 +4,7 @@
 ``PREFIX/NODE/COMPONENT/MESSAGE``      a message of the deployment
 ``PREFIX/NODE/heartbeat``              state of a node
 ``PREFIX/NODE/alive``                  liveliness token: there while the node's session is
+``PREFIX/NODE/ready``                  the same: the node has heard all it needs, and may start
 ``PREFIX/NODE/state`` ...              queryables, see :mod:`bridge.zenoh.remote`
 ``PREFIX/nmt``, ``PREFIX/estop``       commands to nodes; stop, everybody
 =====================================  ======================================================

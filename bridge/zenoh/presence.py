@@ -17,16 +17,22 @@ LOOK = 0.02
 
 @final
 class Presence:
-    """The nodes of a bus whose tokens are there; `node` declares its own with :meth:`declare`."""
+    """The nodes of a bus whose tokens are there; `node` declares its own with :meth:`declare`.
 
-    def __init__(self, session: zenoh.Session, names: Names, node: str) -> None:
+    `what`: the token looked for, ``alive`` or ``ready``.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, names: Names, node: str, what: str = "alive"
+    ) -> None:
         self._session, self._names, self._node = session, names, node
+        self._what = "there" if what == "alive" else what
         self._there: set[str] = set()
         self.lost = 0
         """Times a token went away."""
-        self._token: zenoh.LivelinessToken | None = None
+        self._tokens: list[zenoh.LivelinessToken] = []
         self._subscriber = session.liveliness().declare_subscriber(
-            names.of("*", "alive"), zenoh.handlers.Callback(self._changed, indirect=True),
+            names.of("*", what), zenoh.handlers.Callback(self._changed, indirect=True),
             history=True,
         )  # fmt: skip
 
@@ -45,44 +51,38 @@ class Presence:
 
     def declare(self) -> None:
         """This node is there: after its subscriptions, so that who sees it is heard by it."""
-        self._token = self._session.liveliness().declare_token(self._names.of(self._node, "alive"))
+        self._tokens.append(self._token("alive"))
 
-    def wait(
-        self,
-        peers: Iterable[str],
-        publishers: Mapping[str, zenoh.Publisher],
-        seconds: float,
-        stop: Callable[[], bool] = lambda: False,
-    ) -> None:
-        """Until all `peers` are there and all `publishers` (by key) have a subscriber.
+    def ready(self) -> None:
+        """This node is ready for a start."""
+        self._tokens.append(self._token("ready"))
 
-        Raises BusError after `seconds` (s), naming what is missing.
-        """
-        elapsed = stopwatch()
-        wanted = set(peers)
-        while not stop():
-            absent = sorted(wanted - self._there)
-            unheard = [key for key, p in publishers.items() if not _matching(p)]
-            if not absent and not unheard:
-                return
-            if elapsed() > seconds:
-                raise BusError(_missing(absent, unheard, seconds))
-            sleep(LOOK)
+    def _token(self, what: str) -> zenoh.LivelinessToken:
+        return self._session.liveliness().declare_token(self._names.of(self._node, what))
+
+    def missing(self, peers: Iterable[str], publishers: Mapping[str, zenoh.Publisher]) -> list[str]:
+        """Which of `peers` are not there, and to which of `publishers` (by key) nobody listens."""
+        absent = sorted(set(peers) - self._there)
+        unheard = [key for key, p in publishers.items() if not _matching(p)]
+        said = [f"not {self._what}: {', '.join(absent)}"] if absent else []
+        return said + ([f"nobody listens to {', '.join(unheard)}"] if unheard else [])
+
+
+def wait_until_there(
+    missing: Callable[[], list[str]], seconds: float, stop: Callable[[], bool] = lambda: False
+) -> None:
+    """Until nothing is `missing`. Raises BusError after `seconds` (s), naming what is."""
+    elapsed = stopwatch()
+    while not stop() and (found := missing()):
+        if elapsed() > seconds:
+            raise BusError(
+                f"{'; '.join(found)} after {seconds:g} s; do these nodes run, with the same prefix,"
+                " and do endpoints, certificates and access rules let them connect?"
+            )
+        sleep(LOOK)
 
 
 def _matching(publisher: zenoh.Publisher) -> bool:
     """Zenoh's stub says bool; what comes is an object that is always true."""
     status: object = publisher.matching_status
     return bool(getattr(status, "matching", status))
-
-
-def _missing(absent: list[str], unheard: list[str], seconds: float) -> str:
-    said = []
-    if absent:
-        said.append(f"not there: {', '.join(absent)}")
-    if unheard:
-        said.append(f"nobody listens to {', '.join(unheard)}")
-    return (
-        f"{'; '.join(said)} after {seconds:g} s; do these nodes run, with the same prefix, and "
-        "do endpoints, certificates and access rules let them connect?"
-    )

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import ctypes as c
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import zenoh
 
 from bridge.attach import Stoppable
+from bridge.can.socket import BusError
+from bridge.hearing import unheard
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
 from bridge.native.safety import State
@@ -23,6 +25,7 @@ from bridge.services import Encoding
 from bridge.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.names import Names
+from bridge.zenoh.presence import Presence, wait_until_there
 from cosim.clock import sleep, stopwatch
 from cosim.errors import RunError
 
@@ -77,6 +80,7 @@ def state(wired: Wired, end: ZenohAttachment) -> dict[str, Any]:
         "missed": int(s.missed),
         "late_us": {f"p{q:g}": s.late.quantile(q / 100) / 1e3 for q in (50, 99) if s.late.count},
         "peers": sorted(end.presence.there),
+        "unheard": unheard(wired),
         "messages": {
             name: {"ok": int(r.ok), "lost": int(r.lost)} for name, r in wired.receivers.items()
         },
@@ -125,6 +129,32 @@ def ask(
             found: dict[str, Any] = json.loads(reply.ok.payload.to_string())
             return found
     raise RunError(f"nobody answers to {key} within {seconds:g} s; does node {node} run?")
+
+
+def wait_until_ready(
+    session: zenoh.Session, names: Names, nodes: Sequence[str], name: str, seconds: float
+) -> None:
+    """Until all `nodes` are ready for a start. Raises BusError after `seconds` (s), naming which
+    are not, and what each of them has not heard. `name`: of who waits.
+    """
+    present = Presence(session, names, name, "ready")
+    try:
+        wait_until_there(lambda: present.missing(nodes, {}), seconds)
+    except BusError as error:
+        lacking = [
+            f"{node} has not heard {', '.join(found)}"
+            for node in sorted(set(nodes) - present.there)
+            if (found := _unheard(session, names, node))
+        ]
+        raise BusError("; ".join([*lacking, str(error)])) from error
+
+
+def _unheard(session: zenoh.Session, names: Names, node: str) -> list[str]:
+    """What a node waits for; nothing of one that does not answer."""
+    try:
+        return list(ask(session, names, node, "state", 1.0)["unheard"])
+    except RunError:
+        return []
 
 
 #: Commands of NMT that :func:`command` sends, by name; see ``node.h``.

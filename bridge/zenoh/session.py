@@ -40,7 +40,7 @@ DEFAULTS: dict[str, Any] = {
 }
 #: What holds without a configuration file, besides.
 WITHOUT_FILE: dict[str, Any] = {
-    "transport/link/tx/lease": 1000,
+    "transport/link/tx/lease": 3000,  # a busy machine stops a process for more than a second
     "transport/link/tx/keep_alive": 4,
     "transport/link/tx/queue/size/real_time": 16,
     "transport/unicast/open_timeout": 1000,
@@ -145,6 +145,11 @@ def _beside(options: Options) -> Any:
 def lease_of(config: zenoh.Config) -> float:
     """After how long without a sign a session gives a connection up, s."""
     return float(_get(config, "transport/link/tx/lease")) / 1e3
+
+
+def udp_of(config: zenoh.Config) -> list[str]:
+    """Those of the endpoints a session listens on that are of UDP."""
+    return [e for e in _flat(_get(config, "listen/endpoints")) if e.startswith("udp/")]
 
 
 def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) -> zenoh.Session:

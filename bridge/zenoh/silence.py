@@ -1,7 +1,10 @@
-"""Peers that are there but say nothing any more: what a session does not notice by itself.
+"""Peers that are heard no more: what a session does not notice, or cannot mend, by itself.
 
 After a partition that only one end of a connection has noticed, Zenoh's other end may keep a
-transport nothing comes through. Its peer's token is still there; only a new session hears it again.
+transport that nothing comes through: the peer's token is still there. After a pause of a second, a
+UDP listener may hold a datagram of a connection that it has given up, and accepts nobody from then
+on: the token is gone for ever. A declaration that was lost leaves one key unheard, and the others
+not. In each case only a new session hears the peer again.
 """
 
 from __future__ import annotations
@@ -10,44 +13,51 @@ from collections.abc import Collection, Mapping
 from typing import final
 
 #: s between two looks.
-LOOK = 0.5
-#: A peer is silent after so long, s, and after so many leases.
-SILENT, LEASES = 5.0, 1.5
+LOOK = 0.25
+#: A key is silent after so long, s, after so many leases, and after so many of its periods.
+SILENT, LEASES, PERIODS = 5.0, 1.5, 4.0
+#: The same, s, of a node whose token is gone, where this end listens over UDP.
+GONE = 0.5
 
 
 @final
 class Silence:
-    """How long each peer that was heard once has been silent; `counts`: messages by key.
+    """For how long each key has been silent; `counts`: messages by key.
 
-    `senders`: the node that says each key. Whoever hears counts up; :meth:`silent` looks.
+    `senders`: the node that says each key; `lease`, s; `period`: the longest of a key, s; `udp`:
+    whether this end listens over UDP. Whoever hears counts up; :meth:`silent` looks.
     """
 
-    def __init__(self, senders: Mapping[str, str], lease: float) -> None:
+    def __init__(
+        self, senders: Mapping[str, str], lease: float, *, period: float = 0.0, udp: bool = False
+    ) -> None:
         self.counts = dict.fromkeys(senders, 0)
-        self.limit_ns = round(1e9 * max(SILENT, LEASES * lease))
-        self._keys = {
-            node: [key for key in senders if senders[key] == node]
-            for node in sorted(set(senders.values()))
-        }
-        self._seen = dict.fromkeys(self._keys, 0)
+        self.limit_ns = round(1e9 * max(SILENT, LEASES * lease, PERIODS * period))
+        self.gone_ns = round(1e9 * GONE) if udp else self.limit_ns
+        self._senders = dict(senders)
+        self._seen = dict.fromkeys(senders, 0)
         self._last: dict[str, int] = {}
-        self._factor = dict.fromkeys(self._keys, 1)
+        self._met: set[str] = set()
+        self._factor = dict.fromkeys(senders, 1)
 
     def silent(self, there: Collection[str], now_ns: int) -> list[str]:
-        """Peers of `there` that were heard before and have said nothing for too long.
+        """Nodes that have not said one of their keys for too long.
 
-        Who has been named is so again only after twice the time, until it is heard.
+        `there`: nodes whose tokens are there; one that never was there is not silent. Who has been
+        named is so again only after twice the time, until it is heard.
         """
         found = []
-        for node, keys in self._keys.items():
-            count = sum(self.counts[key] for key in keys)
-            if count != self._seen[node]:
-                self._seen[node], self._last[node], self._factor[node] = count, now_ns, 1
-            elif node not in there:
-                self._last.pop(node, None)
-            elif now_ns - self._last.setdefault(node, now_ns) > self.limit_ns * self._factor[node]:
-                if count:
-                    found.append(node)
-                    self._factor[node] *= 2
-                self._last[node] = now_ns
-        return found
+        self._met.update(there)
+        for key, node in self._senders.items():
+            count = self.counts[key]
+            limit = self.limit_ns if node in there else self.gone_ns
+            if count != self._seen[key]:
+                self._seen[key], self._last[key], self._factor[key] = count, now_ns, 1
+            elif (
+                node in self._met
+                and now_ns - self._last.setdefault(key, now_ns) > limit * self._factor[key]
+            ):
+                found.append(node)
+                self._factor[key] *= 2
+                self._last[key] = now_ns
+        return sorted(set(found))

@@ -25,6 +25,7 @@ CALM = (
     'deploy.nodes.master_control.overrun="20 s"',
     'deploy.nodes.master_control.within="2 s"',
     'deploy.nodes.master_control.stale={"master_control.q"={stop="2 s"}}',
+    "deploy.silence=0",  # the slave is not there
 )
 
 

@@ -35,7 +35,8 @@ def changes(test, *more):
 
 def run_master(folder, name, listen, stop):
     """The drive of the master alone; its report."""
-    system = load_system(TELEOPERATION, "can", changes(name, f"run.stop={stop}"))
+    settings = changes(name, f"run.stop={stop}", "deploy.silence=0")
+    system = load_system(TELEOPERATION, "can", settings)
     options = Options(Life("master"), folder, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)
     assert json.loads((folder / "master.json").read_text())["end"] == report.end

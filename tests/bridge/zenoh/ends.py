@@ -25,6 +25,7 @@ def traffic(node: str, other: str) -> Traffic:
         {key(other, i): i for i in IDENTIFIERS},
         (other,),
         tuple(key(node, i) for i in IDENTIFIERS),
+        tuple(key(other, i) for i in IDENTIFIERS),
     )
 
 

@@ -12,7 +12,7 @@ from bridge import deploy, replay
 from bridge.collect import write_tables, write_trajectories
 from bridge.lives import ByLife
 from bridge.outcome import deployed
-from bridge.rehearse import NODES, PATIENCE, Ended, Event, Rehearsal, Settings
+from bridge.rehearse import NODES, Ended, Event, Rehearsal, Settings
 from bridge.system import System, load_system
 from bridge.wiring import Rows
 from cosim.record import write_metadata
@@ -86,7 +86,7 @@ def _run(running: Rehearsal, ready: Barrier) -> Ended:
 
     def everybody_ready() -> None:
         all_ready()
-        ready.wait(PATIENCE)
+        ready.wait(running.system.deployment.patience)
 
     running._all_ready = everybody_ready  # type: ignore[method-assign]
     try:

@@ -156,7 +156,9 @@ def test_who_was_away_is_heard_again_without_a_restart_of_others():
     again = opened("a", "b", listen=(where,))
     again.wait_for_peers()
     exchange(again, second, b"two")
-    assert second.health(pace.now()).restarts == 1
+    health = second.health(pace.now())
+    assert (health.restarts, health.peers_left) == (0, 1)
+    assert "times a peer left" in health.sentence()
     again.close()
     second.close()
 
@@ -179,7 +181,7 @@ def test_a_peer_that_is_there_but_silent_is_heard_on_a_session_opened_anew(tmp_p
         a.bus.send(Frame.of(IDENTIFIERS[2], b"back"))
         assert collect(b.bus, 1)[0].payload == b"back"
         health = a.health(pace.now())
-        assert health.restarts >= 1 and "b there but silent" in health.last_error
+        assert health.restarts >= 1 and "b silent: session opened anew" in health.last_error
     finally:
         a.close()
         b.close()

@@ -34,7 +34,11 @@ def client(tmp_path: Path):
 
 
 def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest):
-    changes = ["deploy.buses.net.options.wait=0", *sockets(["master"], tmp_path)]
+    changes = [
+        "deploy.buses.net.options.wait=0",
+        "deploy.silence=0",
+        *sockets(["master"], tmp_path),
+    ]
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
     with attached(system, Life("master"), tmp_path) as ends:
         buses = {name: end.bus for name, end in ends.items()}
@@ -76,7 +80,11 @@ def test_nobody_answers(tmp_path: Path):
 
 
 def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.FixtureRequest):
-    changes = ["deploy.buses.net.options.wait=0", *sockets(["master"], tmp_path)]
+    changes = [
+        "deploy.buses.net.options.wait=0",
+        "deploy.silence=0",
+        *sockets(["master"], tmp_path),
+    ]
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
     nmt = system.services["net"].nmt
     assert nmt is not None

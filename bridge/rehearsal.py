@@ -1,0 +1,60 @@
+"""What a rehearsal is told, and what came of it; :mod:`bridge.rehearse` runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.fault_script import Event as Planned
+from bridge.inprocess import Thread
+from bridge.process import Process
+from bridge.records import Note
+
+if TYPE_CHECKING:
+    from bridge.rehearse import Rehearsal
+
+Inside = Callable[[str], AbstractContextManager[None]]
+#: A node as its supervisor sees it; threads where a bus does not leave the process.
+Node = Process | Thread
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something done to a rehearsal at `t` (s); `what`: for its notes, see :mod:`bridge.faults`.
+
+    `revives`: it starts a node again, for which a run waits of which nobody is left.
+    """
+
+    t: float
+    what: str | Planned
+    do: Callable[[Rehearsal], None]
+    revives: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a rehearsal is run; `real`: its nodes may move real drives."""
+
+    scenario: Path
+    deployment: Path
+    changes: tuple[str, ...] = ()
+    warm_up: float = 0.2
+    realtime: bool = True
+    real: bool = False
+    script: str = ""
+    events: Sequence[Event] = ()
+    nodes: tuple[str, ...] = ()  # those started here; empty: all
+    inside: Inside = lambda node: nullcontext()  # the host a node's process is started on
+
+
+@dataclass(slots=True)
+class Ended:
+    """What came of a rehearsal: lives in the order they were started, and what was noticed."""
+
+    lives: list[Node] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    start_ns: int = 0
+    interrupted: bool = False

@@ -1,0 +1,46 @@
+"""The address of a UDP listener that does not close, given back to the kernel.
+
+Zenoh's UDP listener (1.10) waits for ever for the reader of a datagram of a connection that it has
+given up. Its session does not close then, and its socket holds the address: no other session can
+listen there. The socket's descriptor is put on ``/dev/null``: its owner may still close it.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterable
+from pathlib import Path
+
+_OPEN = Path("/proc/self/fd")
+
+
+def release(endpoints: Iterable[str]) -> int:
+    """Give up this process's sockets bound to these ``udp/HOST:PORT``. Returns how many there were.
+
+    Only Linux knows which descriptors a process has: elsewhere none is found.
+    """
+    wanted = {_address(e) for e in endpoints if e.startswith("udp/")}
+    if not wanted or not _OPEN.is_dir():
+        return 0
+    return sum(_given_up(int(fd), wanted) for fd in os.listdir(_OPEN))
+
+
+def _address(endpoint: str) -> tuple[str, int]:
+    host, _, port = endpoint.removeprefix("udp/").partition("?")[0].rpartition(":")
+    return socket.gethostbyname(host) if ":" not in host else host.strip("[]"), int(port)
+
+
+def _given_up(fd: int, wanted: set[tuple[str, int]]) -> bool:
+    try:
+        end = socket.socket(fileno=os.dup(fd))
+    except OSError:  # no socket, or closed meanwhile
+        return False
+    with end:
+        found = end.type == socket.SOCK_DGRAM and end.family in (socket.AF_INET, socket.AF_INET6)
+        if not found or end.getsockname()[:2] not in wanted:
+            return False
+    nothing = os.open(os.devnull, os.O_RDWR | os.O_CLOEXEC)
+    os.dup2(nothing, fd, inheritable=False)
+    os.close(nothing)
+    return True

@@ -1,0 +1,86 @@
+"""An end that was paused for longer than its connection lives is heard again, and hears."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from bridge.native.frame import Frame
+from bridge.zenoh.release import release
+from cosim.clock import sleep, stopwatch
+from tests.bridge.zenoh.ends import IDENTIFIERS, opened
+from tests.bridge.zenoh.test_channel import free_ports
+
+FROZEN, PATIENCE = 4.0, 30.0  # s; a connection is given up after 3
+
+
+def test_an_address_is_free_again_and_other_sockets_are_left_alone():
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stuck,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        socket.socket(socket.AF_INET, socket.SOCK_STREAM) as stream,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again,
+    ):
+        stuck.bind(("127.0.0.1", 0))
+        other.bind(("127.0.0.1", 0))
+        address = stuck.getsockname()
+        stream.bind(address)  # the same port, of TCP
+        with pytest.raises(OSError, match="in use"):
+            again.bind(address)
+        endpoint = f"udp/127.0.0.1:{address[1]}"
+        assert release([endpoint.replace("udp", "tcp")]) == 0
+        assert release([f"{endpoint}?rel=0"]) == 1
+        again.bind(address)
+        assert other.getsockname()[1] and stream.getsockname() == address
+
+
+def talk(end):
+    """Say something every 5 ms, and count what is heard, until a line comes."""
+    heard = 0
+    while True:
+        for identifier in IDENTIFIERS:
+            end.bus.send(Frame.of(identifier, bytes(8)))
+        sleep(0.02)
+        heard += len(end.bus.drain())
+        yield heard
+
+
+def listener(port):
+    """Process ``a``: it listens, and prints each second how much it has heard."""
+    end = opened("a", "b", listen=(f"udp/127.0.0.1:{port}",))
+    end.wait_for_peers()
+    elapsed, second = stopwatch(), 0.0
+    for heard in talk(end):
+        if elapsed() > second:
+            second = elapsed() + 0.2
+            print(heard, flush=True)
+
+
+@pytest.mark.slow
+def test_a_listener_over_udp_that_was_paused_is_heard_and_hears_again():
+    (port,) = free_ports(1)
+    program = f"from tests.bridge.zenoh.test_deaf import listener; listener({port})"
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True
+    ) as other:
+        end = opened("b", "a", connect=(f"udp/127.0.0.1:{port}",))
+        try:
+            end.wait_for_peers()
+            said, assertion = talk(end), stopwatch()
+            while not next(said):
+                assert assertion() < PATIENCE
+            os.kill(other.pid, signal.SIGSTOP)
+            frozen = stopwatch()
+            while frozen() < FROZEN:
+                next(said)
+            os.kill(other.pid, signal.SIGCONT)
+            assert other.stdout is not None
+            before, theirs, again = next(said), int(other.stdout.readline()), stopwatch()
+            while next(said) <= before + 100 or int(other.stdout.readline()) <= theirs + 1000:
+                assert again() < PATIENCE
+        finally:
+            end.close()
+            other.kill()

@@ -37,7 +37,7 @@ from bridge.wiring import Rows
 from cosim.clock import monotonic_ns, realtime_ns
 from cosim.errors import CosimError, RunError
 from cosim.links.statistics import LinkStatistics
-from cosim.record import Run, write_metadata
+from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, STOPPED
 from cosim.simulate import metadata
 
@@ -120,7 +120,15 @@ def complete(
         report.bus_lines(system, logs), ended.notes, faults,
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
+    seal(folder)
     return outcome
+
+
+def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Say in ``run.json`` what is about to run, so that it can be replayed however it ends."""
+    found = metadata(system.scenario, system.plan) | deployed(system, facts)
+    write_metadata(folder, found)
+    return found
 
 
 def _replayed(
@@ -137,13 +145,14 @@ def run_twin(system: System, folder: Path) -> Path:
     """The twin's run folder (its journals are not kept)."""
     nodes = folder / NODES
     nodes.mkdir(parents=True, exist_ok=True)
+    facts = begin(system, folder, {})
     twin.simulate(system, nodes)
     rows = replay.load(nodes)
     collect.write_trajectories(system, rows, folder)
     collect.write_tables(system, rows, folder)
-    facts = metadata(system.scenario, system.plan) | deployed(system, {})
     write_metadata(folder, facts | {"status": FINISHED})
     shutil.rmtree(nodes)
+    seal(folder)
     return folder
 
 

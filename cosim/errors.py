@@ -58,8 +58,16 @@ class RunError(CosimError, RuntimeError):
         self.saved: str | None = None
 
 
-class CutShort(UserWarning):
-    """A run folder whose run did not come to its end is read as far as it goes."""
+class FolderWarning(UserWarning):
+    """What a reader has to say about a run folder that it reads all the same."""
+
+
+class CutShort(FolderWarning):
+    """The run did not come to its end; it is read as far as it goes."""
+
+
+class Unverified(FolderWarning):
+    """The folder has no sums of its files."""
 
 
 class Interrupted(KeyboardInterrupt):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,9 @@ from cosim.interrupts import deferred
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.plan import Plan, Slot
-from cosim.record import Column, Recorder, claim_folder, link_file, write_metadata
+from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
 from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
+from cosim.record.recover import unfinished
 from cosim.scenario import Scenario, as_data
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
@@ -108,7 +109,7 @@ def simulate(
         stack.enter_context(deferred(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
         facts = metadata(scenario, plan)
-        write_metadata(folder, facts)
+        stack.enter_context(_completed(folder, facts))
         stack.callback(engine.save_logs, folder)
         for x in plan.links:
             writer = TableWriter(link_file(folder, x.name), x.table.facts())
@@ -122,19 +123,18 @@ def simulate(
         try:
             _loop(engine, plan, recorder, rows, progress)
         except BaseException as error:
-            _save_failure(error, recorder, plan, folder, facts)
+            _save_failure(error, recorder, plan, folder)
             raise
         recorder.close()
         wall = watch()
         late = engine.late()
-        found = {
+        facts |= {
             "status": FINISHED,
             "wall": wall,
             "texts": engine.texts(),
             "late_clocks": late,
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
-    write_metadata(folder, facts | found)  # once all tables are complete
     statistics = {name: counted.result() for name, counted in counts.items()}
     return Outcome(
         folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended
@@ -195,17 +195,32 @@ def _loop(
             return
 
 
-def _save_failure(
-    error: BaseException, recorder: Recorder, plan: Plan, folder: Path, facts: Mapping[str, Any]
-) -> None:
-    """Keep the last ticks of every signal; their last row is what the failure left behind."""
+@contextmanager
+def _completed(folder: Path, facts: dict[str, Any]) -> Iterator[None]:
+    """Write ``run.json`` before the block and after it, which adds to `facts`; then the sums."""
+    write_metadata(folder, facts)
     try:
-        if isinstance(error, RunError):
-            error.saved = str(folder)
+        yield
+    except BaseException as error:
+        try:
+            write_metadata(folder, facts | stopped(error))
+            if not unfinished(folder):
+                seal(folder)
+        except RunError as failure:  # what stopped the run comes first
+            error.add_note(str(failure))
+        raise
+    write_metadata(folder, facts)
+    seal(folder)
+
+
+def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: Path) -> None:
+    """Keep the last ticks of every signal; their last row is what the failure left behind."""
+    if isinstance(error, RunError):
+        error.saved = str(folder)
+        try:
             recorder.save_last(folder / LAST, FLIGHT_RECORDER, _everything(plan))
-        write_metadata(folder, {**facts, **stopped(error)})
-    except RunError as failure:  # what stopped the run comes first
-        error.add_note(str(failure))
+        except RunError as failure:  # what stopped the run comes first
+            error.add_note(str(failure))
 
 
 def _everything(plan: Plan) -> list[Column]:

@@ -30,13 +30,19 @@ def diff(
     json: Annotated[
         Path | None, typer.Option("--json", help="Write everything to this file.")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of both first.")
+    ] = True,
 ) -> None:
     """Compare two runs signal by signal, largest differences first, and say a verdict.
 
     Offline, twin, rehearsal and hardware runs alike. Exits with 1 where they are different.
     """
     from bridge.diff import compare_runs
+    from cosim.record import verify
 
+    for run in (run_a, run_b) if check else ():
+        verify(run)
     found = compare_runs(run_a, run_b, signals or (), tolerance)
     typer.echo("\n".join(lines(found)))
     if json is not None:

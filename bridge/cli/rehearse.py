@@ -150,7 +150,7 @@ def _run(
 
     from bridge import happen
     from bridge.faults import load
-    from bridge.outcome import clear, complete
+    from bridge.outcome import begin, clear, complete
     from bridge.rehearse import Rehearsal
     from cosim.cli.summary import progress_bar
     from cosim.errors import Interrupted
@@ -166,6 +166,7 @@ def _run(
     if not quiet:
         typer.echo(header(system))
     facts = {"settings": list(settings.changes), "faults": settings.script, "real": settings.real}
+    begin(system, folder, facts)
     interrupted = False
     with Rehearsal(system, settings, folder) as rehearsal:
         try:
@@ -223,7 +224,7 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
     from cosim.analysis import declared
     from cosim.analysis.metrics import evaluate
     from cosim.cli.summary import figures
-    from cosim.record import Run
+    from cosim.record import Run, seal
 
     run = Run.open(outcome.folder)
     said = [line(r.label, r.text) for r in evaluate(declared.metrics(system.scenario), run)]
@@ -233,6 +234,7 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
         late = {str(r.life): r.lateness for r in outcome.reports}
         path = draw(late, outcome.folder / "lateness.png")
         said.append(line("figure", str(path)))
+    seal(outcome.folder)
     found = verdicts.of(system, outcome)
     said.append(line("verdict", found.text(well(outcome))))
     said.append(line("run folder", str(outcome.folder)))

@@ -30,6 +30,9 @@ def replay(
             help="Instead: one offline run over the recorded link tables, side by side.",
         ),
     ] = False,
+    check: Annotated[
+        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
+    ] = True,
 ) -> None:
     """Compute a recorded run again, offline, and compare every signal of every node bit for bit.
 
@@ -43,10 +46,13 @@ def replay(
     from bridge import replay as again
     from bridge.rehearse import NODES
     from cosim.clock import stopwatch
+    from cosim.record import verify
 
     if from_log:
         _from_log(run, scenario, deploy)
         return
+    if check:
+        verify(run)
     system = _system(run, scenario, deploy)
     rows = again.load(run / NODES)
     if offline:

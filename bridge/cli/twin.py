@@ -53,7 +53,7 @@ def run(
     from cosim.analysis.metrics import evaluate
     from cosim.cli.summary import figures
     from cosim.clock import stamp, stopwatch
-    from cosim.record import Run, claim_folder
+    from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
         raise ScenarioError(f"--clock {clock}: expected simulated; on the wall: cosim rehearse")
@@ -74,6 +74,7 @@ def run(
     )
     if plot:
         said += [line("figure", str(p)) for p in figures(system.scenario, result, folder)]
+    seal(folder)
     said.append(line("run folder", str(folder)))
     if not quiet:
         typer.echo("\n".join(said))

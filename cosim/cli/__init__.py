@@ -28,7 +28,7 @@ from cosim.cli import (
     sweep,
 )
 from cosim.cli.supervise import supervised
-from cosim.errors import CosimError, CutShort
+from cosim.errors import CosimError, FolderWarning
 from cosim.interrupts import exit_code, terminated
 from cosim.record.folder import reason
 
@@ -103,7 +103,7 @@ def command() -> None:
     sys.path.insert(0, os.getcwd())
     try:
         with warnings.catch_warnings(), terminated():
-            warnings.simplefilter("once", CutShort)
+            warnings.simplefilter("once", FolderWarning)
             warnings.showwarning = _warn
             app()
     except CosimError as error:
@@ -136,7 +136,7 @@ def _warn(
     line: str | None = None,
 ) -> None:
     """What a reader has to say about a folder is one sentence, without the place in the code."""
-    if issubclass(category, CutShort):
+    if issubclass(category, FolderWarning):
         typer.echo(f"note: {message}", err=True)
     else:
         typer.echo(warnings.formatwarning(message, category, filename, lineno, line), err=True)

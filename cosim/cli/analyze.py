@@ -40,6 +40,9 @@ def analyze(
             help="Folder of the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
         ),
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
+    ] = True,
 ) -> None:
     """Analyse a port: how it can be moved, what a hand feels there, whether it is passive.
 
@@ -49,7 +52,10 @@ def analyze(
     from cosim.analysis.analysis import analyse
     from cosim.analysis.subject import of_run, of_scenario
     from cosim.errors import ScenarioError
+    from cosim.record import verify
 
+    if target.is_dir() and check:
+        verify(target)
     if target.is_dir() and set_:
         raise ScenarioError("--set changes a scenario; a run is as it was", str(target))
     if target.is_dir():

@@ -58,6 +58,7 @@ def compare(
     from cosim.compare.comparison import compare as compare_all
     from cosim.compare.documents import check, read_base
     from cosim.compare.variants_file import beside, read
+    from cosim.record import seal
 
     known = read(variants or beside(scenario))
     if list_:
@@ -78,6 +79,7 @@ def compare(
     paths = list(report.write(found, folder, _command()))
     if plot:
         paths.insert(0, _draw(found, folder / report.FIGURE))
+    seal(folder, anew=True)
     if quiet:
         return
     typer.echo(_title(known, chosen, scenario, seeds, len(found.outcomes)))

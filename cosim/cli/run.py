@@ -72,7 +72,7 @@ def run(
     from cosim.clock import stamp
     from cosim.errors import Interrupted, ScenarioError
     from cosim.interrupts import exit_code
-    from cosim.record import Run
+    from cosim.record import Run, seal
     from cosim.recorded import over
     from cosim.scenario import load, logging
     from cosim.simulate import columns, simulate
@@ -121,6 +121,7 @@ def run(
         say(line)
     for path in figures(loaded, result, folder) if plot else ():
         say(f"{'figure':<16} {path}")
+    seal(folder)
     say(f"{'run folder':<16} {folder}")
 
 

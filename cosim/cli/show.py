@@ -15,18 +15,32 @@ if TYPE_CHECKING:
 
 
 def show(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml), or a run folder.")],
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
     ] = None,
     strict: Strict = False,
+    check: Annotated[
+        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
+    ] = True,
 ) -> None:
-    """Print how a scenario will run: components, rates, order, and what every input samples."""
+    """Print how a scenario will run: components, rates, order, and what every input samples.
+
+    Of a run folder: what ran, how it ended, what is recorded, and whether its files are as they
+    were written.
+    """
     from cosim.assemble import assemble
     from cosim.cli.check import forgotten
+    from cosim.errors import ScenarioError
     from cosim.scenario import load
 
+    if scenario.is_dir():
+        if set_:
+            raise ScenarioError("--set changes a scenario; a run is as it was", str(scenario))
+        for line in recorded_run(scenario, check=check):
+            typer.echo(line)
+        return
     loaded = load(scenario, set_ or [])
     plan = assemble(loaded)
     forgotten([plan], strict=strict, quiet=False)
@@ -45,6 +59,29 @@ def show(
         if rows:
             typer.echo(f"\n{title}")
             typer.echo("\n".join(aligned(rows)))
+
+
+def recorded_run(folder: Path, *, check: bool) -> list[str]:
+    """What a run folder holds. Raises ScenarioError where a file was altered, and `check` asks."""
+    from cosim.record import Run, verify
+    from cosim.record.folder import SUMS
+
+    if check:
+        verify(folder)
+    run = Run.open(folder)
+    facts = run.metadata
+    rows = [
+        ["scenario", str(facts.get("scenario", {}).get("title", "unknown"))],
+        ["status", str(facts.get("status", "unknown"))],
+        ["recorded", f"{len(run)} rows to t = {run.t[-1] if len(run) else 0:.6g} s"],
+        ["signals", str(len(run.names))],
+        ["link tables", str(len(run.link_tables))],
+    ]
+    if error := facts.get("error"):
+        rows.append(["error", str(error)])
+    if check and (folder / SUMS).exists():
+        rows.append(["files", f"as they were written ({SUMS})"])
+    return aligned(rows)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -52,6 +52,7 @@ def sweep(
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
     from cosim.cli.check import forgotten
     from cosim.interrupts import exit_code
+    from cosim.record import seal
     from cosim.sweep import drive, figures, summary
     from cosim.sweep.study import load_study
 
@@ -86,6 +87,7 @@ def sweep(
         say(f"{'table':<16} {path}")
     for path in figures.draw_all(loaded, table, folder) if plot else ():
         say(f"{'figure':<16} {path}")
+    seal(folder, anew=True)
 
 
 def _workers(kind: str, jobs: int, scheduler: str) -> Opened:

@@ -6,6 +6,7 @@
   the field's metadata;
 * ``run.json``: scenario, seeds, versions, results;
 * ``links/<name>.parquet``: the table of sent samples of each link;
+* ``SHA256SUMS``: the sums of all these files, written last;
 * ``last.parquet``: the last ticks of *all* signals, only after a run that had to stop;
 * while the run goes on, ``trajectories.parquet.part``, ``trajectories.live`` and
   ``links/<name>.rows`` in place of what is complete only at the end.
@@ -16,6 +17,7 @@ This package knows columns and rows; it does not know what the signals mean.
 from cosim.record.folder import claim_folder, link_file, read_metadata, write_metadata
 from cosim.record.recorder import Column, Recorder
 from cosim.record.run import Run
+from cosim.record.sums import seal, verify
 
 __all__ = [
     "Column",
@@ -24,5 +26,7 @@ __all__ = [
     "claim_folder",
     "link_file",
     "read_metadata",
+    "seal",
+    "verify",
     "write_metadata",
 ]

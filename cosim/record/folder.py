@@ -18,12 +18,13 @@ PART, LIVE = "trajectories.parquet.part", "trajectories.live"
 METADATA = "run.json"
 LAST = "last.parquet"
 LINKS = "links"
+SUMS = "SHA256SUMS"
 #: Suffix of a link's table while a run goes on.
 ROWS = ".rows"
 #: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
 #: more was cut short; `cosim recover` makes it "recovered".
 RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
-_SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST)
+_SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:

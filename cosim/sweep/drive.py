@@ -15,6 +15,7 @@ from cosim.errors import CosimError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.interrupts import deferred
 from cosim.plan import Plan
+from cosim.record.folder import SUMS
 from cosim.simulate import versions
 from cosim.sweep import figures
 from cosim.sweep import store as stores
@@ -189,6 +190,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force:
             str(folder),
         )
     changed = bool(state) and _text(folder / STUDY) != study.text
+    (folder / SUMS).unlink(missing_ok=True)  # of the files as they were
     stores.replace(folder / STUDY, study.text)
     stores.write_state(
         folder,

@@ -16,7 +16,7 @@ from bridge.outcome import deployed
 from bridge.system import System
 from bridge.wiring import Rows
 from cosim.errors import ScenarioError
-from cosim.record import Run, write_metadata
+from cosim.record import Run, seal, write_metadata
 from cosim.simulate import metadata
 from tests.bridge.deployments import NETWORK, named, run_twin
 from tests.cli.command import Command
@@ -36,6 +36,7 @@ def recorded(system: System, folder: Path) -> Path:
     write_tables(system, rows, folder / "run")
     facts = metadata(system.scenario, system.plan) | deployed(system, {"settings": []})
     write_metadata(folder / "run", facts)
+    seal(folder / "run")
     return folder / "run"
 
 

@@ -34,7 +34,7 @@ def test_it_prints_one_table_and_writes_it(
     assert "link tables: the same for every controller" in said.out
     assert said.err == ""
     assert {p.name for p in out.iterdir()} == {
-        "comparison.png", "table.md", "table.csv", "table.json", "links", "runs"
+        "comparison.png", "table.md", "table.csv", "table.json", "links", "runs", "SHA256SUMS"
     }  # fmt: skip
     kept = out / "runs" / "paper" / "tight" / "pd-seed0"
     assert (kept / "trajectories.parquet").exists()

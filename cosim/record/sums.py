@@ -1,0 +1,94 @@
+"""SHA-256 sums of the files of a run folder: whether one was altered since it was written.
+
+``SHA256SUMS`` is written last. It is what `sha256sum` writes, so that `sha256sum -c SHA256SUMS`
+checks a folder as well. Files that were added later are in no list and are nobody's concern.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from pathlib import Path
+from warnings import warn
+
+from cosim.errors import RunError, ScenarioError, Unverified
+from cosim.record.folder import SUMS, reason
+
+_LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")
+
+
+def seal(folder: str | Path, *, anew: bool = False) -> None:
+    """Write the sums of all files in `folder` and below it.
+
+    Files that have a sum already keep it, so that a folder may be sealed again when figures have
+    come into it; `anew`: every sum is computed. Raises RunError where a file cannot be read or the
+    sums cannot be written, ScenarioError where there are sums that cannot be read.
+    """
+    folder = Path(folder)
+    known = {} if anew or not (folder / SUMS).exists() else _read(folder)
+    part = folder / f"{SUMS}.{os.getpid()}.part"
+    try:
+        sums = {name: known.get(name) or _sum(folder / name) for name in _files(folder)}
+        text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, folder / SUMS)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise RunError(f"cannot write {folder / SUMS}: {reason(error)}") from error
+
+
+def verify(folder: str | Path) -> None:
+    """Raise ScenarioError naming a file that is not as it was written, or is missing.
+
+    A folder without sums (a run that goes on, was cut short or recovered) gives the warning
+    Unverified. A single file is looked up in the sums of its folder.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        return
+    if not (folder / SUMS).exists():
+        text = f"{folder}: no {SUMS}: whether files were altered cannot be told"
+        warn(text, Unverified, stacklevel=2)
+        return
+    for name, expected in _read(folder).items():
+        path = folder / name
+        try:
+            found = _sum(path)
+        except OSError as error:
+            raise ScenarioError(
+                f"cannot be read: {reason(error)}; {SUMS} lists it (--no-verify goes on)", str(path)
+            ) from error
+        if found != expected:
+            raise ScenarioError(
+                f"was altered after the run: SHA-256 {found[:12]}..., expected {expected[:12]}... "
+                "(--no-verify goes on)",
+                str(path),
+            )
+
+
+def _files(folder: Path) -> list[str]:
+    """Every file by its path in the folder, but the sums themselves and hidden ones."""
+    found = []
+    for place, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        inside = Path(place).relative_to(folder)
+        found += [(inside / n).as_posix() for n in names if not n.startswith(".")]
+    return [n for n in found if n != SUMS and not n.startswith(f"{SUMS}.")]
+
+
+def _sum(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read(folder: Path) -> dict[str, str]:
+    """The sums by file. Raises ScenarioError for a text that is no list of sums."""
+    path = folder / SUMS
+    try:
+        text = path.read_bytes().decode()
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"cannot be read: {error} (--no-verify goes on)", str(path)) from error
+    if _LINE.sub("", text):
+        raise ScenarioError("was altered: not a list of sums (--no-verify goes on)", str(path))
+    return {name: found for found, name in _LINE.findall(text)}

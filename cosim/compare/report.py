@@ -22,11 +22,11 @@ from cosim.compare.comparison import Comparison
 from cosim.compare.rows import Row, columns, header, notes, rows, runs_as_data
 from cosim.compare.variants import Controller
 from cosim.errors import RunError, ScenarioError
-from cosim.record.folder import reason
+from cosim.record.folder import SUMS, reason
 from cosim.simulate import versions
 
 RESULT, FIGURE, RUNS = "table.json", "comparison.png", "runs"
-_OWN = {RESULT, "table.md", "table.csv", FIGURE, "links", RUNS}
+_OWN = {RESULT, "table.md", "table.csv", FIGURE, "links", RUNS, SUMS}
 
 
 def text(comparison: Comparison) -> list[str]:
@@ -141,7 +141,8 @@ def claim(folder: Path, *, force: bool = False) -> None:
     if present and not (force and RESULT in present and present <= _OWN):
         expected = "an empty one, or --force to replace a comparison"
         raise ScenarioError(f"the folder is not empty; expected {expected}", str(folder))
-    for path in (*folder.glob("table.*"), folder / FIGURE, *folder.glob("links/*/*.parquet")):
+    old = (*folder.glob("table.*"), *folder.glob("links/*/*.parquet"))
+    for path in (*old, folder / FIGURE, folder / SUMS):
         path.unlink(missing_ok=True)
 
 

@@ -15,13 +15,12 @@ from bridge.can import interface
 from bridge.can.interface import Attachment
 from bridge.can.profiles import Profile, load_profile
 from bridge.native.frame import Frame
-from bridge.safety import in_si
 from bridge.system import System
 from cosim.clock import monotonic_ns, sleep
 from cosim.errors import RunError
 
-#: s a drive may take to answer, and the shortest watchdog written: previews come every 20 ms.
-PATIENCE, SHORTEST = 0.5, 0.05
+#: s a drive may take to answer.
+PATIENCE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +30,6 @@ class Foreign:
     bus: str
     profile: Profile
     node: int
-
-    @property
-    def timeout(self) -> float:
-        """Of its watchdog, s: the profile's, if nodes can feed it before the start."""
-        said = in_si(self.profile.drive.watchdog, "s", f"{self.profile.path}: drive.watchdog")
-        return max(said, SHORTEST)
 
 
 def foreign_drives(system: System, nodes: Iterable[str]) -> tuple[Foreign, ...]:
@@ -82,7 +75,7 @@ def _watchdog(drive: Foreign, end: Attachment) -> None:
     """Write the time-out and read it back, where the profile knows how."""
     own = drive.profile.watchdog
     if own.write is not None:
-        end.bus.send(Frame.of(*own.write.at(drive.node, own.raw(drive.timeout))))
+        end.bus.send(Frame.of(*own.write.at(drive.node, own.raw(drive.profile.timeout))))
     if own.read is None or own.reply is None:
         return
     end.bus.drain()
@@ -90,7 +83,7 @@ def _watchdog(drive: Foreign, end: Attachment) -> None:
     until = monotonic_ns() + round(PATIENCE * 1e9)
     while monotonic_ns() < until:
         for frame in end.bus.drain():
-            if own.check(drive.timeout, drive.node, frame.id, frame.payload):
+            if own.check(drive.profile.timeout, drive.node, frame.id, frame.payload):
                 return
         sleep(0.005)
     raise RunError(

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from bridge.can.codec import Codec
 from bridge.can.layout import Layout, find
+from bridge.can.profiles import Profile, load_profile
 from bridge.deploy import SERVICES, Deployment, ServiceName
 from bridge.native.message import Message
 from bridge.zenoh import names
@@ -33,12 +34,17 @@ class Service:
     """A bus's messages besides the deployment's: heartbeats by node number, SYNC, NMT, e-stop.
 
     What is missing does not exist on this bus: nobody sends it there, and nobody obeys it.
+    `host_heartbeats` by node number, `host_sync`: what drives of a profile need to hear on their
+    bus from the nodes that command them (CANopen); `timeout`: of the shortest watchdog so fed, s.
     """
 
     heartbeats: Mapping[int, Encoding] = field(default_factory=dict)
     sync: Encoding | None = None
     nmt: Encoding | None = None
     estop: Encoding | None = None
+    host_heartbeats: Mapping[int, Encoding] = field(default_factory=dict)
+    host_sync: Encoding | None = None
+    timeout: float = 0.0
 
     def named(self) -> dict[str, Encoding]:
         """All there are, by the name that messages of a DBC file have."""
@@ -62,6 +68,32 @@ def drives_on(d: Deployment, bus: str) -> tuple[str, ...]:
     return tuple(name for name, m in d.messages.items() if m.bus == bus and m.profile)
 
 
+def commanders(d: Deployment, bus: str) -> dict[str, Profile]:
+    """Nodes that send torques to drives of a profile on a bus, with the profile."""
+    homes = {component: name for name, node in d.nodes.items() for component in node.components}
+    found = {}
+    for name in drives_on(d, bus):
+        m = d.messages[name]
+        ports = {signal.partition(".")[2].partition("[")[0] for signal in m.carries}
+        home = homes.get(m.carries[0].partition(".")[0]) if m.carries else None
+        if "tau" in ports and home is not None:
+            found[home] = load_profile(d.file(m.profile))
+    return found
+
+
+def _of_drives(d: Deployment, bus: str) -> Service:
+    """What the drives on a bus need to hear from the nodes that command them."""
+    hosts = commanders(d, bus)
+    numbers = {node: d.nodes[node].number for node in hosts}
+    beats = {numbers[node]: p.host_heartbeat(numbers[node]) for node, p in hosts.items()}
+    syncs = [sync for p in hosts.values() if (sync := p.host_sync()) is not None]
+    return Service(
+        host_heartbeats={n: beat for n, beat in beats.items() if beat is not None},
+        host_sync=syncs[0] if syncs else None,
+        timeout=min((p.timeout for p in hosts.values() if p.host.heartbeat), default=0.0),
+    )
+
+
 def _wanted(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
     """What a CAN bus is to have: what is listed, else all, but nothing where drives' frames are."""
     said, drives = d.buses[bus].services, drives_on(d, bus)
@@ -76,6 +108,8 @@ def _wanted(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
 
 def _in_file(d: Deployment, bus: str, layouts: Sequence[Layout]) -> Service:
     """What a CAN bus has of the services its deployment wants there, as its DBC file has them."""
+    if not _wanted(d, bus):
+        return _of_drives(d, bus)
     there, wanted = {layout.name for layout in layouts}, _wanted(d, bus)
 
     def codec(service: ServiceName, name: str, *signals: str) -> Encoding | None:

@@ -25,6 +25,7 @@ from bridge.native.message import Receiver
 from bridge.native.safety import Peer
 from bridge.receiving import Receiving
 from bridge.sending import Sending, forwardings
+from bridge.services import Service
 from bridge.system import System
 from cosim import native as engine_native
 from cosim.engine import Engine
@@ -33,6 +34,8 @@ from cosim.native import Code
 Rows = NDArray[np.void]
 #: Kind of the file of what a life heard, beside its journal.
 HEARD = "heard"
+#: Heartbeats of a host in the time-out of the drive that waits for them.
+BEATS = 4
 
 
 def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
@@ -240,6 +243,8 @@ class Wired:
                 setattr(entry, field, c.pointer(encoding.message))
         if self.spec.number in service.heartbeats:
             entry.heartbeat = c.pointer(service.heartbeats[self.spec.number].message)
+        if self.spec.number in service.host_heartbeats:
+            self._bind_host(bus, entry, service)
         pointers = (c.c_void_p * max(1, len(peers)))()
         for i, other in enumerate(peers):
             beat = service.heartbeats.get(nodes[other].number)
@@ -247,6 +252,16 @@ class Wired:
                 pointers[i] = c.addressof(beat.message)
         entry.peers = c.addressof(pointers)
         self._alive += [pointers, service]
+
+    def _bind_host(self, bus: str, entry: native.Services, service: Service) -> None:
+        """CANopen's heartbeat and SYNC for drives that this node commands."""
+        entry.host_heartbeat = c.pointer(service.host_heartbeats[self.spec.number].message)
+        period = round(service.timeout * 1e9) // BEATS
+        self.struct.host_ns = min(self.struct.host_ns or period, period)
+        if service.host_sync is not None:
+            entry.host_sync = c.pointer(service.host_sync.message)
+            sent = [o.ticks // self.plan.ticks for o in self.plan.outlets if o.bus == bus]
+            entry.host_sync_slots = min(sent)
 
     def _offsets(self) -> None:
         fields = row_dtype(self.plan).fields

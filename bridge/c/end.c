@@ -34,6 +34,8 @@ void node_farewell(node_t *n)
         n->life.reasons |= WHY_COMMAND;
     }
     node_heartbeat(n, now);
+    n->host_due_ns = now;
+    node_host(n, now);
 }
 
 static void one_less(node_t *n, double factor)
@@ -58,6 +60,7 @@ void node_let_down(node_t *n)
         one_less(n, before > 0.0 ? n->life.scale / before : 0.0);
         if (n->heartbeat_slots > 0 && n->slot % n->heartbeat_slots == 0)
             node_heartbeat(n, pace_now() - n->start_ns);
+        node_host(n, pace_now() - n->start_ns);
         n->slot++;
     } while (n->life.state == LIFE_STOPPING && !*(volatile int32_t *)&n->quit);
     node_farewell(n);

@@ -211,6 +211,8 @@ static void housekeeping(node_t *n, int64_t now_ns)
 {
     if (n->clock == CLOCK_REPLAY) return;
     if (n->heartbeat_slots > 0 && n->slot % n->heartbeat_slots == 0) node_heartbeat(n, now_ns);
+    node_host(n, now_ns);
+    node_host_sync(n, now_ns);
     node_alarm(n, now_ns);
 }
 

@@ -35,6 +35,8 @@ typedef struct {
     const message_t *heartbeat; /* of this node */
     const message_t *sync, *nmt, *estop;
     const message_t **peers;    /* heartbeats of the node's peers, one a peer; NULL in it: not here */
+    const message_t *host_heartbeat, *host_sync;    /* CANopen's, for drives that this node commands */
+    int64_t host_sync_slots;    /* slots between two of them */
 } services_t;
 
 /* Emergency stop of this node: none, to be obeyed, its own until RESET. */
@@ -170,6 +172,7 @@ typedef struct node {
 
     const services_t *services; /* one a bus */
     int64_t heartbeat_slots, sync_slots;
+    int64_t host_ns, host_due_ns;   /* period of host_heartbeat, and when the next one is due */
     uint32_t boots, sync_count;
     int64_t syncs_received, syncs_lost;
     int32_t sync_last;
@@ -253,6 +256,9 @@ int64_t node_rest(node_t *n, int64_t deadline_ns);
  * ESTOP: the node that raised it repeats it every 10 ms until RESET; one that heard it passes it on
  * ten times, on all its buses (a gateway the first time at once). service.c */
 void node_heartbeat(node_t *n, int64_t now_ns);
+/* CANopen's heartbeat (one byte, the state as CiA 301 numbers it), when it is due. */
+void node_host(node_t *n, int64_t now_ns);
+void node_host_sync(node_t *n, int64_t now_ns);
 void node_preview(node_t *n, int64_t now_ns);
 void node_sync(node_t *n, int64_t now_ns);
 void node_alarm(node_t *n, int64_t now_ns);

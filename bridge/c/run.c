@@ -16,6 +16,7 @@ API void node_enable(node_t *n, int64_t now_ns)
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }
     n->begun = 1;
+    n->host_due_ns = now_ns;
     n->alarms = -1;
 }
 

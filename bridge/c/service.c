@@ -38,6 +38,38 @@ void node_heartbeat(node_t *n, int64_t now_ns)
     for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].heartbeat, v, header, now_ns);
 }
 
+/* UNCONFIGURED: boot-up; INACTIVE: pre-operational; ACTIVE, STOPPING: operational; else: stopped. */
+static double canopen_state(int32_t life)
+{
+    switch (life) {
+    case LIFE_UNCONFIGURED: return 0x00;
+    case LIFE_INACTIVE: return 0x7F;
+    case LIFE_ACTIVE:
+    case LIFE_STOPPING: return 0x05;
+    default: return 0x04;
+    }
+}
+
+void node_host(node_t *n, int64_t now_ns)
+{
+    const double state = canopen_state(n->life.state);
+    const header_t header = {0, 0, 0, 0};
+    if (n->host_ns <= 0 || now_ns < n->host_due_ns) return;
+    n->host_due_ns += n->host_ns;
+    if (n->host_due_ns <= now_ns) n->host_due_ns = now_ns + n->host_ns;
+    for (int32_t b = 0; b < n->n_buses; b++)
+        say(n, b, n->services[b].host_heartbeat, &state, header, now_ns);
+}
+
+void node_host_sync(node_t *n, int64_t now_ns)
+{
+    const double nothing = 0.0;
+    const header_t header = {0, 0, 0, 0};
+    for (int32_t b = 0; b < n->n_buses; b++)
+        if (n->services[b].host_sync && n->slot % n->services[b].host_sync_slots == 0)
+            say(n, b, n->services[b].host_sync, &nothing, header, now_ns);
+}
+
 void node_sync(node_t *n, int64_t now_ns)
 {
     const double counter = 1.0 + n->sync_count++ % 240;

@@ -141,6 +141,7 @@ int32_t node_wait(node_t *n)
             node_preview(n, 0);
             beat = next + BEAT_NS;
         }
+        node_host(n, next);
         node_alarm(n, next);
         next += IDLE_NS;
         node_rest(n, next);

@@ -22,7 +22,8 @@ PDOS = (
     (0x1801, 0x1A01, 0x280, ((0x606C, 32),)),
 )
 _INVALID = 1 << 31  # of a COB-ID: the PDO is off
-_EVERY_SYNC = 1
+#: When PDOs are taken and sent: commands at once (also those that enable), feedback at each SYNC.
+_AT_ONCE, _EVERY_SYNC, _FIRST_SENT = 0xFF, 1, 0x1800
 #: Controlword that asks for the next state, and the status word's bits 0x6F there.
 _STEPS = ((0x06, 0x21), (0x07, 0x23), (0x0F, 0x27))
 _STATES = {
@@ -101,7 +102,8 @@ def _map(
 ) -> None:
     """One PDO: off, its objects, on; CiA 301 wants this order."""
     _put(sdo, communication, 1, cob_id | _INVALID, 4)
-    _write(sdo, node, communication, 2, _EVERY_SYNC, 1)
+    when = _AT_ONCE if communication < _FIRST_SENT else _EVERY_SYNC
+    _write(sdo, node, communication, 2, when, 1)
     _put(sdo, mapping, 0, 0, 1)
     count = 0
     for index, bits in objects:

@@ -39,6 +39,7 @@ class EmulatedDrive:
         joint: Joint | None = None,
         carried: int | None = None,
         place: str = "drive",
+        host: int | None = None,
     ) -> None:
         self.profile, self.node = profile, node
         self.joints = profile.joints if carried is None else carried
@@ -56,6 +57,8 @@ class EmulatedDrive:
         self._tau, self._fresh = np.zeros(self.joints), False
         self._reached = dict.fromkeys(_REQUESTS, 0)
         self._counter = 0
+        self._beat = None if host is None else profile.host_heartbeat(host)
+        self._beat_ns = -1  # of the last heartbeat; its time-out runs from the first one on
         self.refused = 0  # frames of a rehearsal that a real drive must not follow
         self.drive.request(Request.POWER_ON, 0)
         if not profile.sequences["enable"]:
@@ -67,6 +70,8 @@ class EmulatedDrive:
             self._follow(name, identifier, data, now_ns)
         if identifier == self._command.layout.identifier:
             self._take(data)
+        if self._beat is not None and identifier == self._beat.layout.identifier:
+            self._beat_ns = now_ns if len(data) == self._beat.layout.length else self._beat_ns
         return self._register(identifier, data)
 
     def step(self, q: ArrayLike, dq: ArrayLike, now_ns: int) -> tuple[Array, Raws]:
@@ -74,6 +79,7 @@ class EmulatedDrive:
 
         q, dq (joints,): of the plant, rad, rad/s.
         """
+        self._watch(now_ns)
         torque = self.drive.step(self._tau, self._fresh, dq, now_ns)
         self._fresh = False
         measured = self.drive.measure(q, dq)
@@ -85,6 +91,14 @@ class EmulatedDrive:
     def state(self) -> DriveState:
         """Where it is."""
         return self.drive.state
+
+    def _watch(self, now_ns: int) -> None:
+        """A fault where the host was heard, and then not for as long as the watchdog waits."""
+        timeout = self.drive.struct.watchdog.timeout_ns
+        silent = self._beat_ns >= 0 and 0 < timeout < now_ns - self._beat_ns
+        if silent and self.drive.state == DriveState.ENABLED:
+            self.drive.struct.state = DriveState.FAULT
+            self.drive.struct.faults += 1
 
     def _follow(self, name: str, identifier: int, data: bytes, now_ns: int) -> None:
         """One frame further in a sequence; the last one is the request, others change nothing."""

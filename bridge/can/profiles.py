@@ -28,6 +28,8 @@ from cosim.units import conversion
 PORTS = {"tau": "N.m", "q": "rad", "dq": "rad/s"}
 SEQUENCES = ("enable", "disable", "clear")
 _LIMITS = {"tau_max": "N.m", "q_max": "rad", "dq_max": "rad/s"}
+#: s; the shortest watchdog that is set: nodes feed it every 20 ms before the start.
+SHORTEST = 0.05
 T = TypeVar("T")
 
 
@@ -45,6 +47,17 @@ class Part:
     def signals(self) -> tuple[str, ...]:
         """All of them, in the order tau, q, dq."""
         return self.tau + self.q + self.dq
+
+
+@dataclass(frozen=True, slots=True)
+class Host:
+    """What drives need to hear from the node that commands them: messages of the profile, "": none.
+
+    `heartbeat`: its identifier is the DBC's + the number of that node; one signal, ``state``.
+    """
+
+    heartbeat: str = ""
+    sync: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +86,24 @@ class Profile:
     rated_torque: float = 0.0  # N.m
     counts: float = 0.0  # a turn
     refuses_simulated: bool = False
+    host: Host = Host()
+
+    @property
+    def timeout(self) -> float:
+        """Of the drive's watchdog as it is set, s: what nodes can feed also before the start."""
+        return max(in_si(self.drive.watchdog, "s", f"{self.path}: drive.watchdog"), SHORTEST)
+
+    def host_heartbeat(self, number: int) -> Codec | None:
+        """Heartbeat of a host with this number, as these drives take it; None: they do not."""
+        if not self.host.heartbeat:
+            return None
+        return Codec(
+            _of_node(self.layouts, Part(self.host.heartbeat, 1), number, self.path), ("state",)
+        )
+
+    def host_sync(self) -> Codec | None:
+        """SYNC as these drives take it; None: they do not."""
+        return Codec(find(self.layouts, self.host.sync), ()) if self.host.sync else None
 
     @property
     def joints(self) -> int:
@@ -133,7 +164,7 @@ def load_profile(path: str | Path) -> Profile:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ScenarioError(f"not a profile that can be read: {error}", text) from None
     known = {"title", "dbc", "command", "feedback", "sequences", "watchdog", "limits", "drive"}
-    _known(found, known | {"side", "rated_torque", "counts", "refuses_simulated"}, text)
+    _known(found, known | {"host", "side", "rated_torque", "counts", "refuses_simulated"}, text)
     if not isinstance(found.get("dbc"), str):
         raise ScenarioError(f"is {found.get('dbc')!r}, expected a DBC file", f"{text}: dbc")
     try:
@@ -182,6 +213,7 @@ def _profile(found: dict[str, Any], layouts: tuple[Layout, ...], path: str) -> P
         rated_torque=in_si(found.get("rated_torque", 0.0), "N.m", f"{path}: rated_torque"),
         counts=in_si(found.get("counts", 0.0), "1", f"{path}: counts"),
         refuses_simulated=bool(found.get("refuses_simulated", False)),
+        host=_made(Host, _table(found, "host", path), f"{path}: host"),
     )
 
 
@@ -199,6 +231,11 @@ def _check(profile: Profile) -> None:
                 f"message {part.message} carries no status, expected one that says simulated",
                 f"{profile.path}: refuses_simulated",
             )
+    try:
+        profile.host_heartbeat(1)
+        profile.host_sync()
+    except LayoutError as error:
+        raise ScenarioError(str(error), f"{profile.path}: host") from None
     profile.drive.build(profile.joints, 1e-3, f"{profile.path}: drive")
 
 

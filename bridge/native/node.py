@@ -162,6 +162,9 @@ class Services(c.Structure):
         ("nmt", c.POINTER(message.Message)),
         ("estop", c.POINTER(message.Message)),
         ("peers", c.c_void_p),
+        ("host_heartbeat", c.POINTER(message.Message)),
+        ("host_sync", c.POINTER(message.Message)),
+        ("host_sync_slots", c.c_int64),
     )
 
 
@@ -212,6 +215,8 @@ class Node(c.Structure):
         ("services", c.POINTER(Services)),
         ("heartbeat_slots", c.c_int64),
         ("sync_slots", c.c_int64),
+        ("host_ns", c.c_int64),
+        ("host_due_ns", c.c_int64),
         ("boots", c.c_uint32),
         ("sync_count", c.c_uint32),
         ("syncs_received", c.c_int64),

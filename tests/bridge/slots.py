@@ -53,9 +53,10 @@ class Slots:
         assert result == 0
         return self.wired.journal.rows[-1]
 
-    def run(self):
-        """All slots; the rows of the journal."""
-        self.begin()
+    def run(self, begin=True):
+        """All slots; the rows of the journal. `begin`: as :meth:`begin` says, else as it is."""
+        if begin:
+            self.begin()
 
         def seen(frame, *_):
             copy = Frame()

@@ -10,7 +10,8 @@ from pathlib import Path
 import can
 import pytest
 
-from bridge.enabling import SHORTEST, enabled, foreign_drives
+from bridge.can.profiles import SHORTEST
+from bridge.enabling import enabled, foreign_drives
 from bridge.system import System, load_system
 from cosim.errors import RunError, ScenarioError
 
@@ -83,7 +84,7 @@ def test_drives_of_the_nodes_started_here_and_no_others(system: System) -> None:
     ]
     assert {d.bus for d in foreign_drives(system, CONTROLLERS[:1])} == {"left"}
     assert foreign_drives(system, ("master", "slave")) == ()
-    assert all(d.timeout == SHORTEST for d in both)
+    assert all(d.profile.timeout == SHORTEST for d in both)
 
 
 def test_enabled_between_and_disabled_after(system: System) -> None:

@@ -4,7 +4,7 @@
 
 No clock, no socket: what is counted is inlets, delay lines, life cycle, guard, codec, journal and
 the engine's own tick. Parts are switched off one at a time, each in a block of its own, in turns:
-the journal (full from the start), the delay lines' configured latency, the torque guards. The best
+the journal (full from the start), that of what was heard, the delay lines' configured latency, the torque guards. The best
 block of each counts, as what disturbs a block only ever adds.
 """
 
@@ -41,9 +41,14 @@ def unrecorded(wired: Wired) -> None:
     wired.journal.struct.capacity = 0
 
 
+def unheard(wired: Wired) -> None:
+    """What is heard is not recorded."""
+    wired.struct.heard = None
+
+
 def unguarded(wired: Wired) -> None:
     """Torques go out as computed."""
-    for outlet in wired.outlets:
+    for outlet in wired.sending.outlets:
         outlet.guard = None
 
 
@@ -51,6 +56,7 @@ def unguarded(wired: Wired) -> None:
 VARIANTS: dict[str, tuple[tuple[str, ...], Callable[[Wired], None]]] = {
     "all": ((), everything),
     "without journal": ((), unrecorded),
+    "without what was heard": ((), unheard),
     "without configured latency": (("deploy.latency=false",), everything),
     "without guard": ((), unguarded),
 }

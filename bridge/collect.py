@@ -40,7 +40,7 @@ def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) 
     plan, scenario = system.plan, system.scenario
     recorded = columns(plan, scenario.run.record.signals)
     parts = [
-        (_joined(rows, name, node.ticks), *_places(system, node))
+        (_joined(rows, name, node.ticks), *places(system, node))
         for name, node in system.nodes.items()
         if lives_of(rows, name)
     ]
@@ -73,7 +73,7 @@ def _joined(
     return at, np.concatenate([life["signals"] for life in lives])
 
 
-def _places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
+def places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
     """Places of the node's signals in the whole plan's vector, and in its own."""
     whole, own = system.plan.slots(), node.plan.slots()
     pairs = [
@@ -96,7 +96,7 @@ def at_hits(
     of: Callable[[Rows], NDArray[Any]],
     before: float,
 ) -> NDArray[Any]:
-    """What `of` takes from a node's rows, at each hit of a component, (hits,).
+    """What `of` takes from a node's rows, (rows,), at each hit of a component, (hits,).
 
     `ticks`: base ticks between two hits. Hits without a row (a node that was dead) have what was
     there before them, at first `before`.
@@ -106,9 +106,10 @@ def at_hits(
     known = np.zeros(hits, bool)
     found = np.full(hits, before)
     for life in lives_of(rows, node):
-        due = rows[life][rows[life]["slot"] % every == 0]
-        at = due["slot"] // every
-        found[at], known[at] = of(due), True
+        slots = rows[life]["slot"]
+        due = slots % every == 0
+        at = slots[due] // every
+        found[at], known[at] = of(rows[life])[due], True
     return found[np.maximum.accumulate(np.where(known, np.arange(hits), 0))]
 
 

@@ -27,7 +27,7 @@ def replay(
         bool,
         typer.Option(
             "--offline",
-            help="Instead: one offline run over the recorded link tables, side by side.",
+            help="Instead: one offline run over what was recorded of the network, side by side.",
         ),
     ] = False,
     check: Annotated[
@@ -38,8 +38,9 @@ def replay(
 
     Exits with 1 where anything differs, and says where first; and where samples were heard that
     their recorded sender did not send. With --offline there are no nodes:
-    the scenario runs as `cosim run` does, links hold what was held, into RUN/offline; exits with 1
-    where that is different.
+    the scenario runs as `cosim run` does, into RUN/offline; links hold what was held, and inputs
+    that drives or buses have changed are fed with what they were given. Exits with 1 where that is
+    different.
     """
     from tempfile import TemporaryDirectory
 
@@ -97,8 +98,10 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
 def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.cli.diff import lines
     from bridge.diff import compare_runs
-    from bridge.offline import run_offline
+    from bridge.offline import fed, run_offline
 
+    given = ", ".join(inlet.target.name for _, inlet in fed(system, rows)) or "no input"
+    typer.echo(f"{'fed as given':<16} {given}; links held as sent run over their tables")
     found = compare_runs(run, run_offline(system, run, rows))
     typer.echo("\n".join(lines(found)))
     raise typer.Exit(found.exit_code)

@@ -7,11 +7,13 @@ import pytest
 
 from bridge import replay
 from bridge.collect import write_tables, write_trajectories
+from bridge.diff import compare_runs
 from bridge.journal import Journal
 from bridge.lives import Life
 from bridge.native.frame import Frame
 from bridge.native.message import Header
 from bridge.native.safety import State
+from bridge.offline import run_offline
 from bridge.outcome import deployed
 from bridge.system import load_system
 from bridge.wiring import HEARD, heard_dtype, heard_rows
@@ -143,7 +145,7 @@ def recorded(system, folder):
     return rows
 
 
-def test_a_gateway_run_with_a_tripped_watchdog_replays(tmp_path):
+def test_a_gateway_run_with_a_tripped_watchdog_is_identical_also_as_one_offline_run(tmp_path):
     changed = document("gateway")
     changed["messages"]["LINK_4"]["period"] = "250 ms"
     changed["nodes"]["slave_control"]["requires"] = []
@@ -155,6 +157,7 @@ def test_a_gateway_run_with_a_tripped_watchdog_replays(tmp_path):
     found = replay.replay(system, rows, replay.heard_of(run / "nodes"), tmp_path)
     assert exact(found), str(found.first)
     assert found.altered == ()
+    assert compare_runs(run, run_offline(system, run, rows)).verdict == "identical"
 
 
 # ---- the journal of what was heard --------------------------------------------------------------

@@ -4,8 +4,8 @@
 
 No clock, no socket: what is counted is inlets, delay lines, life cycle, guard, codec, journal and
 the engine's own tick. Parts are switched off one at a time, each in a block of its own, in turns:
-the journal (full from the start), that of what was heard, the delay lines' configured latency, the torque guards. The best
-block of each counts, as what disturbs a block only ever adds.
+the journal (full from the start), that of what was heard, the delay lines' configured latency, the
+torque guards. The best block of each counts, as what disturbs a block only ever adds.
 """
 
 from __future__ import annotations

@@ -71,7 +71,11 @@ class Inlet:
 
 @dataclass(frozen=True, slots=True)
 class NodePlan:
-    """What one node executes: a slot is `ticks` base ticks long, `h` seconds."""
+    """What one node executes: a slot is `ticks` base ticks long, `h` seconds.
+
+    `guarded`: torques of the node's guard that are used in the node itself; the gate of each is
+    :func:`guard_gate`.
+    """
 
     name: str
     plan: Plan
@@ -79,6 +83,7 @@ class NodePlan:
     inlets: tuple[Inlet, ...]
     outlets: tuple[Outlet, ...]
     forwards: tuple[Forward, ...] = ()
+    guarded: tuple[Slot, ...] = ()
 
     @property
     def h(self) -> float:
@@ -151,6 +156,8 @@ def _node(
     gates |= {i.gate: Gate(i.gate, i.component, out=False) for i in inlets}
     edges: list[Wire | Link] = [*plan.wires, *plan.links]
     inside = [e for e in edges if {e.source.component, e.target.component} <= set(spec.components)]
+    guarded = _guarded(spec, steps, inside)
+    gates |= {guard_gate(s): Gate(guard_gate(s), s.component, out=True) for s in guarded}
     found = compile_plan(
         plan.h * ticks,
         plan.ticks // ticks,
@@ -165,7 +172,24 @@ def _node(
         ],
         gates=gates.values(),
     )
-    return NodePlan(name, found, ticks, tuple(inlets), tuple(outlets))
+    return NodePlan(name, found, ticks, tuple(inlets), tuple(outlets), guarded=guarded)
+
+
+def guard_gate(torque: Slot) -> str:
+    """The gate at which a torque is guarded that stays in its node."""
+    return f"guard {torque.name}"
+
+
+def _guarded(
+    spec: NodeSpec, steps: Sequence[Step], inside: Sequence[Wire | Link]
+) -> tuple[Slot, ...]:
+    """Torques of the guard that go to components of the same node."""
+    if spec.guard is None:
+        return ()
+    used = {_whole(e.source) for e in inside}
+    return tuple(
+        s for step in steps for s in step.outputs if s.port == spec.guard.port and s.name in used
+    )
 
 
 def _step(name: str, spec: NodeSpec, plan: Plan, d: Deployment) -> int:

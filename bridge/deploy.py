@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 
+from bridge.signal_spec import SignalSpec
 from cosim.convert import Number, convert, number
 from cosim.errors import ScenarioError
 from cosim.scenario import read_document
@@ -173,7 +174,8 @@ class Deployment(msgspec.Struct, frozen=True):
     `latency`: whether the links' configured delays are added to the network's own. `sync`: the
     node that sends SYNC, if one does. `enforce`: refuse to start where real time is not granted.
     `patience` (s): all nodes have to be ready within it. `silence` (s): a node that hears nothing
-    of a message for so long stops, and the run with it; 0: never.
+    of a message for so long stops, and the run with it; 0: never. `signals`: by ``component.port``,
+    or by port for all that are called so.
     """
 
     path: Path
@@ -188,6 +190,7 @@ class Deployment(msgspec.Struct, frozen=True):
     buses: dict[str, BusSpec]
     nodes: dict[str, NodeSpec]
     messages: dict[str, MessageSpec]
+    signals: dict[str, SignalSpec] = {}
 
     @property
     def name(self) -> str:
@@ -236,7 +239,7 @@ def load(path: Path, settings: Sequence[str] = ()) -> Deployment:
         if key not in _TABLES:
             known = ", ".join(_TABLES)
             raise ScenarioError(f"unknown key {key!r}; expected one of {known}", f"{path}")
-    for key in _TABLES[-3:]:
+    for key in ("buses", "nodes", "messages"):
         if not isinstance(document.get(key), dict):
             raise ScenarioError(f"no [{key}.NAME] table", f"{path}")
     d = Deployment(
@@ -252,6 +255,7 @@ def load(path: Path, settings: Sequence[str] = ()) -> Deployment:
         buses=_each(document["buses"], BusSpec, path, "buses"),
         nodes=_each(document["nodes"], NodeSpec, path, "nodes"),
         messages=_each(document["messages"], MessageSpec, path, "messages"),
+        signals=convert(document.get("signals", {}), dict[str, SignalSpec], path, "signals"),
     )
     _check(d)
     return d

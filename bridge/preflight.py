@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from bridge import ranges
 from bridge.can.codec import Codec
 from bridge.can.messages import BusMessage
 from bridge.can.timing import BusTiming
@@ -135,8 +136,28 @@ def forwarded(system: System) -> list[Finding]:
     return found
 
 
+def unlimited(system: System) -> list[Finding]:
+    """Signals of which nothing says what they may be: whatever comes is believed."""
+    found: dict[str, Finding] = {}
+    for node in system.nodes:
+        for name in system.heard_by(node):
+            for signal in ranges.unlimited(system, node, system.messages[name]):
+                port = signal.partition(".")[2]
+                found[signal] = Finding(
+                    rule="no-range",
+                    severity="warning",
+                    where=signal,
+                    number=0.0,
+                    unit="",
+                    reason="has no range: any finite value with a right CRC is believed",
+                    advice=f'[signals] {port} = {{ range = "..." }} in the deployment, or min and'
+                    " max of the component",
+                )
+    return list(found.values())
+
+
 def check(system: System) -> list[Finding]:
     """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
     found = [*unfed(system.plan)]
     found += check_buses(messages(system), timings(system), watchdogs(system))
-    return [*found, *overruns(system), *forwarded(system)]
+    return [*found, *overruns(system), *forwarded(system), *unlimited(system)]

@@ -140,10 +140,12 @@ def _check_guard(plan: NodePlan, spec: NodeSpec, place: str) -> None:
     if spec.guard is None:
         return
     slots, port = plan.plan.slots(), spec.guard.port
-    found = [o for o in plan.outlets if span(o, slots.get(f"{o.component}.{port}"), place)]
+    sent = [o for o in plan.outlets if span(o, slots.get(f"{o.component}.{port}"), place)]
+    found = {o.component for o in sent} | {s.component for s in plan.guarded}
     if not found:
-        raise ScenarioError(f"no message of the node carries a port {port!r}", place)
-    for component in {o.component for o in found}:
+        text = f"no component of the node has an output {port!r} that goes anywhere"
+        raise ScenarioError(f"{text}; expected a torque to guard", place)
+    for component in sorted(found):
         _check_measured(slots, component, spec.guard, place)
 
 

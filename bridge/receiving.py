@@ -8,7 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
-from bridge import apart, drives
+from bridge import apart, drives, ranges
 from bridge.cut import Inlet
 from bridge.deploy import StaleSpec
 from bridge.latency import delays_for, newest_for
@@ -67,6 +67,8 @@ class Receiving:
         r.bus = self._buses.index(carried.bus)
         r.period_ns, r.offset_ns = carried.period_ns, carried.offset_ns
         r.max_age_ns = self._max_age(carried)
+        limits = ranges.limits(self._system, self._name, carried)
+        r.limits = (messages.Limit * len(limits))(*limits)
         r.newest = r.arrival_ns = -1
         r.accept_simulated = not self._real
         r.sender = self._system.deployment.nodes[carried.node].number

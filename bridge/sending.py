@@ -10,9 +10,10 @@ from typing import Any, final
 import numpy as np
 
 from bridge import safety
-from bridge.cut import Outlet
+from bridge.cut import Outlet, guard_gate
+from bridge.deploy import GuardSpec
 from bridge.native import node as native
-from bridge.protect import emulated, limits, span
+from bridge.protect import Span, emulated, limits, span
 from bridge.system import Carried, System
 from cosim.errors import ScenarioError
 
@@ -21,7 +22,8 @@ from cosim.errors import ScenarioError
 class Sending:
     """Binds outlets to `struct`, and keeps alive what it points to.
 
-    By message: `guards`; by gate: `gates`, function and context; `outlets` in the plan's order.
+    By message, or by the name of a torque that stays in the node: `guards`; by gate: `gates`,
+    function and context; `outlets` in the plan's order.
     """
 
     def __init__(self, system: System, name: str, struct: native.Node) -> None:
@@ -31,6 +33,7 @@ class Sending:
         self.guards: dict[str, safety.TorqueGuard] = {}
         self.gates: dict[str, tuple[int, int]] = {}
         self.outlets = self._outlets()
+        self._insides()
 
     def keep(self, forwarded: Forwarding) -> None:
         """As long as the outlets it is bound to."""
@@ -82,17 +85,43 @@ class Sending:
         at = span(outlet, torque, place)
         if at is None or torque is None:
             return
-        if at.size > native.JOINTS:
-            raise ScenarioError(f"{at.size} joints, expected at most {native.JOINTS}", place)
         period = outlet.ticks // outlet.period * self._system.plan.h
-        guard = limits(spec, at).build(at.size, period, place)
+        guard = self._built(spec, at, period, place)
         entry.guard, entry.guarded, entry.joints = c.pointer(guard.struct), at.first, at.size
         for field, port in (("q", spec.q), ("dq", spec.dq)):
             slot = slots.get(f"{outlet.component}.{port}")
             if slot is not None and slot.size == torque.size:
                 setattr(entry, field, slot.start + at.entry)
         self.guards[outlet.message] = guard
+
+    def _insides(self) -> None:
+        """Torques that stay in the node, guarded where their component gives them."""
+        spec, d = self._spec.guard, self._system.deployment
+        if spec is None:
+            return
+        guarded, slots = self._plan.guarded, self._plan.plan.slots()
+        insides = (native.Inside * max(1, len(guarded)))()
+        for entry, torque in zip(insides, guarded, strict=False):
+            place = d.place("nodes", self._name, "guard")
+            period = self._plan.plan.component(torque.component).period * self._plan.plan.h
+            guard = self._built(spec, Span(0, 0, torque.size), period, place)
+            entry.node, entry.guard = c.addressof(self._struct), c.pointer(guard.struct)
+            entry.tau, entry.q, entry.dq = torque.start, -1, -1
+            for field, port in (("q", spec.q), ("dq", spec.dq)):
+                slot = slots.get(f"{torque.component}.{port}")
+                if slot is not None and slot.size == torque.size:
+                    setattr(entry, field, slot.start)
+            self.guards[torque.name] = guard
+            self.gates[guard_gate(torque)] = native.address("inside_pass"), c.addressof(entry)
+        self._struct.insides, self._struct.n_insides = c.addressof(insides), len(guarded)
+        self._alive.append(insides)
+
+    def _built(self, spec: GuardSpec, at: Span, period: float, place: str) -> safety.TorqueGuard:
+        if at.size > native.JOINTS:
+            raise ScenarioError(f"{at.size} joints, expected at most {native.JOINTS}", place)
+        guard = limits(spec, at).build(at.size, period, place)
         self._alive.append(guard)
+        return guard
 
     def _measured(self, entry: native.Outlet, outlet: Outlet) -> None:
         """Positions and velocities leave as the encoders of the node's drive see them."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import prod
+from math import inf, prod
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ class Port:
 
     `default` (flattened, () = zeros) is what an input holds when nothing is wired to it. With
     `optional` that is normal; else ``cosim check`` takes it for a forgotten wire, unless the
-    scenario sets a start value.
+    scenario sets a start value. `low` and `high`: the least and the greatest value each entry may
+    have, in `unit`.
     """
 
     name: str
@@ -45,6 +46,8 @@ class Port:
     description: str = ""
     default: tuple[float, ...] = ()
     optional: bool = False
+    low: float = -inf
+    high: float = inf
 
     @property
     def size(self) -> int:

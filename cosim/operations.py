@@ -137,7 +137,7 @@ def lay_out(
 
 
 def _pushes(c: Step, found: Connections) -> list[Operation]:
-    """What leaves by links and gates."""
+    """What leaves by gates, which may change it, and then by links."""
     pushes = [
         Operation(
             Code.PUSH,
@@ -150,7 +150,7 @@ def _pushes(c: Step, found: Connections) -> list[Operation]:
         )
         for i, x in found.sent.get(c.name, ())
     ]
-    return pushes + _gates(c, found, out=True)
+    return _gates(c, found, out=True) + pushes
 
 
 def _gates(c: Step, found: Connections, *, out: bool) -> list[Operation]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from math import isfinite, prod
+from math import inf, isfinite, prod
 from typing import Literal
 
 from cosim.component import Kind, Parameter, Port
@@ -110,7 +110,9 @@ class Model:
 def _port(variable: Variable) -> Port:
     default = variable.starts if variable.causality == "input" else ()
     v = variable
-    return Port(v.name, v.shape, v.unit, v.description, default, v.optional)
+    low = -inf if v.minimum is None else v.minimum
+    high = inf if v.maximum is None else v.maximum
+    return Port(v.name, v.shape, v.unit, v.description, default, v.optional, low, high)
 
 
 def annotation(kind: Kind, inputs: Iterable[Port]) -> dict[str, str]:

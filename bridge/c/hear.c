@@ -52,9 +52,9 @@ static int32_t runs(const node_t *n, const reception_t *r, const header_t *heade
     return life != LIFE_UNCONFIGURED && life != LIFE_INACTIVE;
 }
 
-static int32_t refused(reception_t *r, const frame_t *frame, header_t *header)
+static int32_t refused(const reception_t *r, const frame_t *frame, header_t *header, double *values)
 {
-    const int32_t result = message_decode(r->message, frame, r->values, header);
+    const int32_t result = message_decode(r->message, frame, values, header);
     switch (result) {
     case DECODE_OK: break;
     case DECODE_LENGTH: r->receiver->length++; return 1;
@@ -66,7 +66,21 @@ static int32_t refused(reception_t *r, const frame_t *frame, header_t *header)
         r->receiver->simulated++;
         return 1;
     }
-    return 0;
+    if (limits_range(r->limits, r->width, values)) return 0;
+    r->receiver->range++;
+    return 1;
+}
+
+/* Whether it is further from the last sample than it can come in the time since, or in a period. */
+static int32_t too_fast(const reception_t *r, const double *values, int64_t t)
+{
+    const int64_t since = t - r->arrival_ns < r->period_ns ? r->period_ns : t - r->arrival_ns;
+    return r->newest >= 0 && !limits_rate(r->limits, r->width, values, r->values, (double)since * 1e-9);
+}
+
+static void keep(reception_t *r, const double *values)
+{
+    memcpy(r->values, values, (size_t)r->width * sizeof *values);
 }
 
 /* Torque of a node in FAULT: none. It is given, and feeds no watchdog: a drive that hears nothing
@@ -82,15 +96,21 @@ static int32_t torque_of_fault(const node_t *n, const reception_t *r, const head
 static void sample(node_t *n, reception_t *r, const frame_t *frame)
 {
     header_t header;
+    double values[MESSAGE_FIELDS];
     memset(&header, 0, sizeof header);
-    if (refused(r, frame, &header)) return;
+    if (refused(r, frame, &header, values)) return;
     const int64_t t = frame->t_ns - n->start_ns;
     if (!runs(n, r, &header, t)) {
+        keep(r, values);
         if (!n->begun) preview(n, r);
         if (tells_life(r->message)) node_forward(n, r, &header, frame);
         return;
     }
     if (!started(n)) return;
+    if (too_fast(r, values, t)) {
+        r->receiver->rate++;
+        return;
+    }
     const int64_t j = receiver_accept(r->receiver, &header, t);
     if (j < 0) return;
     r->transit_ns = t - r->receiver->sampled_ns;
@@ -98,6 +118,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         r->receiver->stale++;
         return;
     }
+    keep(r, values);
     if (j > r->newest && r->n_forwards > 0) {
         header.counter = (uint32_t)j;
         header.t_us = (uint32_t)(r->receiver->sampled_ns / 1000);

@@ -127,7 +127,20 @@ enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
  * sequence = -1. */
 API int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns);
 
-/* sizeof: field_t, message_t, header_t, receiver_t for which = 0..3; else 0. */
+/* What a received value may be, in the unit of the value. */
+typedef struct {
+    double low, high;       /* +-infinity: not limited */
+    double rate;            /* unit/s; infinity: not limited */
+    int64_t falls;          /* 1: torque; it may go to 0 at any rate, as guards and ramps take it away */
+} limit_t;
+
+/* Whether all values are within their ranges; limits NULL: yes. */
+API int32_t limits_range(const limit_t *limits, int32_t n, const double *values);
+/* Whether none has changed faster than it may since `last`, so many seconds ago. */
+API int32_t limits_rate(const limit_t *limits, int32_t n, const double *values, const double *last,
+                        double seconds);
+
+/* sizeof: field_t, message_t, header_t, receiver_t, limit_t for which = 0..4; else 0. */
 API size_t message_sizes(int32_t which);
 
 #endif

@@ -9,8 +9,8 @@ API size_t node_sizes(int32_t which)
     static const size_t sizes[] = {sizeof(history_t), sizeof(reception_t), sizeof(inlet_t),
                                    sizeof(outlet_t), sizeof(node_t), sizeof(row_t),
                                    sizeof(inlet_row_t), sizeof(played_t), sizeof(forward_t),
-                                   sizeof(services_t), sizeof(heard_t)};
-    return which >= 0 && which < 11 ? sizes[which] : 0;
+                                   sizeof(services_t), sizeof(heard_t), sizeof(inside_t)};
+    return which >= 0 && which < 12 ? sizes[which] : 0;
 }
 
 /* ---- outlets ---- */
@@ -95,6 +95,19 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     const int64_t began = n->clock == CLOCK_WALL ? pace_now() : 0;
     node_say(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
     if (n->clock == CLOCK_WALL) n->send_ns += pace_now() - began;
+    return 0;
+}
+
+API int32_t inside_pass(void *context, int64_t tick, double *signals)
+{
+    const inside_t *x = context;
+    node_t *n = x->node;
+    double out[32];
+    (void)tick;
+    guard_apply(x->guard, signals + x->tau, x->q < 0 ? 0 : signals + x->q,
+                x->dq < 0 ? 0 : signals + x->dq, n->life.scale, out);
+    memcpy(signals + x->tau, out, (size_t)x->guard->joints * sizeof *out);
+    n->life.now |= guard_why(x->guard);
     return 0;
 }
 
@@ -205,6 +218,7 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
         out += o->width;
         if (o->guard) row->guard |= o->guard->bits;
     }
+    for (int32_t i = 0; i < n->n_insides; i++) row->guard |= n->insides[i].guard->bits;
 }
 
 static void housekeeping(node_t *n, int64_t now_ns)

@@ -75,6 +75,7 @@ typedef struct {
     int32_t width, bus;
     int64_t period_ns;      /* of the sender */
     int64_t offset_ns;      /* phase of the sender: nominal time of sample j is j*period + offset */
+    const limit_t *limits;  /* what its values may be, `width`; NULL: anything */
     int64_t max_age_ns;     /* older at its arrival is refused: by its stamp, else by the nominal time
                              * of its number; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
@@ -135,6 +136,13 @@ typedef struct {
     int64_t n_forwards;
 } outlet_t;
 
+/* A torque that stays inside the node: guarded in place, right after its component has computed it. */
+typedef struct {
+    struct node *node;
+    guard_t *guard;
+    int64_t tau, q, dq;     /* signals; q, dq -1: none */
+} inside_t;
+
 /* A table of the engine's that begins with the run, not with this life: of edges, weights and links. */
 typedef struct {
     int64_t *row;
@@ -165,9 +173,10 @@ typedef struct node {
     reception_t *receptions;
     inlet_t *inlets;
     outlet_t *outlets;
+    inside_t *insides;
     peer_t *peers;
     faults_t *faults;       /* or NULL */
-    int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers;
+    int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers, n_insides;
     life_t life;
 
     const services_t *services; /* one a bus */
@@ -233,6 +242,7 @@ static inline int32_t tells_life(const message_t *m)
 /* The gates: `pass` of engine gates. inlet.c, node.c */
 API int32_t inlet_pass(void *context, int64_t tick, double *signals);
 API int32_t outlet_pass(void *context, int64_t tick, double *signals);
+API int32_t inside_pass(void *context, int64_t tick, double *signals);
 
 /* A sample of r that was accepted, with r's values, into the journal of what was heard. heard.c */
 void node_heard(node_t *n, const reception_t *r, int64_t sequence, int64_t arrival_ns, uint32_t status);

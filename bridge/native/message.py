@@ -113,6 +113,17 @@ class Header(c.Structure):
     )
 
 
+class Limit(c.Structure):
+    """``limit_t``: what a received value may be."""
+
+    _fields_ = (
+        ("low", c.c_double),
+        ("high", c.c_double),
+        ("rate", c.c_double),
+        ("falls", c.c_int64),
+    )
+
+
 class Receiver(c.Structure):
     """``receiver_t``: make it with :func:`receiver`."""
 

@@ -64,6 +64,7 @@ class Reception(c.Structure):
         ("bus", c.c_int32),
         ("period_ns", c.c_int64),
         ("offset_ns", c.c_int64),
+        ("limits", c.POINTER(message.Limit)),
         ("max_age_ns", c.c_int64),
         ("newest", c.c_int64),
         ("arrival_ns", c.c_int64),
@@ -168,6 +169,18 @@ class Services(c.Structure):
     )
 
 
+class Inside(c.Structure):
+    """``inside_t``."""
+
+    _fields_ = (
+        ("node", c.c_void_p),
+        ("guard", c.POINTER(safety.Guard)),
+        ("tau", c.c_int64),
+        ("q", c.c_int64),
+        ("dq", c.c_int64),
+    )
+
+
 class Played(c.Structure):
     """``played_t``."""
 
@@ -204,6 +217,7 @@ class Node(c.Structure):
         ("receptions", c.c_void_p),
         ("inlets", c.c_void_p),
         ("outlets", c.c_void_p),
+        ("insides", c.c_void_p),
         ("peers", c.c_void_p),
         ("faults", c.POINTER(faults.Faults)),
         ("n_buses", c.c_int32),
@@ -211,6 +225,7 @@ class Node(c.Structure):
         ("n_inlets", c.c_int32),
         ("n_outlets", c.c_int32),
         ("n_peers", c.c_int32),
+        ("n_insides", c.c_int32),
         ("life", safety.Life),
         ("services", c.POINTER(Services)),
         ("heartbeat_slots", c.c_int64),

@@ -33,7 +33,9 @@ def port(group: Group, optional: bool = False) -> Port:
     """
     v = group.first
     start = _numbers(group) if v.causality == "input" else ()
-    return Port(group.name, group.shape, v.unit or "1", v.description, start, optional)
+    low = min(v.limits[0] for v in group.variables)
+    high = max(v.limits[1] for v in group.variables)
+    return Port(group.name, group.shape, v.unit or "1", v.description, start, optional, low, high)
 
 
 def parameter(group: Group) -> Parameter:

@@ -170,7 +170,7 @@ MASTER = ("messages", "xi_master")
         (second_gateway, "joins left and right, which are joined already (by left_gateway, "
          "right_gateway)", "nodes.third"),
         (put("nodes", "left_gateway", "guard", value={"tau_max": 1}),
-         "no message of the node carries a port 'tau'", "nodes.left_gateway.guard"),
+         "no component of the node has an output 'tau'", "nodes.left_gateway.guard"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_said_with_its_place(change, sentence, place, tmp_path):

@@ -19,7 +19,8 @@ def test_structs_are_as_large_here_as_in_c():
     assert sizes(7) == c.sizeof(native.Played)
     assert sizes(8) == c.sizeof(native.Forward)
     assert sizes(9) == c.sizeof(native.Services)
-    assert sizes(11) == sizes(-1) == 0
+    assert sizes(11) == c.sizeof(native.Inside)
+    assert sizes(12) == sizes(-1) == 0
 
 
 def test_rows_begin_with_the_struct_of_c():
@@ -122,7 +123,7 @@ CONTROL = ("nodes", "master_control")
         (put("buses", "left", "dbc", value="none.dbc"), "not a DBC file that can be used", ""),
         (put(*CONTROL, "phase", value="fast"), "fast", "nodes.master_control.phase"),
         (put(*CONTROL, "guard", value={"port": "tua", "tau_max": 1}),
-         "no message of the node carries a port 'tua'", "nodes.master_control.guard"),
+         "no component of the node has an output 'tua'", "nodes.master_control.guard"),
         (put(*CONTROL, "guard", value={"q_jump": 1, "q": "theta_hat"}),
          "q_jump needs a position or velocity of 2 joints; master_control has 3 theta_hat",
          "nodes.master_control.guard"),

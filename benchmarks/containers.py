@@ -20,7 +20,7 @@ from benchmarks.ours import Ours
 from benchmarks.peers import Absent, Ecos, Unit, Variable, imported, units
 from cosim.assemble import assemble
 from cosim.clock import stopwatch
-from cosim.fmi.archive import cache_folder
+from cosim.archive import cache_folder
 from cosim.plan import Plan
 from cosim.scenario import build as scenario
 

@@ -67,8 +67,9 @@ class Campaign:
     runs: tuple[tuple[RunSpec, FaultScript], ...]
 
 
-def load_campaign(path: Path) -> Campaign:
+def load_campaign(path: str | Path) -> Campaign:
     """Read a campaign and its scripts. Raises ScenarioError that names the file and the place."""
+    path = Path(path)
     document = read_document(path)
     known = ("title", "scenario", "deploy", "settings", "run")
     for key in document:

@@ -217,12 +217,11 @@ class Deployment(msgspec.Struct, frozen=True):
 _TABLES = Deployment.__struct_fields__[1:]
 
 
-def find(scenario: Path, given: str) -> Path:
+def find(scenario: str | Path, given: str) -> Path:
     """The deployment `given` as a file, or by its name in ``deploy/`` beside the scenario."""
-    path = Path(given)
+    path, folder = Path(given), Path(scenario).parent / FOLDER
     if path.suffix == ".toml" or path.is_file():
         return path
-    folder = scenario.parent / FOLDER
     found = folder / f"{given}.toml"
     if not found.is_file():
         known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
@@ -230,8 +229,9 @@ def find(scenario: Path, given: str) -> Path:
     return found
 
 
-def load(path: Path, settings: Sequence[str] = ()) -> Deployment:
+def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
     """Read a deployment and apply ``path=value`` settings. Raises ScenarioError."""
+    path = Path(path)
     document = read_document(path)
     for setting in settings:
         change(document, setting)

@@ -45,8 +45,9 @@ from cosim.scenario import read_document
 HOLD = 0.03
 
 
-def load(path: Path) -> FaultScript:
+def load(path: str | Path) -> FaultScript:
     """Read a script. Raises ScenarioError that names the file and the place in it."""
+    path = Path(path)
     return build(read_document(path), path)
 
 

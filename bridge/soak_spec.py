@@ -87,9 +87,9 @@ class Soak(msgspec.Struct, frozen=True):
         return str(self.path.parent / files[np.random.default_rng((seed, k, 1)).choice(len(files))])
 
 
-def load_soak(scenario: Path, given: Path | None) -> Soak:
+def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
     """The file `given`, or that beside the scenario. Raises ScenarioError with file and place."""
-    path = given or scenario.parent / DEFAULT
+    path = Path(given) if given else Path(scenario).parent / DEFAULT
     spec = convert(read_document(path), SoakSpec, path, "")
     if not 0 < spec.faults[0] <= spec.faults[1]:
         raise ScenarioError(f"is {list(spec.faults)}; expected [least, most]", f"{path} at faults")

@@ -124,11 +124,12 @@ def _identifier(message: Message) -> int:
     return int(message.id) | (EXTENDED if message.flags & Flags.EXTENDED else 0)
 
 
-def load_system(scenario: Path, deployment: str, settings: Sequence[str] = ()) -> System:
+def load_system(scenario: str | Path, deployment: str, settings: Sequence[str] = ()) -> System:
     """Read both files, assemble and cut. Raises ScenarioError, FmuError, PlanError, CosimError.
 
     `settings`: ``path=value``; those that begin with ``deploy.`` change the deployment.
     """
+    scenario = Path(scenario)
     ours = [s.removeprefix("deploy.") for s in settings if s.startswith("deploy.")]
     theirs = [s for s in settings if not s.startswith("deploy.")]
     found = deploy.load(deploy.find(scenario, deployment), ours)

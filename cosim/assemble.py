@@ -18,6 +18,9 @@ from cosim.models import load_component
 from cosim.plan import Plan, Slot, Step, compile_plan
 from cosim.scenario import ComponentSpec, Scenario
 
+#: Ticks of a run: a tick is a whole number that float64 has exactly, and in ns it has 64 bits.
+MOST_TICKS = 2**53
+
 
 def assemble(scenario: Scenario) -> Plan:
     """The plan of a scenario. Raises ScenarioError, FmuError or PlanError."""
@@ -134,6 +137,11 @@ def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> 
 
 def _ticks(seconds: float, h: float, place: str) -> int:
     """How many base steps `seconds` are. Raises ScenarioError when they are not a whole number."""
+    if seconds / h > MOST_TICKS:
+        raise ScenarioError(
+            f"{seconds:g} s are {seconds / h:.3g} base steps of {h:g} s; expected at most "
+            f"{MOST_TICKS:.3g}", place
+        )  # fmt: skip
     ticks = round(seconds / h)
     if ticks < 1 or abs(ticks * h - seconds) > 1e-9 * max(seconds, h):
         near = ", ".join(

@@ -17,12 +17,13 @@ from cosim.plan import Link, Plan, Player, compile_plan
 from cosim.record.folder import link_files
 
 
-def over(plan: Plan, run: Path, players: Iterable[Player] = ()) -> Plan:
+def over(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:
     """The plan with the stored tables of the run folder `run` in place of its links' laws.
 
     `players`: further inputs that are fed from what was recorded. Raises ScenarioError where the
     run has no table for a link, one of other periods, or one that is too short.
     """
+    run = Path(run)
     if not run.is_dir():
         raise ScenarioError("there is no such run folder", str(run))
     files = link_files(run)

@@ -7,13 +7,13 @@ an error; whether components, ports and shapes fit together is seen by :mod:`cos
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
+from cosim import toml
 from cosim.convert import Number, Value, convert, number
 from cosim.errors import ScenarioError
 from cosim.links.words import Semantics
@@ -191,8 +191,9 @@ _NAME = re.compile(r"[A-Za-z_]\w*$")
 _TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures", "analysis")
 
 
-def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
+def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
     """Read a scenario, TOML or SSP, and apply ``path=value`` settings. Raises ScenarioError."""
+    path = Path(path)
     if path.suffix == ".ssp":
         from cosim import ssp
 
@@ -203,8 +204,9 @@ def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
     return build(document, path)
 
 
-def read_document(path: Path) -> dict[str, Any]:
+def read_document(path: str | Path) -> dict[str, Any]:
     """A TOML file, parsed; an SSP in the same words. Raises ScenarioError."""
+    path = Path(path)
     if path.suffix == ".fmu":
         raise ScenarioError(
             f"{path}: an FMU is no scenario; expected a file (.toml, .ssp) where it is the model "
@@ -214,20 +216,13 @@ def read_document(path: Path) -> dict[str, Any]:
         from cosim.ssp.document import document
 
         return document(path)
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise ScenarioError(f"{path}: is a folder; expected a file (.toml)") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    return toml.read(path)
 
 
-def build(document: Mapping[str, Any], path: Path) -> Scenario:
+def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     """A scenario from an already parsed document. Raises ScenarioError."""
+    path = Path(path)
+    toml.check_numbers(document, str(path))
     for key in document:
         if key not in _TABLES:
             raise ScenarioError(

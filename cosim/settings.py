@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from cosim import toml
 from cosim.errors import ScenarioError
 
 
@@ -16,8 +17,9 @@ def change(document: dict[str, Any], setting: str) -> None:
         raise ScenarioError(f"--set {setting!r}: expected path=value")
     try:
         value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         value = text.strip()
+    toml.check_numbers(value, f"--set {setting!r}")
     *parents, last = parts(key.strip())
     node: Any = document
     for depth, part in enumerate(parents):
@@ -34,7 +36,7 @@ def parts(key: str) -> list[str]:
     """The names of a path, as TOML reads a key: ``nodes."arm.control".step`` has three."""
     try:
         found: Any = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return key.split(".")
     names: list[str] = []
     while isinstance(found, dict) and len(found) == 1:

@@ -79,7 +79,7 @@ def _columns(slots: Sequence[Slot]) -> list[Column]:
 
 def simulate(
     scenario: Scenario,
-    folder: Path,
+    folder: str | Path,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     plan: Plan | None = None,
     *,
@@ -93,6 +93,7 @@ def simulate(
     was recorded, and the last ticks of every signal, in the folder. Ctrl-C (and the engine's
     `stop`) becomes Interrupted, and leaves what was recorded.
     """
+    folder = Path(folder)
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))

@@ -15,6 +15,7 @@ from functools import lru_cache
 from math import pi
 
 from cosim.errors import UnitError
+from cosim.toml import EXPECTED, usable
 
 #: Exponents in the order of FMI's BaseUnit.
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -118,6 +119,8 @@ def quantity(text: str, unit: str | Unit) -> float:
             f"{text!r} has no unit; expected one that fits [{named(unit)}], or a plain number"
         )
     gain, offset = conversion(suffix, unit)
+    if not (usable(value) and usable(gain * value + offset)):
+        raise UnitError(f"{text!r}: expected {EXPECTED}")
     return gain * value + offset
 
 

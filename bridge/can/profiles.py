@@ -9,7 +9,6 @@ a torque in ``%`` is of `rated_torque` and a position in ``count`` of `counts` a
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import pi
@@ -22,6 +21,7 @@ from bridge.can.layout import Layout, LayoutError, find
 from bridge.can.raw import OwnWatchdog, Raw
 from bridge.drives import DriveSpec
 from bridge.safety import in_si
+from cosim import toml
 from cosim.errors import ScenarioError, UnitError
 from cosim.units import conversion
 
@@ -159,10 +159,7 @@ class Profile:
 def load_profile(path: str | Path) -> Profile:
     """Read a profile and its DBC. Raises ScenarioError with file and place, also LayoutError's."""
     text = str(path)
-    try:
-        found = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"not a profile that can be read: {error}", text) from None
+    found = toml.read(Path(path), "the profile of a drive (.toml)")
     known = {"title", "dbc", "command", "feedback", "sequences", "watchdog", "limits", "drive"}
     _known(found, known | {"host", "side", "rated_torque", "counts", "refuses_simulated"}, text)
     if not isinstance(found.get("dbc"), str):

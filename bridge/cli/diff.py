@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.numbers import finite
+
 if TYPE_CHECKING:
     from bridge.diff import Comparison
 
@@ -25,7 +27,11 @@ def diff(
     ] = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(min=0.0, help="What may differ, RMS and maximum, in each signal's unit."),
+        typer.Option(
+            callback=finite,
+            min=0.0,
+            help="What may differ, RMS and maximum, in each signal's unit.",
+        ),
     ] = None,
     json: Annotated[
         Path | None, typer.Option("--json", help="Write everything to this file.")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.numbers import finite
+
 if TYPE_CHECKING:
     from bridge.system import System
     from bridge.zenoh.ping import Floats, Pinged
@@ -24,7 +26,9 @@ def ping(
         bool, typer.Option("--local", help="Answer in this process too: both ends are here.")
     ] = False,
     count: Annotated[int, typer.Option(min=10, help="Number of pings.")] = 2000,
-    period: Annotated[float, typer.Option(min=0.0005, help="Time between two, s.")] = 0.005,
+    period: Annotated[
+        float, typer.Option(callback=finite, min=0.0005, help="Time between two, s.")
+    ] = 0.005,
     out: Annotated[Path, typer.Option(help="Folder for the traces.")] = Path("ping"),
     predict: Annotated[
         bool, typer.Option("--predict/--no-predict", help="Run the scenario on what was measured.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.rehearse import Deploy, Interface, Set
+from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
     from bridge.deploy import Deployment
@@ -18,7 +19,9 @@ if TYPE_CHECKING:
 def soak(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     deploy: Deploy = "zenoh",
-    hours: Annotated[float, typer.Option(min=0.0, help="Time of all runs together, h.")] = 1.0,
+    hours: Annotated[
+        float, typer.Option(callback=finite, min=0.0, help="Time of all runs together, h.")
+    ] = 1.0,
     run: Annotated[str, typer.Option(help="Time of one run.")] = "20 s",
     parallel: Annotated[
         int, typer.Option(min=1, help="Runs at once, where each has namespaces of its own.")

@@ -35,11 +35,12 @@ class Subject:
     remarks: tuple[str, ...] = ()
 
 
-def of_scenario(path: Path, settings: Sequence[str] = (), chosen: str = "") -> Subject:
+def of_scenario(path: str | Path, settings: Sequence[str] = (), chosen: str = "") -> Subject:
     """A scenario, run in memory with the port's signals recorded; `chosen`: the port's component.
 
     A run that stops early is analysed up to there. Raises CosimError.
     """
+    path = Path(path)
     scenario = load(path, settings)
     plan = assemble(scenario)
     known, port = find_port(scenario, plan, chosen)
@@ -61,12 +62,13 @@ def record(scenario: Scenario, plan: Plan, port: Port) -> Trace:
     return trace(plan, port.signals(), every)
 
 
-def of_run(folder: Path, chosen: str = "") -> Subject:
+def of_run(folder: str | Path, chosen: str = "") -> Subject:
     """A recorded run; its scenario, from ``run.json``, is what is predicted and tested.
 
     Where that cannot be assembled any more there is no system, and a remark. Raises ScenarioError
     for a folder that is no run, or signals of the port that were not recorded.
     """
+    folder = Path(folder)
     run = Run.open(folder)
     names = {name.split("[")[0] for name in run.names}
     known, spec, title, remark = None, AnalysisSpec(), folder.name, ""

@@ -110,7 +110,7 @@ def contact(system: System) -> Iterator[Finding]:
             if not spring.there:
                 continue
             k, b = max(spring.stiffness), max(spring.damping)
-            number = max(h * (k / least) ** 0.5, h * b / least)
+            number = max(h * max(k / least, 0.0) ** 0.5, h * b / least)
             if number <= 1.0:
                 continue
             severity: Severity = "error" if number > RK4 else "warning"

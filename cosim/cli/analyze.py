@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.numbers import finite
+
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis
     from cosim.analysis.quantity import Quantity
@@ -28,7 +30,10 @@ def analyze(
         bool, typer.Option("--tests/--no-tests", help="Feed test forces into the port as well.")
     ] = True,
     lowest: Annotated[
-        float, typer.Option(help="Frequency of the slowest test force, rad/s.", min=1e-4, max=10.0)
+        float,
+        typer.Option(
+            callback=finite, help="Frequency of the slowest test force, rad/s.", min=1e-4, max=10.0
+        ),
     ] = 0.03,
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers as JSON.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.check import Strict
+from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
     from cosim.scenario import Scenario
@@ -43,7 +44,8 @@ def run(
         ),
     ] = False,
     tolerance: Annotated[
-        float, typer.Option(help="Relative local error the advised step is to keep.")
+        float,
+        typer.Option(callback=finite, help="Relative local error the advised step is to keep."),
     ] = 1e-4,
     links: Annotated[
         Path | None,

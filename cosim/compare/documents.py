@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cosim import toml
 from cosim.assemble import assemble
-from cosim.compare.toml import Section, read_toml
+from cosim.compare.toml import Section
 from cosim.compare.variants import Controller, LinkLaw, Operator, Role, Selection, Variants
 from cosim.connect import unknown
 from cosim.errors import CosimError, ScenarioError
@@ -56,13 +57,14 @@ class Base:
         return int(self.document["run"].get("seed", 0))
 
 
-def read_base(path: Path, variants: Variants, settings: Sequence[str] = ()) -> Base:
+def read_base(path: str | Path, variants: Variants, settings: Sequence[str] = ()) -> Base:
     """Read a scenario; changed by the variants file, then by `settings` (``path=value``).
 
     Raises ScenarioError, also where a role names a component that the scenario has not.
     """
+    path = Path(path)
     ssp = path.suffix == ".ssp"
-    document = read_document(path) if ssp else read_toml(path, "a scenario file")
+    document = read_document(path) if ssp else toml.read(path, "a scenario file")
     for number, setting in enumerate(variants.settings):
         try:
             change(document, setting)

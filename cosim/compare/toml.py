@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,20 +10,6 @@ from typing import Any
 from cosim.connect import unknown
 from cosim.convert import number
 from cosim.errors import ScenarioError
-
-
-def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """A TOML file as plain data; `what` it is expected to be. Raises ScenarioError."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file; expected {what}") from None
-    except IsADirectoryError:
-        raise ScenarioError(f"{path}: is a folder; expected {what} (.toml)") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,8 +41,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast, get_args
 
+from cosim import toml
 from cosim.analysis.metrics import Distance, metric
-from cosim.compare.toml import Section, read_toml
+from cosim.compare.toml import Section
 from cosim.compare.variants import (
     Column,
     Controller,
@@ -69,11 +70,12 @@ _LINK = ("delay", "semantics", "playout", "loss")
 _METRIC = ("kind", "of", "target", "within", "window", "norm", "label")
 
 
-def beside(scenario: Path) -> Path:
+def beside(scenario: str | Path) -> Path:
     """The variants file of a scenario: the one in the folder ``compare`` beside it.
 
     Raises ScenarioError if there is none, or several.
     """
+    scenario = Path(scenario)
     folder = scenario.parent / "compare"
     found = sorted(folder.glob("*.toml"))
     if len(found) == 1:
@@ -84,9 +86,10 @@ def beside(scenario: Path) -> Path:
     )
 
 
-def read(path: Path) -> Variants:
+def read(path: str | Path) -> Variants:
     """Read a variants file. Raises ScenarioError with the place of what is wrong."""
-    top = Section(read_toml(path, "a variants file"), path)
+    path = Path(path)
+    top = Section(toml.read(path, "a variants file"), path)
     top.only(*_TOP)
     _check_names(top)
     roles = _roles(top)

@@ -50,14 +50,14 @@ class FmuComponent:
 
     def __init__(
         self,
-        path: Path,
+        path: str | Path,
         name: str = "fmu",
         kind: Kind | None = None,
         options: Options | None = None,
     ) -> None:
         self.options = options or Options()
         self.archive = archives.unpack(path)
-        folder = self.archive.folder
+        path, folder = self.archive.path, self.archive.folder
         self.description = of_content(folder, path)
         given = self.options.given
         sizes = {**sizes_among(self.description.variables, given), **self.options.sizes}

@@ -34,12 +34,13 @@ class Description:
     step_attributes: Mapping[str, str] = field(default_factory=dict)
 
 
-def read(path: Path, origin: Path, sizes: Mapping[str, int] | None = None) -> Description:
+def read(path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None) -> Description:
     """Read a model description; `origin` is the FMU named in messages.
 
     `sizes`: of structural parameters (FMI 3.0), where they are not what is written. Raises
     FmuError.
     """
+    path = Path(path)
     try:
         root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, ValueError, LookupError, OSError) as error:

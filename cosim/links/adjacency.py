@@ -18,23 +18,24 @@ TOML, with a name for each graph (or G1, G2, …), as a matrix or as a list of e
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cosim import toml
 from cosim.errors import CosimError, ScenarioError
 from cosim.links.graphs import Graph
 
 KEYS = ({"name", "weights"}, {"name", "robots", "edges"})
 
 
-def read_graphs(path: Path) -> tuple[Graph, ...]:
+def read_graphs(path: str | Path) -> tuple[Graph, ...]:
     """The graphs in a file (``.toml``, otherwise CSV), one or more.
 
     Raises ScenarioError with the file and the line (CSV) or key (TOML) that cannot be.
     """
+    path = Path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -93,10 +94,7 @@ def _matrix(rows: list[list[float]], name: str, place: str) -> Graph:
 
 
 def _toml(text: str, path: Path) -> tuple[Graph, ...]:
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"not valid TOML: {error}", str(path)) from None
+    document = toml.parse(text, str(path))
     tables = document.pop("graphs", None)
     if document or not isinstance(tables, list) or not tables:
         found = ", ".join(document) or f"graphs = {tables!r}"

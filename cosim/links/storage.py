@@ -28,8 +28,9 @@ FACTS = b"cosim.link"
 GROUP = 1 << 18  # rows of a row group
 
 
-def load_table(path: Path) -> tuple[dict[str, Any], NDArray[np.int32]]:
+def load_table(path: str | Path) -> tuple[dict[str, Any], NDArray[np.int32]]:
     """The facts and all rows of a stored table. Raises ScenarioError naming the file."""
+    path = Path(path)
     facts, _ = read_facts(path)
     groups = list(table_groups(path))
     return facts, np.concatenate(groups) if groups else np.empty(0, np.int32)

@@ -129,11 +129,12 @@ class _Looked:
         return self._trace.delay[np.searchsorted(self._t, t, side="right") - 1]
 
 
-def read_trace(path: Path, *, lookup: str = "time", repeat: bool = False) -> Trace:
+def read_trace(path: str | Path, *, lookup: str = "time", repeat: bool = False) -> Trace:
     """The trace in a file (``.parquet``, otherwise CSV).
 
     Raises ScenarioError with the file and the line (CSV) or row (Parquet) that cannot be.
     """
+    path = Path(path)
     if not path.is_file():
         raise ScenarioError("no such file; expected a trace with columns t_send, delay", str(path))
     if path.suffix == ".parquet":

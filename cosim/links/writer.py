@@ -110,8 +110,9 @@ def recover_tables(folder: Path) -> None:
                 rows.unlink()
 
 
-def save_table(path: Path, table: TableSpec, length: int) -> None:
+def save_table(path: str | Path, table: TableSpec, length: int) -> None:
     """Write the first `length` rows of a table. Raises ScenarioError if it has fewer."""
+    path = Path(path)
     stream = table.stream(length)
     with TableWriter(path, table.facts()) as writer:
         for start in range(0, length, GROUP):

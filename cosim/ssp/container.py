@@ -27,12 +27,13 @@ from cosim.ssp.export import fmu_of, literal
 _TOOL = "fmu_manipulation_toolbox"
 
 
-def write(scenario: Scenario, plan: Plan, out: Path) -> list[str]:
+def write(scenario: Scenario, plan: Plan, out: str | Path) -> list[str]:
     """Write one FMU of a scenario and its plan; returns what is different inside of it.
 
     Raises ScenarioError for what a container cannot hold, FmuError where the tool is missing or
     fails.
     """
+    out = Path(out)
     periods = sorted({c.period for c in plan.components})
     for fast, slow in pairwise(periods):
         if slow % fast:

@@ -26,12 +26,13 @@ from cosim.units import Unit, conversion
 _MASTERS = ("FixedStepMaster", "FixedStepSolver")
 
 
-def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
+def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
     """Read an SSP as a scenario and apply ``path=value`` settings. Raises ScenarioError.
 
     Its algorithm is jacobi, as in other tools, unless our annotation says otherwise. Nested systems
     are flattened: ``outer.arm`` becomes the component ``outer_arm``.
     """
+    path = Path(path)
     made = document(path)
     for setting in settings:
         change(made, setting)
@@ -42,8 +43,9 @@ def load(path: Path, settings: Sequence[str] = ()) -> Scenario:
     return build(made, path)
 
 
-def document(path: Path) -> dict[str, Any]:
+def document(path: str | Path) -> dict[str, Any]:
     """What an SSP says, in the words of a scenario; `run` may lack step and stop."""
+    path = Path(path)
     folder = unpack(path)
     structure = read(folder, str(path))
     parts = _parts(structure)

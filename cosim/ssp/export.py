@@ -38,12 +38,15 @@ VALUES = "initialValues"
 _TYPES = {**dict.fromkeys(("Real", "Float64", "Float32", "Clock"), "Real"), "Boolean": "Boolean"}
 
 
-def write(scenario: Scenario, plan: Plan, out: Path, links: Links = "annotation") -> list[str]:
+def write(
+    scenario: Scenario, plan: Plan, out: str | Path, links: Links = "annotation"
+) -> list[str]:
     """Write the SSP of a scenario and its plan; returns what other tools will not see.
 
     `links`: "annotation" connects the ends of a link directly, "fmu" through a small FMU that
     delays as the link does, tick by tick. Raises ScenarioError for what cannot be exported.
     """
+    out = Path(out)
     packer = _Packer(scenario, plan)
     with tempfile.TemporaryDirectory(prefix="ssp-") as scratch:
         if links == "fmu":

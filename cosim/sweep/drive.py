@@ -49,7 +49,7 @@ class Begun:
 
 def sweep(
     study: Study,
-    folder: Path,
+    folder: str | Path,
     opened: Opened,
     *,
     resume: bool = False,
@@ -71,6 +71,7 @@ def sweep(
     be run, and for a folder that has runs already and no `resume`, or whose scenario has changed
     and no `force`; never for a run that fails.
     """
+    folder = Path(folder)
     total = count(study)
     native.library()  # what is wrong with the installation is wrong with no run
     common = job(study, folder.resolve() / RUNS if study.keep == "trajectories" else None)

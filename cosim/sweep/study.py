@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal
 
+from cosim import toml
 from cosim.errors import ScenarioError
 from cosim.scenario import MetricSpec
 from cosim.sweep.axes import (
@@ -54,19 +54,11 @@ class Study:
         return f"{self.path} at {'.'.join(path)}"
 
 
-def load_study(path: Path) -> Study:
+def load_study(path: str | Path) -> Study:
     """Read a study file. Raises ScenarioError."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        document = tomllib.loads(text)
-    except FileNotFoundError:
-        raise ScenarioError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise ScenarioError(f"{path}: is a folder; expected a study file (.toml)") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+    path = Path(path)
+    text = toml.read_text(path, "a study file (.toml)")
+    document = toml.parse(text, str(path))
     spec = convert(document, StudySpec, path)
     vary = each(spec.vary, AxisSpec, path, "vary")
     axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in vary.items())

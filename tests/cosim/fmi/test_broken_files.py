@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim import archive
 from cosim.errors import CosimError, FmuError
-from cosim.fmi import FmuComponent, Options, archive
+from cosim.fmi import FmuComponent, Options
 from cosim.fmi.description import read
 from cosim.fmi.ports import groups
 from cosim.fmi.values import parameter, port, settable

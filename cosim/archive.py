@@ -1,0 +1,110 @@
+"""ZIP archives of others, FMUs and SSPs: unpacked once per content, and nothing but what is sound.
+
+The only place that opens one. Whatever is wrong with an archive becomes an :class:`ArchiveError`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections import Counter
+from pathlib import Path, PurePosixPath
+
+#: Bytes an archive may unpack to, and its description may have; entries it may have.
+LARGEST, LARGEST_DESCRIPTION, MOST_ENTRIES = 8 << 30, 256 << 20, 100_000
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+#: What the standard library raises for archives that are damaged, on purpose or not.
+_BROKEN = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, LookupError,
+    RuntimeError, OverflowError, MemoryError, AssertionError,
+)  # fmt: skip
+
+
+class ArchiveError(Exception):
+    """What is wrong with an archive, in a sentence without its name."""
+
+
+def cache_folder() -> Path:
+    """Where archives are unpacked: ``$XDG_CACHE_HOME/cosim`` or ``~/.cache/cosim``."""
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "cosim"
+
+
+def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, str]:
+    """Unpack `path` below `place` in the cache unless it is there already: (folder, SHA-256).
+
+    `what`: "FMU" or "SSP", for messages; `description`: the entry that has to be there. Raises
+    ArchiveError for a missing file, one that is no ZIP archive or is damaged, one without its
+    description, and whatever a careful reader should not unpack: too much, encrypted entries, two
+    of one name, other compression than deflate, and entries that would leave the folder.
+    """
+    try:
+        if not path.exists():
+            raise ArchiveError("no such file")
+        if not path.is_file():
+            raise ArchiveError(f"is no file; expected an .{what.lower()} file")
+        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        raise ArchiveError(f"cannot be read: {error}") from error
+    folder = cache_folder() / place / sha256[:32]
+    if not folder.is_dir():
+        _extract(path, what, description, folder)
+    return folder, sha256
+
+
+def _extract(path: Path, what: str, description: str, folder: Path) -> None:
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(dir=folder.parent))
+    except OSError as error:
+        raise ArchiveError(f"cannot unpack into {folder.parent}: {error}") from error
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check(archive, what, description, shutil.disk_usage(scratch).free)
+            archive.extractall(scratch)
+        scratch.rename(folder)
+    except _BROKEN as error:
+        if not folder.is_dir():  # else another process was faster
+            said = " ".join(str(error).split()) or type(error).__name__
+            raise ArchiveError(f"not a readable {what} (ZIP archive): {said}") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _check(archive: zipfile.ZipFile, what: str, description: str, free: int) -> None:
+    entries = archive.infolist()
+    if len(entries) > MOST_ENTRIES:
+        raise ArchiveError(f"has {len(entries)} entries; expected at most {MOST_ENTRIES}")
+    size, most = sum(e.file_size for e in entries), min(LARGEST, free)
+    if size > most:
+        raise ArchiveError(f"would unpack to {size} bytes; expected at most {most}")
+    counts = Counter(e.filename for e in entries)
+    if description not in counts:
+        article = "an" if what[0] in "FS" else "a"
+        raise ArchiveError(f"the archive holds no {description}; is it {article} {what}?")
+    for entry in entries:
+        _check_entry(entry, counts[entry.filename])
+        if entry.filename == description and entry.file_size > LARGEST_DESCRIPTION:
+            raise ArchiveError(
+                f"{description} has {entry.file_size} bytes; expected at most {LARGEST_DESCRIPTION}"
+            )
+
+
+def _check_entry(entry: zipfile.ZipInfo, count: int) -> None:
+    name = entry.filename
+    inside = PurePosixPath(name.replace("\\", "/"))
+    if inside.is_absolute() or ".." in inside.parts or ":" in (inside.parts or ("",))[0]:
+        raise ArchiveError(f"entry {name!r} would be written outside of the folder")
+    if count > 1:
+        raise ArchiveError(f"has {count} entries called {name!r}; expected one")
+    if entry.flag_bits & 1:
+        raise ArchiveError(f"entry {name!r} is encrypted; expected none that is")
+    if entry.compress_type not in _METHODS:
+        raise ArchiveError(
+            f"entry {name!r} is compressed by method {entry.compress_type}; expected deflate (8)"
+        )

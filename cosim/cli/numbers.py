@@ -1,0 +1,14 @@
+"""Numbers on the command line: the same rule as in files (:mod:`cosim.toml`)."""
+
+from __future__ import annotations
+
+import typer
+
+from cosim.toml import EXPECTED, usable
+
+
+def finite(value: float | None) -> float | None:
+    """The call-back of an option that is a number. Raises BadParameter."""
+    if value is not None and not usable(value):
+        raise typer.BadParameter(f"found {value!r}; expected {EXPECTED}")
+    return value

@@ -18,9 +18,9 @@ from typing import Any, final
 
 from benchmarks.ours import Ours
 from benchmarks.peers import Absent, Ecos, Unit, Variable, imported, units
+from cosim.archive import cache_folder
 from cosim.assemble import assemble
 from cosim.clock import stopwatch
-from cosim.archive import cache_folder
 from cosim.plan import Plan
 from cosim.scenario import build as scenario
 

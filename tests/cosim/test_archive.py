@@ -115,7 +115,7 @@ CASES: dict[str, tuple[Callable[[Path], object], str]] = {
     "bad compression": (body, "not a readable FMU"),
     "encrypted": (directory(put("<H", 8, 1)), "is encrypted"),
     "method": (directory(put("<H", 10, 12)), "is compressed by method 12; expected deflate"),
-    "says to be huge": (directory(put("<I", 24, 0xFFFFFFF0)), "modelDescription.xml has 4294967280 bytes"),
+    "says to be huge": (directory(put("<I", 24, 0xFFFFFFF0)), "xml has 4294967280 bytes"),
     "offset": (directory(put("<I", 42, 0x7FFFFFFF)), "ZIP archive"),
     "lzma": (lambda p: whole(p, zipfile.ZIP_LZMA), "compressed by method 14"),
     "twice": (lambda p: _twice(p), f"has 2 entries called '{DESCRIPTION}'"),

@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from math import lcm
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,7 @@ def _configured(
     d, struct = wired.system.deployment, wired.struct
     script, record = options.script, options.folder / options.life.file("faults")
     faults = None if script is None else inject(wired, script, record)
-    struct.first = max([1, *(s.period for s in wired.plan.plan.components)])
+    struct.first = lcm(*(s.period for s in wired.plan.plan.components))
     control = Control(struct)
     answer(wired, buses, control)
     mode = "enforce" if d.enforce else "ask"
@@ -205,6 +206,8 @@ def _ended(wired: Wired, result: int) -> tuple[End, str]:
             f"the run was over: {s.slots} slots to t = {s.slots * s.h:g} s, and this life would "
             f"have begun with slot {s.first}"
         )
+    if result == native.NOT_JOINED:
+        return End.FAILED, f"it could not join the run: {wired.failed}"
     if result == native.FINISHED and (unheard := never(wired)):
         return End.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
     lost = silent(wired) if result != native.FINISHED else []

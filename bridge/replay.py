@@ -128,6 +128,8 @@ def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path
     s = node.struct
     s.replayed, s.replayed_rows = rows.ctypes.data, len(rows)
     s.slot = s.first = int(rows["slot"][0])
+    if s.slot > 0:
+        node.begin(s.slot)
     s.life.state, s.life.armed = State.ACTIVE, 1
     _begin(node, rows)
     native.functions().node_enable(c.byref(s), s.slot * s.h_ns)

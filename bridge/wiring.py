@@ -28,10 +28,15 @@ from bridge.sending import Sending, forwardings
 from bridge.services import Service
 from bridge.system import System
 from cosim import native as engine_native
+from cosim.clock import stopwatch
 from cosim.engine import Engine
+from cosim.errors import CosimError
+from cosim.initialization import part
 from cosim.native import Code
 
 Rows = NDArray[np.void]
+#: s from a START whose time has passed to the first slot, and as often as starting takes, besides.
+LEAD, LONGER = 0.05, 3.0
 #: Kind of the file of what a life heard, beside its journal.
 HEARD = "heard"
 #: Heartbeats of a host in the time-out of the drive that waits for them.
@@ -98,6 +103,7 @@ class Wired:
         self.plan = system.nodes[name]
         self.spec = system.deployment.nodes[name]
         self.real = real  # whether what it says may move real drives
+        self.failed = ""  # why it could not join a run
         self._alive: list[Any] = []
         self._buses = [buses[b] for b in system.buses_of(name)] if buses else []
         self._names = system.buses_of(name)
@@ -125,7 +131,33 @@ class Wired:
         self.engine = Engine(self.plan.plan, gates={**self.receiving.gates, **self.sending.gates})
 
     def __enter__(self) -> Wired:
-        self.engine.initialize()
+        began = stopwatch()
+        self._initialize(0)
+        self.struct.lead_ns = round((LEAD + LONGER * began()) * 1e9)
+        self._joined = native.Joined(self._join)
+        self.struct.joined = self._joined
+        return self
+
+    def _join(self, slot: int) -> int:
+        """Called from C where a life begins in the middle of a run; 0, or 1 where it cannot."""
+        try:
+            self.begin(slot)
+        except CosimError as error:
+            self.failed = str(error)
+            return 1
+        return 0
+
+    def begin(self, slot: int) -> None:
+        """Start all components once more, at the time of `slot`: this life begins there, and they
+        see the time of the run. Inputs keep what was heard before. Raises CosimError.
+        """
+        before = self.engine.signals.copy()
+        self._initialize(slot)
+        for inlet in self.plan.inlets:
+            part(self.engine.signals, inlet.target)[:] = part(before, inlet.target)
+
+    def _initialize(self, slot: int) -> None:
+        self.engine.initialize(slot)
         self.engine.prepare(self.plan.slots)
         state, s = self.engine.state, self.struct
         s.engine, s.signals = c.addressof(state), self.engine.signals.ctypes.data
@@ -134,7 +166,6 @@ class Wired:
         s.record = s.engine + kind.record.offset
         s.record_row = s.engine + kind.row.offset
         self._bind_played(state)
-        return self
 
     def _bind_played(self, state: engine_native.EngineState) -> None:
         """Tables of edges, weights and links, go on where the run is, also in a second life."""

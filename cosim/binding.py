@@ -64,13 +64,16 @@ class Binding:
         self._sampled = frozenset(plan.order)
         self._alive: list[Any] = []  # what C points to
 
-    def bind(self) -> None:
-        """Fill in :attr:`state`, once all components have started. Raises ScenarioError."""
+    def bind(self, tick: int = 0) -> None:
+        """Fill in :attr:`state`, once all components have started; `tick`: the next to run. Raises
+        ScenarioError.
+        """
         plan, state = self.plan, self.state
         operations = (native.Operation * len(plan.operations))()
         for i, o in enumerate(plan.operations):
             operations[i] = native.Operation(
-                o.code, o.index, o.period, o.first, o.source, o.target, o.count, o.gain, o.offset
+                *(o.code, o.index, o.period, o.first + tick, o.source, o.target, o.count),
+                *(o.gain, o.offset),
             )
         self.units = (native.Unit * len(plan.components))()
         for i, step in enumerate(plan.components):
@@ -90,7 +93,7 @@ class Binding:
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
         state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
-        state.h, state.tick = plan.h, 0
+        state.h, state.tick = plan.h, tick
         for o in plan.operations:  # what there was before the start is what there is at the start
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]

@@ -47,8 +47,6 @@ class Engine:
         self._keep_tables = keep_tables
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
-        self._streams = [link.table.stream() for link in plan.links]
-        self._played = [player.source.stream() for player in plan.players]
         self._rows: dict[str, NDArray[Any]] = {}
         self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates or {})
         self._state = self._bound.state
@@ -65,14 +63,21 @@ class Engine:
         """The next tick to run; after a failure, the tick that failed."""
         return int(self._state.tick)
 
-    def initialize(self) -> None:
+    def initialize(self, tick: int = 0) -> None:
         """Start all components; initial outputs travel along wires until nothing changes.
 
-        The signals are then those of t = 0: what an FMU gives after Initialization Mode, and after
-        the events at the start. Raises ScenarioError.
+        The signals are then those of `tick`, the next one to run: what an FMU gives after
+        Initialization Mode, and after the events at the start. A `tick` other than 0 has to be one
+        in which all are due; tables are handed over from their first row all the same. Raises
+        ScenarioError.
         """
+        self._streams = [link.table.stream() for link in self.plan.links]
+        self._played = [player.source.stream() for player in self.plan.players]
+        for step in self.plan.components:
+            if isinstance(step.component, FmuComponent):
+                step.component.begin = tick * self.plan.h
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
-        self._bound.bind()
+        self._bound.bind(tick)
 
     # ---- running -----------------------------------------------------------------------------
 

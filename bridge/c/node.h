@@ -22,7 +22,8 @@ enum { CLOCK_WALL = 1, CLOCK_SIMULATED = 2, CLOCK_REPLAY = 3 };
 /* Bits of a row. */
 enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a component failed in it */ };
 /* What node_live returns; positive: of engine_run. */
-enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2, LIVE_FAULT = -3 /* came to the end in FAULT */ };
+enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2, LIVE_FAULT = -3 /* came to the end in FAULT */,
+       LIVE_NOT_JOINED = -4 };
 /* Values of heartbeats and NMT, in this order. */
 enum { HEARTBEAT_LIFE, HEARTBEAT_WHY, HEARTBEAT_BOOTS, HEARTBEAT_ARMED, HEARTBEAT_VALUES };
 enum { NMT_COMMAND, NMT_NODE, NMT_VALUES };
@@ -214,7 +215,8 @@ typedef struct node {
     played_t *played;
     int64_t n_played;
     int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
-    int64_t patience_ns;    /* a START whose time has passed waits so long for what is missing */
+    int64_t patience_ns, lead_ns;   /* a START whose time has passed waits so long for what is missing */
+    int32_t (*joined)(int64_t slot);    /* and its life begins lead_ns later, after this; 0: well */
 } node_t;
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
@@ -299,15 +301,12 @@ API int32_t node_live(node_t *n);
 
 /* At the first slot: emulated drives on and enabled, tables at their rows. node_live does it. */
 API void node_enable(node_t *n, int64_t now_ns);
-
 /* Simulated clock: all nodes to the end, the next deadline first; frames take frame_ns on their bus,
  * one after the other, and are forwarded when they arrive. `routes`: for each node and bus the number of the shared network, or -1. */
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time)(const frame_t *, double, double),
                            const double *bitrates, int32_t n_networks, const int32_t *routes, int32_t n_routes);
 
-/* Replay: a node along its recording, from what it held. Returns the engine's result. */
-API int32_t node_replay(node_t *n);
-
+API int32_t node_replay(node_t *n);  /* along its recording, from what it held: the engine's result */
 /* Slots of one node on the simulated clock, slot i with what has arrived by limits[i]: of a bus log. */
 API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count);
 

@@ -20,13 +20,15 @@ API void node_enable(node_t *n, int64_t now_ns)
     n->alarms = -1;
 }
 
-/* A node whose start lies behind it (it was started again) begins at the next slot. */
-static void begin(node_t *n)
+/* A node whose start lies behind it (it was started again) begins at a later slot, in which all its
+ * components are due. They are started anew for it, with the time of the run. Nonzero: they cannot. */
+static int32_t begin(node_t *n)
 {
     const int64_t now = pace_now() - n->start_ns - n->phase_ns;
     if (now > 0) {
         int64_t align = n->first > 0 ? n->first : 1; /* `first` comes in as what slots are a multiple of */
-        n->slot = (now / n->h_ns / align + 2) * align;
+        n->slot = ((now + n->lead_ns) / n->h_ns / align + 2) * align;
+        if (n->joined && n->slot < n->slots && n->joined(n->slot)) return 1;
     } else {
         n->slot = 0;
     }
@@ -38,6 +40,7 @@ static void begin(node_t *n)
     }
     watchdog_reset(&n->sync_watchdog, n->slot * n->h_ns);
     node_enable(n, n->slot * n->h_ns);
+    return 0;
 }
 
 /* A late slot is done as if it had been in time; one later than it may be is a fault. */
@@ -64,7 +67,7 @@ API int32_t node_live(node_t *n)
 {
     const int32_t waited = node_wait(n);
     if (waited != LIVE_FINISHED) return waited;
-    begin(n);
+    if (begin(n)) return LIVE_NOT_JOINED;
     int64_t woke = pace_now();
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;

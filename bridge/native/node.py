@@ -17,7 +17,9 @@ BURST = 1  # flag of a row: a missed slot, done late
 JOINTS = 32  # the most a guard can have
 RAISED = 1  # of `alarm`: emergency stop
 UNKNOWN, THERE = 0, 1  # a sample in a replay
-FINISHED, STOPPED, NEVER_STARTED, FAULT = 0, -1, -2, -3
+FINISHED, STOPPED, NEVER_STARTED, FAULT, NOT_JOINED = 0, -1, -2, -3, -4
+#: Called with the slot in which a life begins in the middle of a run; returns 0 where it can.
+Joined = c.CFUNCTYPE(c.c_int32, c.c_int64)
 
 Doubles = c.POINTER(c.c_double)
 
@@ -270,6 +272,8 @@ class Node(c.Structure):
         ("n_played", c.c_int64),
         ("gateway", c.c_int64),
         ("patience_ns", c.c_int64),
+        ("lead_ns", c.c_int64),
+        ("joined", Joined),
     )
 
 

@@ -77,6 +77,8 @@ class FmuComponent:
         self.taken = frozenset({*sizes, *texts})
         #: Interval and shift (s) of clocks that were set or asked for, by value reference.
         self.intervals: clocks.Intervals = {}
+        #: Time at which it is initialised, s.
+        self.begin = 0.0
         self._instance: Instance | None = None
         self._start: Start | None = None  # while in Initialization Mode
         self._private: str | None = None
@@ -161,7 +163,7 @@ class FmuComponent:
         given += [Given(group, texts) for group, texts in self._texts]
         given += [Given(self.groups[k], (n,)) for k, n in self._sizes.items()]
         self._start = Start(self._instance, self.name, given)
-        self._start.enter()
+        self._start.enter(self.begin)
         self.intervals = clocks.set_intervals(self, values)
 
     def _instantiate(self) -> Instance:

@@ -70,16 +70,18 @@ class Start:
         self._sizes, self._inputs = by.pop("structuralParameter", []), by.pop("input", [])
         self._given = [one for some in by.values() for one in some]
 
-    def enter(self) -> None:
-        """Enter Initialization Mode with everything set; numeric inputs are left to others."""
+    def enter(self, begin: float) -> None:
+        """Enter Initialization Mode at `begin` (s) with everything set; numeric inputs are left to
+        others.
+        """
         x = self._x
         if self._sizes:
             references = [one.group.first.reference for one in self._sizes]
             x.configure(references, [int(one.values[0]) for one in self._sizes])
-        x.setup(0.0)
+        x.setup(begin)
         for one in self._given:
             one.set(x)
-        x.enter_initialization(0.0)
+        x.enter_initialization(begin)
         for one in self._given:
             if one.exact and one.differs(x) is not None:
                 one.set(x)

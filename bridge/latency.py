@@ -92,6 +92,30 @@ def delays_for(link: Link, ticks: int, every: int = 1, margin: float = MARGIN) -
     return DelaySpec(link.name, kind, width, grid.n_s, grid.n_r, h, delays, buffer, capacity)
 
 
+def on_network(
+    link: Link, ticks: int, sent: FloatArray, delay: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """When (s) and by how much (s) samples of a link are late over a network, in `ticks` ticks.
+
+    `sent`, `delay` (n,): measured, s; NaN: lost; repeated for as long as the run is. What the
+    link's law draws is added to it. A link of semantics `signal` looks at its delay and loses
+    nothing: there what was lost takes what is between its neighbours.
+    """
+    spec, grid = delays_for(link, ticks), link.table.grid
+    looks = spec.kind == native.SIGNAL
+    period = grid.n_r if looks else grid.n_s
+    n = ticks // period + 2
+    t = np.arange(n) * period * grid.h
+    there = ~np.isnan(delay)
+    known = np.interp(sent, sent[there], delay[there]) if looks else delay
+    length = sent[-1] + (sent[-1] - sent[0]) / max(len(sent) - 1, 1)
+    taken = known[np.searchsorted(sent, np.mod(t, length), side="right") - 1]
+    drawn = np.resize(spec.delays, n)
+    drawn[len(spec.delays) :] = spec.delays[-1]
+    total: FloatArray = np.where(np.isfinite(drawn), drawn, np.nan) + taken
+    return t.astype(np.float64), total
+
+
 def newest_for(edge: Wire | Link, period: int, look: int, h: float) -> DelaySpec:
     """A line that adds nothing and holds the newest that came: of a wire that crosses a cut.
 

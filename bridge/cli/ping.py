@@ -56,7 +56,7 @@ def ping(
         typer.echo(line)
     paths = _traces(found, out, here, there)
     if predict:
-        _predict(system, scenario, here, paths, set_ or [], out)
+        _predict(system, scenario, here, found, paths, set_ or [], out)
 
 
 def _traces(found: Pinged, out: Path, here: str, there: str) -> list[Path]:
@@ -173,9 +173,15 @@ def histogram(values: Floats, bins: int = 12, width: int = 40) -> list[str]:
 
 
 def _predict(
-    system: System, scenario: Path, here: str, paths: list[Path], settings: list[str], out: Path
+    system: System,
+    scenario: Path,
+    here: str,
+    found: Pinged,
+    paths: list[Path],
+    settings: list[str],
+    out: Path,
 ) -> None:
-    """Felt damping and stiffness, and the scenario offline with the traces as its links' delays."""
+    """Felt damping and stiffness, and the scenario offline with the delays its links would have."""
     from bridge.cli.options import fresh
     from cosim.analysis.system import system as with_facts
     from cosim.assemble import assemble
@@ -186,7 +192,8 @@ def _predict(
     from cosim.simulate import simulate
 
     ours = [s for s in settings if not s.startswith("deploy.")]
-    traced = [*system.deployment.settings(), *ours, *links(system, here, paths)]
+    added = links_with_laws(system, here, found, out) if system.deployment.latency else None
+    traced = [*system.deployment.settings(), *ours, *(added or links(system, here, paths))]
     loaded = load(scenario, traced)
     typer.echo("on this network:")
     for finding in prediction(with_facts(loaded, assemble(loaded))):
@@ -209,4 +216,27 @@ def links(system: System, here: str, paths: list[Path]) -> list[str]:
         path = paths[0] if sender == here else paths[1]
         delay = f'{{law="trace", file="{path.resolve()}", repeat=true}}'
         said += [f"links.{i}.delay={delay}", f'links.{i}.semantics="last-arrival"']
+    return said
+
+
+def links_with_laws(system: System, here: str, found: Pinged, out: Path) -> list[str]:
+    """Settings for ``latency = true``: the law of each link between nodes, and the network on top.
+
+    A trace each, in the folder `out`: what the law draws, plus what was measured, repeated.
+    """
+    from bridge.latency import on_network
+    from bridge.zenoh.ping import write_trace
+
+    homes = {c: n for n, spec in system.deployment.nodes.items() for c in spec.components}
+    plans = {link.name: link for link in system.plan.links}
+    said: list[str] = []
+    for i, link in enumerate(system.scenario.links):
+        sender = homes[link.source.partition(".")[0]]
+        if sender == homes[link.target.partition(".")[0]]:
+            continue
+        measured = found.there if sender == here else found.back
+        planned = plans[f"{link.source}->{link.target}"]
+        path = out / f"link{i}.csv"
+        write_trace(path, *on_network(planned, system.plan.ticks, found.sent, measured))
+        said.append(f'links.{i}.delay={{law="trace", file="{path.resolve()}"}}')
     return said

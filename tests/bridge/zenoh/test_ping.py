@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.cli.ping import histogram, lines, links
+import cosim.cli  # noqa: F401  (it imports the commands, which import from it)
+from bridge.cli.ping import histogram, lines, links, links_with_laws
+from bridge.latency import delays_for, on_network
 from bridge.system import load_system
 from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
-from bridge.zenoh.ping import Echo, ping, pinged, write_trace
+from bridge.zenoh.ping import Echo, Pinged, ping, pinged, write_trace
 from bridge.zenoh.session import configure, open_session
 from cosim.errors import RunError
 from cosim.links.traces import read_trace
@@ -75,3 +77,21 @@ def test_there_and_back(tmp_path: Path):
         ping(near, NAMES, "c", "b", n=1, patience=0.05)
     near.close()
     far.close()
+
+
+def test_a_law_of_the_deployment_is_added_to_what_was_measured(tmp_path):
+    system = load_system(CONFIGS / "teleoperation.toml", "zenoh", ["run.stop='2 s'"])
+    link = system.plan.links[0]
+    sent, delay = np.arange(10) * 0.1, np.full(10, 0.25)
+    delay[3] = np.nan  # lost
+    t, total = on_network(link, system.plan.ticks, sent, delay)
+    law = delays_for(link, system.plan.ticks).delays
+    n = min(len(law), len(total))
+    assert t[0] == 0.0 and t[-1] >= 2.0 and not np.isnan(total).any()
+    assert np.allclose(total[:n] - law[:n], 0.25)
+    found = Pinged(sent, 2 * delay, delay, delay, 0.0)
+    said = links_with_laws(system, "master", found, tmp_path)
+    assert len(said) == 2 and all("law=" in s for s in said)
+    assert load_system(CONFIGS / "teleoperation.toml", "zenoh", ["run.stop='2 s'", *said])
+    first = np.loadtxt(tmp_path / "link0.csv", delimiter=",", skiprows=1)
+    assert np.allclose(first[:, 1], total, atol=1e-8)

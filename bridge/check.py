@@ -111,8 +111,8 @@ def _collisions(messages: Iterable[BusMessage]) -> Iterator[Finding]:
 
 
 def _reserved(messages: Iterable[BusMessage]) -> Iterator[Finding]:
-    """Identifiers that CANopen devices take for something else."""
-    for m in messages:
+    """Identifiers that CANopen devices take for something else; drives have those they have."""
+    for m in (m for m in messages if m.role != "drive"):
         for low, high, role, text in RESERVED:
             if not m.extended and low <= m.identifier <= high and m.role != role:
                 span = f"{low:#05x}" if low == high else f"{low:#05x} to {high:#05x}"

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from bridge import ranges
 from bridge.can.codec import Codec
-from bridge.can.messages import BusMessage
+from bridge.can.messages import BusMessage, Role
 from bridge.can.timing import BusTiming
 from bridge.check import Watchdog, check_buses
+from bridge.identifiers import collisions
 from bridge.native.message import STAMP_TURNS, Profile
 from bridge.protect import emulated
 from bridge.safety import in_si
+from bridge.services import BEATS, commanders
 from bridge.system import System
 from cosim.check.finding import Finding
 from cosim.check.wiring import unfed
@@ -39,7 +42,9 @@ def messages(system: System) -> list[BusMessage]:
             if m.bus == bus:
                 assert isinstance(m.encoding, Codec)
                 layout = replace(m.encoding.layout, name=name)
-                found.append(BusMessage.of(layout, node=m.node, bus=bus, period=m.period_ns * 1e-9))
+                role: Role = "drive" if d.messages[name].profile else "data"
+                period = m.period_ns * 1e-9
+                found.append(BusMessage.of(layout, node=m.node, bus=bus, period=period, role=role))
         for node, spec in d.nodes.items():
             if bus not in system.buses_of(node):
                 continue
@@ -52,7 +57,23 @@ def messages(system: System) -> list[BusMessage]:
             if d.sync == node and isinstance(service.sync, Codec):
                 h, layout = system.sync_ticks * system.plan.h, service.sync.layout
                 found.append(BusMessage.of(layout, node=node, bus=bus, period=h, role="sync"))
+        found += _of_hosts(system, bus)
     return found
+
+
+def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
+    """What drives hear from the nodes that command them, besides commands."""
+    service, nodes = system.services[bus], system.deployment.nodes
+    for node in commanders(system.deployment, bus):
+        beat, sync = service.host_heartbeats.get(nodes[node].number), service.host_sync
+        if isinstance(beat, Codec):
+            layout = replace(beat.layout, name=f"{beat.layout.name}_{nodes[node].number}")
+            period = service.timeout / BEATS
+            yield BusMessage.of(layout, node=node, bus=bus, period=period, role="heartbeat")
+        if isinstance(sync, Codec):
+            sent = [m.period_ns for m in system.messages.values() if (m.node, m.bus) == (node, bus)]
+            period = min(sent) * 1e-9
+            yield BusMessage.of(sync.layout, node=node, bus=bus, period=period, role="sync")
 
 
 def watchdogs(system: System) -> list[Watchdog]:
@@ -158,6 +179,8 @@ def unlimited(system: System) -> list[Finding]:
 
 def check(system: System) -> list[Finding]:
     """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
-    found = [*unfed(system.plan)]
-    found += check_buses(messages(system), timings(system), watchdogs(system))
-    return [*found, *overruns(system), *forwarded(system), *unlimited(system)]
+    plain = check_buses(messages(system), timings(system), watchdogs(system))
+    buses = [f for f in plain if f.rule != "identifier"]  # collisions() looks at all parties
+    found = [*unfed(system.plan), *buses]
+    found += [*collisions(system), *overruns(system), *forwarded(system)]
+    return [*found, *unlimited(system)]

@@ -20,6 +20,9 @@ from bridge.native.message import Message
 from bridge.zenoh import names
 from cosim.errors import ScenarioError
 
+#: Heartbeats of a host in the time-out of the drive that waits for them.
+BEATS = 4
+
 
 class Encoding(Protocol):
     """What a message is made of bytes by: a :class:`bridge.can.codec.Codec`, or one of Zenoh."""

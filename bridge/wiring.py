@@ -25,7 +25,7 @@ from bridge.native.message import Receiver
 from bridge.native.safety import Peer
 from bridge.receiving import Receiving
 from bridge.sending import Sending, forwardings
-from bridge.services import Service
+from bridge.services import BEATS, Service
 from bridge.system import System
 from cosim import native as engine_native
 from cosim.clock import stopwatch
@@ -39,8 +39,6 @@ Rows = NDArray[np.void]
 LEAD, LONGER = 0.05, 3.0
 #: Kind of the file of what a life heard, beside its journal.
 HEARD = "heard"
-#: Heartbeats of a host in the time-out of the drive that waits for them.
-BEATS = 4
 
 
 def row_dtype(plan: NodePlan) -> np.dtype[np.void]:

@@ -13,7 +13,7 @@ from bridge.can.response import Response, Stream, responses
 from bridge.can.timing import BusTiming, Kind, worst
 from bridge.native.frame import Flags
 
-Role = Literal["data", "nmt", "sync", "emergency", "time", "sdo", "heartbeat"]
+Role = Literal["data", "nmt", "sync", "emergency", "time", "sdo", "heartbeat", "drive"]
 #: Stands for a message that has no period: it comes once in any busy period. ns
 ONCE = 3_600_000_000_000
 

@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 from bridge.lives import Life, lives_of
 from bridge.native import node as native
 from bridge.native.message import Profile
-from bridge.system import System
+from bridge.system import Carried, System
 from bridge.wiring import Rows
 from cosim.errors import ScenarioError
+from cosim.plan import Plan
 
 Values = NDArray[np.float64]
 #: Turns of a counter by which a number may be wrong and still be recognized.
 TURNS = 32
-#: Samples that one message may have beyond those that its counter can tell apart in a run.
-MOST = 1 << 26
+#: Numbers that samples may have beyond those of the run: of a sender that counts on.
+BEYOND = 1 << 16
 
 
 @final
@@ -89,14 +90,19 @@ class Altered:
         )
 
 
-def heard_history(rows: Rows, width: int) -> History:
+def heard_history(rows: Rows, carried: Carried, plan: Plan) -> History:
     """Of one message as a life heard it. Raises ScenarioError for numbers that no run has."""
+    width = carried.outlet.width
     if not len(rows):
         return History(width, 1)
     numbers, at = np.unique(rows["sequence"], return_index=True)  # of two alike the first was taken
     first, span = int(numbers[0]), int(numbers[-1] - numbers[0]) + 1
-    if first < 0 or span > MOST:
-        raise ScenarioError(f"samples {first} to {first + span - 1} heard: the journal is damaged")
+    most = plan.ticks // carried.outlet.ticks + len(rows) + BEYOND
+    if first < 0 or span > most:
+        raise ScenarioError(
+            f"samples {first} to {first + span - 1} of {carried.name} heard; a run has at most "
+            f"{most}: the journal of what was heard is damaged"
+        )
     history = History(width, span, first)
     history.values[numbers - first] = rows["values"][at, :width]
     history.there[numbers - first] = native.THERE

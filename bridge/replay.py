@@ -149,8 +149,8 @@ def _hear(
         )
     histories: dict[str, History] = {}
     for number, (message, reception) in enumerate(node.receiving.receptions.items()):
-        mine = rows[rows["message"] == number]
-        history = compared.heard_history(mine, reception.width)
+        mine, carried = rows[rows["message"] == number], node.system.messages[message]
+        history = compared.heard_history(mine, carried, node.system.plan)
         reception.history = c.pointer(history.struct)
         histories[message] = history
     for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):

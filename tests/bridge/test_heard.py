@@ -15,12 +15,14 @@ from bridge.native.message import Header
 from bridge.native.safety import State
 from bridge.offline import run_offline
 from bridge.outcome import deployed
+from bridge.report import fault_lines
 from bridge.system import load_system
 from bridge.wiring import HEARD, heard_dtype, heard_rows
 from cosim.errors import ScenarioError
 from cosim.record import write_metadata
 from cosim.simulate import metadata
 from tests.bridge.deployments import TELEOPERATION, document, named, run_twin, system_of
+from tests.bridge.faulty import report
 from tests.bridge.test_replay import exact, go, make
 
 STOP = "run.stop=3"
@@ -185,6 +187,24 @@ def test_a_full_journal_is_counted_and_its_inputs_are_taken_as_recorded(tmp_path
     found = replay.replay(system, rows, heard, tmp_path)
     assert exact(found), str(found.first)
     assert set(found.alone) == {"STATE_1", "STATE_3", "LINK_2", "LINK_4"}
+
+
+def test_samples_that_were_not_recorded_are_in_the_report():
+    said = report(Life("slave"), heard_dropped=12, journal_dropped=3)
+    assert [text.split(maxsplit=2)[2] for text in fault_lines([said])] == [
+        "slave: 3 slots not recorded", "slave: 12 samples heard not recorded",
+    ]  # fmt: skip
+
+
+def test_numbers_that_no_run_has_are_said(tmp_path):
+    system = named("can", STOP)
+    rows = run_twin(system, tmp_path / "twin")
+    heard = replay.heard_of(tmp_path / "twin")
+    for number in (-1, 1 << 40):
+        damaged = heard["slave"].copy()
+        damaged["sequence"][7] = number
+        with pytest.raises(ScenarioError, match=r"of LINK_4 heard; a run has at most .* damaged"):
+            replay.replay(system, rows, {**heard, Life("slave"): damaged}, tmp_path)
 
 
 def test_a_journal_that_is_missing_or_of_another_deployment_is_said(tmp_path):

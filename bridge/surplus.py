@@ -18,7 +18,17 @@ from bridge.wiring import Rows
 
 #: Counters of a receiver that are each of another frame. Repeated ones are left out: a network may
 #: duplicate, and they are never accepted.
-FRAMES = ("ok", "reordered", "wrong_sequence", "crc", "length", "invalid", "simulated")
+FRAMES = (
+    "ok",
+    "reordered",
+    "wrong_sequence",
+    "crc",
+    "length",
+    "invalid",
+    "range",
+    "rate",
+    "simulated",
+)
 #: Part of what was sent, and frames, that may be heard beyond it: duplicated, then overtaken.
 BEYOND, FEW = 0.02, 5
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bridge.protect import drives_by
 from bridge.records import End
 from bridge.surplus import surpluses
 from bridge.system import System
@@ -61,7 +62,8 @@ class Verdict:
 
 def of(system: System, outcome: Outcome) -> Verdict:
     """Judge a run that has come to its end, by its journals and reports."""
-    timed, found = list(_of_time(outcome)), list(_always(system, outcome))
+    timed = [*_of_time(outcome), *_old_torques(system, outcome)]
+    found = list(_always(system, outcome))
     if found:
         return Verdict(Word.FAILED, (*found, *timed))
     late = unasked_lateness(system, outcome)
@@ -93,6 +95,16 @@ def _of_time(outcome: Outcome) -> Iterator[str]:
     for fault in outcome.faults:
         if fault.missing:
             yield f"not in the report: {fault.text()}"
+
+
+def _old_torques(system: System, outcome: Outcome) -> Iterator[str]:
+    """Torques that drives have refused because of their age."""
+    for report in outcome.reports:
+        node, spec = system.nodes[report.life.node], system.deployment.nodes[report.life.node]
+        for message, counts in (report.said.messages if report.said else {}).items():
+            if counts.get("stale") and drives_by(node, spec, message):
+                text = f"{report.life} refused {counts['stale']} torques of {message}"
+                yield f"{text}, which were older than its drive allows"
 
 
 # ---- how late -------------------------------------------------------------------------------

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from bridge import compressed, faults, verdict
 from bridge.native.safety import DriveState
-from bridge.system import make_system
+from bridge.system import load_system, make_system
+from bridge.verdict import Word
 from cosim.errors import ScenarioError
 from cosim.scenario import build, read_document
 from tests.bridge.deployments import TELEOPERATION, document, named, system_of
@@ -69,6 +73,20 @@ def test_an_age_that_cannot_be_is_refused(tmp_path, age):
     found["nodes"]["master"]["drive"]["max_age"] = age
     with pytest.raises(ScenarioError, match="max_age"):
         system_of(found, tmp_path)
+
+
+def test_a_delay_that_creeps_is_in_the_verdict(tmp_path):
+    system = load_system(TELEOPERATION, "can", ["run.stop=2.0"])
+    table = {"kind": "delay", "node": "master", "message": "LINK_2", "probability": 1.0}
+    steps = [
+        {**table, "from": 0.5 + 0.2 * n, "to": 0.7 + 0.2 * n, "by": 0.07 * (n + 1)}
+        for n in range(5)
+    ]
+    script = faults.build({"seed": 1, "fault": steps}, Path("creeping.toml"))
+    outcome = compressed.run(system, script, tmp_path)
+    found = verdict.of(system, outcome)
+    assert found.word is Word.FAILED and "older than its drive allows" in found.text()
+    assert outcome.replayed is not None and outcome.replayed.first is None
 
 
 def test_the_age_that_a_law_adds_counts(tmp_path):

@@ -191,7 +191,7 @@ def test_a_delay_is_seen_in_the_measured_age(run: Crossing) -> None:
 
 def test_a_node_whose_bus_was_down_has_stopped_and_the_other_goes_on(run: Crossing) -> None:
     """What is received comes in again by itself; a stop stays until somebody resets it."""
-    assert run.facts("left")["reasons"] == "a bus is off or down"
+    assert run.facts("left")["reasons"] == ["bus"]
     assert run.facts("right")["state"] == "inactive", run.said["right"]
     assert run.facts("left")["buses"]["link"]["restarts"] >= 1
     for node in ("left", "right"):

@@ -30,7 +30,6 @@ from cosim.cli import (
 from cosim.cli.supervise import supervised
 from cosim.errors import CosimError, FolderWarning
 from cosim.interrupts import exit_code, terminated
-from cosim.record.folder import reason
 
 app = typer.Typer(
     name="cosim",
@@ -123,7 +122,7 @@ def command() -> None:
         typer.echo("error: there is not enough memory for this", err=True)
         sys.exit(1)
     except OSError as error:
-        typer.echo(f"error: {error.filename or 'the system'}: {reason(error)}", err=True)
+        typer.echo(f"error: {error.filename or 'the system'}: {error.strerror or error}", err=True)
         sys.exit(1)
 
 

@@ -5,14 +5,17 @@ The only place that opens one. Whatever is wrong with an archive becomes an :cla
 
 from __future__ import annotations
 
+import getpass
 import hashlib
 import os
 import shutil
 import struct
+import sys
 import tempfile
 import zipfile
 import zlib
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 #: Bytes an archive may unpack to, and its description may have; entries it may have.
@@ -51,10 +54,26 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
         sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         raise ArchiveError(f"cannot be read: {error}") from error
-    folder = cache_folder() / place / sha256[:32]
+    folder = _writable(place) / sha256[:32]
     if not folder.is_dir():
         _extract(path, what, description, folder)
     return folder, sha256
+
+
+def _writable(place: str) -> Path:
+    """`place` in the cache or, where that cannot be written, in a folder of this user's in /tmp."""
+    usual = cache_folder() / place
+    with suppress(OSError):
+        usual.mkdir(parents=True, exist_ok=True)
+        if os.access(usual, os.W_OK | os.X_OK):
+            return usual
+    user = getpass.getuser() if sys.platform == "win32" else os.getuid()
+    own = Path(tempfile.gettempdir()) / f"cosim-{user}"
+    with suppress(OSError):
+        own.mkdir(mode=0o700, exist_ok=True)
+        if sys.platform == "win32" or own.stat().st_uid == os.getuid():
+            return own / place
+    return usual  # unpacking there says why it cannot be
 
 
 def _extract(path: Path, what: str, description: str, folder: Path) -> None:

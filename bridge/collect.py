@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.can.log import FrameLog, write_log
+from bridge.can.log import FrameLog, once, write_log
 from bridge.cut import NodePlan
 from bridge.journal import Journal
 from bridge.lives import Life, frame_files, lives_of
-from bridge.native.frame import Flags
 from bridge.system import System
 from bridge.wiring import Rows
 from cosim.links.grid import Grid
@@ -163,14 +162,9 @@ def bus_logs(system: System, nodes: Path) -> dict[str, FrameLog]:
         files = list(frame_files(nodes, name).values())
         if bus.kind != "can" or not files:
             continue
-        parts = [Journal.open(path) for path in files]
-        sent = [p[p["flags"] & Flags.SENT != 0] for p in parts]
-        known = np.unique(np.concatenate([p["id"] for p in sent]))
-        heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(p["id"], known)] for p in parts]
-        foreign = max(heard, key=len)
-        rows = np.concatenate([*sent, foreign])
+        rows = once([Journal.open(path) for path in files])
         rows["bus"] = 0
-        logs[name] = FrameLog(rows[np.argsort(rows["t_ns"], kind="stable")], (_channel(bus, name),))
+        logs[name] = FrameLog(rows, (_channel(bus, name),))
     return logs
 
 

@@ -14,6 +14,7 @@ from bridge.attach import can_spec
 from bridge.can import interface
 from bridge.can.interface import Attachment
 from bridge.can.profiles import Profile, load_profile
+from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Frame
 from bridge.system import System
 from cosim.clock import monotonic_ns, sleep
@@ -80,9 +81,10 @@ def _watchdog(drive: Foreign, end: Attachment) -> None:
         return
     end.bus.drain()
     end.bus.send(Frame.of(*own.read.at(drive.node)))
+    answer = Accept(own.reply.at(drive.node)[0], flag_mask=FORMAT)
     until = monotonic_ns() + round(PATIENCE * 1e9)
     while monotonic_ns() < until:
-        for frame in end.bus.drain():
+        for frame in filter(answer.takes, end.bus.drain()):
             if own.check(drive.profile.timeout, drive.node, frame.id, frame.payload):
                 return
         sleep(0.005)

@@ -23,7 +23,7 @@ from bridge.can.log import frame_of
 from bridge.compared import History
 from bridge.logged import Sample
 from bridge.native import node as native
-from bridge.native.bus import Bus, Kind
+from bridge.native.bus import Accept, Bus, Kind
 from bridge.native.frame import Ring
 from bridge.native.safety import State
 from bridge.system import System
@@ -217,15 +217,17 @@ def _arrivals(
 ) -> dict[str, tuple[NDArray[np.void], NDArray[np.int64]]]:
     """(rows, times since `start`) of what a node hears, by bus: all but its own frames."""
     number = system.deployment.nodes[name].number
-    own = {m.encoding.message.id for m in system.messages.values() if m.node == name}
     found = {}
     for bus in system.buses_of(name):
         rows = buses.get(bus)
         if rows is None:
             continue
-        beats = system.services[bus].heartbeats if bus in system.services else {}
-        mine = own | {beat.message.id for n, beat in beats.items() if n == number}
-        rows = rows[~np.isin(rows["id"], sorted(mine))]
+        sent = [m for m in system.messages.values() if m.node == name and m.bus == bus]
+        own = [m.encoding.message for m in sent]
+        beat = system.services[bus].heartbeats.get(number)
+        own += [] if beat is None else [beat.message]
+        for message in own:
+            rows = rows[~Accept.of(message).among(rows)]
         found[bus] = rows, rows["t_ns"].astype(np.int64) - start
     return found
 

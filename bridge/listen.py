@@ -17,7 +17,7 @@ from bridge.can.interface import Attachment
 from bridge.can.socket import BusError
 from bridge.deploy import BusSpec, Deployment
 from bridge.heard import Beat, Heard
-from bridge.native.bus import Traffic
+from bridge.native.bus import Accept, Traffic
 from bridge.native.frame import Frame
 from bridge.system import System
 from cosim.errors import ScenarioError
@@ -84,7 +84,8 @@ class Listener:
         self.new_ns = 0
         """When a message was last listened to that was not before, monotonic; 0: from the start."""
         buses = _wanted(system.deployment, only)
-        self._by_bus: dict[str, dict[int, Beat | Heard]] = {name: {} for name in buses}
+        self._by_bus: dict[str, dict[int, list[tuple[Accept, Beat | Heard]]]]
+        self._by_bus = {name: {} for name in buses}  # by identifier, which two formats may share
         self.unknown: dict[str, int] = dict.fromkeys(buses, 0)
         for name in buses:
             self._expect(name)
@@ -101,17 +102,20 @@ class Listener:
             raise
 
     def _expect(self, bus: str) -> None:
-        known = self._by_bus[bus]
+        known: list[Beat | Heard] = []
         for node, spec in self.system.deployment.nodes.items():
             beats = self.system.services[bus].heartbeats
             if spec.number in beats:
                 message = beats[spec.number].message
                 self.beats.setdefault(node, Beat(message))
-                known[message.id] = self.beats[node]
+                known.append(self.beats[node])
         for carried in self.system.messages.values():
             if carried.bus == bus:
-                found = Heard.of(carried)
-                self.heard[carried.name] = known[found.message.id] = found
+                self.heard[carried.name] = Heard.of(carried)
+                known.append(self.heard[carried.name])
+        for one in known:
+            same = self._by_bus[bus].setdefault(int(one.message.id), [])
+            same.append((Accept.of(one.message), one))
 
     def take(self, now_ns: int) -> int:
         """Everything that has come; how many frames. Call it some ten times a second."""
@@ -128,7 +132,8 @@ class Listener:
         return total
 
     def _told(self, bus: str, frame: Frame) -> None:
-        match self._by_bus[bus].get(int(frame.id)):
+        same = self._by_bus[bus].get(int(frame.id), ())
+        match next((one for accept, one in same if accept.takes(frame)), None):
             case Beat() as beat:
                 if beat.take(frame):
                     self._again(beat)

@@ -110,7 +110,7 @@ class Lockstep:
         carried, order = system.messages[message], list(system.nodes)
         capacity = -(-system.plan.ticks // carried.outlet.ticks)
         return native.Stream(
-            id=carried.encoding.message.id,
+            message=c.pointer(carried.encoding.message),
             bus=system.buses_of(self._name).index(carried.bus),
             before=order.index(carried.node) < order.index(self._name),
             period_ns=carried.period_ns,

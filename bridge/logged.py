@@ -13,6 +13,7 @@ from bridge.can.codec import Codec
 from bridge.can.log import FrameLog, frame_of, read_log
 from bridge.can.timing import BusTiming
 from bridge.deploy import BusSpec
+from bridge.native.bus import Accept
 from bridge.native.load import frame_time_ns
 from bridge.native.message import Decoded
 from bridge.native.safety import State
@@ -81,7 +82,7 @@ def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[
     assert isinstance(codec, Codec)
     timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
     tells = codec.layout.status_mask & LIFE == LIFE
-    for row in rows[rows["id"] == codec.message.id]:
+    for row in rows[Accept.of(codec.message).among(rows)]:
         frame = frame_of(row)
         result, values, header = codec.decode(frame.payload)
         if result is Decoded.OK:

@@ -19,6 +19,7 @@ from bridge.cut import NodePlan
 from bridge.held import Held
 from bridge.lateness import Spread
 from bridge.lives import Life
+from bridge.native.bus import Accept
 from bridge.native.frame import Flags
 from bridge.native.safety import State
 from bridge.safety import explain, explain_guard
@@ -198,12 +199,12 @@ def _lost(
     into = frames.get((receivers[-1], carried.bus))
     if out is None or into is None or not len(out) or not len(into):
         return 0, 0
-    number = carried.encoding.message.id
+    accept = Accept.of(carried.encoding.message)
     end = min(int(out["t_ns"][-1]), int(into["t_ns"][-1])) - round(SLACK * 1e9)
-    due = (out["id"] == number) & (out["t_ns"] <= end) & (out["t_ns"] > end - round(SPAN * 1e9))
+    due = accept.among(out) & (out["t_ns"] <= end) & (out["t_ns"] > end - round(SPAN * 1e9))
     due &= (out["t_ns"] > into["t_ns"][0]) & (out["flags"] & Flags.SENT != 0)
     sent = out[due]
-    heard = into[(into["id"] == number) & (into["flags"] & Flags.SENT == 0)]
+    heard = into[accept.among(into) & (into["flags"] & Flags.SENT == 0)]
     width = int(sent["length"].max(initial=0))  # beyond it there is anything
     there = set(_payloads(heard, width))
     return sum(data not in there for data in _payloads(sent, width)), len(sent)

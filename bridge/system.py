@@ -16,7 +16,7 @@ from bridge.can.layout import Layout, find
 from bridge.cut import NodePlan, Outlet, cut, start_values
 from bridge.deploy import Deployment
 from bridge.fault_script import EXTENDED
-from bridge.native.bus import ALL_BITS, FORMAT, KIND, Accept
+from bridge.native.bus import Accept
 from bridge.native.frame import Flags
 from bridge.native.message import Message
 from bridge.routes import Forward
@@ -100,10 +100,9 @@ class System:
         heard = [m for m in map(self.messages.__getitem__, self.heard_by(node)) if m.bus == bus]
         wanted = [m.encoding.message for m in heard]
         wanted += [e.message for name, e in service.named().items() if name != "ESTOP"]
-        found = [Accept(m.id, ALL_BITS, m.flags & FORMAT, FORMAT) for m in wanted]
+        found = [Accept.of(m) for m in wanted]
         if service.estop is not None:
-            m = service.estop.message
-            found.append(Accept(m.id, ALL_BITS, m.flags & KIND, KIND))
+            found.append(Accept.of_estop(service.estop.message))
         return tuple(found)
 
     def peers_of(self, node: str) -> tuple[str, ...]:

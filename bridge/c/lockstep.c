@@ -45,7 +45,7 @@ static int32_t keep(lockstep_t *l, const frame_t *frame, int32_t bus)
 {
     for (int32_t i = 0; i < l->n_streams; i++) {
         stream_t *s = l->streams + i;
-        if (s->id != frame->id || s->bus != bus) continue;
+        if (s->bus != bus || !message_is(s->message, frame)) continue;
         if (s->received >= s->capacity) return 0;
         if (counter(frame) != (s->received & 0xFFFF)) {
             l->awaited = i;

@@ -15,10 +15,9 @@
 enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11 };
 
 typedef struct {
-    uint32_t id;            /* of its frames */
+    const message_t *message;   /* whose frames it holds */
     int32_t bus;
     int32_t before;         /* at equal times its sender comes first */
-    int32_t reserved;
     int64_t period_ns, offset_ns;   /* sample s is sent at s*period + offset */
     int64_t received, given;        /* samples 0.. that are there; that the node has heard */
     int64_t capacity;       /* samples of the run */

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.can.ringed import to_frame, to_message
+from bridge.native.bus import FORMAT
 from bridge.native.frame import Flags, Frame, frame_dtype
 from cosim.errors import CosimError
 
@@ -54,13 +55,19 @@ def frame_of(row: np.void) -> Frame:
 def once(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     """Rows of one bus by its nodes: what they sent, and of others what the best listener heard.
 
-    By time; each frame is there once, at its sender's time if that is one of the nodes.
+    By time; each frame is there once, at its sender's time if that is one of the nodes. Frames
+    with an identifier that a node sends, but of another format, are others'.
     """
     sent = [p[p["flags"] & Flags.SENT != 0] for p in parts]
-    known = np.unique(np.concatenate([p["id"] for p in sent]))
-    heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(p["id"], known)] for p in parts]
+    known = np.unique(np.concatenate([_kinds(p) for p in sent]))
+    heard = [p[(p["flags"] & Flags.SENT == 0) & ~np.isin(_kinds(p), known)] for p in parts]
     rows = np.concatenate([*sent, max(heard, key=len)])
     return rows[np.argsort(rows["t_ns"], kind="stable")]
+
+
+def _kinds(rows: NDArray[np.void]) -> NDArray[np.uint64]:
+    """Identifier and format of each row in one number, (rows,)."""
+    return rows["id"].astype(np.uint64) << np.uint64(8) | rows["flags"] & np.uint8(FORMAT)
 
 
 def write_log(log: FrameLog, path: Path | str, wall_ns: int = 0) -> None:

@@ -10,10 +10,12 @@ from functools import lru_cache
 from typing import Self, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.journal import Journal, JournalStruct
 from bridge.native.frame import Flags, Frame, Ring, RingStruct
 from bridge.native.library import library
+from bridge.native.message import Message
 from cosim.errors import CosimError
 
 SLOTS, SLOT_NS = 16, 100_000_000
@@ -60,10 +62,27 @@ class Accept(c.Structure):
     ) -> None:
         super().__init__(identifier, mask, int(flags), int(flag_mask))
 
+    @classmethod
+    def of(cls, message: Message) -> Accept:
+        """Frames of a message: its identifier and its format, as `message_is` has it."""
+        return cls(message.id, ALL_BITS, message.flags & FORMAT, FORMAT)
+
+    @classmethod
+    def of_estop(cls, message: Message) -> Accept:
+        """Frames that are an emergency stop: classic or CAN FD, of any length."""
+        return cls(message.id, ALL_BITS, message.flags & KIND, KIND)
+
     def takes(self, frame: Frame) -> bool:
         """Whether it is one of these frames."""
         same = not (frame.id ^ self.id) & self.mask
         return same and not (frame.flags ^ self.flags) & self.flag_mask
+
+    def among(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Which rows of a log or record (fields `id` and `flags`) are such frames, (rows,)."""
+        other_id = (rows["id"] ^ np.uint32(self.id)) & np.uint32(self.mask)
+        flags = rows["flags"].astype(np.uint32)
+        other_format = (flags ^ np.uint32(self.flags)) & np.uint32(self.flag_mask)
+        return np.asarray((other_id == 0) & (other_format == 0))
 
 
 @final

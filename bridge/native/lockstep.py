@@ -8,6 +8,7 @@ from functools import lru_cache
 from bridge.native.bus import BusStruct
 from bridge.native.frame import Frame
 from bridge.native.library import library
+from bridge.native.message import Message
 from bridge.native.node import Node
 
 STALLED, LOST = -10, -11
@@ -17,10 +18,9 @@ class Stream(c.Structure):
     """``stream_t``."""
 
     _fields_ = (
-        ("id", c.c_uint32),
+        ("message", c.POINTER(Message)),
         ("bus", c.c_int32),
         ("before", c.c_int32),
-        ("reserved", c.c_int32),
         ("period_ns", c.c_int64),
         ("offset_ns", c.c_int64),
         ("received", c.c_int64),

@@ -17,6 +17,7 @@ from bridge.relay import namespaces
 from bridge.relay.network import Network
 from bridge.system import System
 from cosim.errors import ScenarioError
+from cosim.interrupts import deferred
 
 PORT = 7461
 #: TCP, and UDP for samples. Who connects goes on to UDP when TCP stands: declarations that go two
@@ -99,18 +100,20 @@ class Hosts:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            if self.network is not None:
-                stack.enter_context(self.network)
-            else:
-                namespaces.add(self._only)
-                stack.callback(namespaces.delete, self._only)
-            for host in self.hosts:
-                namespaces.multicast(self._namespace(host))
+            with deferred(lambda: None):  # a signal comes when everything made is known
+                if self.network is not None:
+                    stack.enter_context(self.network)
+                else:
+                    namespaces.add(self._only)
+                    stack.callback(namespaces.delete, self._only)
+                for host in self.hosts:
+                    namespaces.multicast(self._namespace(host))
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        with deferred(lambda: None):  # a signal does not leave half of it behind
+            self._stack.close()
 
     def inside(self, node: str) -> AbstractContextManager[None]:
         """The calling thread on the host of a node: what it starts belongs there."""
@@ -135,8 +138,9 @@ def missing() -> str:
 @contextmanager
 def _tried() -> Iterator[str]:
     name = f"{namespaces.PREFIX}{os.getpid()}-tried{next(_NUMBER)}"
-    namespaces.add(name)
-    try:
-        yield name
-    finally:
-        namespaces.delete(name)
+    with deferred(lambda: None):
+        namespaces.add(name)
+        try:
+            yield name
+        finally:
+            namespaces.delete(name)

@@ -200,6 +200,9 @@ def _ended(wired: Wired, result: int) -> tuple[End, str]:
     """How it ended, and what went wrong in a sentence."""
     s = wired.struct
     if result > 0:
+        end = wired.engine.end(result)
+        if end is not None:
+            return End.ENDED, str(end)
         return End.FAILED, str(wired.engine.failure(result))
     if result == native.FINISHED and s.first >= s.slots:
         return End.TOO_LATE, (

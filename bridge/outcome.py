@@ -62,8 +62,13 @@ class Outcome:
 
     @property
     def finished(self) -> bool:
-        """Whether every node came to the end of the run without a stop."""
-        return bool(self.reports) and all(r.end is End.FINISHED for r in self.reports)
+        """Whether every node came to the end of the run without a stop.
+
+        Where an FMU ended the simulation, that is the end, and all others stop for it.
+        """
+        ends = {r.end for r in self.reports}
+        whole = {End.ENDED, End.FINISHED, End.STOPPED} if End.ENDED in ends else {End.FINISHED}
+        return bool(ends) and ends <= whole
 
 
 def clear(folder: Path) -> None:

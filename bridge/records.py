@@ -33,6 +33,8 @@ class End(StrEnum):
     """It was ready when the run was over."""
     DEAF = "deaf"
     """It came to the end, and has heard not one sample of a message that it needs."""
+    ENDED = "ended"
+    """An FMU of it ended the simulation."""
     KILLED = "killed"
     """It left no report."""
 

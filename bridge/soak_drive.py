@@ -49,15 +49,18 @@ def soak(
     """
     with stores.locked(job.folder):
         _claim(job)
-        for name in namespaces.abandoned():
-            namespaces.delete(name)
+        namespaces.sweep()
         with Store(job.folder, UNITS) as store:
             names = {f"{k:05d}": k for k in range(runs)}
             again = store.failed & set(names) if retry else set[str]()
             todo = [k for name, k in names.items() if name not in store.done - again]
             there = len(store.done & set(names))
             begun(Begun(runs, runs, there, len(todo), False, 0, len(again)))
-            _run(job, todo, parallel, store, done, stopping)
+            try:
+                _run(job, todo, parallel, store, done, stopping)
+            finally:
+                with deferred(lambda: None):
+                    namespaces.sweep()  # of workers that were killed
         found = stores.rows(job.folder)
         records = [found[name] for name in sorted(found)]
         stores.write_table(job.folder / TABLE, records, UNITS)

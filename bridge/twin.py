@@ -89,7 +89,7 @@ def run(system: System, nodes: Mapping[str, Wired]) -> None:
         routes.ctypes.data,
         width,
     )
-    if result:
+    if result and not any(w.engine.end(w.struct.result) for w in nodes.values()):
         raise _failed(nodes, result)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from bridge.protect import drives_by
 from bridge.records import End
+from bridge.report import NodeReport
 from bridge.surplus import surpluses
 from bridge.system import System
 
@@ -73,10 +74,15 @@ def of(system: System, outcome: Outcome) -> Verdict:
     return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
 
 
+def _stopped(outcome: Outcome, report: NodeReport) -> bool:
+    """Whether a life of a node ended otherwise than it should."""
+    return not outcome.finished and report.end is not End.FINISHED
+
+
 def _always(system: System, outcome: Outcome) -> Iterator[str]:
     """What no lateness explains."""
     for report in outcome.reports:
-        if report.end is not End.FINISHED and not set(report.reasons) & OF_TIME:
+        if _stopped(outcome, report) and not set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why or report.end}"
     if outcome.replayed is None:
         yield f"cannot be replayed: {outcome.replay_error}"
@@ -90,7 +96,7 @@ def _always(system: System, outcome: Outcome) -> Iterator[str]:
 def _of_time(outcome: Outcome) -> Iterator[str]:
     """What a machine that stands still can cause as well."""
     for report in outcome.reports:
-        if report.end is not End.FINISHED and set(report.reasons) & OF_TIME:
+        if _stopped(outcome, report) and set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why}"
     for fault in outcome.faults:
         if fault.missing:

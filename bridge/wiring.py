@@ -30,7 +30,7 @@ from bridge.system import System
 from cosim import native as engine_native
 from cosim.clock import stopwatch
 from cosim.engine import Engine
-from cosim.errors import CosimError
+from cosim.errors import CosimError, RunError
 from cosim.initialization import part
 from cosim.native import Code
 
@@ -156,6 +156,8 @@ class Wired:
 
     def _initialize(self, slot: int) -> None:
         self.engine.initialize(slot)
+        if self.engine.ended is not None:
+            raise RunError(f"{self.engine.ended}: before its first step, there is nothing to run")
         self.engine.prepare(self.plan.slots)
         state, s = self.engine.state, self.struct
         s.engine, s.signals = c.addressof(state), self.engine.signals.ctypes.data

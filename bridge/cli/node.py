@@ -132,5 +132,5 @@ def _say(system: Any, folder: Path, report: Statement) -> None:
         typer.echo(f"{r.life!s:<16} {r.text()}")
     typer.echo(f"{'end':<16} {report.end} {report.why} {report.error}".rstrip())
     typer.echo(f"{'run folder':<16} {folder}")
-    if report.end is not End.FINISHED:
+    if report.end not in (End.FINISHED, End.ENDED):
         raise typer.Exit(1)

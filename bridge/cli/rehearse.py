@@ -148,7 +148,7 @@ def _run(
 ) -> None:
     from dataclasses import replace
 
-    from bridge import happen
+    from bridge import happen, reach
     from bridge.faults import load
     from bridge.outcome import begin, clear, complete
     from bridge.rehearse import Rehearsal
@@ -157,6 +157,7 @@ def _run(
     from cosim.interrupts import exit_code
     from cosim.record import claim_folder
 
+    reach.check(system, settings.nodes)
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
         settings = replace(settings, events=happen.events(script, system))
@@ -245,7 +246,11 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
 
 def well(outcome: Outcome) -> str:
     """What is said of a run that has passed."""
+    from bridge.records import End, Gone
+
     missed = sum(r.lateness.missed for r in outcome.reports)
     slots = sum(r.slots for r in outcome.reports)
     share = f"{missed} of {slots} slots missed" if missed else "no slot missed"
-    return f"every node finished, {share}, replays exactly"
+    ended = [n.detail for n in outcome.notes if isinstance(n, Gone) and n.end is End.ENDED]
+    how = "; ".join(ended) or "every node finished"
+    return f"{how}, {share}, replays exactly"

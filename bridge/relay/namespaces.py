@@ -38,6 +38,12 @@ def multicast(name: str) -> None:
     ip("-n", name, "route", "add", "224.0.0.0/4", "dev", "lo")
 
 
+def sweep() -> None:
+    """Remove namespaces of ours whose process is gone."""
+    for name in abandoned():
+        delete(name)
+
+
 def abandoned() -> list[str]:
     """Namespaces of ours whose process is gone: it was killed."""
     found = []
@@ -51,7 +57,10 @@ def abandoned() -> list[str]:
 def ip(*arguments: str) -> str:
     """Run iproute2. Raises NetworkError with what it said."""
     try:
-        found = subprocess.run(["ip", *arguments], capture_output=True, text=True, check=False)
+        found = subprocess.run(
+            ["ip", *arguments], capture_output=True, text=True, check=False,
+            start_new_session=True,  # a signal to our process group does not cut it short
+        )  # fmt: skip
     except OSError as error:
         raise NetworkError(f"ip {' '.join(arguments)}: {error}") from error
     if found.returncode:

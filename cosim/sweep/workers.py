@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for
 from typing import Any, Literal, TypeVar
 
+from cosim.clock import sleep
 from cosim.errors import RunError, ScenarioError
 from cosim.failures import sentence
 
@@ -30,6 +31,8 @@ R = TypeVar("R")
 AHEAD = 2
 #: How long a scheduler may take to answer, s.
 PATIENCE = 10.0
+#: How long a call may take to end when the parent is gone, s.
+GRACE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,8 @@ def _follow() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait_for([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)  # a call that cleans up behind itself does so
+        sleep(GRACE)
         os._exit(1)
 
 

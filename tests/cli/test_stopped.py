@@ -67,7 +67,7 @@ def test_a_run_that_fails_early_keeps_what_there_is(cosim: Command, tmp_path: Pa
 def test_nan_at_the_start_leaves_nothing_behind(cosim: Command, tmp_path: Path) -> None:
     Path("half.toml").write_text(
         '[run]\nstep = 0.1\nstop = 1\n[components.half]\nmodel = "tests.cli.components:Half"\n'
-        "start.u = [nan, 0]\n",
+        "start.u = [0, 0]\nparameters.fails = -1\n",
         encoding="utf-8",
     )
     said = cosim.refused("run", "half.toml", "--out", "here", code=1)

@@ -162,18 +162,17 @@ class Wired:
         state, s = self.engine.state, self.struct
         s.engine, s.signals = c.addressof(state), self.engine.signals.ctypes.data
         s.run = engine_native.address(engine_native.library().engine_run)
-        kind = engine_native.EngineState
-        s.record = s.engine + kind.record.offset
-        s.record_row = s.engine + kind.row.offset
+        s.record, s.record_row = (
+            s.engine + f.offset for f in (type(state).record, type(state).row)
+        )
         self._bind_played(state)
 
     def _bind_played(self, state: engine_native.EngineState) -> None:
         """Tables of edges, weights and links, go on where the run is, also in a second life."""
-        player, link = engine_native.Player, engine_native.Link
         kinds = {
-            Code.PLAY: (state.players, player, player.row.offset),
-            Code.PULL: (state.links, link, link.row.offset),
-            Code.PUSH: (state.links, link, link.before.offset),
+            Code.PLAY: (state.players, engine_native.Player, engine_native.Player.row.offset),
+            Code.PULL: (state.links, engine_native.Link, engine_native.Link.row.offset),
+            Code.PUSH: (state.links, engine_native.Link, engine_native.Link.before.offset),
         }
         rows = []
         for o in self.plan.plan.operations:

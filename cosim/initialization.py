@@ -93,7 +93,7 @@ def _exit(step: Step, outputs: Views) -> End | None:
     with starting(step.name):
         for port, value in step.component.exit_initialization().items():
             outputs[port][...] = value
-        return End(step.name, 0.0) if step.component.instance.has_ended() else None
+        return End(step.name, step.component.begin) if step.component.instance.has_ended() else None
 
 
 def _check(plan: Plan, signals: Vector) -> None:

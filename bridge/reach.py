@@ -10,7 +10,7 @@ import socket
 from collections.abc import Callable, Sequence
 from contextlib import closing
 
-from bridge.can.multicast import open_group
+from bridge.can.multicast import probe as multicast
 from bridge.can.socket import BusError
 from bridge.deploy import BusSpec
 from bridge.system import System
@@ -51,22 +51,3 @@ def loopback() -> None:
             socket.create_connection(server.getsockname(), PATIENCE).close()
         except OSError as error:
             raise OSError(f"no connection to 127.0.0.1 ({error.strerror or error})") from error
-
-
-def multicast() -> None:
-    """Send a packet to a multicast group on loopback, and get it. Raises OSError, BusError."""
-    import can
-
-    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    sender, receiver = (open_group(port=port) for _ in range(2))
-    try:
-        sender.send(can.Message(arbitration_id=1, data=b"cosim", is_extended_id=False))
-        if receiver.recv(PATIENCE) is None:
-            raise OSError("a multicast packet does not come back over loopback")
-    except can.CanError as error:
-        raise OSError(f"no multicast over loopback ({error})") from error
-    finally:
-        sender.shutdown()
-        receiver.shutdown()

@@ -25,6 +25,8 @@ from cosim import clock
 GROUP, PORT = "239.74.163.2", 43113
 """Where python-can's own bus is with IPv4."""
 LARGEST = 4096
+#: How long a packet to oneself may take, s: on loopback it takes microseconds.
+PATIENCE = 1.0
 _ALL, _RCVBUFFORCE, _RXQ_OVFL = 49, 33, 40
 
 
@@ -50,6 +52,23 @@ def open_group(
         receiver.close()
         raise BusError(f"udp_multicast {address[0]}: {error.strerror}") from error
     return MulticastBus(address, receiver, sender, fd, options)
+
+
+def probe() -> None:
+    """Send a packet to a group on the loopback interface, and get it. Raises OSError, BusError."""
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    sender, receiver = (open_group(port=port) for _ in range(2))
+    try:
+        sender.send(can.Message(arbitration_id=1, data=b"cosim", is_extended_id=False))
+        if receiver.recv(PATIENCE) is None:
+            raise OSError("a multicast packet does not come back over loopback")
+    except can.CanError as error:
+        raise OSError(f"no multicast over loopback ({error})") from error
+    finally:
+        sender.shutdown()
+        receiver.shutdown()
 
 
 @final

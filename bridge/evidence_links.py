@@ -12,7 +12,7 @@ from bridge.fault_script import Event
 from bridge.findings import Place, Signs
 from bridge.lives import Life
 from bridge.relay.router import UDP
-from bridge.signs import SIGNS, Shown
+from bridge.signs import COUNTERS, SIGNS, Shown
 from bridge.wiring import Rows
 
 #: Packets of samples below which a fault had nothing to act on; some are of handshakes.
@@ -49,7 +49,7 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
         rows = packets.of(link)
         t = (rows["t_ns"] - network.start_ns) * 1e-9
         rows = rows[(t >= first.t) & (t < t1)]
-        for life, message in _receivers(link, first.t, t1, shown, network):
+        for life, message in _receivers(first.action, link, first.t, t1, shown, network):
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
             acted, least = _acted(first.action, rows[rows["length"] >= size])
             done = acted if acted >= FEW[first.action] else 0
@@ -58,7 +58,7 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
 
 
 def _receivers(
-    link: str, t0: float, t1: float, shown: Shown, network: Network
+    action: str, link: str, t0: float, t1: float, shown: Shown, network: Network
 ) -> Iterator[tuple[Life, str]]:
     source, _, target = link.partition(">")
     for node in network.hosts[target]:
@@ -66,7 +66,11 @@ def _receivers(
             carried = shown.system.messages[message]
             zenoh = shown.system.deployment.buses[carried.bus].kind == "zenoh"
             if zenoh and carried.node in network.hosts[source]:
-                for life in shown.alive(node, t0, t1):
+                lives = shown.alive(node, t0, t1)
+                # Of one that did not live to tell there are its rows, but no counters.
+                if set(SIGNS[action]) - set(COUNTERS):
+                    lives += [x for x in shown.throughout(node, t0, t1) if x not in lives]
+                for life in lives:
                     yield life, message
 
 

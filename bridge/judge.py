@@ -26,7 +26,7 @@ from bridge.rehearse import NODES
 from bridge.report import NodeReport
 from bridge.safety import names, per_joint
 from bridge.system import Carried, System
-from bridge.wiring import Rows
+from bridge.wiring import HEARD, Rows
 
 #: Counters of what a receiver refuses because of a frame's content.
 REFUSED = ("crc", "length", "invalid", "range")
@@ -196,13 +196,13 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
 
 
 def _accepted(system: System, outcome: Outcome, report: NodeReport, message: str) -> dict[int, int]:
-    """When (ns, of its slot) each sequence number was first the newest accepted."""
-    node = system.nodes[report.life.node]
-    index = next(i for i, inlet in enumerate(node.inlets) if inlet.message == message)
-    rows = outcome.rows[report.life]
-    newest, at = np.unique(rows["inlets"]["newest"][:, index], return_index=True)
-    times = rows["slot"][at] * round(node.h * 1e9)
-    return {int(n): int(t) for n, t in zip(newest, times, strict=True)}
+    """When (ns, its arrival) each sequence number was first accepted."""
+    path = outcome.folder / NODES / report.life.file(HEARD)
+    rows = Journal.open(path)
+    mine = rows[rows["message"] == system.heard_by(report.life.node).index(message)]
+    numbers, at = np.unique(mine["sequence"], return_index=True)
+    times = mine["arrival_ns"][at]
+    return {int(n): int(t) for n, t in zip(numbers, times, strict=True)}
 
 
 # ---- torques --------------------------------------------------------------------------------

@@ -37,7 +37,10 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "freeze": ("late", "ended"),
     "clock-jump": ("late", "stopped", "silence"),
     "bus-down": ("health",),
-    "forge": ("wrong_sequence", "range", "rate", "invalid", "resyncs", "surplus", "altered"),
+    "forge": (
+        *("wrong_sequence", "reordered", "repeated", "range", "rate", "invalid", "resyncs"),
+        *("surplus", "altered"),
+    ),
     "replay": ("wrong_sequence", "reordered", "repeated", "stale", "surplus", "altered"),
     "absurd": ("range", "rate", "invalid", "altered"),
     "flood": ("surplus",),
@@ -110,10 +113,14 @@ class Shown:
     # ---- times -------------------------------------------------------------------------------
 
     def age(self, life: Life, message: str, t0: float, t1: float, least: float) -> Signs:
-        """How long a sample of this time was on the way, if that is nearly `least` s."""
+        """How long a sample of this time was on the way, if that is nearly `least` s.
+
+        What a gateway hears is seen where it arrives that the gateway makes of it.
+        """
         taken = [
             float(rows["transit_ns"][rows["newest"] >= 0].max(initial=0)) * 1e-9
-            for rows in self._inlets(life, message, t0, t1 + AFTER)
+            for place, name in self._ends(life, message)
+            for rows in self._inlets(place, name, t0, t1 + AFTER)
         ]
         worst = max(taken, default=0.0)
         return (Sign(what="age", number=worst),) if worst >= LONG * least > 0 else ()
@@ -161,6 +168,21 @@ class Shown:
             for life in self.lives(node)
             if self.said(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
         ]
+
+    def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
+        """Lives of a node with slots from before this time until after it."""
+        return [x for x in self.lives(node) if self._t(x)[0] <= t0 and self._t(x)[-1] >= t1]
+
+    def _ends(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
+        """Where a message goes from here: to this life's inputs, and over what it forwards."""
+        yield life, message
+        for name, made in self.system.messages.items():
+            if made.forward is None or (made.forward.of, made.node) != (message, life.node):
+                continue
+            for node in self.system.nodes:
+                if name in self.system.heard_by(node):
+                    for other in self.lives(node):
+                        yield from self._ends(other, name)
 
     def _t(self, life: Life) -> NDArray[np.float64]:
         h = self.system.nodes[life.node].h

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shutil
 import signal
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 
 from bridge import evidence_links, happen, judge
 from bridge.campaign import RunSpec
-from bridge.fault_script import FaultScript
+from bridge.fault_script import HOSTILE, FaultScript
 from bridge.faults import build
 from bridge.hosts import Hosts, groups, settings
 from bridge.judge import Judged
@@ -25,8 +25,9 @@ from bridge.lives import Life
 from bridge.outcome import Outcome, complete
 from bridge.records import End, Missed, Refused
 from bridge.rehearse import NODES, Node, Rehearsal, Settings
-from bridge.soak_spec import Soak, draw, text
+from bridge.soak_spec import Soak, Table, draw, text
 from bridge.system import System, load_system
+from bridge.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
 from bridge.wiring import Rows
 from cosim.analysis import declared
 from cosim.analysis.metrics import evaluate
@@ -42,7 +43,9 @@ RUNS, SCRIPT = "runs", "script.toml"
 STOPS: Mapping[str, frozenset[str]] = {
     "": frozenset({"stale", "watchdog", "peer", "sync", "jump"}),
     "freeze": frozenset({"overrun"}),
+    "clock-jump": frozenset({"overrun"}),
     "restart": frozenset({"apart"}),
+    **dict.fromkeys(HOSTILE, frozenset({"guard", "component"})),
 }
 #: What a process says on standard error when it has crashed.
 CRASHED = ("Traceback (most recent", "panicked at", "Fatal Python error", "Segmentation fault")
@@ -69,7 +72,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class _Done:
+class RunDone:
     """A run that came to its end, with all there is to judge it by."""
 
     system: System
@@ -79,34 +82,61 @@ class _Done:
     lives: Sequence[Node]
 
 
+#: What a run's faults are drawn by: from the system and the links between its hosts.
+Drawn = Callable[[System, tuple[str, ...]], Table]
+
+
 def perform(job: Job, k: int) -> Row:
     """Run `k`; what goes wrong becomes the reason of its row."""
+
+    def drawn(system: System, links: tuple[str, ...]) -> Table:
+        return draw(job.soak, system, links, job.seed, k)
+
+    return performed(job, k, lambda folder: rehearsed(job, k, folder, drawn))
+
+
+def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> Row:
+    """Judge what `run` makes in the folder of run `k`; what goes wrong becomes its row's reason."""
     name, watch = f"{k:05d}", stopwatch()
     folder = job.folder / RUNS / name
     shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     cells: dict[str, Any] = {"faults": "", "zenoh": Path(job.soak.zenoh(job.seed, k)).stem}
     measures: dict[str, float] = {}
     try:
         with terminated(), np.errstate(all="ignore"):
-            done = _run(job, k, folder)
+            done = run(folder)
             measures = _measures(job, done)
-            failures = list(_failures(job, done, measures))
+            found = judged(job, done, measures)
         cells["faults"] = ", ".join(f.kind for f in done.outcome.faults)
         cells["ended"] = "; ".join(f"{x}: {why}" for x, why in done.judged.ended.items())
     except CosimError as error:
-        failures = [f"no run: {error}"]
+        found = Verdict(Word.ERROR, (f"no run: {error}",))
     except Exception as error:
-        failures = [f"no verdict: {sentence(error)}"]
-    if not failures and not job.keep:
+        found = Verdict(Word.ERROR, (f"no verdict: {sentence(error)}",))
+    cells["verdict"] = str(found.word)
+    well = found.word is Word.PASSED
+    if well and not job.keep:
         shutil.rmtree(folder, ignore_errors=True)
     return Row(
-        name, cells, job.changes, not failures, "; ".join(failures), wall=watch(), measures=measures
+        name, cells, job.changes, well, "; ".join(found.reasons), wall=watch(), measures=measures
     )
 
 
-def _run(job: Job, k: int, folder: Path) -> _Done:
+def judged(job: Job, done: RunDone, measures: Mapping[str, float]) -> Verdict:
+    """The verdict on a run of a soak; inconclusive where only the machine's lateness shows."""
+    found, timed = list(_always(job, done, measures)), list(_timed(job, done, measures))
+    if found:
+        return Verdict(Word.FAILED, (*found, *timed))
+    late = unasked_lateness(done.system, done.outcome)
+    if timed and late >= limit(done.system) / 2:
+        why = f"this machine let a node wait for {late * 1e3:.0f} ms"
+        return Verdict(Word.INCONCLUSIVE, (why, *timed))
+    return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
+
+
+def rehearsed(job: Job, k: int, folder: Path, drawn: Drawn) -> RunDone:
     """Rehearse with what is drawn for this run, and make its folder."""
-    folder.mkdir(parents=True)
     system = load_system(job.scenario, str(job.deployment), job.changes)
     with ExitStack() as stack:
         changes, hosts = job.changes, None
@@ -118,14 +148,17 @@ def _run(job: Job, k: int, folder: Path) -> _Done:
                 changes += tuple(settings(system, parts, hosts.addresses, zenoh))
             stack.enter_context(hosts)
             system = load_system(job.scenario, str(job.deployment), changes)
-        script = _script(job, k, system, folder, hosts)
+        script = script_of(drawn(system, _links(hosts)), folder)
         return _rehearsed(job, system, changes, script, folder, hosts)
 
 
-def _script(job: Job, k: int, system: System, folder: Path, hosts: Hosts | None) -> FaultScript:
+def _links(hosts: Hosts | None) -> tuple[str, ...]:
     network = hosts.network if hosts else None
-    links = tuple(network.names) if network else ()
-    document = draw(job.soak, system, links, job.seed, k)
+    return tuple(network.names) if network else ()
+
+
+def script_of(document: Table, folder: Path) -> FaultScript:
+    """The script of a run, written into its folder, too."""
     (folder / SCRIPT).write_text(text(document), encoding="utf-8")
     return build(document, folder / SCRIPT)
 
@@ -137,7 +170,7 @@ def _rehearsed(
     script: FaultScript,
     folder: Path,
     hosts: Hosts | None,
-) -> _Done:
+) -> RunDone:
     network = hosts.network if hosts else None
     given = Settings(
         job.scenario, job.deployment, changes, warm_up=0.0, realtime=job.realtime,
@@ -155,13 +188,13 @@ def _rehearsed(
             system, folder, ended, facts, with_twin=False, formats=(), script=script, network=there
         )
     spec = RunSpec(script=str(script.path))
-    return _Done(system, script, outcome, judge.judge(system, spec, outcome), ended.lives)
+    return RunDone(system, script, outcome, judge.judge(system, spec, outcome), ended.lives)
 
 
 # ---- what came of it ------------------------------------------------------------------------
 
 
-def _measures(job: Job, done: _Done) -> dict[str, float]:
+def _measures(job: Job, done: RunDone) -> dict[str, float]:
     """Numbers of a run: faults by kind, torque (N.m), slots missed, lateness (ms), …"""
     found: dict[str, float] = {"s": done.system.plan.ticks * done.system.plan.h}
     for fault in done.outcome.faults:
@@ -215,7 +248,7 @@ def _sent(system: System, name: str, recorded: Rows) -> Iterator[float]:
             first += part.size
 
 
-def _together(job: Job, done: _Done) -> float:
+def _together(job: Job, done: RunDone) -> float:
     """How far the arms are from each other at the end."""
     assert job.soak.spec.together is not None
     wanted = [
@@ -225,18 +258,34 @@ def _together(job: Job, done: _Done) -> float:
     return float(results[0].value) if results else float("nan")
 
 
-def _failures(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterator[str]:
-    """What had to be otherwise."""
+def _always(job: Job, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
+    """What had to be otherwise, however slow the machine."""
     yield from done.judged.failures
     yield from _crashes(done)
-    yield from (f"not in the report: {f.text()}" for f in done.outcome.faults if f.missing)
-    yield from _stops(done)
+    yield from _strangers(done)
+    yield from _stops(done, of_time=False)
     if not measures["torque"] <= job.soak.torque_max:
         yield f"a torque of {measures['torque']:.3g} N.m"
+    for life, recorded in done.outcome.rows.items():
+        if not np.isfinite(recorded["signals"][-1]).all():
+            yield f"{life} ended with signals that are not numbers"
+
+
+def _timed(job: Job, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
+    """What had to be otherwise, but a machine that stands still can cause as well."""
+    yield from (f"not in the report: {f.text()}" for f in done.outcome.faults if f.missing)
+    yield from _stops(done, of_time=True)
     yield from _ways_apart(job, done, measures)
 
 
-def _crashes(done: _Done) -> Iterator[str]:
+def _strangers(done: RunDone) -> Iterator[str]:
+    """Samples that were heard and not sent, where no fault is a hostile peer."""
+    if any(f.kind in HOSTILE for f in done.outcome.faults):
+        return
+    yield from map(str, done.outcome.replayed.altered if done.outcome.replayed else ())
+
+
+def _crashes(done: RunDone) -> Iterator[str]:
     """Processes that did not end as they were told, or left nothing to read."""
     killed = [e.target for e in done.script.events if e.action == "kill"]
     missed = {n.life for n in done.outcome.notes if isinstance(n, Missed)}
@@ -258,25 +307,26 @@ def _crashes(done: _Done) -> Iterator[str]:
             yield f"{report.life}: {report.said.error}"
 
 
-def _stops(done: _Done) -> Iterator[str]:
-    """Nodes that stopped for a reason that no fault explains."""
+def _stops(done: RunDone, of_time: bool) -> Iterator[str]:
+    """Nodes that stopped for a reason that no fault explains, of time or others."""
     kinds = {f.kind for f in done.outcome.faults}
     explained = frozenset().union(*(STOPS.get(kind, frozenset()) for kind in ("", *kinds)))
     for report in done.outcome.reports:
         last = done.outcome.rows[report.life][-1]
         why = judge.reasons(done.outcome, report)
-        if why - explained:
-            yield f"{report.life} stopped: {', '.join(sorted(why - explained))}"
-        if report.end is End.FAULT and last["scale"] != 0.0:
+        why -= explained
+        why = why & OF_TIME if of_time else why - OF_TIME
+        if why:
+            yield f"{report.life} stopped: {', '.join(sorted(why))}"
+        if not of_time and report.end is End.FAULT and last["scale"] != 0.0:
             yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
 
 
-def _ways_apart(job: Job, done: _Done, measures: Mapping[str, float]) -> Iterator[str]:
+def _ways_apart(job: Job, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
     """Arms that are not together although everybody works and had the time."""
     plan, rows = done.system.plan, done.outcome.rows
-    for life, recorded in rows.items():
-        if not np.isfinite(recorded["signals"][-1]).all():
-            yield f"{life} ended with signals that are not numbers"
+    if job.soak.spec.together is None:
+        return
     last = {r.life.node: r for r in done.outcome.reports}
     working = all(r.end is End.FINISHED for r in last.values())
     since = [f.t1 for f in done.outcome.faults]

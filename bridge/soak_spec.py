@@ -26,6 +26,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from bridge.fault_script import HOSTILE
 from bridge.fault_specs import SPECS
 from bridge.system import System
 from cosim.convert import Number, convert, number
@@ -35,6 +36,8 @@ from cosim.scenario import read_document
 #: Kinds a soak can draw, and what it says itself of each.
 FRAMES = ("drop", "burst", "corrupt", "duplicate", "reorder", "delay", "jitter")
 PROCESSES = ("restart", "freeze")
+#: Kinds that only a campaign of many faults draws.
+OTHERS = ("sync-loss", "kill", "clock-jump")
 LINKS = ("net-down", "net-delay", "net-loss", "net-rate")
 _DRAWN = {"kind", "node", "message", "bus", "link", "at", "from", "to"}
 _UNITS = {"probability": "1", "burst": "1", "weight": "1", "rate": "bit/s"}
@@ -93,7 +96,7 @@ def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
     spec = convert(read_document(path), SoakSpec, path, "")
     if not 0 < spec.faults[0] <= spec.faults[1]:
         raise ScenarioError(f"is {list(spec.faults)}; expected [least, most]", f"{path} at faults")
-    kinds = {kind: _kind(kind, table, path) for kind, table in spec.kinds.items()}
+    kinds = {kind: kind_of(kind, table, path) for kind, table in spec.kinds.items()}
     if not kinds:
         raise ScenarioError("no [kinds.NAME] table", f"{path}")
     place = f"{path} at "
@@ -110,8 +113,9 @@ def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
     )
 
 
-def _kind(kind: str, table: dict[str, Any], path: Path) -> dict[str, Value]:
-    known = (*FRAMES, *PROCESSES, *LINKS)
+def kind_of(kind: str, table: dict[str, Any], path: Path) -> dict[str, Value]:
+    """What is drawn for a kind, by key. Raises ScenarioError with file and place."""
+    known = (*FRAMES, *HOSTILE, *PROCESSES, *OTHERS, *LINKS)
     if kind not in known:
         raise ScenarioError(
             f"unknown kind {kind!r}; expected one of {', '.join(known)}", f"{path} at kinds"
@@ -122,10 +126,18 @@ def _kind(kind: str, table: dict[str, Any], path: Path) -> dict[str, Value]:
         place = f"{path} at kinds.{kind}.{key}"
         if key not in keys:
             raise ScenarioError(f"unknown key; expected one of {', '.join(keys)}", place)
-        found[key] = _value(value, _UNITS.get(key, "s" if key != "count" else "1"), place)
-    if "for" not in found:
+        found[key] = _value(value, _unit(kind, key), place)
+    if "for" not in found and kind not in OTHERS:
         raise ScenarioError("no for", f"{path} at kinds.{kind}")
     return found
+
+
+def _unit(kind: str, key: str) -> str:
+    if key == "by" and kind in HOSTILE:
+        return "1"
+    if key == "rate" and kind in HOSTILE:
+        return "1/s"
+    return _UNITS.get(key, "s" if key != "count" else "1")
 
 
 def _value(value: Any, unit: str, place: str) -> Value:
@@ -177,26 +189,27 @@ def _table(
     drawn: Table = {}
     for key, value in soak.kinds[kind].items():
         if key == "by" and isinstance(value, tuple):
-            drawn[key] = sorted(_rounded(random.uniform(*value)) for _ in range(2))
+            drawn[key] = sorted(rounded(random.uniform(*value)) for _ in range(2))
         elif key != "weight":
             drawn[key] = random.uniform(*value) if isinstance(value, tuple) else value
     if "count" in drawn:
         drawn["count"] = round(drawn["count"])
-    lasts = _rounded(min(drawn.pop("for"), soak.last - soak.first))
-    t = _rounded(random.uniform(soak.first, soak.last - lasts))
+    lasts = rounded(min(drawn.pop("for"), soak.last - soak.first))
+    t = rounded(random.uniform(soak.first, soak.last - lasts))
     whom = {"link": str(random.choice(["*", *links]))} if kind in LINKS else {}
     if not whom:
         whom["node"] = str(random.choice([n for n in system.nodes if system.heard_by(n)]))
-    if kind in FRAMES:
+    if kind in (*FRAMES, *HOSTILE):
         whom["message"] = str(random.choice(system.heard_by(whom["node"])))
-        when = {"from": t, "to": _rounded(t + lasts)}
+        when = {"from": t, "to": rounded(t + lasts)}
     else:
         when = {"at": t, "for": lasts}
-    rest = {key: _rounded(v) if isinstance(v, float) else v for key, v in drawn.items()}
+    rest = {key: rounded(v) if isinstance(v, float) else v for key, v in drawn.items()}
     return {"kind": kind, **whom, **when, **rest}
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
+    """To 0.1 ms, as it is written down."""
     return round(value, 4)
 
 

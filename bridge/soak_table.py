@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bridge.signs import SIGNS
+from bridge.verdict import Word
 from cosim.sweep.table import column
 
 Record = Mapping[str, Any]
@@ -30,13 +31,13 @@ def facts(records: Sequence[Record]) -> list[list[str]]:
     """(what, how much) of all runs."""
     hours = _sum(records, "s") / 3600.0
     slots = _sum(records, "slots")
-    failed = [r for r in records if r["reason"]]
+    words = [str(r["verdict"]) for r in records]
     stopped = int((column(records, "stopped") > 0).sum())
     apart = np.nan_to_num(column(records, "together"))
     at_rest = apart[~(column(records, "stopped") > 0)]
     return [
         ["runs", f"{len(records)}, {hours:.2f} h"],
-        ["as they had to be", f"{len(records) - len(failed)}"],
+        *[[word, str(words.count(word))] for word in Word],
         ["crashes", f"{_sum(records, 'crashes'):.0f}"],
         ["lives of nodes", f"{_sum(records, 'lives'):.0f}"],
         ["runs with a node that stopped", str(stopped)],
@@ -50,8 +51,21 @@ def facts(records: Sequence[Record]) -> list[list[str]]:
 
 
 def failures(records: Sequence[Record]) -> list[str]:
-    """A line a run that was not as it had to be."""
-    return [f"{r['run']} ({r['faults']}): {r['reason']}" for r in records if r["reason"]]
+    """A line a run that has failed, or came to nothing."""
+    return [
+        f"{r['run']} ({r['faults']}): {r['verdict']}: {r['reason']}"
+        for r in records
+        if r["verdict"] not in (Word.PASSED, Word.INCONCLUSIVE)
+    ]
+
+
+def inconclusive(records: Sequence[Record]) -> list[str]:
+    """A line a run that this machine was too slow to judge."""
+    return [
+        f"{r['run']} ({r['faults']}): {r['reason']}"
+        for r in records
+        if r["verdict"] == Word.INCONCLUSIVE
+    ]
 
 
 def markdown(records: Sequence[Record], title: str) -> str:

@@ -36,11 +36,25 @@ def campaign(
     realtime: Annotated[
         bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
     ] = True,
+    faults: Annotated[
+        int, typer.Option(min=0, help="Draw so many from a file like faults/many.toml.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    parallel: Annotated[int, typer.Option(min=1, help="Runs at once, with --faults.")] = 2,
+    blind: Annotated[
+        bool,
+        typer.Option("--blind", help="Receivers without checks: the campaign has to fail."),
+    ] = False,
 ) -> None:
     """Rehearse once with every script of a campaign, and judge each run.
 
-    Exits with 1 where anything was not as it had to be.
+    With --faults, a campaign of many: faults are drawn for many runs, most of them simulated, the
+    others real processes, until there are so many; the same command goes on where it was
+    interrupted. Exits with 1 where a run failed or came to nothing.
     """
+    if faults:
+        _many(file, faults, seed, parallel, out, markdown, blind, realtime)
+        return
     from bridge import judge
     from bridge.campaign import load_campaign
     from cosim.cli.show import aligned
@@ -62,6 +76,53 @@ def campaign(
     if markdown:
         markdown.write_text(judge.markdown(rows), encoding="utf-8")
     if not judged or any(j.failures for j in judged):
+        raise typer.Exit(1)
+
+
+def _many(
+    file: Path,
+    faults: int,
+    seed: int,
+    parallel: int,
+    out: Path | None,
+    markdown: Path | None,
+    blind: bool,
+    realtime: bool,
+) -> None:
+    """A campaign of many faults, and its table."""
+    from bridge import campaign_drive, campaign_table, hosts
+    from bridge.campaign_plan import load_many
+    from bridge.soak_table import failures, inconclusive
+    from cosim.cli.show import aligned
+    from cosim.cli.sweep import progress_of
+
+    why = hosts.missing()
+    if why and not blind:
+        typer.echo(f"nothing is rehearsed, all runs are simulated: {why}", err=True)
+    folder = out or Path("runs") / f"campaign-{file.stem}-{seed}"
+    job = campaign_drive.Job(load_many(file), folder.resolve(), seed, not why, blind, realtime)
+    with progress_of(False) as progress:
+        try:
+            records = campaign_drive.campaign(
+                job, faults, parallel,
+                begun=lambda b: progress.begin(b, job.many.spec.title, "runs"),
+                done=progress.done,
+                stopping=lambda: typer.echo("stopping: waiting for the runs under way", err=True),
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            typer.echo(f"interrupted; the same command goes on in {folder}", err=True)
+            raise typer.Exit(130) from None
+    typer.echo("\n".join(aligned(campaign_table.kinds(records))))
+    page = campaign_table.markdown(records, f"{job.many.spec.title}, seed {seed}")
+    for path in (folder / "summary.md", *([markdown] if markdown else [])):
+        path.write_text(page, encoding="utf-8")
+    for line in inconclusive(records):
+        typer.echo(f"inconclusive: {line}", err=True)
+    wrong = failures(records)
+    for line in wrong:
+        typer.echo(line, err=True)
+    typer.echo(f"{'folder':<16} {folder}")
+    if wrong:
         raise typer.Exit(1)
 
 

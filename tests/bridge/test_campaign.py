@@ -17,7 +17,7 @@ from bridge.native.faults import CORRUPT, INJECTED
 from bridge.native.safety import Why
 from bridge.replay import Replay
 from bridge.system import load_system
-from bridge.wiring import row_dtype
+from bridge.wiring import heard_dtype, row_dtype
 from tests.bridge.faulty import report
 from tests.bridge.rehearsing import COSIM, NAMESPACE, ROOT, environment, possible
 
@@ -39,7 +39,12 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
         {Life(name): np.zeros(20, row_dtype(plan)) for name, plan in system.nodes.items()}
     )
     rows[node]["reasons"] = reasons
-    rows["slave"]["inlets"]["newest"][: len(newest), 0] = newest
+    heard = np.zeros(1, heard_dtype(system, "slave"))[0]
+    heard["message"] = system.heard_by("slave").index("LINK_4")
+    with Journal.create(folder / "nodes" / "slave.heard", heard.dtype, 20) as journal:
+        for number in newest:
+            heard["sequence"], heard["arrival_ns"] = number, number * 5_000_000
+            journal.append(*heard)
     reports = [
         report(
             life,
@@ -133,7 +138,7 @@ def test_a_table_is_markdown(system, tmp_path):
 
 def test_the_campaign_of_the_project_has_every_script():
     scripts = {run.script for run, _ in load_campaign(FILE).runs}
-    others = {FILE.name, "soak.toml", "soak-can.toml"}
+    others = {FILE.name, "many.toml", "soak.toml", "soak-can.toml"}
     assert scripts == {p.name for p in FILE.parent.glob("*.toml")} - others
 
 

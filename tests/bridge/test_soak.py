@@ -81,7 +81,7 @@ HEAD = 'first = "1 s"\nlast = "2 s"\ntorque_max = 100\n'
 @pytest.mark.parametrize(
     ("written", "said"),
     [
-        ("[kinds.drop]\nfor = 1\n[kinds.flood]\nfor = 1", r"at kinds: unknown kind 'flood'"),
+        ("[kinds.drop]\nfor = 1\n[kinds.fire]\nfor = 1", r"at kinds: unknown kind 'fire'"),
         ("[kinds.drop]\nfor = 1\nrate = 3", r"at kinds\.drop\.rate: unknown key; expected one of"),
         ("[kinds.drop]\nprobability = 1", r"at kinds\.drop: no for"),
         ('[kinds.drop]\nfor = ["2 s", "1 s"]', r"drop\.for: is 2 to 1; expected \[least, greatest"),
@@ -132,8 +132,10 @@ def ended(system, folder, lives, script_=None, faults=()):
     run = shown(system, folder)
     (folder / "nodes").mkdir()
     outcome = SimpleNamespace(
-        folder=folder, rows=run.rows, reports=run.reports, notes=[],
-        faults=[SimpleNamespace(kind=kind, missing=(), t1=4.0) for kind in faults],
+        folder=folder, rows=run.rows, reports=run.reports, notes=[], replayed=None,
+        faults=[
+            SimpleNamespace(kind=kind, missing=(), targets=(), t0=4.0, t1=4.0) for kind in faults
+        ],
     )  # fmt: skip
     judged = SimpleNamespace(failures=())
     return SimpleNamespace(
@@ -146,7 +148,7 @@ WELL = {"torque": 50.0, "together": 0.01}
 
 
 def wrong(folder, done, **measures):
-    return list(soak._failures(job(folder), done, {**WELL, **measures}))
+    return list(soak.judged(job(folder), done, {**WELL, **measures}).reasons)
 
 
 def test_a_process_that_crashed_fails_a_run_and_one_that_was_killed_does_not(system, tmp_path):
@@ -195,8 +197,23 @@ def rows():
     good = {"s": 20.0, "drop.injected": 2.0, "drop.seen": 1.0, "drop.idle": 1.0, "torque": 50.0}
     bad = {"s": 20.0, "freeze.injected": 1.0, "freeze.unseen": 1.0, "torque": 7.0, "crashes": 1.0}
     return [
-        Row("00000", {"faults": "drop, drop"}, (), True, measures=good, wall=21.0),
-        Row("00001", {"faults": "freeze"}, (), False, "slave crashed", measures=bad, wall=22.0),
+        Row(
+            "00000",
+            {"faults": "drop, drop", "verdict": "passed"},
+            (),
+            True,
+            measures=good,
+            wall=21.0,
+        ),
+        Row(
+            "00001",
+            {"faults": "freeze", "verdict": "failed"},
+            (),
+            False,
+            "slave crashed",
+            measures=bad,
+            wall=22.0,
+        ),
     ]
 
 
@@ -230,7 +247,7 @@ def test_a_table_by_kind_and_what_was_wrong(tmp_path):
     facts = dict(soak_table.facts(records))
     assert facts["runs"] == "2, 0.01 h"
     assert (facts["crashes"], facts["greatest torque"]) == ("1", "50.0 N.m")
-    assert soak_table.failures(records) == ["00001 (freeze): slave crashed"]
+    assert soak_table.failures(records) == ["00001 (freeze): failed: slave crashed"]
     assert "slave crashed" in soak_table.markdown(records, "Title")
 
 
@@ -269,7 +286,7 @@ def test_two_runs_with_processes_and_a_network(tmp_path):
 
     done = run()
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "2 runs; 2 to run" in done.stdout and "as they had to be" in done.stdout
+    assert "2 runs; 2 to run" in done.stdout and "passed" in done.stdout
     assert not list((tmp_path / "soak" / "runs").iterdir())  # all was well: nothing to keep
     again = run()
     assert "2 runs; 2 there already; 0 to run" in again.stdout

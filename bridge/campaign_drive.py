@@ -14,8 +14,8 @@ from bridge import compressed, judge, soak
 from bridge.campaign import RunSpec
 from bridge.campaign_plan import Many, document
 from bridge.hosts import groups
-from bridge.soak import RunDone
 from bridge.soak_drive import Record, drive
+from bridge.soak_judge import RunDone
 from bridge.soak_spec import Table
 from bridge.system import System, load_system
 from cosim.sweep.drive import Begun

@@ -26,7 +26,7 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
     end = system.plan.ticks * system.plan.h
     found = []
     for fault in script.frames:
-        places = list(_of_frames(fault, shown))
+        places = list(_of_frames(fault, script.frames, shown))
         found.append(
             Evidence(
                 index=fault.index,
@@ -59,8 +59,11 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
 # ---- faults of frames -----------------------------------------------------------------------
 
 
-def _of_frames(fault: FrameFault, shown: Shown) -> Iterator[Place]:
-    """A place each life and message. A life that did not live to tell cannot show anything."""
+def _of_frames(fault: FrameFault, every: Sequence[FrameFault], shown: Shown) -> Iterator[Place]:
+    """A place each life and message. A life that did not live to tell cannot show anything.
+
+    Faults of one message that show in the same counters have to show all together.
+    """
     for node in shown.system.nodes:
         if "*" not in fault.nodes and node not in fault.nodes:
             continue
@@ -70,8 +73,18 @@ def _of_frames(fault: FrameFault, shown: Shown) -> Iterator[Place]:
                 continue
             for name, number in _heard(fault, shown.system, node):
                 rows = _effective(record, fault, number)
-                signs = _frame_signs(fault, shown, life, name, rows)
+                alike = [f for f in every if _counted_as(fault, f, node, name, number)]
+                total = sum(len(_effective(record, f, number)) for f in alike)
+                signs = _frame_signs(fault, shown, life, name, rows, max(total, len(rows)))
                 yield Place(target=str(life), message=name, done=len(rows), signs=signs)
+
+
+def _counted_as(fault: FrameFault, other: FrameFault, node: str, name: str, number: int) -> bool:
+    """Whether another fault of this message shows in the same counters, and in nothing else."""
+    signs = set(SIGNS[other.kind])
+    there = "*" in other.nodes or node in other.nodes
+    named = any(fnmatchcase(name, m) if isinstance(m, str) else m == number for m in other.messages)
+    return there and named and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])
 
 
 def _heard(fault: FrameFault, system: System, node: str) -> Iterator[tuple[str, int]]:
@@ -99,7 +112,9 @@ def _effective(record: Rows, fault: FrameFault, number: int) -> Rows:
     return found
 
 
-def _frame_signs(fault: FrameFault, shown: Shown, life: Life, message: str, rows: Rows) -> Signs:
+def _frame_signs(
+    fault: FrameFault, shown: Shown, life: Life, message: str, rows: Rows, total: int
+) -> Signs:
     if not len(rows):
         return ()
     signs = SIGNS[fault.kind]
@@ -110,7 +125,7 @@ def _frame_signs(fault: FrameFault, shown: Shown, life: Life, message: str, rows
     if fault.kind in HOSTILE:
         return _hostile_signs(signs, shown, life, message)
     counters = [name for name in signs if name in COUNTERS]
-    found = shown.counted(life, message, counters, len(rows)) if counters else ()
+    found = shown.counted(life, message, counters, total) if counters else ()
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
         found = (*found, *shown.age(life, message, fault.t0, fault.t1 + fault.b, least))

@@ -98,7 +98,8 @@ def _link_signs(
         if sign == "age":
             found += shown.age(life, message, first.t, t1, least)
         elif sign == "silence":
-            found += shown.silence(life, message, first.t, t1)
+            held = min(t1 - first.t, least) if least > 0 else t1 - first.t
+            found += shown.silence(life, message, first.t, first.t + held)
         else:
             found += shown.counted(life, message, [sign], 1)
     return found

@@ -46,9 +46,9 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "flood": ("surplus",),
     "babble": ("frames",),
     "net-down": ("silence", "lost"),
-    "net-delay": ("age",),
+    "net-delay": ("age", "silence"),
     "net-loss": ("lost",),
-    "net-rate": ("age", "lost"),
+    "net-rate": ("age", "silence", "lost"),
 }
 COUNTERS = (
     *("lost", "crc", "length", "invalid", "range", "rate", "repeated", "reordered", "stale"),
@@ -126,7 +126,11 @@ class Shown:
         return (Sign(what="age", number=worst),) if worst >= LONG * least > 0 else ()
 
     def silence(self, life: Life, message: str, t0: float, t1: float) -> Signs:
-        """For how long nothing new came, if that is nearly all of the time."""
+        """For how long nothing new came, if that is nearly all of the time.
+
+        Samples that are held up leave such a gap before they come, also where they are seen no more
+        because faster ones overtake them, and where clocks differ, so that their age says nothing.
+        """
         longest = 0.0
         for t, newest in self._newest(life, message):
             new = np.flatnonzero(np.diff(newest)) + 1

@@ -160,6 +160,10 @@ def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
     def silent(inlets):
         inlets["newest"][400:600] = 399
 
+    def overtaken(inlets):
+        """What was held up comes when faster samples have: only that nothing came is seen."""
+        inlets["newest"][400:438] = 399
+
     def late(inlets):
         inlets["transit_ns"][430:440] = 200_000_000
 
@@ -170,6 +174,7 @@ def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
     slow = {"kind": "net-delay", "by": 0.2}
     assert judged(slow, packets(200, delay=0.2)) == "unseen"
     assert judged(slow, packets(200, delay=0.2), change=late) == "seen"
+    assert judged(slow, packets(200, delay=0.2), change=overtaken) == "seen"
     loss = {"kind": "net-loss", "probability": 0.3}
     assert judged(loss, packets(200, lost=60)) == "unseen"
     assert judged(loss, packets(200, lost=60), {"lost": 60}) == "seen"

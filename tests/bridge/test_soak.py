@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge import happen, hosts, soak, soak_drive, soak_table
+from bridge import happen, hosts, soak, soak_drive, soak_judge, soak_table
 from bridge.faults import build
 from bridge.lives import Life
 from bridge.native.safety import Why
@@ -148,7 +148,7 @@ WELL = {"torque": 50.0, "together": 0.01}
 
 
 def wrong(folder, done, **measures):
-    return list(soak.judged(job(folder), done, {**WELL, **measures}).reasons)
+    return list(soak_judge.judged(job(folder).soak, done, {**WELL, **measures}).reasons)
 
 
 def test_a_process_that_crashed_fails_a_run_and_one_that_was_killed_does_not(system, tmp_path):

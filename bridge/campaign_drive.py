@@ -102,6 +102,7 @@ def campaign(
     job: Job,
     faults: int,
     parallel: int,
+    retry: bool = False,
     begun: Callable[[Begun], None] = lambda begun: None,
     done: Callable[[Row], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
@@ -109,7 +110,7 @@ def campaign(
     """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
     return drive(
         job.folder, job.many.spec.title, facts(job), partial(perform, job), runs_for(job, faults),
-        parallel, begun=begun, done=done, stopping=stopping,
+        parallel, retry=retry, begun=begun, done=done, stopping=stopping,
     )  # fmt: skip
 
 

@@ -71,7 +71,10 @@ def _receivers(
                 if set(SIGNS[action]) - set(COUNTERS):
                     lives += [x for x in shown.throughout(node, t0, t1) if x not in lives]
                 for life in lives:
-                    yield life, message
+                    # One that began again has to have found its peer before.
+                    news = shown.news(life, message) if life.boot > 1 else ()
+                    if life.boot == 1 or any((at < t0).any() for at in news):
+                        yield life, message
 
 
 def _acted(action: str, rows: Rows) -> tuple[int, float]:

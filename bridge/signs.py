@@ -20,7 +20,7 @@ from bridge.records import End, Note, Statement
 from bridge.report import NodeReport
 from bridge.surplus import surpluses
 from bridge.system import System
-from bridge.wiring import Rows
+from bridge.wiring import HEARD, Rows
 
 #: What a report has to show of each kind, one of these at least: counters of receivers, or signs.
 SIGNS: Mapping[str, tuple[str, ...]] = {
@@ -58,6 +58,8 @@ COUNTERS = (
 ENOUGH, LONG = 0.5, 0.8
 #: s after the end of a fault within which what it did may show.
 AFTER = 3.0
+#: s before a fault in which samples show how far the clocks of two nodes differ.
+BEFORE = 0.5
 
 
 @final
@@ -115,14 +117,19 @@ class Shown:
     def age(self, life: Life, message: str, t0: float, t1: float, least: float) -> Signs:
         """How long a sample of this time was on the way, if that is nearly `least` s.
 
-        What a gateway hears is seen where it arrives that the gateway makes of it.
+        Where clocks differ, by how much longer than before. What a gateway hears is seen where it
+        arrives that the gateway makes of it.
         """
-        taken = [
-            float(rows["transit_ns"][rows["newest"] >= 0].max(initial=0)) * 1e-9
-            for place, name in self._ends(life, message)
-            for rows in self._inlets(place, name, t0, t1 + AFTER)
-        ]
-        worst = max(taken, default=0.0)
+        worst = 0.0
+        for place, name in self._ends(life, message):
+            for t, rows in self._inlets(place, name):
+                heard = rows["newest"] >= 0
+                taken = rows["transit_ns"] * 1e-9
+                during = taken[heard & (t >= t0) & (t <= t1 + AFTER)]
+                before = taken[heard & (t >= t0 - BEFORE) & (t < t0)]
+                if len(during):  # before it they arrive before they are sent: clocks differ
+                    ahead = -float(before.max()) if len(before) and before.max() < 0 else 0.0
+                    worst = max(worst, float(during.max()) + ahead)
         return (Sign(what="age", number=worst),) if worst >= LONG * least > 0 else ()
 
     def silence(self, life: Life, message: str, t0: float, t1: float) -> Signs:
@@ -131,13 +138,24 @@ class Shown:
         Samples that are held up leave such a gap before they come, also where they are seen no more
         because faster ones overtake them, and where clocks differ, so that their age says nothing.
         """
-        longest = 0.0
-        for t, newest in self._newest(life, message):
-            new = np.flatnonzero(np.diff(newest)) + 1
-            at = np.concatenate([t[:1], t[new], t[-1:]])
+        t, longest = self._t(life), 0.0
+        for new in self.news(life, message):
+            at = np.concatenate([t[:1], new, t[-1:]])
             over = (at[:-1] < t1) & (at[1:] > t0)
             longest = max(longest, float(np.diff(at)[over].max(initial=0.0)))
         return (Sign(what="silence", number=longest),) if longest >= LONG * (t1 - t0) else ()
+
+    def news(self, life: Life, message: str) -> Iterator[NDArray[np.float64]]:
+        """When new samples came, for each input; of a gateway, which has none: as it heard them."""
+        t, indices = self._t(life), self._indices(life, message)
+        for i in indices:
+            newest = self.rows[life]["inlets"]["newest"][:, i]
+            yield t[np.flatnonzero(np.diff(newest)) + 1]
+        path = self.nodes / life.file(HEARD)
+        if not indices and path.is_file():
+            rows = Journal.open(path)
+            number = self.system.heard_by(life.node).index(message)
+            yield np.sort(rows["arrival_ns"][rows["message"] == number]) * 1e-9
 
     def late(self, node: str, t0: float, t1: float) -> Signs:
         """How late a slot of this time was, if that is nearly as long."""
@@ -192,15 +210,9 @@ class Shown:
         h = self.system.nodes[life.node].h
         return np.asarray(self.rows[life]["slot"] * h, dtype=np.float64)
 
-    def _newest(self, life: Life, message: str) -> Iterator[tuple[Any, Any]]:
+    def _inlets(self, life: Life, message: str) -> Iterator[tuple[NDArray[np.float64], Rows]]:
         for i in self._indices(life, message):
-            yield self._t(life), self.rows[life]["inlets"]["newest"][:, i]
-
-    def _inlets(self, life: Life, message: str, t0: float, t1: float) -> Iterator[Rows]:
-        t = self._t(life)
-        there = (t >= t0) & (t <= t1)
-        for i in self._indices(life, message):
-            yield self.rows[life]["inlets"][there, i]
+            yield self._t(life), self.rows[life]["inlets"][:, i]
 
     def _indices(self, life: Life, message: str) -> list[int]:
         inlets = self.system.nodes[life.node].inlets

@@ -12,6 +12,7 @@ from bridge import judge
 from bridge.fault_script import HOSTILE, FaultScript
 from bridge.judge import Judged
 from bridge.lives import Life
+from bridge.native.safety import State
 from bridge.outcome import Outcome
 from bridge.records import End, Missed, Refused
 from bridge.rehearse import NODES, Node
@@ -182,7 +183,8 @@ def _stops(done: RunDone, of_time: bool) -> Iterator[str]:
         why = why & OF_TIME if of_time else why - OF_TIME
         if why:
             yield f"{report.life} stopped: {', '.join(sorted(why))}"
-        if not of_time and report.end is End.FAULT and last["scale"] != 0.0:
+        over = last["state"] != State.STOPPING  # else the run has ended in its ramp
+        if not of_time and report.end is End.FAULT and over and last["scale"] != 0.0:
             yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
 
 

@@ -1,8 +1,9 @@
 """What is said of a rehearsal in one word: passed, failed or inconclusive; and why.
 
 *Failed*: a node did not come to the end, the replay is not the run, more samples were heard than
-their senders sent, or others, or a fault on purpose is not in the report. *Inconclusive*: only what
-a machine that stands still causes as well, and a node was that late although no fault made it so.
+their senders sent, or others, values were out of their range, or a fault on purpose is not in the
+report. *Inconclusive*: only what a machine that stands still causes as well, and a node was that
+late although no fault made it so.
 """
 
 from __future__ import annotations
@@ -90,6 +91,10 @@ def _always(system: System, outcome: Outcome) -> Iterator[str]:
         yield f"the replay is not the run: {outcome.replayed.first}"
     if outcome.replayed is not None:
         yield from map(str, outcome.replayed.altered)
+    for report in outcome.reports:
+        for message, counts in (report.said.messages if report.said else {}).items():
+            if counts.get("range"):
+                yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, surpluses(system, outcome.rows, outcome.reports))
 
 

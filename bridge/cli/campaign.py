@@ -41,6 +41,9 @@ def campaign(
     ] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
     parallel: Annotated[int, typer.Option(min=1, help="Runs at once, with --faults.")] = 2,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="With --faults: make runs again that did not pass.")
+    ] = False,
     blind: Annotated[
         bool,
         typer.Option("--blind", help="Receivers without checks: the campaign has to fail."),
@@ -53,7 +56,7 @@ def campaign(
     interrupted. Exits with 1 where a run failed or came to nothing.
     """
     if faults:
-        _many(file, faults, seed, parallel, out, markdown, blind, realtime)
+        _many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)
         return
     from bridge import judge
     from bridge.campaign import load_campaign
@@ -86,6 +89,7 @@ def _many(
     parallel: int,
     out: Path | None,
     markdown: Path | None,
+    retry: bool,
     blind: bool,
     realtime: bool,
 ) -> None:
@@ -104,7 +108,7 @@ def _many(
     with progress_of(False) as progress:
         try:
             records = campaign_drive.campaign(
-                job, faults, parallel,
+                job, faults, parallel, retry,
                 begun=lambda b: progress.begin(b, job.many.spec.title, "runs"),
                 done=progress.done,
                 stopping=lambda: typer.echo("stopping: waiting for the runs under way", err=True),

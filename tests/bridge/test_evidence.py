@@ -164,6 +164,10 @@ def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
         """What was held up comes when faster samples have: only that nothing came is seen."""
         inlets["newest"][400:438] = 399
 
+    def by_a_clock_ahead(inlets):
+        inlets["transit_ns"] = -350_000_000
+        inlets["transit_ns"][430:440] = -160_000_000
+
     def late(inlets):
         inlets["transit_ns"][430:440] = 200_000_000
 
@@ -175,6 +179,7 @@ def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
     assert judged(slow, packets(200, delay=0.2)) == "unseen"
     assert judged(slow, packets(200, delay=0.2), change=late) == "seen"
     assert judged(slow, packets(200, delay=0.2), change=overtaken) == "seen"
+    assert judged(slow, packets(200, delay=0.2), change=by_a_clock_ahead) == "seen"
     loss = {"kind": "net-loss", "probability": 0.3}
     assert judged(loss, packets(200, lost=60)) == "unseen"
     assert judged(loss, packets(200, lost=60), {"lost": 60}) == "seen"

@@ -41,7 +41,7 @@ from cosim.scenario import read_document
 #: s at the start and at the end of a run without faults, so that what they do still shows.
 FIRST, LAST = 0.8, 1.0
 #: Windows of time in a run, and the part of the streams that meet a hostile peer.
-WINDOWS, WINDOWS_REHEARSED, HOSTILE_PART = 6, 2, 0.5
+WINDOWS, WINDOWS_REHEARSED, HOSTILE_PART = 10, 2, 0.5
 #: s within a run: when a node is killed and started again, is frozen, has its clock set, is killed.
 RESTART, FREEZE, JUMP, KILL = (1.0, 1.3), (1.6, 2.2), (3.0, 3.6), 0.7
 

@@ -158,7 +158,8 @@ def _of_frames(
             yield _framed(many, kind, t0, t0 + length, random, node=node, message=message)
     if "sync-loss" in many.kinds:
         nodes = [n for n in system.nodes if n not in away and n != system.deployment.sync]
-        nodes = [n for n in nodes if "SYNC" in system.identifiers(n) and system.heard_by(n)]
+        hearing = [n for n in nodes if "SYNC" in {one.name for one in system.listened(n)}]
+        nodes = [n for n in hearing if system.heard_by(n)]
         for node in nodes[:1]:
             yield _framed(many, "sync-loss", FIRST, many.run - LAST, random, node=node)
 

@@ -8,10 +8,9 @@ fault had left, or nobody was there to receive.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from fnmatch import fnmatchcase
 
 from bridge.evidence_links import Network, of_links
-from bridge.fault_script import EXTENDED, HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
+from bridge.fault_script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
 from bridge.findings import Evidence, Place, Sign, Signs
 from bridge.lives import Life
 from bridge.records import Done, Missed, Refused
@@ -71,38 +70,40 @@ def _of_frames(fault: FrameFault, every: Sequence[FrameFault], shown: Shown) -> 
             record = shown.record(life)
             if record is None or shown.said(life) is None:
                 continue
-            for name, number in _heard(fault, shown.system, node):
-                rows = _effective(record, fault, number)
-                alike = [f for f in every if _counted_as(fault, f, node, name, number)]
-                total = sum(len(_effective(record, f, number)) for f in alike)
+            listened = shown.system.listened(node)
+            for name, there in _hit(record, fault, shown.system, node).items():
+                rows = _effective(record[there], fault)
+                alike = [f for f in every if _counted_as(fault, f, node)]
+                alike = [f for f in alike if name in {one.name for one in f.about(listened)}]
+                total = sum(len(_effective(record[there], f)) for f in alike)
                 signs = _frame_signs(fault, shown, life, name, rows, max(total, len(rows)))
                 yield Place(target=str(life), message=name, done=len(rows), signs=signs)
 
 
-def _counted_as(fault: FrameFault, other: FrameFault, node: str, name: str, number: int) -> bool:
-    """Whether another fault of this message shows in the same counters, and in nothing else."""
+def _counted_as(fault: FrameFault, other: FrameFault, node: str) -> bool:
+    """Whether another fault at this node shows in the same counters, and in nothing else."""
     signs = set(SIGNS[other.kind])
     there = "*" in other.nodes or node in other.nodes
-    named = any(fnmatchcase(name, m) if isinstance(m, str) else m == number for m in other.messages)
-    return there and named and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])
+    return there and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])
 
 
-def _heard(fault: FrameFault, system: System, node: str) -> Iterator[tuple[str, int]]:
-    """Messages a fault is about, as far as a receiver counts them."""
+def _hit(record: Rows, fault: FrameFault, system: System, node: str) -> dict[str, Rows]:
+    """Rows of each message a fault is about, by name, as far as a receiver counts them."""
     counted = ("SYNC",) if fault.kind == "sync-loss" else system.heard_by(node)
-    for name, number in system.identifiers(node).items():
-        named = (
-            fnmatchcase(name, m) if isinstance(m, str) else m == number for m in fault.messages
-        )
-        if name in counted and any(named):
-            yield name, number & ~EXTENDED
+    buses = system.buses_of(node)
+    found: dict[str, Rows] = {}
+    for one in fault.about(system.listened(node)):
+        if one.name in counted:
+            rows = (record["bus"] == buses.index(one.bus)) & one.accept.among(record)
+            found[one.name] = rows | found.get(one.name, False)
+    return found
 
 
-def _effective(record: Rows, fault: FrameFault, number: int) -> Rows:
+def _effective(record: Rows, fault: FrameFault) -> Rows:
     """Frames a fault did something to that no other fault has hidden."""
     kind = KINDS[fault.kind]
     t = record["t_ns"] * 1e-9
-    rows = record[(record["id"] == number) & (t >= fault.t0) & (t < fault.t1)]
+    rows = record[(t >= fault.t0) & (t < fault.t1)]
     rows = rows[rows["kinds"] >> kind & 1 == 1]
     gone, changed = rows["copies"] == 0, rows["crc"] != rows["crc_after"]
     wanted = gone

@@ -8,7 +8,7 @@ Faults of processes and buses are a list of events that whoever supervises the n
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -18,8 +18,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bridge.native import faults as native
+from bridge.native.bus import Accept
 from bridge.native.faults import Fault, Injector
+from bridge.native.frame import Flags
 from bridge.native.message import Message
+from bridge.system import Listened
 from cosim.errors import ScenarioError
 
 Action = Literal[
@@ -44,8 +47,8 @@ KINDS = {
 }
 #: What a hostile peer does, who knows the format of a message: only to messages of the deployment.
 HOSTILE = ("forge", "replay", "absurd", "flood")
-EXTENDED = 0x80000000  # in identifiers given to this module, as in linux/can.h
-_ALL_BITS = 0x1FFFFFFF | native.EXTENDED
+#: In an identifier of a script: one of 29 bits, as in linux/can.h.
+EXTENDED = 0x80000000
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,16 @@ class FrameFault:
     count: int
     a: float
     b: float
+
+    def about(self, listened: Iterable[Listened]) -> list[Listened]:
+        """Those of what a node listens to that this is a fault of."""
+        return [one for one in listened if self.bus in ("", one.bus) and self._names(one)]
+
+    def _names(self, one: Listened) -> bool:
+        return any(
+            fnmatchcase(one.name, m) if isinstance(m, str) else _same(_numbered(m), one.accept)
+            for m in self.messages
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +137,7 @@ class FaultScript:
     def frames_for(
         self,
         node: str,
-        ids: Mapping[str, int],
+        listened: Sequence[Listened],
         buses: Mapping[str, int] | None = None,
         *,
         samples: Mapping[str, Message] | None = None,
@@ -133,27 +146,22 @@ class FaultScript:
     ) -> NodeFaults | None:
         """What happens to frames as `node` receives them; None: nothing.
 
-        `ids`: identifiers of what it hears, by name (bit 31: a 29-bit one), SYNC among them;
-        `buses`: their numbers in the node; `samples`: the messages of the deployment among them,
-        by name, which a hostile peer can make (they have to live as long as this); `journal`:
-        address of a journal of INJECTED rows; `capacity`: frames that wait at once. What the node
-        does not know is passed over; see :meth:`check`.
+        `listened`: what it hears, SYNC among it; `buses`: their numbers in the node; `samples`:
+        the messages of the deployment among them, by name, which a hostile peer can make (they
+        have to live as long as this); `journal`: address of a journal of INJECTED rows;
+        `capacity`: frames that wait at once. What the node does not know is passed over; see
+        :meth:`check`.
         """
         numbers = buses or {}
         rules, indices = [], []
         for fault in self.frames:
             if not _named(node, fault.nodes) or (fault.bus and fault.bus not in numbers):
                 continue
-            hostile = fault.kind in HOSTILE
-            known = {n: i for n, i in ids.items() if n in (samples or {})} if hostile else ids
-            wanted = tuple(known) if hostile and "*" in fault.messages else fault.messages
-            for name, identifier, mask in _matching(wanted, known):
-                if hostile and name not in known:
-                    continue
-                rule = _rule(fault, identifier, mask, self._random(fault, node, name))
-                rule.bus = numbers[fault.bus] if fault.bus else -1
-                if hostile and samples:
-                    rule.message = c.pointer(samples[name])
+            for label, bus, accept, sample in _matching(fault, listened, samples or {}):
+                rule = _rule(fault, accept, self._random(fault, node, label))
+                rule.bus = numbers.get(bus, -1)
+                if sample is not None:
+                    rule.message = c.pointer(sample)
                 rules.append(rule)
                 indices.append(fault.index)
         if not rules:
@@ -198,31 +206,50 @@ def _named(node: str, nodes: Sequence[str]) -> bool:
     return "*" in nodes or node in nodes
 
 
+def _numbered(number: int) -> Accept:
+    """Data frames with an identifier of a script, classic or CAN FD."""
+    long = number > 0x7FF  # with EXTENDED, too
+    return Accept(number & ~EXTENDED, flags=Flags.EXTENDED if long else 0)
+
+
+def _same(a: Accept, b: Accept) -> bool:
+    """Whether two are of one identifier, of 11 or 29 bits."""
+    return a.id == b.id and not (a.flags ^ b.flags) & Flags.EXTENDED
+
+
+_Match = tuple[str, str, Accept, Message | None]
+
+
 def _matching(
-    messages: Sequence[str | int], ids: Mapping[str, int]
-) -> Iterator[tuple[str, int, int]]:
-    """Name, identifier and mask of every rule that stands for these messages, each once."""
-    if "*" in messages:
-        yield "*", 0, 0
+    fault: FrameFault, listened: Sequence[Listened], samples: Mapping[str, Message]
+) -> Iterator[_Match]:
+    """Label, bus ("": all), frames and message (of hostile peers) of every rule, each once.
+
+    A hostile peer needs one of `samples`. A number that is no listened message's stands for itself.
+    """
+    hostile = fault.kind in HOSTILE
+    if "*" in fault.messages and not hostile:
+        yield "*", fault.bus, Accept(0, 0, 0, 0), None
         return
-    plain = [m for m in messages if isinstance(m, int)]
-    found = {m | (EXTENDED if m > 0x7FF else 0): f"{m:#x}" for m in plain}
-    for name in sorted(ids):
-        if any(isinstance(m, str) and fnmatchcase(name, m) for m in messages):
-            found[ids[name]] = name
-    for identifier, name in found.items():
-        long = native.EXTENDED if identifier & EXTENDED else 0
-        yield name, identifier & 0x1FFFFFFF | long, _ALL_BITS
+    found = [one for one in fault.about(listened) if not hostile or one.name in samples]
+    labels: set[str] = set()
+    for one in sorted(found, key=lambda one: one.name):
+        label = f"{one.name}\0{one.bus}" if one.name in labels else one.name
+        labels.add(one.name)
+        yield label, one.bus, one.accept, samples.get(one.name) if hostile else None
+    for number in (m for m in fault.messages if isinstance(m, int) and not hostile):
+        accept = _numbered(number)
+        if not any(_same(accept, one.accept) for one in found):
+            yield f"{number:#x}", fault.bus, accept, None
 
 
-def _rule(fault: FrameFault, identifier: int, mask: int, random: int) -> Fault:
+def _rule(fault: FrameFault, accept: Accept, random: int) -> Fault:
     return Fault(
         kind=KINDS[fault.kind],
         count=fault.count,
         t0_ns=round(fault.t0 * 1e9),
         t1_ns=native.FOREVER if isinf(fault.t1) else round(fault.t1 * 1e9),
-        id=identifier,
-        mask=mask,
+        accept=accept,
         probability=fault.probability,
         a=fault.a,
         b=fault.b,

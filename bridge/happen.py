@@ -26,7 +26,7 @@ def events(
     does not have, and for faults of a network without one.
     """
     d = system.deployment
-    messages = {m for node in system.nodes for m in system.identifiers(node)}
+    messages = {m.name for node in system.nodes for m in system.listened(node)}
     script.check(list(d.nodes), list(d.buses), sorted(messages))
     babblers: dict[tuple[str, int], subprocess.Popen[bytes]] = {}
     links = _Links(network)

@@ -13,20 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.native.bus import Accept
 from bridge.native.faults import CORRUPT
 from cosim.links.laws import IntArray
 
 Rows = NDArray[np.void]
 
 
-def changed(rows: Rows, identifier: int) -> Rows:
-    """Of a record (INJECTED rows) the frames with this identifier that went on corrupted."""
+def changed(rows: Rows, accept: Accept) -> Rows:
+    """Of a record (INJECTED rows) the frames of a message that went on corrupted."""
     flipped = rows["kinds"] >> CORRUPT & 1 == 1
     found: Any = rows[
-        flipped
-        & (rows["id"] == identifier)
-        & (rows["copies"] > 0)
-        & (rows["crc"] != rows["crc_after"])
+        flipped & accept.among(rows) & (rows["copies"] > 0) & (rows["crc"] != rows["crc_after"])
     ]
     return found  # type: ignore[no-any-return]
 

@@ -24,7 +24,7 @@ def inject(wired: Wired, script: FaultScript, path: Path) -> NodeFaults | None:
     system, name = wired.system, wired.name
     faults = script.frames_for(
         name,
-        system.identifiers(name),
+        system.listened(name),
         {bus: i for i, bus in enumerate(system.buses_of(name))},
         samples={m: system.messages[m].encoding.message for m in system.heard_by(name)},
         journal=journal.address,

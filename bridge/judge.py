@@ -19,6 +19,7 @@ from bridge.can.codec import Codec
 from bridge.journal import Journal
 from bridge.lives import Life, lives_of
 from bridge.native import message as messages
+from bridge.native.bus import Accept
 from bridge.native.safety import Why
 from bridge.outcome import Outcome
 from bridge.records import End
@@ -165,7 +166,9 @@ def _corrupted(system: System, outcome: Outcome, report: NodeReport) -> tuple[in
     record, total, accepted = Journal.open(path), 0, 0
     for name in system.heard_by(report.life.node):
         carried = system.messages[name]
-        rows = injected.changed(record, carried.encoding.message.id)
+        bus = system.buses_of(report.life.node).index(carried.bus)
+        rows = record[record["bus"] == bus]
+        rows = injected.changed(rows, Accept.of(carried.encoding.message))
         if not len(rows):
             continue
         copies = int(rows["copies"].sum())

@@ -15,10 +15,7 @@ from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
 from bridge.cut import NodePlan, Outlet, cut, start_values
 from bridge.deploy import Deployment
-from bridge.fault_script import EXTENDED
 from bridge.native.bus import Accept
-from bridge.native.frame import Flags
-from bridge.native.message import Message
 from bridge.routes import Forward
 from bridge.services import Encoding, Service, services_on
 from bridge.zenoh import names
@@ -46,6 +43,15 @@ class Carried:
     offset_ns: int
     max_age_ns: int
     forward: Forward | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Listened:
+    """A message or service that a node listens to on a bus, and which frames are it."""
+
+    bus: str
+    name: str
+    accept: Accept
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,26 +90,22 @@ class System:
         """Base ticks between two SYNC: a slot of the slowest node."""
         return max(node.ticks for node in self.nodes.values() if node.plan.components)
 
-    def identifiers(self, node: str) -> dict[str, int]:
-        """Identifiers of everything a node hears, by the message's name; bit 31: a 29-bit one."""
-        found = {name: self.messages[name].encoding for name in self.heard_by(node)}
-        for bus in self.buses_of(node):
-            found |= self.services[bus].named()
-        return {name: _identifier(encoding.message) for name, encoding in found.items()}
-
-    def accepts(self, node: str, bus: str) -> tuple[Accept, ...]:
-        """Frames that a node listens to on a bus: of messages and services, by their format.
+    def listened(self, node: str) -> tuple[Listened, ...]:
+        """Messages and services that a node listens to, with the bus and the format of each.
 
         Everything else does not reach its decisions. An emergency stop may be of any length.
         """
-        service = self.services[bus]
-        heard = [m for m in map(self.messages.__getitem__, self.heard_by(node)) if m.bus == bus]
-        wanted = [m.encoding.message for m in heard]
-        wanted += [e.message for name, e in service.named().items() if name != "ESTOP"]
-        found = [Accept.of(m) for m in wanted]
-        if service.estop is not None:
-            found.append(Accept.of_estop(service.estop.message))
+        heard = [self.messages[name] for name in self.heard_by(node)]
+        found = [Listened(m.bus, m.name, Accept.of(m.encoding.message)) for m in heard]
+        for bus in self.buses_of(node):
+            for name, encoding in self.services[bus].named().items():
+                of = Accept.of_estop if name == "ESTOP" else Accept.of
+                found.append(Listened(bus, name, of(encoding.message)))
         return tuple(found)
+
+    def accepts(self, node: str, bus: str) -> tuple[Accept, ...]:
+        """Frames that a node listens to on a bus."""
+        return tuple(one.accept for one in self.listened(node) if one.bus == bus)
 
     def peers_of(self, node: str) -> tuple[str, ...]:
         """Nodes whose heartbeats it hears: they are on a bus of its own that has heartbeats."""
@@ -117,10 +119,6 @@ class System:
                 for bus in here & set(self.buses_of(other))
             )
         )
-
-
-def _identifier(message: Message) -> int:
-    return int(message.id) | (EXTENDED if message.flags & Flags.EXTENDED else 0)
 
 
 def load_system(scenario: str | Path, deployment: str, settings: Sequence[str] = ()) -> System:

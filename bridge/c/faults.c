@@ -78,8 +78,7 @@ static frame_t take_out(faults_t *f, int64_t i)
 
 static int fits(const fault_t *r, const frame_t *frame)
 {
-    const uint32_t id = frame->id | (frame->flags & FRAME_EXTENDED ? FAULT_EXTENDED : 0u);
-    return ((id ^ r->id) & r->mask) == 0 && (r->bus < 0 || r->bus == frame->bus);
+    return frame_accepted(&r->accept, frame) && (r->bus < 0 || r->bus == frame->bus);
 }
 
 /* Floyd's choice of `count` different bits; 0: there is nothing to flip. */

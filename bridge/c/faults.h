@@ -1,6 +1,6 @@
 /* faults.h: faults on purpose, in frames as they come in, before anything is checked.
  *
- * A rule holds from t0 to t1 (ns since the start, t1 not included) for frames whose id, masked, fits.
+ * A rule holds from t0 to t1 (ns since the start, t1 not included) for the frames it accepts.
  * Rules are applied in order, each to what the one before made of the frame; the time that counts is
  * the arrival. Seeded: every rule has its own generator (SplitMix64), asked once a frame that fits,
  * whatever other rules do; what else it needs for that frame (how long, which bits) is drawn from
@@ -34,12 +34,10 @@ enum { FAULT_DROP, FAULT_BURST /* drop `count` in a row */,
 /* The most frames a flood adds to one. */
 enum { FAULT_MOST = 512 };
 
-enum { FAULT_EXTENDED = 0x40000000 };   /* in id and mask of a rule: a 29-bit identifier */
-
 typedef struct {
     int32_t kind, count;
     int64_t t0_ns, t1_ns;
-    uint32_t id, mask;      /* fits: ((id of the frame | FAULT_EXTENDED if it is) ^ id) & mask == 0 */
+    accept_t accept;        /* which frames, by identifier and format */
     int32_t bus, reserved;  /* -1: every bus */
     double probability, a, b;
     uint64_t random;        /* state of the generator */

@@ -9,6 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
+from bridge.native.bus import Accept
 from bridge.native.frame import Frame
 from bridge.native.library import library
 from bridge.native.message import Message
@@ -16,7 +17,6 @@ from cosim.errors import PlanError
 
 DROP, BURST, DELAY, JITTER, DUPLICATE, REORDER, CORRUPT, FORGE, REPLAY, ABSURD, FLOOD = range(11)
 HOSTILE = (FORGE, REPLAY, ABSURD, FLOOD)
-EXTENDED = 0x40000000
 FOREVER = 2**63 - 1
 
 #: A row of the journal of what was injected (`injected_t`).
@@ -48,8 +48,7 @@ class Fault(c.Structure):
         ("count", c.c_int32),
         ("t0_ns", c.c_int64),
         ("t1_ns", c.c_int64),
-        ("id", c.c_uint32),
-        ("mask", c.c_uint32),
+        ("accept", Accept),
         ("bus", c.c_int32),
         ("reserved", c.c_int32),
         ("probability", c.c_double),

@@ -66,7 +66,7 @@ def corrupted(system, folder, k, after_ns=1_000_000):
     row = np.zeros(1, INJECTED)
     row["t_ns"], row["id"], row["length"] = k * 5_000_000 + after_ns, codec.message.id, len(data)
     row["crc"], row["crc_after"], row["copies"] = crc32(data), 1, 1
-    row["kinds"] = 1 << CORRUPT
+    row["kinds"], row["flags"] = 1 << CORRUPT, codec.message.flags
     row["data"][0, : len(data)] = list(data)
     with Journal.create(folder / "nodes" / "slave.faults", INJECTED, 10) as journal:
         journal.append(*row[0])

@@ -194,7 +194,7 @@ def test_what_shows_a_fault_is_on_the_page():
 
 def test_a_message_of_zenoh_is_hit_by_its_name(system):
     """Its number is above all 11-bit identifiers, and yet no 29-bit one."""
-    rules = script(drop()).frames_for("master", system.identifiers("master"), {"net": 0})
+    rules = script(drop()).frames_for("master", system.listened("master"), {"net": 0})
     number = system.messages["xi_slave"].encoding.message.id
     rules.injector.put(Frame.of(number, bytes(40), 0, 2_000_000_000 + 1), 1)
     assert rules.hits() == {0: 1}

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.native import faults as native
+from bridge.native.bus import Accept
 from bridge.native.faults import INJECTED, Fault, Faults, Injector
 from bridge.native.frame import Flags
 from cosim.errors import PlanError
@@ -54,16 +55,15 @@ def test_a_rule_holds_from_t0_until_before_t1():
 
 
 def test_a_rule_is_for_its_identifier():
-    injector = Injector([rule(native.DROP, id=0x100, mask=0x7F0)])
+    injector = Injector([rule(native.DROP, accept=Accept(0x100, 0x7F0))])
     frames = [frame(n, identifier=0xF8 + n) for n in range(32)]
     assert numbers(through(injector, frames)) == [*range(8), *range(24, 32)]
 
 
 def test_standard_and_extended_identifiers_are_told_apart():
-    mask = 0x1FFFFFFF | native.EXTENDED
     frames = [frame(0), frame(1, flags=Flags.EXTENDED)]
-    assert numbers(through(Injector([rule(native.DROP, id=0x100, mask=mask)]), frames)) == [1]
-    extended = rule(native.DROP, id=0x100 | native.EXTENDED, mask=mask)
+    assert numbers(through(Injector([rule(native.DROP, accept=Accept(0x100))]), frames)) == [1]
+    extended = rule(native.DROP, accept=Accept(0x100, flags=Flags.EXTENDED))
     assert numbers(through(Injector([extended]), frames)) == [0]
 
 

@@ -10,6 +10,7 @@ from bridge.can.codec import Codec
 from bridge.injected import changed, sequences, undetected
 from bridge.journal import Journal
 from bridge.native import delay, faults
+from bridge.native.bus import Accept
 from bridge.native.delay import DelayLine
 from bridge.native.faults import FOREVER, INJECTED, Fault, Injector
 from bridge.native.message import Decoded, Header, receiver
@@ -18,11 +19,12 @@ from tests.bridge.can.layouts import layout
 PERIOD, START, N = 5_000_000, 10**12, 600  # ns
 TAU = 0.4  # ms, what the bus takes
 CODEC = Codec(layout("link_fd2.dbc", "LINK_2"))
+LINK = Accept.of(CODEC.message)
 LSB = 2.0**-20
 
 
 def rule(kind, **more):
-    said = {"count": 1, "t1_ns": FOREVER, "bus": -1, "id": 0x3A2, "mask": 0x7FF}
+    said = {"count": 1, "t1_ns": FOREVER, "bus": -1, "accept": LINK}
     return Fault(kind=kind, **{**said, **more})
 
 
@@ -95,10 +97,10 @@ def test_what_is_accepted_is_what_was_sent(tmp_path_factory, rules, seed, bits, 
     with Journal.create(path, INJECTED, N) as journal:
         injector, heard, accepted, held = run(rules, journal.address)
         rows = journal.rows.copy()
-    corrupted = sequences(changed(rows, 0x3A2), lambda data: data[2], 8, PERIOD)
-    assert corrupted.tolist() == [r["sequence"] for r in changed(rows, 0x3A2)]
+    corrupted = sequences(changed(rows, LINK), lambda data: data[2], 8, PERIOD)
+    assert corrupted.tolist() == [r["sequence"] for r in changed(rows, LINK)]
     assert undetected(corrupted, (j for j, _ in accepted)) == []
-    assert heard.crc == sum(int(r["copies"]) for r in changed(rows, 0x3A2))
+    assert heard.crc == sum(int(r["copies"]) for r in changed(rows, LINK))
     assert len({j for j, _ in accepted}) == len(accepted)
     for j, values in accepted:
         assert np.array_equal(values, sent(j))

@@ -13,11 +13,21 @@ from bridge.campaign import load_campaign
 from bridge.fault_script import Event
 from bridge.faults import SPECS, SyncLossSpec, build, load
 from bridge.native import faults as native
-from bridge.native.frame import Frame
+from bridge.native.bus import ALL_BITS, FORMAT, KIND, Accept
+from bridge.native.frame import Flags, Frame
+from bridge.system import Listened
 from cosim.errors import ScenarioError
 
 FOLDER = Path(__file__).parents[2] / "configs" / "faults"
-IDS = {"SYNC": 0x80, "LINK_1": 0x3A1, "LINK_2": 0x3A2, "STATE_1": 0x4A1, "FAR": 0x80000123}
+FD = {"flags": Flags.FD, "flag_mask": FORMAT}
+IDS = [
+    Listened("left", "SYNC", Accept(0x80, flag_mask=FORMAT)),
+    Listened("left", "LINK_1", Accept(0x3A1, **FD)),
+    Listened("left", "LINK_2", Accept(0x3A2, **FD)),
+    Listened("left", "STATE_1", Accept(0x4A1, **FD)),
+    Listened("left", "FAR", Accept(0x123, flags=Flags.EXTENDED, flag_mask=FORMAT)),
+    Listened("right", "NMT", Accept(0x3A1, flag_mask=FORMAT)),
+]
 
 
 def script(text, seed=1):
@@ -26,6 +36,10 @@ def script(text, seed=1):
 
 def fault(**said):
     return build({"fault": [said]}, Path("x.toml"))
+
+
+def said(accept):
+    return accept.id, accept.mask, accept.flags, accept.flag_mask
 
 
 def rules(found):
@@ -50,7 +64,7 @@ def test_the_example_of_the_docs():
         """
     )
     (r,) = rules(s.frames_for("slave_control", IDS))
-    assert (r.kind, r.id, r.mask) == (native.JITTER, 0x3A1, 0x1FFFFFFF | native.EXTENDED)
+    assert (r.kind, said(r.accept)) == (native.JITTER, (0x3A1, ALL_BITS, Flags.FD, FORMAT))
     assert (r.t0_ns, r.t1_ns, r.probability) == (5 * 10**9, 10 * 10**9, 0.2)
     assert (r.a, r.b, r.bus, r.count) == (0.005, 0.02, -1, 1)
     assert s.frames_for("slave", IDS) is None
@@ -59,25 +73,39 @@ def test_the_example_of_the_docs():
 @pytest.mark.parametrize(
     "message, expected",
     [
-        ("*", [(0, 0)]),
-        ("LINK_*", [0x3A1, 0x3A2]),
-        (["LINK_*", "LINK_1", 0x3A2], [0x3A1, 0x3A2]),
-        (0x3A1, [0x3A1]),
-        (0x12345, [0x12345 | native.EXTENDED]),
-        ("FAR", [0x123 | native.EXTENDED]),
+        ("*", [(0, 0, 0, 0)]),
+        ("LINK_*", [(0x3A1, ALL_BITS, Flags.FD, FORMAT), (0x3A2, ALL_BITS, Flags.FD, FORMAT)]),
+        (["LINK_2", "LINK_2*", 0x3A2], [(0x3A2, ALL_BITS, Flags.FD, FORMAT)]),
+        (0x3A1, [(0x3A1, ALL_BITS, 0, FORMAT), (0x3A1, ALL_BITS, Flags.FD, FORMAT)]),
+        (0x3A3, [(0x3A3, ALL_BITS, 0, KIND)]),
+        (0x80000080, [(0x80, ALL_BITS, Flags.EXTENDED, KIND)]),  # not SYNC
+        (0x12345, [(0x12345, ALL_BITS, Flags.EXTENDED, KIND)]),
+        (0x80000123, [(0x123, ALL_BITS, Flags.EXTENDED, FORMAT)]),  # FAR
+        (0x123, [(0x123, ALL_BITS, 0, KIND)]),  # not FAR
+        ("FAR", [(0x123, ALL_BITS, Flags.EXTENDED, FORMAT)]),
         ("NOTHING", []),
     ],
 )
 def test_messages_are_named_by_name_pattern_or_identifier(message, expected):
     found = fault(kind="drop", message=message).frames_for("n", IDS)
-    got = [] if found is None else [(r.id, r.mask) for r in found.injector.rules]
-    exact = 0x1FFFFFFF | native.EXTENDED
-    assert sorted(got) == [e if isinstance(e, tuple) else (e, exact) for e in expected]
+    assert sorted([] if found is None else [said(r.accept) for r in rules(found)]) == expected
+
+
+def test_a_name_is_hit_on_its_bus_only():
+    """On two buses a name may have two identifiers, and another message the same one."""
+    both = [*IDS, Listened("right", "SYNC", Accept(0x3A2, flag_mask=FORMAT))]
+    found = rules(fault(kind="sync-loss").frames_for("n", both, {"left": 0, "right": 1}))
+    assert [(r.accept.id, r.bus) for r in found] == [(0x80, 0), (0x3A2, 1)]
+    assert found[0].random != found[1].random
+    (nmt,) = rules(
+        fault(kind="drop", message=0x3A1, bus="right").frames_for("n", IDS, {"right": 1})
+    )
+    assert (said(nmt.accept), nmt.bus) == ((0x3A1, ALL_BITS, 0, FORMAT), 1)
 
 
 def test_sync_loss_drops_sync():
     (r,) = rules(fault(kind="sync-loss", node="a").frames_for("a", IDS))
-    assert (r.kind, r.id, r.t1_ns) == (native.DROP, 0x80, native.FOREVER)
+    assert (r.kind, r.accept.id, r.t1_ns) == (native.DROP, 0x80, native.FOREVER)
 
 
 def test_a_fault_of_one_bus():
@@ -106,8 +134,16 @@ def test_hits_are_counted_by_table():
     found = s.frames_for("a", IDS)
     assert found is not None and found.hits() == {1: 0}
     for identifier in (0x3A1, 0x3A2, 0x4A1):
-        found.injector.put(Frame.of(identifier, b"x", t_ns=10), 5)
+        found.injector.put(Frame.of(identifier, b"x", Flags.FD, 10), 5)
     assert found.hits() == {1: 2}
+
+
+@pytest.mark.parametrize("strange", [0, *Flags])
+def test_a_rule_is_for_frames_in_the_format_of_its_message(strange):
+    """LINK_1 is a CAN FD frame; how fast it was sent, and by whom, does not matter."""
+    found = fault(kind="drop", message="LINK_1").frames_for("a", IDS)
+    found.injector.put(Frame.of(0x3A1, b"x", Flags.FD ^ strange, 10), 5)
+    assert found.hits() == {0: 1 - bool(strange & FORMAT)}
 
 
 # ---- events ----
@@ -202,7 +238,7 @@ def test_unknown_tables_are_refused():
 )
 def test_names_that_are_not_there_are_refused(said, message):
     with pytest.raises(ScenarioError) as caught:
-        fault(**said).check(["master", "slave"], ["left"], list(IDS))
+        fault(**said).check(["master", "slave"], ["left"], [one.name for one in IDS])
     assert message in str(caught.value)
 
 

@@ -38,8 +38,9 @@ def test_messages_are_those_of_the_profile():
 
 def test_a_bus_of_drives_carries_no_services():
     system = named("can-damiao")
-    assert system.identifiers("master") == {"master_tau_1": 1, "master_tau_2": 2}
-    assert "HEARTBEAT_4" in system.identifiers("master_control")
+    heard = {one.name: one.accept.id for one in system.listened("master")}
+    assert heard == {"master_tau_1": 1, "master_tau_2": 2}
+    assert "HEARTBEAT_4" in {one.name for one in system.listened("master_control")}
 
 
 @settings(max_examples=12)

@@ -11,6 +11,7 @@ from bridge.can.codec import Codec
 from bridge.can.dbc import load
 from bridge.can.layout import find
 from bridge.native import faults as native
+from bridge.native.bus import Accept
 from bridge.native.faults import Injector
 from bridge.native.message import Decoded, Header
 from bridge.zenoh.names import codec as streamed
@@ -35,7 +36,7 @@ def codec(request):
 
 
 def hostile(codec, kind, **more):
-    return rule(kind, id=codec.message.id, message=c.pointer(codec.message), **more)
+    return rule(kind, accept=Accept.of(codec.message), message=c.pointer(codec.message), **more)
 
 
 def sent(codec, n, ms=None):

@@ -11,14 +11,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge import collect, enabling, fromlog, listen, logged, monitor
+from bridge import collect, enabling, evidence, fromlog, injected, listen, logged, monitor
 from bridge.can.log import once
 from bridge.can.profiles import load_profile
+from bridge.faults import build
 from bridge.journal import Journal
 from bridge.lives import Life
 from bridge.lockstep import Lockstep
 from bridge.native import lockstep as native
 from bridge.native.bus import Accept, Bus
+from bridge.native.faults import CORRUPT, INJECTED
 from bridge.native.frame import Flags, Frame, Ring, frame_dtype
 from bridge.native.message import Header
 from bridge.native.node import NEVER_STARTED
@@ -31,6 +33,7 @@ STRANGE = [Flags.EXTENDED, Flags.REMOTE, Flags.FD, Flags.ERROR, Flags.EXTENDED |
 FORMATS = [Flags(0), *STRANGE]
 #: Logs end here, ns; a frame sent so shortly before must have come.
 END = 10**10
+DROP = {"kind": "drop", "node": "master", "message": "LINK_*"}
 DUE = END - round((monitor.SLACK + monitor.SPAN / 2) * 1e9)
 
 
@@ -162,6 +165,25 @@ def test_a_frame_in_another_format_is_no_arrival(system, flags):
     watched = SimpleNamespace(lives_of=lambda node: [lives[node]])
     logs = {(lives[carried.node], "left"): out, (lives["master"], "left"): into}
     assert monitor._lost(watched, "master", carried, logs) == (int(flags != 0), 1)
+
+
+# ---- the record of faults -----------------------------------------------------------------------
+
+
+def test_the_record_of_faults_is_read_by_format_and_bus(system):
+    """Of LINK_2, which master_control sends on its first bus."""
+    name = "master"
+    carried, fault = system.messages["LINK_2"], build({"fault": [DROP]}, Path("x")).frames[0]
+    rows = np.zeros(2 * len(FORMATS), INJECTED)
+    rows["id"] = carried.encoding.message.id
+    rows["flags"] = [carried.encoding.message.flags ^ f for f in FORMATS] * 2
+    rows["bus"] = np.repeat([0, 1], len(FORMATS))
+    rows["kinds"], rows["copies"], rows["crc_after"] = 1 << CORRUPT, 1, 1
+    assert system.buses_of(name) == (carried.bus,) == ("left",)
+    hit = evidence._hit(rows, fault, system, name)
+    assert {m: np.flatnonzero(there).tolist() for m, there in hit.items()} == {"LINK_2": [0]}
+    accept = Accept.of(carried.encoding.message)
+    assert len(injected.changed(rows[: len(FORMATS)], accept)) == 1
 
 
 # ---- lock-step ----------------------------------------------------------------------------------

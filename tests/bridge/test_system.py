@@ -47,7 +47,7 @@ def test_nodes_are_on_the_buses_they_send_or_hear_on():
 
 
 def test_nodes_listen_to_data_and_to_services():
-    heard = named("can").identifiers("master")
+    heard = {one.name: one.accept.id for one in named("can").listened("master")}
     assert heard["LINK_2"] == 0x3A2
     assert heard["NMT"] == 0 and heard["ESTOP"] == 1 and heard["SYNC"] == 0x80
     assert {name for name in heard if name.startswith("HEARTBEAT")} == {

@@ -92,9 +92,12 @@ def _deployment(path: Path) -> None:
 
 def _faults(path: Path) -> None:
     from bridge.faults import load
+    from bridge.native.bus import Accept
+    from bridge.system import Listened
 
     script = load(path)
-    script.frames_for("master", {"STATE_1": 0x101, "SYNC": 0x80}, {"left": 0})
+    known = [Listened("left", "STATE_1", Accept(0x101)), Listened("left", "SYNC", Accept(0x80))]
+    script.frames_for("master", known, {"left": 0})
     script.process_events(["master", "slave"], ["left"])
 
 

@@ -31,8 +31,8 @@ from bridge.wiring import HEARD, Rows
 
 #: Counters of what a receiver refuses because of a frame's content.
 REFUSED = ("crc", "length", "invalid", "range")
-#: ns that a slot's nominal time may be before the arrival of what it used.
-BEFORE = 1_000_000_000
+#: ns by which what was accepted may have arrived before the corrupted frame that it is taken for.
+BEFORE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)

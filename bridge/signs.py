@@ -43,7 +43,7 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     ),
     "replay": ("wrong_sequence", "reordered", "repeated", "stale", "surplus", "altered"),
     "absurd": ("range", "rate", "invalid", "altered"),
-    "flood": ("surplus",),
+    "flood": ("wrong_sequence", "reordered", "repeated", "resyncs", "surplus"),
     "babble": ("frames",),
     "net-down": ("silence", "lost"),
     "net-delay": ("age", "silence"),

@@ -81,6 +81,7 @@ def is_the_twin(found: Rehearsed, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.live
 def test_two_nodes_are_the_twin(tmp_path: Path):
     found = run("teleoperation", "zenoh", ARMS, tmp_path)
     assert found.ended.notes == []

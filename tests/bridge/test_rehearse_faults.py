@@ -33,6 +33,7 @@ def fault(kind, node, at, **more):
     return f'seed = 1\n[[fault]]\nkind = "{kind}"\nnode = "{node}"\nat = {at}\n{keys}'
 
 
+@pytest.mark.live
 def test_a_controller_that_is_killed(tmp_path):
     faults = script(tmp_path, fault("kill", "master_control", 1))
     done = run(tmp_path / "run", *faults, stop=2.5)
@@ -82,6 +83,7 @@ def test_a_controller_that_freezes(tmp_path):
     assert left.exact()
 
 
+@pytest.mark.live
 def test_an_emergency_stop_stops_everybody(tmp_path):
     text = 'seed = 1\n[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\nrate = 20\n'
     faults = script(tmp_path, f"{text}from = 0.5\nto = 3.5\n")

@@ -256,15 +256,27 @@ def test_inside_the_kernel_is_the_hosts_own(kernel: None) -> None:
     assert (done.returncode, done.stderr) == (6, b"")
 
 
-@pytest.mark.slow
-def test_all_of_tests_vcan_passes_on_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
+def passes_on_a_kernel_with_can(tmp_path: Path, least: int, *selection: str) -> None:
+    """These tests pass on such a kernel, at least so many, and none is skipped."""
     report = tmp_path / "report.xml"
     options = ("-q", "-m", "", "-p", "no:cacheprovider", f"--junitxml={report}")
-    words = (sys.executable, "-m", "pytest", *options, "tests/vcan")
+    words = (sys.executable, "-m", "pytest", *options, *selection)
     done = launched(*words, timeout=900, mem="2G")  # six nodes, and the tests before them
     said = done.stdout.decode()[-8000:] + done.stderr.decode()[-2000:]
     assert done.returncode == 0, said
     suite = next(ElementTree.parse(report).iter("testsuite"))
     counts = {name: int(suite.get(name, "-1")) for name in ("errors", "failures", "skipped")}
     assert counts == {"errors": 0, "failures": 0, "skipped": 0}, said
-    assert int(suite.get("tests", "0")) >= 38
+    assert int(suite.get("tests", "0")) >= least
+
+
+@pytest.mark.slow
+@pytest.mark.live
+def test_buses_and_a_rehearsal_on_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
+    selection = ("tests/vcan/test_bus.py", "tests/vcan/test_rehearse.py")
+    passes_on_a_kernel_with_can(tmp_path, 20, *selection)
+
+
+@pytest.mark.slow
+def test_all_of_tests_vcan_passes_on_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
+    passes_on_a_kernel_with_can(tmp_path, 38, "tests/vcan")

@@ -47,6 +47,7 @@ def started(network: Network, changes: Sequence[str], folder: Path) -> None:
         assert process.returncode == 0
 
 
+@pytest.mark.live
 def test_a_start_that_travels_shifts_clocks_by_what_it_took(tmp_path: Path):
     """Further off in the slave, which hears of it later: as `docs/network.md` says."""
     both = {"*": {"delay": {"law": "constant", "delay": f"{LATE} s"}}}

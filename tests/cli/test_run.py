@@ -54,7 +54,7 @@ def test_a_run_folder_holds_everything(cosim: Command, tmp_path: Path) -> None:
     (folder,) = (tmp_path / "runs").iterdir()
     assert re.fullmatch(r"teleoperation-\d{8}-\d{6}", folder.name)
     names = sorted(path.name for path in folder.iterdir())
-    assert names == ["links", "positions.png", "run.json", "trajectories.parquet"]
+    assert names == ["SHA256SUMS", "links", "positions.png", "run.json", "trajectories.parquet"]
     assert len(list((folder / "links").glob("*.parquet"))) == 2
     with Image.open(folder / "positions.png") as image:
         assert image.width > 600 and image.height > 400

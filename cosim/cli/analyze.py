@@ -59,10 +59,10 @@ def analyze(
     from cosim.errors import ScenarioError
     from cosim.record import verify
 
-    if target.is_dir() and check:
-        verify(target)
     if target.is_dir() and set_:
         raise ScenarioError("--set changes a scenario; a run is as it was", str(target))
+    if target.is_dir() and check:
+        verify(target)
     if target.is_dir():
         subject, folder = of_run(target, port), target / "analysis"
     else:

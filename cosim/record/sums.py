@@ -13,7 +13,7 @@ from pathlib import Path
 from warnings import warn
 
 from cosim.errors import RunError, ScenarioError, Unverified
-from cosim.record.folder import SUMS, reason
+from cosim.record.folder import METADATA, SUMS, reason
 
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")
 
@@ -48,8 +48,9 @@ def verify(folder: str | Path) -> None:
     if not folder.is_dir():
         return
     if not (folder / SUMS).exists():
-        text = f"{folder}: no {SUMS}: whether files were altered cannot be told"
-        warn(text, Unverified, stacklevel=2)
+        if (folder / METADATA).exists():  # else it is no run folder; its reader says so
+            text = f"{folder}: no {SUMS}: whether files were altered cannot be told"
+            warn(text, Unverified, stacklevel=2)
         return
     for name, expected in _read(folder).items():
         path = folder / name

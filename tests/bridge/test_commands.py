@@ -150,7 +150,7 @@ def test_what_was_commanded_is_replayed(tmp_path):
     row = mine[0]
     assert (row["commands"], row["state"]) == (digits(ARM, STOP, RESET), State.STOPPING)
     assert not np.any(mine["sent"][-1][:2])
-    found = replay.replay(system, rows, tmp_path)
+    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
     assert found.first is None and found.greatest == 0.0
 
 

@@ -61,7 +61,7 @@ def forged(tmp_path):
     system, numbers = named("can", STOP), []
 
     def speak(t, wired):
-        numbers.append(forge(system, "LINK_2", wired["slave_control"], t, [1.0, -2.0, 30.0, 40.0]))
+        numbers.append(forge(system, "LINK_2", wired["slave_control"], t, [1.0, -2.0, 3.0, 4.0]))
 
     rows = twin_with(system, tmp_path / "twin", np.arange(10, 20) / 10 + 0.0022, speak)
     return system, rows, numbers

@@ -16,16 +16,16 @@ from bridge.can.codec import Codec, verify
 from bridge.can.layout import CodecError, Layout, LayoutError, Signal, find, stream
 from bridge.native import message as native
 from bridge.native.frame import Flags
-from bridge.native.message import Decoded, Field, Header, Kind, Message, Receiver
+from bridge.native.message import Decoded, Field, Header, Kind, Limit, Message, Receiver
 from tests.bridge.can.layouts import LINKS, layout, layouts, placed
 
 INTEGERS = st.sampled_from([Kind.SIGNED, Kind.UNSIGNED])
 
 
 def test_structs_are_as_large_as_in_c():
-    expected = [c.sizeof(t) for t in (Field, Message, Header, Receiver)]
-    assert [native.sizes(i) for i in range(4)] == expected
-    assert native.sizes(4) == 0
+    expected = [c.sizeof(t) for t in (Field, Message, Header, Receiver, Limit)]
+    assert [native.sizes(i) for i in range(5)] == expected
+    assert native.sizes(5) == 0
 
 
 @st.composite

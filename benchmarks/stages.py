@@ -53,7 +53,7 @@ def main() -> None:
     from pathlib import Path
 
     sys.path.append(str(Path(__file__).resolve().parents[1]))
-    import cosim.cli
+    import cosim.cli.commands
 
     stages.mark("import the command line")
     from cosim.assemble import assemble

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from cosim.cli import app
+from cosim.cli.commands import app
 from cosim.record import Run
 from tests.cosim.fmi.exporter import export, strict2, strict3
 

@@ -45,7 +45,8 @@ def test_a_bus_of_drives_carries_no_services():
 
 @settings(max_examples=12)
 @given(
-    gear=st.floats(0.1, 100), direction=st.sampled_from([1, -1]), zero=st.floats(-3, 3).map(lambda x: round(x, 9)),
+    gear=st.floats(0.1, 100), direction=st.sampled_from([1, -1]),
+    zero=st.floats(-3, 3).map(lambda x: round(x, 9)),
     turns=st.floats(-5, 5), tau=st.floats(-0.5, 0.5),
 )  # fmt: skip
 def test_gear_direction_zero_and_units_are_in_the_codec(

@@ -167,7 +167,9 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
     def listen(control):
         control.start(monotonic_ns() + 200_000_000)
 
-    system = load_system(TELEOPERATION, "can", changes(request.node.name, "run.stop=0.05", "deploy.silence=0", far))
+    system = load_system(
+        TELEOPERATION, "can", changes(request.node.name, "run.stop=0.05", "deploy.silence=0", far)
+    )
     options = Options(Life("master"), tmp_path, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)
     assert report.sent["STATE_1"]["saturated"] > 0

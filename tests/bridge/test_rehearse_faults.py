@@ -86,7 +86,9 @@ def test_a_controller_that_freezes(tmp_path):
 @pytest.mark.live
 def test_an_emergency_stop_stops_everybody(tmp_path):
     text = 'seed = 1\n[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\nrate = 20\n'
-    faults = script(tmp_path, f"{text}from = 0.5\nto = 9.5\n")  # the peer is a process that has to begin
+    faults = script(
+        tmp_path, f"{text}from = 0.5\nto = 9.5\n"
+    )  # the peer is a process that has to begin
     run(tmp_path / "run", *faults, stop=10.0)
     left = Left(tmp_path / "run")
     for node in ("master", "slave", "master_control", "slave_control"):

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from cosim.assemble import assemble
 from cosim.check.wiring import unfed
-from cosim.cli import app
+from cosim.cli.commands import app
 from cosim.component import Port
 from cosim.scenario import load
 from fmus.models import planar2r, teleoperation

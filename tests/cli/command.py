@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.cli import command
 from cosim.cli.check import MARK
+from cosim.cli.commands import command
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "teleoperation.toml"

@@ -17,7 +17,7 @@ import numpy  # noqa: F401
 import pyarrow.parquet  # noqa: F401
 
 import cosim.simulate  # noqa: F401
-from cosim.cli import command
+from cosim.cli.commands import command
 
 
 def attempt(case: dict[str, object]) -> dict[str, object]:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from cosim import toml
 from cosim.assemble import assemble
-from cosim.cli import app
+from cosim.cli.commands import app
 from cosim.errors import ScenarioError, UnitError
 from cosim.scenario import build, load, read_document
 from cosim.units import quantity

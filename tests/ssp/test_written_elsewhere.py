@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cosim.cli import app
+from cosim.cli.commands import app
 from cosim.ssp import load
 from tests.ssp.parts import FMUS, recorded
 from tests.ssp.test_read import START, by_hand

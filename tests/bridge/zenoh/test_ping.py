@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import cosim.cli  # noqa: F401  (it imports the commands, which import from it)
 from bridge.cli.ping import histogram, lines, links, links_with_laws
 from bridge.latency import delays_for, on_network
 from bridge.system import load_system

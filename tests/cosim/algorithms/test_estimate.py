@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.cases import rings
-from cosim.cli import app
+from cosim.cli.commands import app
 from cosim.errors import RunError
 from cosim.estimate import estimate
 from cosim.record.folder import TRAJECTORIES

@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from cosim.cli import app
+from cosim.cli.commands import app
 from tests.cosim.algorithms.test_gauss_seidel import OSCILLATOR
 from tests.cosim.scenarios import document
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from cosim.analysis.trace import trace
 from cosim.assemble import assemble
-from cosim.cli import app
+from cosim.cli.commands import app
 from cosim.record import Run
 from cosim.record.folder import read_metadata
 from cosim.scenario import load

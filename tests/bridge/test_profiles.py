@@ -248,7 +248,7 @@ GOOD = (FOLDER / "damiao.toml").read_text(encoding="utf-8")
         ("damping = 0.05", "damping = -1", r"drive\.damping: is -1"),
         ("title =", 'side = "left"\ntitle =', "side: is 'left'"),
         ("title =", "refuses_simulated = true\ntitle =", "carries no status"),
-        ("[command]", "[command", "not a profile that can be read"),
+        ("[command]", "[command", r"p\.toml: not valid TOML"),
         ("step = 1   ", "pace = 1   ", r"command: has no 'pace'"),
     ],
 )
@@ -262,5 +262,5 @@ def test_errors_say_file_and_place(tmp_path: Path, old: str, new: str, message: 
 
 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"none\.toml: not a profile"):
+    with pytest.raises(ScenarioError, match=r"none\.toml: no such file; expected the profile"):
         load_profile(tmp_path / "none.toml")

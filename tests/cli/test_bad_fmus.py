@@ -66,10 +66,10 @@ def test_a_damaged_archive_is_refused(cosim: Command, tmp_path: Path) -> None:
     assert "not a readable FMU (ZIP archive): Bad CRC-32" in cosim.refused("info", "damaged.fmu")
 
 
-def test_a_cache_that_cannot_be_written_is_said(
+def test_a_cache_that_cannot_be_written_is_gone_around(
     cosim: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken.written(broken.contents(), tmp_path / "arm.fmu")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert "cannot unpack into" in cosim.refused("run", scenario("arm.fmu"))
+    assert cosim("run", scenario("arm.fmu")).code == 0

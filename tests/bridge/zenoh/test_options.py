@@ -79,7 +79,7 @@ def test_defaults_are_quiet():
     assert get(config, "listen/endpoints") == ["tcp/127.0.0.1:7462"]
     assert get(config, "scouting/multicast/enabled") is False
     assert get(config, "scouting/gossip/enabled") is False
-    assert get(config, "transport/link/tx/lease") == 1000
+    assert get(config, "transport/link/tx/lease") == 3000
 
 
 def test_without_endpoints_nothing_listens():

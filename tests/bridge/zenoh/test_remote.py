@@ -37,6 +37,7 @@ def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest
     changes = [
         "deploy.buses.net.options.wait=0",
         "deploy.silence=0",
+        "deploy.nodes.master.overrun='5 s'",  # machines stand still now and then
         *sockets(["master"], tmp_path),
     ]
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
@@ -83,6 +84,7 @@ def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.Fixt
     changes = [
         "deploy.buses.net.options.wait=0",
         "deploy.silence=0",
+        "deploy.nodes.master.overrun='5 s'",  # machines stand still now and then
         *sockets(["master"], tmp_path),
     ]
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)

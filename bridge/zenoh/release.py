@@ -33,8 +33,13 @@ def _address(endpoint: str) -> tuple[str, int]:
 
 def _given_up(fd: int, wanted: set[tuple[str, int]]) -> bool:
     try:
-        end = socket.socket(fileno=os.dup(fd))
-    except OSError:  # no socket, or closed meanwhile
+        copy = os.dup(fd)
+    except OSError:  # closed meanwhile
+        return False
+    try:
+        end = socket.socket(fileno=copy)
+    except OSError:  # not a socket: `copy` is still open
+        os.close(copy)
         return False
     with end:
         found = end.type == socket.SOCK_DGRAM and end.family in (socket.AF_INET, socket.AF_INET6)

@@ -5,6 +5,8 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
@@ -35,6 +37,18 @@ def test_an_address_is_free_again_and_other_sockets_are_left_alone():
         assert release([f"{endpoint}?rel=0"]) == 1
         again.bind(address)
         assert other.getsockname()[1] and stream.getsockname() == address
+
+
+def test_looking_for_an_address_leaves_no_descriptor_open(tmp_path: Path):
+    """Files are no sockets: a copy of each stayed open, and a node ran out of descriptors."""
+    descriptors = "/proc/self/fd"
+    with ExitStack() as files:
+        for number in range(20):
+            files.enter_context((tmp_path / str(number)).open("w"))
+        before = len(os.listdir(descriptors))
+        for _ in range(3):
+            assert release(["udp/127.0.0.1:9"]) == 0
+        assert len(os.listdir(descriptors)) == before
 
 
 def talk(end):

@@ -153,15 +153,16 @@ def _kind(events: Sequence[Event]) -> str:
 
 
 def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -> Iterator[Place]:
-    """A place each target whose beginning the run has noted."""
+    """A place each target whose beginning the run has noted, unless its node was over by then."""
     first, last = events[0], events[-1]
     done = {
-        (n.action, n.target)
+        (n.action, n.target): n.t
         for n in shown.notes
         if isinstance(n, Done) and n.index in (first.index, -1)
     }
     for target in sorted({e.target for e in events}):
-        if (first.action, target) not in done:
+        begun = done.get((first.action, target))
+        if begun is None or (target in shown.system.nodes and shown.over(target, begun)):
             continue
         if first.action in OF_LINKS and network is not None:
             yield from of_links(first, last.t, shown, network)

@@ -175,6 +175,13 @@ class Shown:
                 return (Sign(what="ended", life=life),)
         return ()
 
+    def over(self, node: str, t: float) -> bool:
+        """Whether every life of the node had come to its last slot before `t`, and has reported."""
+        lives = self.lives(node)
+        return bool(lives) and all(
+            self.said(life) is not None and float(self._t(life)[-1]) < t for life in lives
+        )
+
     def stopped(self, node: str, t0: float) -> Signs:
         """Whether a life of the node stopped itself after this time."""
         for report in self.reports:

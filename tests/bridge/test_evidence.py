@@ -109,6 +109,15 @@ def test_a_frozen_node_is_late(system, tmp_path):
     assert find(given, run)[0].shown == ("slave: 0.48 s late",)
 
 
+@pytest.mark.parametrize(("t", "verdict"), [(9.9, "unseen"), (10.2, "idle")])
+def test_a_kill_that_comes_when_its_node_is_over_has_nothing_to_act_on(
+    system, tmp_path, t, verdict
+):
+    given = script({"kind": "kill", "node": "slave", "at": 9.5})
+    run = shown(system, tmp_path, notes=[done(t, "kill")])
+    assert find(given, run)[0].verdict == verdict
+
+
 @pytest.mark.parametrize("by", [0.5, -0.5])
 def test_a_clock_that_was_set_shows_as_lateness_a_stop_or_silence(system, tmp_path, by):
     given = script({"kind": "clock-jump", "node": "slave", "at": 2, "by": by})

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from bridge.can.codec import Codec
 from bridge.evidence_links import Network, of_links
 from bridge.fault_script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
 from bridge.findings import Evidence, Place, Sign, Signs
+from bridge.injected import of_run
 from bridge.lives import Life
 from bridge.records import Done, Missed, Refused
 from bridge.signs import COUNTERS, SIGNS, Shown
@@ -95,6 +97,10 @@ def _hit(record: Rows, fault: FrameFault, system: System, node: str) -> dict[str
     for one in fault.about(system.listened(node)):
         if one.name in counted:
             rows = (record["bus"] == buses.index(one.bus)) & one.accept.among(record)
+            if one.name in system.messages:
+                encoding = system.messages[one.name].encoding
+                assert isinstance(encoding, Codec)
+                rows[rows] = of_run(record[rows], encoding)
             found[one.name] = rows | found.get(one.name, False)
     return found
 

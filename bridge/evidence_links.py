@@ -48,10 +48,12 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
     for link in packets.names if first.target == "*" else (first.target,):
         rows = packets.of(link)
         t = (rows["t_ns"] - network.start_ns) * 1e-9
-        rows = rows[(t >= first.t) & (t < t1)]
+        there = (t >= first.t) & (t < t1)
+        rows, t = rows[there], t[there]
         for life, message in _receivers(first.action, link, first.t, t1, shown, network):
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
-            acted, least = _acted(first.action, rows[rows["length"] >= size])
+            samples = (rows["length"] >= size) & shown.sends(message, t)
+            acted, least = _acted(first.action, rows[samples])
             done = acted if acted >= FEW[first.action] else 0
             signs = _link_signs(first, t1, shown, life, message, least) if done else ()
             yield Place(target=str(life), message=message, done=done, signs=signs)

@@ -20,7 +20,6 @@ from bridge.system import Carried
 SPAN_NS = 10**9
 #: Of samples that were sent before t = 0.
 NO_STAMP = -1
-_LIFE = 7  # bits of a status byte with the sender's state
 
 
 @dataclass(slots=True)
@@ -103,7 +102,7 @@ class Heard:
         if found not in (Decoded.OK, Decoded.INVALID):
             return
         t, stamp = int(frame.t_ns), int(header.t_us)
-        if self._waits(header.status):
+        if self.message.is_preview(header.status):
             stamp = NO_STAMP
             self.receiver.sequence = -1  # its counter begins with the run
         elif self.message.e2e and not self._counted(header.counter, t):
@@ -112,11 +111,6 @@ class Heard:
         if found is Decoded.OK:
             self.values = values
             self.recent.append(Sample(t, stamp, values))
-
-    def _waits(self, status: int) -> bool:
-        """Whether it is of a sender that does not run yet: a preview, which counts nothing."""
-        waiting = (State.UNCONFIGURED, State.INACTIVE)
-        return _tells_life(self.message) and status & _LIFE in waiting
 
     def _counted(self, counter: int, t: int) -> bool:
         """Whether it is new. A listener does not know t = 0: the first frame is taken to be late
@@ -170,12 +164,8 @@ class Heard:
         """State and flags of who sent it; a status of 4 bits (classic CAN) has no state."""
         if self.message.status < 0 or self.t_ns < 0:
             return ""
-        state = [_state(self.status & _LIFE)] if _tells_life(self.message) else []
-        return " ".join((*state, *names(Status(self.status & ~_LIFE & 0xFF))))
-
-
-def _tells_life(message: Message) -> bool:
-    return bool(message.status >= 0 and message.header[message.status].scale == 1.0)
+        state = [_state(self.status & Status.LIFE)] if self.message.tells_state else []
+        return " ".join((*state, *names(Status(self.status & ~Status.LIFE & 0xFF))))
 
 
 def _time_bits(message: Message) -> int:

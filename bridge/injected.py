@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.can.codec import Codec
 from bridge.native.bus import Accept
 from bridge.native.faults import CORRUPT
+from bridge.native.message import Decoded
 from cosim.links.laws import IntArray
 
 Rows = NDArray[np.void]
@@ -27,6 +29,18 @@ def changed(rows: Rows, accept: Accept) -> Rows:
         flipped & accept.among(rows) & (rows["copies"] > 0) & (rows["crc"] != rows["crc_after"])
     ]
     return found  # type: ignore[no-any-return]
+
+
+def of_run(rows: Rows, encoding: Codec) -> NDArray[np.bool_]:
+    """Which frames of a record were samples of the run, (rows,); the others were previews.
+
+    Receivers count no preview, so nothing that was done to one shows in a counter.
+    """
+    decoded = (encoding.decode(bytes(row["data"][: row["length"]])) for row in rows)
+    return np.array(
+        [r is not Decoded.OK or not encoding.message.is_preview(h.status) for r, _, h in decoded],
+        dtype=np.bool_,
+    )
 
 
 def sequences(

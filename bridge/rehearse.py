@@ -133,6 +133,11 @@ class Rehearsal:
         """Time of the run, s."""
         return (monotonic_ns() - self.ended.start_ns) * 1e-9
 
+    @property
+    def length(self) -> float:
+        """Of the run, s."""
+        return self.system.plan.ticks * self.system.plan.h
+
     def _announce(self) -> None:
         facts = {
             "scenario": str(self.settings.scenario.resolve()),
@@ -161,7 +166,7 @@ class Rehearsal:
             sleep(LOOK)
 
     def _watch(self, progress: Callable[[float, float], None]) -> None:
-        length = self.system.plan.ticks * self.system.plan.h
+        length = self.length
         events = sorted(self.settings.events, key=lambda e: e.t)
         while any(p.code is None for p in self.current.values()) or _revived(events, length):
             while events and events[0].t <= self.t:
@@ -192,10 +197,12 @@ class Rehearsal:
                 continue
             self.expected.add(name)
             life, why = process.start.life, process.done["error"] if process.done else ""
-            if end is End.TOO_LATE:
-                self.ended.notes.append(Missed(t=self.t, life=life, detail=why))
-                continue
             detail = why or (end if process.done else process.reason())
+            # Whoever was to join and could not before the end, because nobody was there any more.
+            late = life.boot > 1 and not process.done and not process.ready and self.t > self.length
+            if end is End.TOO_LATE or late:
+                self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
+                continue
             gone = Gone(t=self.t, life=life, end=end, code=process.code, detail=detail)
             self.ended.notes.append(gone)
             self._stop_others(process)

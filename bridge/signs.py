@@ -198,6 +198,17 @@ class Shown:
             if self.said(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
         ]
 
+    def sends(self, message: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """At which times, (n,), the first sender of a message ran: else it sent previews."""
+        carried = self.system.messages[message]
+        while carried.forward is not None:
+            carried = self.system.messages[carried.forward.of]
+        ran = np.zeros(len(t), dtype=np.bool_)
+        for life in self.lives(carried.node):
+            slots = self._t(life)
+            ran |= (t >= slots[0]) & (t <= slots[-1])
+        return ran
+
     def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
         """Lives of a node with slots from before this time until after it."""
         return [x for x in self.lives(node) if self._t(x)[0] <= t0 and self._t(x)[-1] >= t1]

@@ -9,6 +9,7 @@ from typing import Any
 
 from bridge.native.frame import Frame
 from bridge.native.library import library
+from bridge.native.safety import State, Status
 
 FIELDS = 256  # the most values a message may have (MESSAGE_FIELDS)
 
@@ -100,6 +101,20 @@ class Message(c.Structure):
         ("header", c.POINTER(Field)),
         ("fill", c.c_uint8 * 64),
     )
+
+    @property
+    def tells_state(self) -> bool:
+        """Whether its status says in which state its sender is; 4 bits (classic CAN) do not."""
+        return bool(self.status >= 0 and self.header[self.status].scale == 1.0)
+
+    def is_preview(self, status: int) -> bool:
+        """Whether this status byte is of a sender that is configured and waits for its start.
+
+        Such a frame has the values its sender will start with. It is no sample of a run, and no
+        receiver counts it.
+        """
+        waiting = (int(State.UNCONFIGURED), int(State.INACTIVE))
+        return self.tells_state and status & int(Status.LIFE) in waiting
 
 
 class Header(c.Structure):

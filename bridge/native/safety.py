@@ -64,6 +64,7 @@ class GuardBit(IntFlag):
 class Status(IntFlag):
     """``STATUS_``: bits of the status byte; the lower three are the sender's :class:`State`."""
 
+    LIFE = 7  # mask of the state
     DEADMAN = 8
     ESTOP = 16
     SATURATED = 32

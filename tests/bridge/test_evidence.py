@@ -17,6 +17,7 @@ from bridge.lives import Life
 from bridge.native import faults as native
 from bridge.native.faults import INJECTED
 from bridge.native.frame import Frame
+from bridge.native.safety import State, Status
 from bridge.records import Done, Missed, Refused
 from bridge.relay.router import PACKET, TCP, UDP
 from bridge.signs import SIGNS
@@ -31,9 +32,12 @@ def system():
     return load_system(SCENARIO, "zenoh", ["run.step='5 ms'", "run.stop='10 s'"])
 
 
-def injected(system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0):
+def injected(system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0, state=State.ACTIVE):
     """The record of `n` frames of xi_slave at the master, 5 ms apart."""
+    encoding = system.messages["xi_slave"].encoding
+    data = encoding.encode(np.zeros(len(encoding.signals)), int(state) | Status.SIMULATED)
     rows = np.zeros(n, INJECTED)
+    rows["data"][:, : len(data)], rows["length"] = list(data), len(data)
     rows["t_ns"] = (t + 0.005 * np.arange(n)) * 1e9
     rows["through_ns"] = rows["t_ns"] + round(wait * 1e9)
     rows["id"] = system.messages["xi_slave"].encoding.message.id
@@ -66,6 +70,14 @@ def test_frames_that_were_dropped_have_to_be_counted_as_lost(
     (found,) = find(script(drop()), shown(system, tmp_path, counts))
     assert (found.verdict, found.done) == (verdict, frames)
     assert found.kind in found.text() and found.facts()["verdict"] == verdict
+
+
+@pytest.mark.parametrize(("state", "verdict"), [(State.INACTIVE, "idle"), (State.ACTIVE, "unseen")])
+def test_a_preview_is_no_sample_that_a_fault_could_take(system, tmp_path, state, verdict):
+    """A node that was started again repeats its first values until it joins; nobody counts them."""
+    injected(system, tmp_path, 9, native.DROP, copies=0, state=state)
+    (found,) = find(script(drop()), shown(system, tmp_path))
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -193,6 +205,17 @@ def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
     assert judged(loss, packets(200, lost=60)) == "unseen"
     assert judged(loss, packets(200, lost=60), {"lost": 60}) == "seen"
     assert judged(loss, packets(200, lost=60, protocol=TCP)) == "idle"  # it repeats them
+
+
+def test_packets_of_a_sender_that_does_not_run_carry_no_sample(system, tmp_path):
+    run = shown(system, tmp_path, notes=[done(2.0, "net-loss", "slave>master")])
+    given = script(
+        {"kind": "net-loss", "link": "slave>master", "at": 2, "for": 1, "probability": 0.3}
+    )
+    network = packets(200, lost=60)
+    assert find(given, run, network)[0].verdict == "unseen"
+    run.rows[Life("slave")] = run.rows[Life("slave")][:390]  # killed before the loss
+    assert find(given, run, network)[0].verdict == "idle"
 
 
 def test_what_shows_a_fault_is_on_the_page():

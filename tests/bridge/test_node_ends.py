@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +15,7 @@ import bridge.node
 from bridge.lives import Life
 from bridge.node import Options, run_node
 from bridge.outcome import complete
-from bridge.records import End, Missed
+from bridge.records import End, Gone, Missed
 from bridge.rehearse import Event, Rehearsal, Settings
 from bridge.report import NodeReport, fault_lines
 from bridge.system import load_system
@@ -126,6 +127,27 @@ def test_a_life_that_joins_after_the_end_is_a_note(request, tmp_path):
     ended = rehearse(tmp_path, request.node.name, events, "run.stop=0.4")
     assert isinstance(ended.notes[-1], Missed) and ended.notes[-1].life == Life("slave", 2)
     assert ended.lives[-1].done["end"] is End.TOO_LATE
+
+
+@pytest.mark.parametrize(("t", "note"), [(0.5, Missed), (0.3, Gone)])
+def test_a_life_that_found_nobody_is_missed_only_where_the_run_was_over(tmp_path, t, note):
+    class Fake:
+        start = SimpleNamespace(life=Life("slave", 2))
+        code, done, ready, refused, deaf = 2, None, None, [], ()
+
+        def poll(self):
+            pass
+
+        def reason(self):
+            return "nobody listens"
+
+    system = load_system(TELEOPERATION, str(CAN), ["run.stop=0.4"])
+    rehearsal = Rehearsal(system, Settings(TELEOPERATION, CAN, ()), tmp_path)
+    rehearsal.current["slave"] = Fake()
+    rehearsal.ended.start_ns = monotonic_ns() - round(t * 1e9)
+    rehearsal._look()
+    (found,) = rehearsal.ended.notes
+    assert isinstance(found, note) and found.detail == "nobody listens"
 
 
 def test_when_a_rehearsal_is_left_all_nodes_are_told_before_any_is_waited_for(

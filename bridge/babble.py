@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes as c
+import select
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,7 +19,7 @@ from contextlib import contextmanager
 from bridge.can.interface import attach, parse_spec
 from bridge.fault_script import EXTENDED, Event
 from bridge.native import pace
-from bridge.native.bus import Bus
+from bridge.native.bus import FORMAT, Accept, Bus
 from bridge.native.frame import Flags, Frame
 from cosim.errors import CosimError
 
@@ -58,6 +59,13 @@ def _flags(identifier: int, length: int) -> int:
     return (Flags.EXTENDED if long else 0) | (Flags.FD | Flags.BRS if length > 8 else 0)
 
 
+def accept(event: Event) -> Accept:
+    """The frames that such a peer sends, by identifier and format."""
+    return Accept(
+        event.id & 0x1FFFFFFF, flags=_flags(event.id, event.length) & FORMAT, flag_mask=FORMAT
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """0, a line when it begins and one with what was sent; 2: the bus cannot be opened."""
     given, rest = _parser().parse_known_args(arguments)
@@ -71,11 +79,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with stopped_by_signals() as stop:
             sys.stdout.write(f"sending {given.id:#x} {given.rate:g} times a second\n")
             sys.stdout.flush()
+            if given.hold:
+                _held(stop)
             done = babble(attachment.bus, given.id, given.rate, given.length, frames, stop)
     finally:
         attachment.close()
     sys.stdout.write(f"{done[0]} frames sent, {done[1]} not taken\n")
     return 0
+
+
+def _held(stop: c.c_int32) -> None:
+    """Wait for a line on standard input, or for a signal."""
+    while not stop.value and not select.select([sys.stdin], [], [], LONGEST_WAIT * 1e-9)[0]:
+        pass
 
 
 @contextmanager
@@ -103,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--id", type=lambda text: int(text, 0), required=True)
     parser.add_argument("--rate", type=float, required=True, help="frames a second")
     parser.add_argument("--length", type=int, default=8, help="bytes of data (default 8)")
+    parser.add_argument("--hold", action="store_true", help="wait for a line on standard input")
     parser.add_argument("--seconds", type=float, help="how long (default: until a signal)")
     return parser
 

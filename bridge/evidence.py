@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from bridge.babble import accept
 from bridge.can.codec import Codec
 from bridge.evidence_links import Network, of_links
 from bridge.fault_script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
@@ -220,8 +221,9 @@ def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
 
 
 def _frames(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
-    unknown = sum(r.said.unknown_frames for r in shown.reports if r.said)
-    return (Sign(what="frames", number=unknown),) if unknown else ()
+    """Frames in the logs of the bus that have the peer's identifier and that no node has sent."""
+    found = shown.strangers(bus, accept(first))
+    return (Sign(what="frames", number=found),) if found else ()
 
 
 _EVENT_SIGNS: Mapping[str, Callable[[Shown, str, Event, float], Signs]] = {

@@ -36,7 +36,7 @@ class Sign(Record, frozen=True, kw_only=True):
             case "health":
                 return f"{self.life}: the bus was not well"
             case "frames":
-                return f"{n:.0f} frames of no known message"
+                return f"{n:.0f} frames that no node has sent"
             case "surplus":
                 return f"{n:.0f} more frames than were sent"
             case "altered":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 from collections.abc import Callable, Mapping
 from typing import Any, final
@@ -28,18 +27,25 @@ def events(
     d = system.deployment
     messages = {m.name for node in system.nodes for m in system.listened(node)}
     script.check(list(d.nodes), list(d.buses), sorted(messages))
-    babblers: dict[tuple[str, int], subprocess.Popen[bytes]] = {}
+    planned = script.process_events(list(d.nodes), list(d.buses))
+    babblers = {(e.target, e.index): Babbler(e, system) for e in planned if e.action == "babble"}
     links = _Links(network)
     return tuple(
-        Event(e.t, e, _deed(e, system, babblers, links, script), e.action == "start")
-        for e in script.process_events(list(d.nodes), list(d.buses))
+        Event(
+            e.t,
+            e,
+            _deed(e, system, babblers, links, script),
+            e.action == "start",
+            babblers[e.target, e.index].prepare if e.action == "babble" else None,
+        )
+        for e in planned
     )
 
 
 def _deed(
     event: Planned,
     system: System,
-    babblers: dict[tuple[str, int], subprocess.Popen[bytes]],
+    babblers: Mapping[tuple[str, int], Babbler],
     links: _Links,
     script: FaultScript,
 ) -> Callable[[Rehearsal], None]:
@@ -59,9 +65,9 @@ def _deed(
             state = event.action.removeprefix("bus-")
             return lambda r: set_link(system, target, state)
         case "babble":
-            return lambda r: _babble(r, event, system, babblers)
+            return lambda r: babblers[target, event.index].begin()
         case "hush":
-            return lambda r: _hush(babblers.pop((target, event.index)))
+            return lambda r: babblers[target, event.index].hush()
         case _:
             links.check(event, script)
             return lambda r: links.change(event)
@@ -116,25 +122,49 @@ def set_link(system: System, bus: str, state: str) -> None:
         raise RunError(f"ip link set {spec.channel} {state}: {found.stderr.strip()}")
 
 
-def _babble(
-    r: Rehearsal,
-    event: Planned,
-    system: System,
-    babblers: dict[tuple[str, int], subprocess.Popen[bytes]],
-) -> None:
-    spec = system.deployment.buses[event.target]
-    channel = can_spec(system.deployment, event.target).channel
-    command = babble.command(event, spec.interface, channel, fd=spec.fd)
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    babblers[event.target, event.index] = process
-    r.closing(lambda: _hush(process))
+@final
+class Babbler:
+    """The process of a babbling peer. It is ready before the run, so that it begins at its time."""
 
+    def __init__(self, event: Planned, system: System) -> None:
+        spec = system.deployment.buses[event.target]
+        channel = can_spec(system.deployment, event.target).channel
+        self._command = babble.command(event, spec.interface, channel, fd=spec.fd)
+        self._process: subprocess.Popen[bytes] | None = None
 
-def _hush(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
+    def prepare(self, r: Rehearsal) -> Callable[[], None]:
+        """Start it. What is returned waits until it has its bus, and raises RunError if it ends."""
+        self._process = process = subprocess.Popen(
+            [*self._command, "--hold"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        r.closing(self.hush)
+
+        def wait() -> None:
+            assert process.stdout is not None and process.stderr is not None
+            if not process.stdout.readline():
+                said = process.stderr.read().decode(errors="replace").strip()
+                raise RunError(f"the babbling peer has ended before the run: {said}")
+
+        return wait
+
+    def begin(self) -> None:
+        """Let it send. Raises RunError where it has ended."""
+        assert self._process is not None and self._process.stdin is not None
         try:
-            process.wait(3.0)
+            self._process.stdin.write(b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise RunError("the babbling peer has ended before its time") from None
+
+    def hush(self) -> None:
+        """End it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.terminate()
+        try:
+            process.communicate(timeout=3.0)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            process.communicate()

@@ -47,14 +47,16 @@ def unheard(wired: Wired) -> list[str]:
 def silent(wired: Wired) -> list[str]:
     """What a running node has not heard for longer than it may, a phrase each.
 
-    Messages of nodes that have finished are not missed.
+    Messages of nodes that have finished are not missed. Torques of a node in FAULT are heard,
+    although they feed no watchdog of a drive.
     """
     struct, d = wired.struct, wired.system.deployment
     over = {p for p, peer in wired.peers.items() if peer.state == State.FINISHED}
     found = {}
     for i, inlet in enumerate(wired.plan.inlets):
         sender = wired.system.messages[inlet.message].node
-        silence = (struct.slot * struct.h_ns - wired.receiving.inlets[i].heard_ns) * 1e-9
+        last = max(wired.receiving.inlets[i].heard_ns, wired.receivers[inlet.message].arrival_ns)
+        silence = (struct.slot * struct.h_ns - last) * 1e-9
         limit = max(wired.receiving.inlets[i].stop_ns * 1e-9, d.silence)
         if 0 < limit < silence and sender not in over:
             found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s"

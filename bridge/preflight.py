@@ -13,7 +13,7 @@ from bridge.check import Watchdog, check_buses
 from bridge.identifiers import collisions
 from bridge.native.message import STAMP_TURNS, Profile
 from bridge.protect import emulated
-from bridge.safety import in_si
+from bridge.safety import in_si, limits
 from bridge.services import BEATS, commanders
 from bridge.system import System
 from cosim.check.finding import Finding
@@ -21,6 +21,8 @@ from cosim.check.wiring import unfed
 
 #: s; what comes later over a network than this is nothing a controller wants.
 LATE = 10.0
+#: Parameter of a controller: the greatest torque that it may ask for.
+LIMIT = "tau_max"
 
 
 def timings(system: System) -> dict[str, BusTiming]:
@@ -177,10 +179,46 @@ def unlimited(system: System) -> list[Finding]:
     return list(found.values())
 
 
+def windups(system: System) -> list[Finding]:
+    """Controllers that do not know the torque limit of their guard: their estimates wind up.
+
+    A controller with a parameter ``tau_max`` stops adapting while its torque is at that limit. One
+    whose limit is above that of its guard goes on adapting to a torque that never acts.
+    """
+    found: list[Finding] = []
+    for node, plan in system.nodes.items():
+        spec = system.deployment.nodes[node].guard
+        for step in plan.plan.components if spec is not None else ():
+            assert spec is not None
+            torque = next((o for o in step.outputs if o.port == spec.port), None)
+            own = next((p for p in step.component.parameters if p.name == LIMIT), None)
+            if torque is None or own is None:
+                continue
+            place = system.deployment.place("nodes", node, "guard", LIMIT)
+            allowed = limits(spec.tau_max, torque.size, "N.m", place)
+            known = max(step.values.get(LIMIT, own.default))
+            if allowed is None or known <= allowed.max():
+                continue
+            found.append(
+                Finding(
+                    rule="windup",
+                    severity="warning",
+                    where=step.name,
+                    number=known,
+                    unit="N.m",
+                    reason=f"takes {known:g} N.m for its limit ({LIMIT}), and the guard of {node}"
+                    f" lets {allowed.max():g} N.m through: beyond it its estimates wind up",
+                    advice=f'[set] "components.{step.name}.parameters.{LIMIT}" ='
+                    f' "{allowed.max():g} N.m" in the deployment',
+                )
+            )
+    return found
+
+
 def check(system: System) -> list[Finding]:
     """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
     plain = check_buses(messages(system), timings(system), watchdogs(system))
     buses = [f for f in plain if f.rule != "identifier"]  # collisions() looks at all parties
     found = [*unfed(system.plan), *buses]
     found += [*collisions(system), *overruns(system), *forwarded(system)]
-    return [*found, *unlimited(system)]
+    return [*found, *windups(system), *unlimited(system)]

@@ -25,13 +25,16 @@ Node = Process | Thread
 class Event:
     """Something done to a rehearsal at `t` (s); `what`: for its notes, see :mod:`bridge.faults`.
 
-    `revives`: it starts a node again, for which a run waits of which nobody is left.
+    `revives`: it starts a node again, for which a run waits of which nobody is left. `prepare`:
+    starts, while the nodes start, what takes a while to begin; what it returns waits until that is
+    ready.
     """
 
     t: float
     what: str | Planned
     do: Callable[[Rehearsal], None]
     revives: bool = False
+    prepare: Callable[[Rehearsal], Callable[[], None]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,10 @@ class Rehearsal:
         """
         for name in self.settings.nodes or tuple(self.system.nodes):
             self.start_node(name)
+        prepared = [e.prepare(self) for e in self.settings.events if e.prepare is not None]
         self._all_ready()
+        for wait in prepared:
+            wait()
         if self.settings.real:
             sleep(LEAD)  # heartbeats and first positions have been heard
             self._stack.enter_context(enabled(self.system, self.current))

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from bridge.findings import Sign, Signs
 from bridge.journal import Journal
-from bridge.lives import Life, lives_of
+from bridge.lives import Life, frame_files, lives_of
+from bridge.native.bus import Accept
+from bridge.native.frame import Flags
 from bridge.records import End, Note, Statement
 from bridge.report import NodeReport
 from bridge.surplus import surpluses
@@ -111,6 +113,15 @@ class Shown:
         """How many samples were heard otherwise than they were sent."""
         n = self.altered.get((life, message), 0)
         return (Sign(what="altered", number=n),) if n else ()
+
+    def strangers(self, bus: str, accept: Accept) -> int:
+        """Frames of a kind that a life heard on a bus and no other life sent there; the most."""
+        logs = {life: Journal.open(p) for life, p in frame_files(self.nodes, bus).items()}
+        rows = {
+            life: log[accept.among(log)]["flags"] & Flags.SENT != 0 for life, log in logs.items()
+        }
+        sent = {life: int(np.count_nonzero(own)) for life, own in rows.items()}
+        return max((len(own) - sum(sent.values()) for own in rows.values()), default=0)
 
     # ---- times -------------------------------------------------------------------------------
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set
+from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set, refuse
+from cosim.cli.check import Strict
 
 if TYPE_CHECKING:
     from bridge.records import Statement
@@ -32,15 +33,18 @@ def node(
         bool, typer.Option("--hardware", help="Frames may move real drives; asks before it starts.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    strict: Strict = False,
 ) -> None:
     """Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).
 
+    The deployment is checked first, as by `cosim rehearse`: an error refuses the node.
     Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
     """
     import threading
     from contextlib import ExitStack
 
     from bridge import deploy as deployments
+    from bridge import preflight
     from bridge.cli.options import bus_settings, fresh
     from bridge.control import Control
     from bridge.enabling import enabled
@@ -62,6 +66,7 @@ def node(
     system = load_system(scenario, str(path), changes)
     if name not in system.nodes:
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
+    refuse(preflight.check(system), strict=strict, quiet=False)
     if hardware and not yes:
         typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
     folder = out or fresh(Path("runs") / f"{name}-{stamp()}")

@@ -15,8 +15,9 @@ from bridge.findings import Sign
 from bridge.journal import Journal
 from bridge.lives import Life
 from bridge.native import faults as native
+from bridge.native.bus import Accept
 from bridge.native.faults import INJECTED
-from bridge.native.frame import Frame
+from bridge.native.frame import Flags, Frame, frame_dtype
 from bridge.native.safety import State, Status
 from bridge.records import Done, Missed, Refused
 from bridge.relay.router import PACKET, TCP, UDP
@@ -230,6 +231,46 @@ def test_a_message_of_zenoh_is_hit_by_its_name(system):
     number = system.messages["xi_slave"].encoding.message.id
     rules.injector.put(Frame.of(number, bytes(40), 0, 2_000_000_000 + 1), 1)
     assert rules.hits() == {0: 1}
+
+
+BABBLE = {"kind": "babble", "bus": "right", "id": 0x21, "rate": 100, "from": 1, "to": 2}
+
+
+def logged(folder, life, *frames):
+    """The log of a life on its right bus: (identifier, flags) of each frame."""
+    with Journal.create(folder / Life(life).frames("right"), frame_dtype(), 16) as journal:
+        for identifier, flags in frames:
+            journal.append(0, identifier, flags, 0, 8, 0, 0, np.zeros(64, np.uint8))
+
+
+def babbled(tmp_path, *, heard):
+    """What is found of a babbling peer, of which the slave heard so many frames."""
+    system = load_system(SCENARIO, "can", ["run.step='5 ms'", "run.stop='10 s'"])
+    one = system.messages["STATE_3"].encoding.message.id
+    logged(tmp_path, "slave", (one, Flags.SENT), *[(0x21, 0)] * heard, (0x21, Flags.EXTENDED))
+    logged(tmp_path, "slave_control", (one, 0), *[(0x21, 0)] * heard)
+    notes = [done(1.0, "babble", "right")]
+    (found,) = find(script(BABBLE), shown(system, tmp_path, notes=notes))
+    return found
+
+
+def test_a_babbling_peer_is_seen_by_frames_that_no_node_has_sent(tmp_path):
+    found = babbled(tmp_path, heard=3)
+    assert found.verdict == "seen" and found.places[0].signs == (Sign(what="frames", number=3),)
+
+
+def test_frames_for_other_nodes_are_no_sign_of_a_babbling_peer(tmp_path):
+    assert babbled(tmp_path, heard=0).verdict == "unseen"
+
+
+def test_what_another_node_has_sent_is_no_sign_of_a_babbling_peer(tmp_path):
+    system = load_system(SCENARIO, "can", ["run.step='5 ms'", "run.stop='10 s'"])
+    one = system.messages["STATE_3"].encoding.message
+    logged(tmp_path, "slave", *[(one.id, Flags.SENT | one.flags)] * 4)
+    logged(tmp_path, "slave_control", *[(one.id, one.flags)] * 5)
+    told = shown(system, tmp_path)
+    assert told.strangers("right", Accept.of(one)) == 1
+    assert told.strangers("left", Accept.of(one)) == 0
 
 
 class Told:

@@ -64,6 +64,27 @@ def test_a_bus_that_is_not_there_is_an_error(capsys):
     assert "nowhere7" in capsys.readouterr().err
 
 
+def test_one_that_is_held_sends_when_it_is_told_to():
+    said = [*command(EVENT, "virtual", "alone"), "--hold", "--seconds", "0.01"]
+    with subprocess.Popen(said, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+        assert peer.stdin is not None and peer.stdout is not None
+        assert peer.stdout.readline() == "sending 0x10 2000 times a second\n"
+        assert peer.poll() is None
+        out, _ = peer.communicate("\n", timeout=60)
+    assert out == "20 frames sent, 0 not taken\n"
+
+
+def test_a_signal_ends_one_that_is_held():
+    with subprocess.Popen(
+        [*command(EVENT, "virtual", "alone"), "--hold"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as peer:  # fmt: skip
+        assert peer.stdout is not None and peer.stdout.readline()
+        peer.send_signal(signal.SIGTERM)
+        peer.wait(timeout=60)
+        assert peer.stdout.read() == "0 frames sent, 0 not taken\n"
+
+
 def test_a_signal_ends_it_and_it_says_what_it_did():
     said = command(EVENT, "virtual", "alone")
     assert said[0] == sys.executable

@@ -5,7 +5,7 @@ import ctypes as c
 import numpy as np
 import pytest
 
-from bridge import hearing
+from bridge import hearing, twin
 from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Ring
@@ -14,7 +14,9 @@ from bridge.native.safety import State, Status
 from bridge.system import load_system
 from bridge.wiring import Wired
 from cosim.clock import monotonic_ns, sleep, stopwatch
-from tests.bridge.deployments import TELEOPERATION
+from tests.bridge.deployments import TELEOPERATION, named
+
+STEP = "run.step='5 ms'"
 
 
 class Slave:
@@ -101,6 +103,18 @@ def test_who_has_finished_is_not_missed(master):
     assert hearing.silent(master.wired)
     master.wired.peers["slave"].state = State.FINISHED
     assert hearing.silent(master.wired) == []
+
+
+def test_torques_of_a_node_in_fault_are_heard(tmp_path):
+    """They move no drive and feed no watchdog, but the drive is not deaf."""
+    settings = (STEP, "run.stop=2", "deploy.silence='0.5 s'")
+    system = named("can", *settings)
+    with twin.wired(system, tmp_path) as nodes:
+        nodes["master_control"].struct.alarm = 1  # an emergency stop in its first slot
+        twin.run(system, nodes)
+        assert nodes["master_control"].struct.life.state == State.FAULT
+        assert nodes["master"].receivers["LINK_2"].ok > 300
+        assert hearing.silent(nodes["master"]) == []
 
 
 def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path, monkeypatch):

@@ -85,15 +85,15 @@ def test_a_controller_that_freezes(tmp_path):
 
 @pytest.mark.live
 def test_an_emergency_stop_stops_everybody(tmp_path):
-    text = 'seed = 1\n[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\nrate = 20\n'
-    faults = script(
-        tmp_path, f"{text}from = 0.5\nto = 9.5\n"
-    )  # the peer is a process that has to begin
-    run(tmp_path / "run", *faults, stop=10.0)
+    babble = 'seed = 1\n[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\n'
+    faults = script(tmp_path, f"{babble}rate = 100\nfrom = 0.3\nto = 0.5\n")
+    run(tmp_path / "run", *faults, stop=1.0)
     left = Left(tmp_path / "run")
     for node in ("master", "slave", "master_control", "slave_control"):
         assert left.state(node) == State.FAULT, node
         assert left.why(node) & Why.ESTOP, node
+    (found,) = left.facts["rehearsal"]["faults"]
+    assert found["kind"] == "babble" and found["places"][0]["signs"][0]["number"] >= 1
     assert left.exact()
 
 

@@ -4,9 +4,9 @@
 
     title = "..."
     scenario = "../teleoperation.toml"
-    run = "7 s"                         # of one run
+    run = "8 s"                         # of one run
     torque_max = "120 N.m"              # in any node, at any time
-    rehearsed = 0.2                     # part of the runs that are real processes
+    rehearsed = 0.5                     # part of the runs that are real processes
     [channels.can]
     deploy = "can"
     weight = 1                          # simulated runs of it in a turn through the channels
@@ -42,8 +42,11 @@ from cosim.scenario import read_document
 FIRST, LAST = 0.8, 1.0
 #: Windows of time in a run, and the part of the streams that meet a hostile peer.
 WINDOWS, WINDOWS_REHEARSED, HOSTILE_PART = 10, 2, 0.5
-#: s within a run: when a node is killed and started again, is frozen, has its clock set, is killed.
-RESTART, FREEZE, JUMP, KILL = (1.0, 1.3), (1.6, 2.2), (3.0, 3.6), 0.7
+#: s within a run: when a node is frozen, has its clock set, is killed and started again. Peers that
+#: stop because a node is away meet no later fault, so faults of the network come before that.
+FREEZE, JUMP, RESTART = (1.0, 1.3), (1.9, 2.3), (4.2, 4.6)
+#: s before the end of a run: when another node is killed.
+KILL = 0.7
 
 
 class ChannelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -106,7 +109,9 @@ class Many(msgspec.Struct, frozen=True):
         every = [name for name, spec in self.spec.channels.items() for _ in range(spec.rehearsals)]
         part = self.spec.rehearsed
         before, now = (int((k + i) * part) for i in (0, 1))
-        return (every[before % len(every)], True) if now > before else (turn[k % len(turn)], False)
+        if now > before:
+            return every[before % len(every)], True
+        return turn[(k - before) % len(turn)], False
 
 
 def load_many(path: Path) -> Many:
@@ -116,8 +121,8 @@ def load_many(path: Path) -> Many:
     if not kinds or not spec.channels:
         raise ScenarioError("expected one [kinds.NAME] and one [channels.NAME] at least", str(path))
     run = number(spec.run, "s", f"{path} at run")
-    if run < FIRST + LAST + 2.0:
-        raise ScenarioError(f"is {run:g} s; expected {FIRST + LAST + 2.0:g} s or more", str(path))
+    if run < RESTART[1] + 2.0:
+        raise ScenarioError(f"is {run:g} s; expected {RESTART[1] + 2.0:g} s or more", str(path))
     return Many(path, spec, run, number(spec.torque_max, "N.m", f"{path} at torque_max"), kinds)
 
 
@@ -157,11 +162,21 @@ def _of_frames(
             t0 = FIRST + window * length
             yield _framed(many, kind, t0, t0 + length, random, node=node, message=message)
     if "sync-loss" in many.kinds:
-        nodes = [n for n in system.nodes if n not in away and n != system.deployment.sync]
-        hearing = [n for n in nodes if "SYNC" in {one.name for one in system.listened(n)}]
-        nodes = [n for n in hearing if system.heard_by(n)]
-        for node in nodes[:1]:
+        for node in [n for n in _hearing_sync(system) if n not in away][:1]:
             yield _framed(many, "sync-loss", FIRST, many.run - LAST, random, node=node)
+
+
+def _hearing_sync(system: System) -> list[str]:
+    """Nodes on a bus on which SYNC is sent: gateways do not forward it."""
+    sender = system.deployment.sync
+    buses = system.buses_of(sender) if sender else ()
+    return [
+        node
+        for node in system.nodes
+        if node != sender
+        and system.heard_by(node)
+        and any(one.name == "SYNC" and one.bus in buses for one in system.listened(node))
+    ]
 
 
 def _framed(
@@ -175,7 +190,7 @@ def _framed(
 
 
 def _of_processes(many: Many, system: System, random: np.random.Generator) -> Iterator[Table]:
-    """One node is started again, another is frozen and killed at the end, one has a wrong clock.
+    """One node is frozen and killed at the end, one has a wrong clock, another is started again.
 
     Who is killed is on no network that the node which begins again has to find it on; where every
     node is, there is one of the two.
@@ -202,9 +217,9 @@ def _on_network(system: System, node: str) -> bool:
 
 
 def _of_links(many: Many, links: Sequence[str], random: np.random.Generator) -> Iterator[Table]:
-    """Each kind of a network's faults once, one after the other."""
+    """Each kind of a network's faults once, one after the other, while all nodes are there."""
     kinds = [str(k) for k in random.permutation([k for k in LINKS if k in many.kinds])]
-    length = (many.run - FIRST - LAST) / max(1, len(kinds))
+    length = (RESTART[0] - FIRST) / max(1, len(kinds))
     for i, kind in enumerate(kinds if links else []):
         said = _drawn(many.kinds[kind], random)
         lasts = min(float(said.pop("for")), length)

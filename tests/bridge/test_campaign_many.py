@@ -76,6 +76,23 @@ def test_who_is_killed_is_not_who_begins_again(many, systems):
         assert not others & set(whom)  # counters die with them
 
 
+def test_a_loss_of_sync_is_drawn_only_where_sync_is_heard(many, systems):
+    for k in range(60):
+        channel, _, made = drawn(many, systems, 6, k)
+        system = systems[channel]
+        for table in (t for t in made["fault"] if t["kind"] == "sync-loss"):
+            together = set(system.buses_of(table["node"])) & set(system.buses_of("master"))
+            assert together and system.deployment.sync == "master"
+
+
+def test_faults_of_the_network_come_before_a_node_is_away(many, systems):
+    for k in range(60):
+        _, _, made = drawn(many, systems, 7, k)
+        over = [t["at"] + t["for"] for t in made["fault"] if t["kind"].startswith("net-")]
+        away = [t["at"] for t in made["fault"] if t["kind"] in ("restart", "kill")]
+        assert not over or not away or max(over) <= min(away)
+
+
 def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
     job = Job(many, tmp_path, seed=1, hosted=False)
     calm = {k: v for k, v in many.kinds.items() if k not in ("absurd", "forge", "flood", "replay")}
@@ -107,7 +124,7 @@ def test_a_file_that_cannot_be_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="kinds"):
         load_many(path)
     path.write_text(path.read_text() + "[kinds.drop]\nfor = 1\n")
-    with pytest.raises(ScenarioError, match=r"is 1 s; expected 3\.8 s or more"):
+    with pytest.raises(ScenarioError, match=r"is 1 s; expected 6\.6 s or more"):
         load_many(path)
 
 

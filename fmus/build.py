@@ -12,7 +12,6 @@ import re
 import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -20,6 +19,7 @@ from pathlib import Path
 from cosim.errors import FmuError
 from fmus import toolchain
 from fmus.description import Version, build_description, model_description, terminals
+from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
 from fmus.source import sources, token
 
@@ -29,7 +29,6 @@ __all__ = [
     "Version",
     "build",
     "build_all",
-    "compile_model",
     "find",
     "pack",
     "shipped",
@@ -99,8 +98,7 @@ def build(
 def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> list[Path]:
     """Build `models` (default: those an installation ships) for the host, in 2.0 and 3.0."""
     chosen = shipped() if models is None else list(models)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # compilers are processes of their own
-        compiled = list(pool.map(compile_model, chosen))
+    compiled = compile_models(chosen)
     return [
         pack(model, version, out_dir, binaries)
         for model, binaries in zip(chosen, compiled, strict=True)
@@ -152,19 +150,6 @@ def file_name(model: Model, version: Version) -> str:
     return f"{model.identifier}.fmi{version[0]}.fmu"
 
 
-def compile_model(model: Model, platforms: Sequence[str] | None = None) -> dict[str, bytes]:
-    """The shared library for each platform (default: the host's). Raises ToolchainError."""
-    binaries = {}
-    with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
-        files = _write(sources(model), Path(scratch))
-        for platform in platforms or (toolchain.host_platform(),):
-            name = model.identifier + toolchain.shared_suffix(platform)
-            output = Path(scratch, platform, name)
-            toolchain.compile_shared(files, output, include=[Path(scratch)], platform=platform)
-            binaries[platform] = output.read_bytes()
-    return binaries
-
-
 def pack(
     model: Model, version: Version, out_dir: Path | str, binaries: Mapping[str, bytes]
 ) -> Path:
@@ -203,13 +188,6 @@ def _check(model: Model, version: str) -> None:
     if version not in known:
         clock = f"{model.identifier} has a clock; " if model.clock and version == "2.0" else ""
         raise FmuError(f"{clock}FMI version is {version!r}; expected one of {', '.join(known)}")
-
-
-def _write(files: Mapping[str, str], folder: Path) -> list[Path]:
-    """Write all `files` into `folder`; those to compile are returned."""
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="utf-8", newline="\n")
-    return [folder / name for name in files if name.endswith(".c")]
 
 
 def _folder2(platform: str, platforms: Iterable[str]) -> str:

@@ -17,7 +17,8 @@ import typer
 
 from cosim.errors import CosimError, ScenarioError, UnitError
 from cosim.units import quantity
-from fmus.build import SHIPPED, VERSIONS, Version, compile_model, pack, shipped, versions
+from fmus.build import SHIPPED, VERSIONS, Version, pack, shipped, versions
+from fmus.library import compile_model
 from fmus.model import Model, clocked
 from fmus.toolchain import PLATFORMS
 

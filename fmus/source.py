@@ -1,8 +1,8 @@
 """A model in C: the files its library is compiled from, some of them generated here.
 
-``variables.h`` (the struct `Model`) and ``variables.c`` (the tables) follow from the declaration;
-the rest lies in ``fmus/c``. Together with the declaration they determine the token by which an
-FMU's description and its binary recognise each other.
+``variables.h`` (the struct `Model`) and ``variables.c`` (the tables for the FMI layer) follow from
+the declaration; the rest lies in ``fmus/c``. Together with the declaration they determine the token
+by which an FMU's description and its binary recognise each other.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import product
@@ -35,6 +35,7 @@ _GENERIC = (
     "state.c",
 )
 _HEADERS = (
+    "declaration.h",
     "export.h",
     "fmi2.h",
     "fmi2_types.h",
@@ -51,10 +52,12 @@ _GENERATOR = (
     "description.py",
     "description2.py",
     "description3.py",
+    "library.py",
     "model.py",
     "source.py",
     "toolchain.py",
 )
+_INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 _TYPE = {"real": "IS_REAL", "integer": "IS_INTEGER", "boolean": "IS_BOOLEAN"}
 
 
@@ -69,14 +72,35 @@ def sources(model: Model) -> dict[str, str]:
     for source in model.sources:
         path = Path(source) if Path(source).is_absolute() else _FOLDER / source
         files[path.name] = _read(path, model)
-    files["variables.h"] = _header(model, _token(model, files))
-    files["variables.c"] = _tables(model)
+    found = _token(model, files)
+    files["variables.h"] = _header(model)
+    files["variables.c"] = _tables(model, found)
     return dict(sorted(files.items()))
 
 
 def c_files(model: Model) -> list[str]:
     """The C files to compile, in the order of the alphabet."""
     return [name for name in sources(model) if name.endswith(".c")]
+
+
+def units(model: Model) -> list[dict[str, str]]:
+    """Of each C file its text and those of the headers that it includes, by name, itself first.
+
+    Where this is equal for two models, they share the object file.
+    """
+    files = sources(model)
+    return [_unit(files, name) for name in files if name.endswith(".c")]
+
+
+def _unit(files: Mapping[str, str], name: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    left = [name]
+    while left:
+        here = left.pop()
+        if here in files and here not in found:
+            found[here] = files[here]
+            left += _INCLUDE.findall(files[here])
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -151,7 +175,7 @@ def _inputs(model: Model) -> list[tuple[int, int]]:
     return ranges
 
 
-def _header(model: Model, token: str) -> str:
+def _header(model: Model) -> str:
     size = sum(v.size for v in model.variables)
     members = "".join(f"    {_member(v)}\n" for v in model.variables)
     return f"""\
@@ -159,17 +183,10 @@ def _header(model: Model, token: str) -> str:
 #ifndef VARIABLES_H
 #define VARIABLES_H
 
-#define MODEL_IDENTIFIER "{model.identifier}"
-#define INSTANTIATION_TOKEN "{token}"
-#define LAYOUT UINT64_C(0x{_layout(model)})
+enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size} }};
 
-#define CLOCK_INTERVAL {_number(model.clock)} /* s, of a model with a clock */
-
-enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size}, \
-N_INPUT_RANGES = {len(_inputs(model))}, IS_CLOCKED = {int(model.clock > 0.0)} }};
-
-typedef struct {{
-{members}}} Model;
+struct Model {{
+{members}}};
 
 #endif
 """
@@ -195,7 +212,7 @@ def _number(value: float) -> str:
     return {inf: "INFINITY", -inf: "-INFINITY"}.get(value) or repr(float(value))
 
 
-def _tables(model: Model) -> str:
+def _tables(model: Model, token: str) -> str:
     entries, access, starts, names = [], [], [], []
     offset = 0
     for v in model.variables:
@@ -215,13 +232,25 @@ def _tables(model: Model) -> str:
         (
             f"/* variables.c - generated from the declaration of {model.identifier}. */",
             '#include "model.h"\n',
+            "typedef char no_padding[sizeof(Model) == N_SCALARS * sizeof(double) ? 1 : -1];\n",
+            _table("Declaration declared", _declared(model, token)),
             _table("Variable variables[N_VARIABLES + 1]", entries),
             _table("unsigned char scalar_access[N_SCALARS + 1]", [*access, "IS_REAL"]),
-            _table("double start_values[N_SCALARS]", starts),
             _table("char *const scalar_names[N_SCALARS + 1]", [*names, '"time"']),
-            _table("Range input_ranges[N_INPUT_RANGES + 1]", [*ranges, "{0, 0}"]),
+            _table("double start_values[N_SCALARS]", starts),
+            _table("Range input_ranges[]", [*ranges, "{0, 0}"]),
         )
     )
+
+
+def _declared(model: Model, token: str) -> list[str]:
+    """The members of `Declaration`, in its order."""
+    return [
+        f'"{model.identifier}", "{token}"',
+        f"UINT64_C(0x{_layout(model)})",
+        f"N_VARIABLES, N_SCALARS, {len(_inputs(model))}",
+        f"{int(model.clock > 0.0)}, {_number(model.clock)}",
+    ]
 
 
 def _table(name: str, entries: list[str]) -> str:

@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -45,7 +46,6 @@ FLAGS = (
     "-ffp-contract=off",
     "-fno-fast-math",
     "-fvisibility=hidden",
-    "-shared",
 )
 _ZIG_FLAGS = ("-mcpu=baseline", "-fno-sanitize=undefined")
 _SUFFIX = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}
@@ -135,26 +135,81 @@ def compile_shared(
     is marked for export is visible. The library appears at once and complete: a process that
     has an older one mapped keeps it, and two builds at a time do not meet.
 
+    Each source is compiled by a process of its own, as many at a time as there are processors.
     Raises ToolchainError with the compiler's last lines.
+    """
+    options = [f"-D{k}" if v is None else f"-D{k}={v}" for k, v in (defines or {}).items()]
+    options += flags
+    with tempfile.TemporaryDirectory(prefix="cc-") as scratch, processes() as pool:
+        jobs = [
+            pool.submit(
+                compile_object,
+                source,
+                Path(scratch, f"{n}.o"),
+                include=tuple(include),
+                platform=platform,
+                flags=options,
+            )
+            for n, source in enumerate(sources)
+        ]
+        return link_shared([job.result() for job in jobs], output, platform=platform, flags=flags)
+
+
+def processes() -> ThreadPoolExecutor:
+    """Threads that each wait for a compiler: one for each processor."""
+    return ThreadPoolExecutor(os.cpu_count())
+
+
+def compile_object(
+    source: Path | str,
+    output: Path | str,
+    *,
+    include: Iterable[Path | str] = (),
+    platform: str | None = None,
+    flags: Iterable[str] = (),
+) -> Path:
+    """Compile one C99 `source` into the object file `output`, to be linked by `link_shared`.
+
+    Arguments as of :func:`compile_shared`. Raises ToolchainError with the compiler's last lines.
+    """
+    name = platform or host_platform()
+    command = [*compiler(name), *FLAGS, *_position_independent(name)]
+    command += [f"-I{Path(folder).resolve()}" for folder in include]
+    command += [*flags, "-c", "-o", str(output), str(Path(source).resolve())]
+    _run(command, f"{Path(source).name} for {name}")
+    return Path(output)
+
+
+def link_shared(
+    objects: Iterable[Path],
+    output: Path | str,
+    *,
+    platform: str | None = None,
+    flags: Iterable[str] = (),
+) -> Path:
+    """Link `objects` into the shared library `output`, which appears at once and complete.
+
+    Raises ToolchainError with the linker's last lines.
     """
     target = Path(output).resolve()
     target.parent.mkdir(parents=True, exist_ok=True)
     name = platform or host_platform()
-    command = [*compiler(name), *FLAGS, *_platform_flags(name, target.name)]
-    command += [f"-I{Path(folder).resolve()}" for folder in include]
-    command += [f"-D{k}" if v is None else f"-D{k}={v}" for k, v in (defines or {}).items()]
-    command += flags
+    command = [*compiler(name), *FLAGS, "-shared", *_platform_flags(name, target.name), *flags]
     with tempfile.TemporaryDirectory(prefix=".cc-", dir=target.parent) as scratch:
         built = Path(scratch, target.name)
-        command += ["-o", str(built), *(str(Path(source).resolve()) for source in sources)]
+        command += ["-o", str(built), *map(str, objects)]
         command += ["-lm"] if name.endswith("linux") else []
         _run(command, f"{target.name} for {name}")
         built.replace(target)
     return target
 
 
+def _position_independent(platform: str) -> list[str]:
+    return [] if platform.endswith("windows") else ["-fPIC"]
+
+
 def _platform_flags(platform: str, name: str) -> list[str]:
-    """What shared libraries need on each system besides :data:`FLAGS`.
+    """What the linker needs for a shared library on each system.
 
     On Linux a library binds its own calls to itself (several FMUs in one process define the
     same names), and is not said to need libm unless it calls it. On Windows symbols are
@@ -213,7 +268,7 @@ def _works(command: str) -> bool:
     with tempfile.TemporaryDirectory(prefix="cc-") as scratch:
         source = Path(scratch, "probe.c")
         source.write_text(_PROBE)
-        flags = [*FLAGS, *_platform_flags(host_platform(), "probe")]
+        flags = [*FLAGS, "-shared", *_platform_flags(host_platform(), "probe")]
         try:
             _run([command, *flags, "-o", str(Path(scratch, "probe")), str(source)], "a probe")
         except ToolchainError:

@@ -1,6 +1,6 @@
 /* clock.c - the model as the partition of a periodic input clock.
  *
- * Tick k is at start + k CLOCK_INTERVAL. A step of the model belongs to the tick it starts at: its
+ * Tick k is at start + k clock_interval. A step of the model belongs to the tick it starts at: its
  * outputs hold to the next. Where the importer ticks (FMI 3.0, Event Mode) a tick is calculated when
  * a value is asked for, again after inputs were set again, and taken for good when the discrete
  * states are updated. Where it does not, `step_clocked` makes the ticks of a communication step.
@@ -11,19 +11,19 @@
 #include "instance.h"
 
 static double tick_time(const Instance *x) {
-    return x->start_time + x->clock.count * CLOCK_INTERVAL;
+    return x->start_time + x->clock.count * declared.clock_interval;
 }
 
 /* Two times closer than this (s) are one: importers may have rounded. */
-static double close_to(double t) { return 1e-6 * CLOCK_INTERVAL + 1e-12 * fabs(t); }
+static double close_to(double t) { return 1e-6 * declared.clock_interval + 1e-12 * fabs(t); }
 
 Status clock_activate(Instance *x, const char *function) {
-    const double t = x->x.values[TIME];
+    const double t = x->values[TIME];
     if (x->clock.active) return STATUS_OK;
     if (!(fabs(t - tick_time(x)) <= close_to(t)))
         return refuse(x, function, "the clock ticks every %g s, next at t = %.17g s; it is %.17g s",
-                      CLOCK_INTERVAL, tick_time(x), t);
-    memcpy(x->clock.before, x->x.values, sizeof x->clock.before);
+                      declared.clock_interval, tick_time(x), t);
+    memcpy(x->clock.before, x->values, N_STORED * sizeof *x->values);
     x->clock.active = 1;
     x->stale = 1;
     return STATUS_OK;
@@ -31,12 +31,13 @@ Status clock_activate(Instance *x, const char *function) {
 
 /* Everything but the inputs as it was before the tick. */
 static void rewind_states(Instance *x) {
-    double now[N_STORED];
-    memcpy(now, x->x.values, sizeof now);
-    memcpy(x->x.values, x->clock.before, sizeof x->clock.before);
-    for (unsigned i = 0; i < N_INPUT_RANGES; i++) {
-        const Range range = input_ranges[i];
-        memcpy(x->x.values + range.first, now + range.first, range.size * sizeof *now);
+    unsigned from = 0; /* the first that is not rewound yet */
+    for (unsigned i = 0; i <= declared.n_input_ranges; i++) {
+        const Range none = {N_STORED, 0};
+        const Range inputs = i < declared.n_input_ranges ? input_ranges[i] : none;
+        memcpy(x->values + from, x->clock.before + from,
+               (inputs.first - from) * sizeof *x->values);
+        from = inputs.first + inputs.size;
     }
 }
 
@@ -45,7 +46,7 @@ Status clock_evaluate(Instance *x, const char *function) {
     if (!x->clock.active || !x->stale) return STATUS_OK;
     rewind_states(x);
     if (check_inputs(x, t, function) != STATUS_OK) return STATUS_DISCARD;
-    const char *why = model_step(&x->x.model, t, CLOCK_INTERVAL);
+    const char *why = model_step((Model *)x->values, t, declared.clock_interval);
     if (why != NULL) return discard(x, function, "at t = %g s %s", t, why);
     x->stale = 0;
     return STATUS_OK;
@@ -67,18 +68,18 @@ static Status step_between(const Instance *x, double t, double end, const char *
     return refuse(x, function,
                   "the clock has not ticked at %.17g s, within the step from %.17g s to %.17g s; it "
                   "ticks every %g s",
-                  tick, t, end, CLOCK_INTERVAL);
+                  tick, t, end, declared.clock_interval);
 }
 
 Status step_clocked(Instance *x, double t, double h, const char *function) {
     const double end = t + h, first = x->clock.count;
     if (x->clock.used) return step_between(x, t, end, function);
-    memcpy(x->clock.before, x->x.values, sizeof x->clock.before);
+    memcpy(x->clock.before, x->values, N_STORED * sizeof *x->values);
     while (tick_time(x) < end - close_to(end)) {
         const double tick = tick_time(x), at = fabs(tick - t) <= close_to(t) ? t : tick;
-        const char *why = model_step(&x->x.model, at, CLOCK_INTERVAL);
+        const char *why = model_step((Model *)x->values, at, declared.clock_interval);
         if (why != NULL) {
-            memcpy(x->x.values, x->clock.before, sizeof x->clock.before);
+            memcpy(x->values, x->clock.before, N_STORED * sizeof *x->values);
             x->clock.count = first;
             return discard(x, function, "at t = %g s %s", at, why);
         }

@@ -1,7 +1,7 @@
 /* fmi2.c - FMI 2.0.5 for co-simulation: the entry points.
  *
  * In which state what may be called: the table of clause 4.2.4. A value reference is the place of
- * a scalar in Model, N_SCALARS is the time.
+ * a scalar in Model, declared.n_scalars is the time.
  */
 #include "fmi2.h"
 
@@ -85,16 +85,16 @@ fmi2Status fmi2Reset(fmi2Component c) {
 /* Log what is wrong with a value reference that does not have all bits of `need`. */
 static fmi2Status refuse_reference(const Instance *x, const char *function,
                                    fmi2ValueReference reference, unsigned need) {
-    if (reference > N_SCALARS)
-        return (fmi2Status)refuse(x, function, "there is no value reference %u, the last is %d",
-                                  reference, N_SCALARS);
+    if (reference > declared.n_scalars)
+        return (fmi2Status)refuse(x, function, "there is no value reference %u, the last is %u",
+                                  reference, declared.n_scalars);
     const unsigned access = scalar_access[reference];
     const char *type = access & IS_REAL ? "Real" : access & IS_INTEGER ? "Integer" : "Boolean";
     return (fmi2Status)refuse_access(x, function, scalar_names[reference], type, access, need);
 }
 
 static inline int has(fmi2ValueReference reference, unsigned need) {
-    return reference <= N_SCALARS && (scalar_access[reference] & need) == need;
+    return reference <= declared.n_scalars && (scalar_access[reference] & need) == need;
 }
 
 /* Before reading: mode, pointers, and calculated values brought up to date. */
@@ -135,7 +135,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
     if (!may_get(x, vr, n, value, "fmi2GetReal")) return fmi2Error;
     for (size_t i = 0; i < n; i++) {
         if (!has(vr[i], IS_REAL)) return refuse_reference(x, "fmi2GetReal", vr[i], IS_REAL);
-        value[i] = x->x.values[vr[i]];
+        value[i] = x->values[vr[i]];
     }
     return fmi2OK;
 }
@@ -147,7 +147,7 @@ fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
     for (size_t i = 0; i < n; i++) {
         if (!has(vr[i], IS_INTEGER))
             return refuse_reference(x, "fmi2GetInteger", vr[i], IS_INTEGER);
-        value[i] = (fmi2Integer)x->x.values[vr[i]];
+        value[i] = (fmi2Integer)x->values[vr[i]];
     }
     return fmi2OK;
 }
@@ -159,7 +159,7 @@ fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t
     for (size_t i = 0; i < n; i++) {
         if (!has(vr[i], IS_BOOLEAN))
             return refuse_reference(x, "fmi2GetBoolean", vr[i], IS_BOOLEAN);
-        value[i] = x->x.values[vr[i]] != 0.0;
+        value[i] = x->values[vr[i]] != 0.0;
     }
     return fmi2OK;
 }
@@ -168,7 +168,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
                        const fmi2Real value[]) {
     Instance *x = c;
     if (!may_set(x, vr, n, value, IS_REAL, "fmi2SetReal")) return fmi2Error;
-    for (size_t i = 0; i < n; i++) x->x.values[vr[i]] = value[i];
+    for (size_t i = 0; i < n; i++) x->values[vr[i]] = value[i];
     return fmi2OK;
 }
 
@@ -176,7 +176,7 @@ fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
                           const fmi2Integer value[]) {
     Instance *x = c;
     if (!may_set(x, vr, n, value, IS_INTEGER, "fmi2SetInteger")) return fmi2Error;
-    for (size_t i = 0; i < n; i++) x->x.values[vr[i]] = value[i];
+    for (size_t i = 0; i < n; i++) x->values[vr[i]] = value[i];
     return fmi2OK;
 }
 
@@ -184,7 +184,7 @@ fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference vr[], size_t
                           const fmi2Boolean value[]) {
     Instance *x = c;
     if (!may_set(x, vr, n, value, IS_BOOLEAN, "fmi2SetBoolean")) return fmi2Error;
-    for (size_t i = 0; i < n; i++) x->x.values[vr[i]] = value[i] != fmi2False;
+    for (size_t i = 0; i < n; i++) x->values[vr[i]] = value[i] != fmi2False;
     return fmi2OK;
 }
 
@@ -243,7 +243,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
     if (!legal(x, END | TERMINATED, "fmi2GetRealStatus")) return fmi2Error;
     if (value == NULL || kind != fmi2LastSuccessfulTime)
         return (fmi2Status)refuse(x, "fmi2GetRealStatus", "only fmi2LastSuccessfulTime is known");
-    *value = x->x.values[TIME];
+    *value = x->values[TIME];
     return fmi2OK;
 }
 

@@ -2,16 +2,16 @@
  *
  * In which state what may be called: clauses 2.3 and 4.2.1. There is no configuration mode and no
  * intermediate update; Event Mode and the clock are in fmi3_events.c. A value reference is the
- * place of a variable in the declaration, N_VARIABLES is the time; arrays are row-major.
+ * place of a variable in the declaration, declared.n_variables is the time; arrays are row-major.
  */
 #include "fmi3.h"
 
 #include "instance.h"
 
 enum {
-    ANY = INSTANTIATED | INITIALIZATION | STEPPING | EVENTS | TERMINATED,
-    READ = INITIALIZATION | STEPPING | EVENTS | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENTS
+    ANY = INSTANTIATED | INITIALIZATION | STEPPING | EVENT | TERMINATED,
+    READ = INITIALIZATION | STEPPING | EVENT | TERMINATED,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENT
 };
 
 /* --- life cycle --------------------------------------------------------------------------- */
@@ -51,11 +51,11 @@ fmi3Instance fmi3InstantiateCoSimulation(
     (void)earlyReturnAllowed;          /* allowed, never done */
     (void)requiredIntermediateVariables, (void)nRequiredIntermediateVariables;
     (void)intermediateUpdate; /* none provided */
-    Instance *x = instantiate(
-        instanceName, token, loggingOn, environment, logMessage,
-        eventModeUsed && !IS_CLOCKED ? "this FMU has no event mode: eventModeUsed must be false"
-                                     : NULL,
-        "fmi3InstantiateCoSimulation");
+    const char *impossible = eventModeUsed && !declared.is_clocked
+                                 ? "this FMU has no event mode: eventModeUsed must be false"
+                                 : NULL;
+    Instance *x = instantiate(instanceName, token, loggingOn, environment, logMessage, impossible,
+                              "fmi3InstantiateCoSimulation");
     if (x != NULL) x->clock.used = eventModeUsed;
     return x;
 }
@@ -100,7 +100,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance x) {
 }
 
 fmi3Status fmi3Terminate(fmi3Instance x) {
-    if (!legal(x, STEPPING | EVENTS, "fmi3Terminate")) return fmi3Error;
+    if (!legal(x, STEPPING | EVENT, "fmi3Terminate")) return fmi3Error;
     return (fmi3Status)terminate(x);
 }
 
@@ -112,18 +112,18 @@ fmi3Status fmi3Reset(fmi3Instance x) {
 /* --- values ------------------------------------------------------------------------------- */
 
 static inline int has(fmi3ValueReference reference, unsigned need) {
-    return reference <= N_VARIABLES && (variables[reference].access & need) == need;
+    return reference <= declared.n_variables && (variables[reference].access & need) == need;
 }
 
 static int refuse_reference(const Instance *x, const char *function, fmi3ValueReference reference,
                             unsigned need) {
-    if (IS_CLOCKED && reference == CLOCK_REFERENCE) {
-        refuse(x, function, "value reference %d is the clock", CLOCK_REFERENCE);
+    if (declared.is_clocked && reference == CLOCK_REFERENCE) {
+        refuse(x, function, "value reference %u is the clock", CLOCK_REFERENCE);
         return 0;
     }
-    if (reference > N_VARIABLES) {
-        refuse(x, function, "there is no value reference %lu, the last is %d",
-               (unsigned long)reference, N_VARIABLES);
+    if (reference > declared.n_variables) {
+        refuse(x, function, "there is no value reference %lu, the last is %u",
+               (unsigned long)reference, declared.n_variables);
         return 0;
     }
     const Variable *v = &variables[reference];
@@ -162,7 +162,7 @@ static int follow(Instance *x, const fmi3ValueReference vr[], size_t n, const ch
 
 /* Inputs are clocked: where the importer ticks, they are set while the clock is active. */
 static int between_ticks(const Instance *x, const char *function) {
-    if (!x->clock.used || x->clock.active || !(x->mode & (STEPPING | EVENTS))) return 1;
+    if (!x->clock.used || x->clock.active || !(x->mode & (STEPPING | EVENT))) return 1;
     refuse(x, function, "inputs are clocked: set them in Event Mode, after fmi3SetClock");
     return 0;
 }
@@ -172,7 +172,7 @@ static inline int may_get(Instance *x, const fmi3ValueReference vr[], size_t n,
                           const char *function) {
     if (!legal(x, READ, function)) return 0;
     if (!fit(x, vr, n, values, nValues, type, function)) return 0;
-    if (!x->stale || !(x->mode & (INITIALIZATION | EVENTS))) return 1;
+    if (!x->stale || !(x->mode & (INITIALIZATION | EVENT))) return 1;
     return follow(x, vr, n, function);
 }
 
@@ -180,9 +180,9 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
                           const void *values, size_t nValues, unsigned type,
                           const char *function) {
     if (!legal(x, WRITE, function)) return 0;
-    const unsigned need = type | (x->mode & (STEPPING | EVENTS) ? SET_IN_STEPS : SET_AT_START);
+    const unsigned need = type | (x->mode & (STEPPING | EVENT) ? SET_IN_STEPS : SET_AT_START);
     if (!fit(x, vr, n, values, nValues, need, function)) return 0;
-    if (IS_CLOCKED && n > 0 && !between_ticks(x, function)) return 0;
+    if (declared.is_clocked && n > 0 && !between_ticks(x, function)) return 0;
     x->stale |= x->mode != STEPPING;
     return 1;
 }
@@ -195,7 +195,7 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
         if (!may_get(x, vr, n, values, nValues, BIT, "fmi3Get" #T)) return fmi3Error;        \
         for (size_t i = 0; i < n; i++) {                                                     \
             const Variable *v = &variables[vr[i]];                                           \
-            const double *from = x->x.values + v->offset;                                    \
+            const double *from = x->values + v->offset;                                    \
             if (v->size == 1)                                                                \
                 *values++ = (fmi3##T)*from;                                                  \
             else                                                                             \
@@ -209,7 +209,7 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
         if (!may_set(x, vr, n, values, nValues, BIT, "fmi3Set" #T)) return fmi3Error;        \
         for (size_t i = 0; i < n; i++) {                                                     \
             const Variable *v = &variables[vr[i]];                                           \
-            double *to = x->x.values + v->offset;                                            \
+            double *to = x->values + v->offset;                                            \
             if (v->size == 1)                                                                \
                 *to = *values++;                                                             \
             else                                                                             \
@@ -274,6 +274,6 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     const Status status =
         do_step(x, currentCommunicationPoint, communicationStepSize, "fmi3DoStep");
     *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
-    *lastSuccessfulTime = x->x.values[TIME];
+    *lastSuccessfulTime = x->values[TIME];
     return (fmi3Status)status;
 }

@@ -23,8 +23,8 @@ static fmi3Status refused(const Instance *x, const char *function, const char *w
 
 /* Whether the importer said that it handles events, and the mode fits. */
 static int eventful(const Instance *x, unsigned mode, const char *function) {
-    if (!IS_CLOCKED || x == NULL || !x->clock.used) {
-        refuse(x, function, "%s", IS_CLOCKED ? "eventModeUsed is false" : NO_EVENTS);
+    if (!declared.is_clocked || x == NULL || !x->clock.used) {
+        refuse(x, function, "%s", declared.is_clocked ? "eventModeUsed is false" : NO_EVENTS);
         return 0;
     }
     return legal(x, mode, function);
@@ -49,7 +49,8 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance x) {
     return refused(x, "fmi3EvaluateDiscreteStates",
-                   IS_CLOCKED ? "this FMU evaluates its states with its outputs" : NO_EVENTS);
+                   declared.is_clocked ? "this FMU evaluates its states with its outputs"
+                                       : NO_EVENTS);
 }
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesNeedUpdate,
@@ -80,11 +81,11 @@ static int is_clock(const Instance *x, const fmi3ValueReference vr[], size_t n, 
         return 0;
     }
     for (size_t i = 0; i < n; i++) {
-        if (IS_CLOCKED && vr[i] == CLOCK_REFERENCE) continue;
-        if (!IS_CLOCKED)
+        if (declared.is_clocked && vr[i] == CLOCK_REFERENCE) continue;
+        if (!declared.is_clocked)
             refuse(x, function, "this FMU has no variable of type Clock");
         else
-            refuse(x, function, "value reference %lu is no clock, expected %d",
+            refuse(x, function, "value reference %lu is no clock, expected %u",
                    (unsigned long)vr[i], CLOCK_REFERENCE);
         return 0;
     }
@@ -94,7 +95,7 @@ static int is_clock(const Instance *x, const fmi3ValueReference vr[], size_t n, 
 fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                         fmi3Clock values[]) {
     const Instance *x = instance;
-    if (!legal(x, INITIALIZATION | STEPPING | EVENTS | TERMINATED, "fmi3GetClock"))
+    if (!legal(x, INITIALIZATION | STEPPING | EVENT | TERMINATED, "fmi3GetClock"))
         return fmi3Error;
     if (!is_clock(x, vr, n, values, "fmi3GetClock")) return fmi3Error;
     for (size_t i = 0; i < n; i++) values[i] = x->clock.active != 0;
@@ -105,8 +106,9 @@ fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], si
                         const fmi3Clock values[]) {
     static const char function[] = "fmi3SetClock";
     Instance *x = instance;
-    if (!legal(x, IS_CLOCKED ? EVENT : INSTANTIATED | INITIALIZATION | STEPPING, function))
-        return fmi3Error;
+    const unsigned modes =
+        declared.is_clocked ? EVENT : INSTANTIATED | INITIALIZATION | STEPPING;
+    if (!legal(x, modes, function)) return fmi3Error;
     if (!is_clock(x, vr, n, values, function)) return fmi3Error;
     for (size_t i = 0; i < n; i++) {
         if (values[i]) {
@@ -121,7 +123,7 @@ fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], si
 /* Whether interval or shift may be asked for. */
 static int askable(const Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
                    const char *function) {
-    if (!IS_CLOCKED) {
+    if (!declared.is_clocked) {
         refuse(x, function, "%s", NO_CLOCKS);
         return 0;
     }
@@ -135,7 +137,7 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[],
     if (!askable(x, vr, n, intervals, function)) return fmi3Error;
     if (n > 0 && qualifiers == NULL) return refused(x, function, "qualifiers is null");
     for (size_t i = 0; i < n; i++) {
-        intervals[i] = CLOCK_INTERVAL;
+        intervals[i] = declared.clock_interval;
         qualifiers[i] = fmi3IntervalUnchanged;
     }
     return fmi3OK;
@@ -151,30 +153,30 @@ fmi3Status fmi3GetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], si
 fmi3Status fmi3GetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                    fmi3UInt64 counters[], fmi3UInt64 resolutions[],
                                    fmi3IntervalQualifier qualifiers[]) {
-    return refused(x, "fmi3GetIntervalFraction", IS_CLOCKED ? NO_FRACTIONS : NO_CLOCKS);
+    return refused(x, "fmi3GetIntervalFraction", declared.is_clocked ? NO_FRACTIONS : NO_CLOCKS);
 }
 
 fmi3Status fmi3GetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                 fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
-    return refused(x, "fmi3GetShiftFraction", IS_CLOCKED ? NO_FRACTIONS : NO_CLOCKS);
+    return refused(x, "fmi3GetShiftFraction", declared.is_clocked ? NO_FRACTIONS : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                   const fmi3Float64 intervals[]) {
-    return refused(x, "fmi3SetIntervalDecimal", IS_CLOCKED ? CONSTANT : NO_CLOCKS);
+    return refused(x, "fmi3SetIntervalDecimal", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                    const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    return refused(x, "fmi3SetIntervalFraction", IS_CLOCKED ? CONSTANT : NO_CLOCKS);
+    return refused(x, "fmi3SetIntervalFraction", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                const fmi3Float64 shifts[]) {
-    return refused(x, "fmi3SetShiftDecimal", IS_CLOCKED ? CONSTANT : NO_CLOCKS);
+    return refused(x, "fmi3SetShiftDecimal", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                 const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    return refused(x, "fmi3SetShiftFraction", IS_CLOCKED ? CONSTANT : NO_CLOCKS);
+    return refused(x, "fmi3SetShiftFraction", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }

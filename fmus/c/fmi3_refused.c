@@ -25,8 +25,8 @@ static fmi3Status none(const Instance *x, unsigned modes, size_t n, const char *
 }
 
 enum {
-    READ = INITIALIZATION | STEPPING | EVENTS | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENTS
+    READ = INITIALIZATION | STEPPING | EVENT | TERMINATED,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENT
 };
 
 #define NO_VALUES(T)                                                                      \

@@ -83,6 +83,7 @@ static const char *mode_name(unsigned mode) {
 int refuse_mode(const Instance *x, unsigned allowed, const char *function) {
     char names[160] = "";
     if (x == NULL) return 0;
+    if (!declared.is_clocked) allowed &= ~(unsigned)EVENT;
     for (int i = 0; i < N_MODES; i++)
         if (MODES[i].bit & allowed) {
             if (names[0]) strcat(names, ", ");
@@ -128,14 +129,22 @@ Status set_logging(Instance *x, int on, size_t n, const char *const categories[]
 /* --- life cycle --------------------------------------------------------------------------- */
 
 static void go_to_start(Instance *x) {
-    memcpy(x->x.values, start_values, sizeof start_values);
-    x->x.values[TIME] = 0.0;
+    memcpy(x->values, start_values, declared.n_scalars * sizeof *x->values);
+    x->values[TIME] = 0.0;
     x->start_time = 0.0;
     x->stop_time = INFINITY;
     x->stale = 1;
     x->clock.active = 0;
     x->clock.count = 0.0;
     x->mode = INSTANTIATED;
+}
+
+/* Memory for an instance and its values, those before a tick at the end; NULL without memory. */
+static Instance *allocated(void) {
+    const size_t values = declared.is_clocked ? 2 * (size_t)N_STORED : N_STORED;
+    Instance *x = calloc(1, sizeof *x + values * sizeof *x->values);
+    if (x != NULL && declared.is_clocked) x->clock.before = x->values + N_STORED;
+    return x;
 }
 
 Instance *instance_new(const char *name, const char *token, int logging, Forward *forward,
@@ -150,23 +159,25 @@ Instance *instance_new(const char *name, const char *token, int logging, Forward
         refuse(&first, function, "the instance name is %s", name == NULL ? "null" : "empty");
         return NULL;
     }
-    if (token == NULL || strcmp(token, INSTANTIATION_TOKEN) != 0) {
+    if (token == NULL || strcmp(token, declared.token) != 0) {
         refuse(&first, function, "the token is '%.80s', expected '%s' of the model description",
-               token == NULL ? "(null)" : token, INSTANTIATION_TOKEN);
+               token == NULL ? "(null)" : token, declared.token);
         return NULL;
     }
-    Instance *x = malloc(sizeof *x);
+    Instance *x = allocated();
     char *copy = malloc(strlen(name) + 1);
     if (x == NULL || copy == NULL) {
-        refuse(&first, function, "no memory for an instance of %s", MODEL_IDENTIFIER);
+        refuse(&first, function, "no memory for an instance of %s", declared.identifier);
         free(x);
         free(copy);
         return NULL;
     }
+    const Clock clock = x->clock;
     *x = first;
+    x->clock = clock;
     x->name = strcpy(copy, name);
     go_to_start(x);
-    note(x, function, "%s instantiated", MODEL_IDENTIFIER);
+    note(x, function, "%s instantiated", declared.identifier);
     return x;
 }
 
@@ -182,7 +193,7 @@ Status set_up(Instance *x, double start, int stop_defined, double stop, const ch
     if (stop_defined && !(stop >= start))
         return refuse(x, function, "the stop time is %g s, expected at least the start time %g s",
                       stop, start);
-    x->start_time = x->x.values[TIME] = start;
+    x->start_time = x->values[TIME] = start;
     x->stop_time = stop_defined ? stop : INFINITY;
     return STATUS_OK;
 }
@@ -195,11 +206,11 @@ Status enter_initialization(Instance *x) {
 
 /* Start values, parameters and inputs are finite, and parameters in their range. */
 static Status check_start(const Instance *x, const char *function) {
-    for (unsigned i = 0; i < N_VARIABLES; i++) {
+    for (unsigned i = 0; i < declared.n_variables; i++) {
         const Variable *v = &variables[i];
         if (!(v->access & SET_AT_START)) continue;
         for (unsigned k = v->offset; k < v->offset + v->size; k++) {
-            const double value = x->x.values[k];
+            const double value = x->values[k];
             if (!all_finite(&value, 1))
                 return refuse(x, function, "%s is %g, expected a finite number", scalar_names[k],
                               value);
@@ -214,8 +225,8 @@ static Status check_start(const Instance *x, const char *function) {
 Status settle(Instance *x, const char *function) {
     if (!x->stale) return STATUS_OK;
     if (check_start(x, function) != STATUS_OK) return STATUS_ERROR;
-    const char *why = model_initial(&x->x.model);
-    if (why != NULL) return refuse(x, function, "%s cannot start: %s", MODEL_IDENTIFIER, why);
+    const char *why = model_initial((Model *)x->values);
+    if (why != NULL) return refuse(x, function, "%s cannot start: %s", declared.identifier, why);
     x->stale = 0;
     return STATUS_OK;
 }
@@ -223,7 +234,7 @@ Status settle(Instance *x, const char *function) {
 Status exit_initialization(Instance *x, const char *function) {
     if (settle(x, function) != STATUS_OK) return STATUS_ERROR;
     x->mode = x->clock.used ? EVENT : STEPPING;
-    note(x, function, "%s initialised at t = %g s", MODEL_IDENTIFIER, x->x.values[TIME]);
+    note(x, function, "%s initialised at t = %g s", declared.identifier, x->values[TIME]);
     return STATUS_OK;
 }
 
@@ -239,29 +250,29 @@ Status reset(Instance *x) {
 
 /* --- steps -------------------------------------------------------------------------------- */
 
-/* The first input that is not finite, or N_SCALARS. */
+/* The first input that is not finite, or the time. */
 static inline unsigned find_not_finite(const double *values) {
-    for (unsigned i = 0; i < N_INPUT_RANGES; i++) {
+    for (unsigned i = 0; i < declared.n_input_ranges; i++) {
         const Range range = input_ranges[i];
         if (all_finite(values + range.first, range.size)) continue;
         for (unsigned k = range.first; k < range.first + range.size; k++)
             if (!all_finite(values + k, 1)) return k;
     }
-    return N_SCALARS;
+    return TIME;
 }
 
 static Status discard_input(const Instance *x, unsigned bad, double t, const char *function) {
     return discard(x, function, "input %s is %g at t = %g s, expected a finite number",
-                   scalar_names[bad], x->x.values[bad], t);
+                   scalar_names[bad], x->values[bad], t);
 }
 
 Status check_inputs(const Instance *x, double t, const char *function) {
-    const unsigned bad = find_not_finite(x->x.values);
-    return bad == N_SCALARS ? STATUS_OK : discard_input(x, bad, t, function);
+    const unsigned bad = find_not_finite(x->values);
+    return bad == TIME ? STATUS_OK : discard_input(x, bad, t, function);
 }
 
 Status do_step(Instance *x, double t, double h, const char *function) {
-    double *values = x->x.values;
+    double *values = x->values;
     const double close = 1e-6 * h + 1e-12 * fabs(t); /* importers may have rounded */
     if (!(h > 0.0 && h <= DBL_MAX))
         return refuse(x, function, "the communication step is %g s, expected more than 0", h);
@@ -272,12 +283,12 @@ Status do_step(Instance *x, double t, double h, const char *function) {
         return refuse(x, function, "the step ends at %.17g s, after the stop time %.17g s", t + h,
                       x->stop_time);
     const unsigned bad = find_not_finite(values);
-    if (bad < N_SCALARS) return discard_input(x, bad, t, function);
-    if (IS_CLOCKED) {
+    if (bad < TIME) return discard_input(x, bad, t, function);
+    if (declared.is_clocked) {
         const Status status = step_clocked(x, t, h, function);
         if (status != STATUS_OK) return status;
     } else {
-        const char *why = model_step(&x->x.model, t, h);
+        const char *why = model_step((Model *)x->values, t, h);
         if (why != NULL) return discard(x, function, "at t = %g s %s", t, why);
     }
     values[TIME] = t + h;

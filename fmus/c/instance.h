@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "model.h"
+#include "declaration.h"
 
 /* The same numbers in fmi2Status and fmi3Status. */
 typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR } Status;
@@ -24,26 +24,22 @@ enum {
     STEPPING = 4,    /* 2.0: stepComplete, 3.0: Step Mode */
     STEP_FAILED = 8, /* 2.0 only: fmi2DoStep returned fmi2Discard */
     TERMINATED = 16,
-    EVENT = 32, /* 3.0, of a model with a clock: Event Mode */
-    EVENTS = IS_CLOCKED ? EVENT : 0
+    EVENT = 32 /* 3.0, of a model with a clock: Event Mode */
 };
 
 /* Log categories, bits. */
 enum { LOG_EVENTS = 1, LOG_WARNING = 2, LOG_DISCARD = 4, LOG_ERROR = 8, LOG_ALL = 15 };
 
-enum {
-    TIME = N_SCALARS,                  /* index of the time in Instance.x.values */
-    N_STORED = N_SCALARS + 1,          /* values and the time */
-    N_BEFORE = IS_CLOCKED ? N_STORED : 1,
-    CLOCK_REFERENCE = N_VARIABLES + 1 /* FMI 3.0 value reference, after the time */
-};
+#define TIME (declared.n_scalars)                  /* index of the time in Instance.values */
+#define N_STORED (declared.n_scalars + 1)          /* values and the time */
+#define CLOCK_REFERENCE (declared.n_variables + 1) /* FMI 3.0 value reference, after the time */
 
 /* The clock of a model that has one, see clock.c. */
 typedef struct {
-    unsigned used;           /* the importer ticks, in Event Mode; else steps do */
-    unsigned active;         /* between its tick and the update of the discrete states */
-    double count;            /* ticks until now */
-    double before[N_BEFORE]; /* values before the tick that is active */
+    unsigned used;   /* the importer ticks, in Event Mode; else steps do */
+    unsigned active; /* between its tick and the update of the discrete states */
+    double count;    /* ticks until now */
+    double *before;  /* N_STORED values before the tick that is active; NULL without a clock */
 } Clock;
 
 typedef struct Instance Instance;
@@ -59,11 +55,8 @@ struct Instance {
     AnyFunction *callback;
     void *environment;
     char *name;
-    union {
-        Model model;
-        double values[N_STORED]; /* and the time, s */
-    } x;
     Clock clock;
+    double values[]; /* the model's, and the time (s); N_STORED */
 };
 
 typedef struct Snapshot Snapshot;

@@ -6,14 +6,14 @@
 #include <string.h>
 
 #include "export.h"
-#include "model.h"
+#include "declaration.h"
 
-typedef char no_padding[sizeof(Model) == N_SCALARS * sizeof(double) ? 1 : -1];
-
-EXPORT size_t kernel_size(void) { return N_SCALARS; }
+EXPORT size_t kernel_size(void) { return declared.n_scalars; }
 
 /* All start values. */
-EXPORT void kernel_reset(double *x) { memcpy(x, start_values, sizeof start_values); }
+EXPORT void kernel_reset(double *x) {
+    memcpy(x, start_values, declared.n_scalars * sizeof *x);
+}
 
 /* Outputs at the start, from parameters, start values and inputs; may be called repeatedly. */
 EXPORT const char *kernel_initial(double *x) { return model_initial((Model *)x); }
@@ -21,7 +21,7 @@ EXPORT const char *kernel_initial(double *x) { return model_initial((Model *)x);
 /* One step h > 0 (s) from t (s); after a sentence nothing has changed. */
 EXPORT const char *kernel_step(double *x, double t, double h) {
     if (!(h > 0.0 && h - h == 0.0)) return "the step is not a positive finite number";
-    for (int i = 0; i < N_INPUT_RANGES; i++)
+    for (unsigned i = 0; i < declared.n_input_ranges; i++)
         if (!all_finite(x + input_ranges[i].first, input_ranges[i].size))
             return "an input is not a finite number";
     return model_step((Model *)x, t, h);

@@ -18,18 +18,16 @@
 
 #define MARK UINT64_C(0x554d466d69736f63) /* "cosimFMU" as bytes */
 
-enum {
-    FORMAT = 1,
-    HEADER = 48,
-    N_VALUES = N_STORED + (IS_CLOCKED ? 3 + N_STORED : 0),
-    SIZE = HEADER + 8 * N_VALUES + 4
-};
+enum { FORMAT = 1, HEADER = 48 };
+
+#define N_VALUES (N_STORED + (declared.is_clocked ? 3 + N_STORED : 0))
+#define SIZE (HEADER + 8 * (size_t)N_VALUES + 4)
 
 struct Snapshot {
     uint64_t mark; /* tells a saved state from another pointer */
     uint32_t mode, stale;
     double start_time, stop_time;
-    double values[N_VALUES];
+    double values[]; /* N_VALUES */
 };
 
 static void put(unsigned char *bytes, uint64_t value, int n) {
@@ -65,19 +63,19 @@ static uint32_t crc32(const unsigned char *bytes, size_t n) {
 }
 
 static void clock_to(double *values, const Clock *clock) {
-    if (!IS_CLOCKED) return;
+    if (!declared.is_clocked) return;
     values[0] = clock->count;
     values[1] = clock->active;
     values[2] = clock->used;
-    memcpy(values + 3, clock->before, sizeof clock->before);
+    memcpy(values + 3, clock->before, N_STORED * sizeof *values);
 }
 
 static void clock_from(const double *values, Clock *clock) {
-    if (!IS_CLOCKED) return;
+    if (!declared.is_clocked) return;
     clock->count = values[0];
     clock->active = values[1] != 0.0;
     clock->used = values[2] != 0.0;
-    memcpy(clock->before, values + 3, sizeof clock->before);
+    memcpy(clock->before, values + 3, N_STORED * sizeof *values);
 }
 
 static int known(const Instance *x, const void *state, const char *function) {
@@ -93,7 +91,7 @@ static Snapshot *room(const Instance *x, void **state, const char *function) {
         return NULL;
     }
     if (*state != NULL) return known(x, *state, function) ? *state : NULL;
-    Snapshot *made = calloc(1, sizeof *made);
+    Snapshot *made = calloc(1, sizeof *made + N_VALUES * sizeof *made->values);
     if (made == NULL) refuse(x, function, "no memory for a state");
     return made;
 }
@@ -106,8 +104,8 @@ Status state_save(const Instance *x, void **state, const char *function) {
     y->stale = (uint32_t)x->stale;
     y->start_time = x->start_time;
     y->stop_time = x->stop_time;
-    memcpy(y->values, x->x.values, sizeof x->x.values);
-    clock_to(y->values + (IS_CLOCKED ? N_STORED : 0), &x->clock);
+    memcpy(y->values, x->values, N_STORED * sizeof *x->values);
+    clock_to(y->values + N_STORED, &x->clock);
     *state = y;
     return STATUS_OK;
 }
@@ -118,8 +116,8 @@ Status state_restore(Instance *x, const Snapshot *state, const char *function) {
     x->stale = (int)state->stale;
     x->start_time = state->start_time;
     x->stop_time = state->stop_time;
-    memcpy(x->x.values, state->values, sizeof x->x.values);
-    clock_from(state->values + (IS_CLOCKED ? N_STORED : 0), &x->clock);
+    memcpy(x->values, state->values, N_STORED * sizeof *x->values);
+    clock_from(state->values + N_STORED, &x->clock);
     return STATUS_OK;
 }
 
@@ -144,17 +142,17 @@ Status state_write(const Instance *x, const Snapshot *state, unsigned char bytes
                    const char *function) {
     if (!known(x, state, function)) return STATUS_ERROR;
     if (bytes == NULL || size < SIZE)
-        return refuse(x, function, "there is room for %lu bytes, expected %d",
-                      bytes == NULL ? 0ul : (unsigned long)size, SIZE);
+        return refuse(x, function, "there is room for %lu bytes, expected %lu",
+                      bytes == NULL ? 0ul : (unsigned long)size, (unsigned long)SIZE);
     put(bytes, MARK, 8);
     put(bytes + 8, FORMAT, 4);
     put(bytes + 12, N_VALUES, 4);
-    put(bytes + 16, LAYOUT, 8);
+    put(bytes + 16, declared.layout, 8);
     put(bytes + 24, state->mode, 4);
     put(bytes + 28, state->stale, 4);
     put_double(bytes + 32, state->start_time);
     put_double(bytes + 40, state->stop_time);
-    for (int i = 0; i < N_VALUES; i++) put_double(bytes + HEADER + 8 * i, state->values[i]);
+    for (unsigned i = 0; i < N_VALUES; i++) put_double(bytes + HEADER + 8 * i, state->values[i]);
     put(bytes + SIZE - 4, crc32(bytes, SIZE - 4), 4);
     return STATUS_OK;
 }
@@ -163,18 +161,19 @@ Status state_write(const Instance *x, const Snapshot *state, unsigned char bytes
 static int readable(const Instance *x, const unsigned char bytes[], size_t size,
                     const char *function) {
     if (bytes == NULL || size < HEADER)
-        refuse(x, function, "%lu bytes are no serialised state, expected %d",
-               bytes == NULL ? 0ul : (unsigned long)size, SIZE);
+        refuse(x, function, "%lu bytes are no serialised state, expected %lu",
+               bytes == NULL ? 0ul : (unsigned long)size, (unsigned long)SIZE);
     else if (take(bytes, 8) != MARK)
         refuse(x, function, "the bytes are no state serialised by such an FMU");
     else if (take(bytes + 8, 4) != FORMAT)
         refuse(x, function, "the serialised state has format %lu, expected %d",
                (unsigned long)take(bytes + 8, 4), FORMAT);
-    else if (take(bytes + 16, 8) != LAYOUT || take(bytes + 12, 4) != N_VALUES)
-        refuse(x, function, "the serialised state is of another model than %s", MODEL_IDENTIFIER);
+    else if (take(bytes + 16, 8) != declared.layout || take(bytes + 12, 4) != N_VALUES)
+        refuse(x, function, "the serialised state is of another model than %s",
+               declared.identifier);
     else if (size != SIZE)
-        refuse(x, function, "the serialised state has %lu bytes, expected %d", (unsigned long)size,
-               SIZE);
+        refuse(x, function, "the serialised state has %lu bytes, expected %lu",
+               (unsigned long)size, (unsigned long)SIZE);
     else if (take(bytes + SIZE - 4, 4) != crc32(bytes, SIZE - 4))
         refuse(x, function, "the serialised state is damaged (CRC-32 is %08lx, expected %08lx)",
                (unsigned long)crc32(bytes, SIZE - 4), (unsigned long)take(bytes + SIZE - 4, 4));
@@ -187,7 +186,7 @@ Status state_read(const Instance *x, const unsigned char bytes[], size_t size, v
                   const char *function) {
     if (!readable(x, bytes, size, function)) return STATUS_ERROR;
     const uint32_t mode = (uint32_t)take(bytes + 24, 4);
-    if (mode == 0 || mode > (EVENTS ? EVENT : TERMINATED) || (mode & (mode - 1)))
+    if (mode == 0 || mode > (declared.is_clocked ? EVENT : TERMINATED) || (mode & (mode - 1)))
         return refuse(x, function, "the serialised state has mode %lu", (unsigned long)mode);
     Snapshot *y = room(x, state, function);
     if (y == NULL) return STATUS_ERROR;
@@ -196,7 +195,7 @@ Status state_read(const Instance *x, const unsigned char bytes[], size_t size, v
     y->stale = take(bytes + 28, 4) != 0;
     y->start_time = take_double(bytes + 32);
     y->stop_time = take_double(bytes + 40);
-    for (int i = 0; i < N_VALUES; i++) y->values[i] = take_double(bytes + HEADER + 8 * i);
+    for (unsigned i = 0; i < N_VALUES; i++) y->values[i] = take_double(bytes + HEADER + 8 * i);
     *state = y;
     return STATUS_OK;
 }

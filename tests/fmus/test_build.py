@@ -19,7 +19,8 @@ from cosim.errors import CosimError, FmuError
 from fmus import build as building
 from fmus import kernel as kernels
 from fmus import toolchain
-from fmus.build import VERSIONS, build, build_all, compile_model, find, pack, shipped
+from fmus.build import VERSIONS, build, build_all, find, pack, shipped
+from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
 from fmus.models import operator, planar2r, teleoperation, xi
 from fmus.source import c_files, sources, token
@@ -124,16 +125,34 @@ def test_an_installation_ships_every_model_in_both_versions(
 ) -> None:
     compiled = []
 
-    def instead(model: Model, platforms: object = None) -> dict[str, bytes]:
-        compiled.append(model.identifier)
-        return {toolchain.host_platform(): b"library"}
+    def instead(models: list[Model]) -> list[dict[str, bytes]]:
+        compiled.extend(model.identifier for model in models)
+        return [{toolchain.host_platform(): b"library"} for _ in models]
 
-    monkeypatch.setattr(building, "compile_model", instead)
+    monkeypatch.setattr(building, "compile_models", instead)
     names = [path.name for path in build_all(tmp_path)]
     identifiers = [model.identifier for model in shipped()]
     assert compiled == identifiers  # once each, for both versions
     assert names == [f"{i}.fmi{v}.fmu" for i in identifiers for v in (2, 3)]
     assert all((tmp_path / name).is_file() for name in names)
+
+
+def test_what_models_share_is_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of each model only its own C file and its tables, however many models there are."""
+    compiled, compile_object = [], toolchain.compile_object
+
+    def counted(source: Path, *args, **options) -> Path:
+        compiled.append(source.name)
+        return compile_object(source, *args, **options)
+
+    monkeypatch.setattr(toolchain, "compile_object", counted)
+    models = [xi.model(), HAND, teleoperation.model(1)]
+    together = compile_models(models)
+    own = ["variables.c"] * 3 + ["operator.c", "teleoperation.c", "xi.c"]
+    layer = [name for name in c_files(xi.model()) if name not in own]
+    assert "fmi3.c" in layer
+    assert sorted(compiled) == sorted([*own, *layer, "trig.c"])
+    assert together == [compile_model(model) for model in models]
 
 
 # --- sources ---------------------------------------------------------------------------------
@@ -166,7 +185,7 @@ def test_gcc_and_zig_give_the_same_bits(model: Model, tmp_path: Path) -> None:
     for name, text in sources(model).items():
         (tmp_path / name).write_text(text)
     files = [str(tmp_path / name) for name in c_files(model)]
-    command = [sys.executable, "-m", "ziglang", "cc", *toolchain.FLAGS, "-fPIC", "-O3"]
+    command = [sys.executable, "-m", "ziglang", "cc", *toolchain.FLAGS, "-shared", "-fPIC", "-O3"]
     subprocess.run([*command, "-o", str(zig), *files], check=True)
     assert trajectory(zig, model) == trajectory(kernels.library(model), model)
 

@@ -12,7 +12,8 @@ import pytest
 from cosim.errors import FmuError
 from fmus import build as building
 from fmus import kernel as kernels
-from fmus.build import VERSIONS, compile_model, find, pack
+from fmus.build import VERSIONS, find, pack
+from fmus.library import compile_model
 from fmus.model import Model
 from fmus.models import operator
 

@@ -19,10 +19,11 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cosim.errors import CosimError, FmuError
-from fmus.build import compile_model, find, pack, shipped, versions
+from fmus.build import find, pack, shipped, versions
 from fmus.cli import app
 from fmus.description3 import describe
 from fmus.kernel import Kernel
+from fmus.library import compile_model
 from fmus.model import Model, clocked
 from fmus.models import nuno_adaptive, pd, planar2r, teleoperation
 from tests.system.runs import SIDES, Document, plan, signals

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cosim.component import Component
 from fmus import toolchain
-from fmus.build import compile_model
+from fmus.library import compile_model
 from fmus.models import adaptive, damping, operator, planar2r, pointmass, teleoperation, xi
 from fmus.models.adaptive import Adaptive
 from fmus.models.damping import Damping

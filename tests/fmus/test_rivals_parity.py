@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cosim.component import Component, Outputs
 from cosim.errors import CosimError
 from fmus import toolchain
-from fmus.build import compile_model
+from fmus.library import compile_model
 from fmus.models import (
     chopra,
     decaying_push,

@@ -1,0 +1,74 @@
+/* declaration.h - what the FMI layer knows of a model: its functions and its tables.
+ *
+ * The layer is the same for every model. `variables.c`, generated from a model's declaration,
+ * defines the tables below; their sizes stand in `declared`.
+ */
+#ifndef DECLARATION_H
+#define DECLARATION_H
+
+#include <math.h>
+#include <stdint.h>
+
+/* Clang contracts a*b + c to one rounding where the processor can; every build must round twice. */
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+/* A model's variables: doubles in the order of the declaration, without padding. The members stand
+ * in `variables.h`, also generated. */
+typedef struct Model Model;
+
+/* Calculate what follows from start values, parameters and inputs; may be called repeatedly.
+ * NULL, or a sentence why the values cannot be. */
+const char *model_initial(Model *x);
+
+/* Go from time t by one step h (s), h > 0. NULL, or a sentence why not; then nothing changed. */
+const char *model_step(Model *x, double t, double h);
+
+/* The FMI type of a variable and what may be done with it; bits of `Variable.access`. */
+enum {
+    IS_REAL = 1,
+    IS_INTEGER = 2,
+    IS_BOOLEAN = 4,
+    SET_AT_START = 8,   /* before and in Initialization Mode: parameters, inputs, start values */
+    SET_IN_STEPS = 16,  /* between steps: inputs */
+    IS_CALCULATED = 32, /* by model_initial */
+    IS_PARAMETER = 64
+};
+
+typedef struct {
+    const char *name;
+    unsigned char access;
+    unsigned offset, size; /* scalars, in Model */
+    double minimum, maximum;
+} Variable;
+
+typedef struct {
+    unsigned first, size; /* scalars, in Model */
+} Range;
+
+typedef struct {
+    const char *identifier, *token;
+    uint64_t layout; /* differs where variables or their order do */
+    unsigned n_variables, n_scalars, n_input_ranges;
+    int is_clocked;
+    double clock_interval; /* s, of a model with a clock */
+} Declaration;
+
+extern const Declaration declared;
+
+/* The entry after the last variable is the time. */
+extern const Variable variables[];          /* n_variables + 1 */
+extern const unsigned char scalar_access[]; /* n_scalars + 1 */
+extern const char *const scalar_names[];    /* n_scalars + 1 */
+extern const double start_values[];         /* n_scalars */
+extern const Range input_ranges[];          /* n_input_ranges, in the order of `first` */
+
+/* Whether n values are numbers and finite. */
+static inline int all_finite(const double *values, unsigned n) {
+    int finite = 1;
+    for (unsigned i = 0; i < n; i++) finite &= values[i] - values[i] == 0.0;
+    return finite;
+}
+
+#endif

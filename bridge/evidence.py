@@ -8,6 +8,7 @@ fault had left, or nobody was there to receive.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from bridge.babble import accept
 from bridge.can.codec import Codec
@@ -171,11 +172,13 @@ def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -
         begun = done.get((first.action, target))
         if begun is None or (target in shown.system.nodes and shown.over(target, begun)):
             continue
+        actual = replace(first, t=begun)  # when it was done, which a busy machine does later
+        over = done.get((last.action, target), last.t)
         if first.action in OF_LINKS and network is not None:
-            yield from of_links(first, last.t, shown, network)
+            yield from of_links(actual, over, shown, network)
             continue
         look = _EVENT_SIGNS.get(_kind(events))
-        signs = look(shown, target, first, last.t) if look else ()
+        signs = look(shown, target, actual, over) if look else ()
         yield Place(target=target, done=1, signs=signs)
 
 

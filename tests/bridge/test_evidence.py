@@ -122,6 +122,14 @@ def test_a_frozen_node_is_late(system, tmp_path):
     assert find(given, run)[0].shown == ("slave: 0.48 s late",)
 
 
+def test_a_fault_lasts_as_long_as_it_was_done_not_as_long_as_it_was_planned(system, tmp_path):
+    """A busy machine carries out both of its ends late, and not equally so."""
+    given = script({"kind": "freeze", "node": "slave", "at": 2, "for": 0.5})
+    run = shown(system, tmp_path, notes=[done(2.2, "freeze"), done(2.502, "thaw")])
+    run.rows["slave"]["woke_ns"][440:442] = 290_000_000
+    assert find(given, run)[0].verdict == "seen"
+
+
 @pytest.mark.parametrize(("t", "verdict"), [(9.9, "unseen"), (10.2, "idle")])
 def test_a_kill_that_comes_when_its_node_is_over_has_nothing_to_act_on(
     system, tmp_path, t, verdict

@@ -42,11 +42,12 @@ from cosim.scenario import read_document
 FIRST, LAST = 0.8, 1.0
 #: Windows of time in a run, and the part of the streams that meet a hostile peer.
 WINDOWS, WINDOWS_REHEARSED, HOSTILE_PART = 10, 2, 0.5
-#: s within a run: when a node is frozen, has its clock set, is killed and started again. Peers that
-#: stop because a node is away meet no later fault, so faults of the network come before that.
-FREEZE, JUMP, RESTART = (1.0, 1.3), (1.9, 2.3), (4.2, 4.6)
+#: s within a run: when a node is frozen, has its clock set, is killed and started again. Ages say
+#: how long the network takes only while clocks stay as they are, and peers that stop because a node
+#: is away meet no later fault: so faults of the network come between the last two.
+FREEZE, JUMP, NETWORK, RESTART = (0.8, 1.0), (1.2, 1.4), (1.7, 4.7), (4.7, 5.0)
 #: s before the end of a run: when another node is killed.
-KILL = 0.7
+KILL = 1.2
 
 
 class ChannelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -219,11 +220,12 @@ def _on_network(system: System, node: str) -> bool:
 def _of_links(many: Many, links: Sequence[str], random: np.random.Generator) -> Iterator[Table]:
     """Each kind of a network's faults once, one after the other, while all nodes are there."""
     kinds = [str(k) for k in random.permutation([k for k in LINKS if k in many.kinds])]
-    length = (RESTART[0] - FIRST) / max(1, len(kinds))
+    low, high = NETWORK
+    length = (high - low) / max(1, len(kinds))
     for i, kind in enumerate(kinds if links else []):
         said = _drawn(many.kinds[kind], random)
         lasts = min(float(said.pop("for")), length)
-        t = rounded(FIRST + i * length + float(random.uniform(0.0, length - lasts)))
+        t = rounded(low + i * length + float(random.uniform(0.0, length - lasts)))
         link = str(random.choice(["*", *links]))
         yield {"kind": kind, "link": link, "at": t, "for": rounded(lasts), **said}
 

@@ -47,7 +47,9 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
     packets = network.packets
     for link in packets.names if first.target == "*" else (first.target,):
         rows = packets.of(link)
-        t = (rows["t_ns"] - network.start_ns) * 1e-9
+        t, left = ((rows[key] - network.start_ns) * 1e-9 for key in ("t_ns", "left_ns"))
+        # What was on its way when the fault began still arrives.
+        quiet = max(first.t, float(left[(t < first.t) & (left < t1)].max(initial=0.0)))
         there = (t >= first.t) & (t < t1)
         rows, t = rows[there], t[there]
         for life, message in _receivers(first.action, link, first.t, t1, shown, network):
@@ -55,7 +57,7 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
             samples = (rows["length"] >= size) & shown.sends(message, t)
             acted, least = _acted(first.action, rows[samples])
             done = acted if acted >= FEW[first.action] else 0
-            signs = _link_signs(first, t1, shown, life, message, least) if done else ()
+            signs = _link_signs(first, quiet, t1, shown, life, message, least) if done else ()
             yield Place(target=str(life), message=message, done=done, signs=signs)
 
 
@@ -96,15 +98,16 @@ def _acted(action: str, rows: Rows) -> tuple[int, float]:
 
 
 def _link_signs(
-    first: Event, t1: float, shown: Shown, life: Life, message: str, least: float
+    first: Event, quiet: float, t1: float, shown: Shown, life: Life, message: str, least: float
 ) -> Signs:
+    """`quiet`: s, from when on nothing from before the fault arrives; `least`: s each was held."""
     found: Signs = ()
     for sign in SIGNS[first.action]:
         if sign == "age":
             found += shown.age(life, message, first.t, t1, least)
         elif sign == "silence":
-            held = min(t1 - first.t, least) if least > 0 else t1 - first.t
-            found += shown.silence(life, message, first.t, first.t + held)
+            held = min(t1 - quiet, least) if least > 0 else t1 - quiet
+            found += shown.silence(life, message, quiet, quiet + held)
         else:
             found += shown.counted(life, message, [sign], 1)
     return found

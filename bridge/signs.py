@@ -61,7 +61,7 @@ ENOUGH, LONG = 0.5, 0.8
 #: s after the end of a fault within which what it did may show.
 AFTER = 3.0
 #: s before a fault in which samples show how far the clocks of two nodes differ.
-BEFORE = 0.5
+BEFORE = 0.2
 
 
 @final

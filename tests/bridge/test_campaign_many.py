@@ -124,7 +124,7 @@ def test_a_file_that_cannot_be_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="kinds"):
         load_many(path)
     path.write_text(path.read_text() + "[kinds.drop]\nfor = 1\n")
-    with pytest.raises(ScenarioError, match=r"is 1 s; expected 6\.6 s or more"):
+    with pytest.raises(ScenarioError, match=r"is 1 s; expected 7 s or more"):
         load_many(path)
 
 

@@ -216,6 +216,20 @@ def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):
     assert judged(loss, packets(200, lost=60, protocol=TCP)) == "idle"  # it repeats them
 
 
+def test_a_link_is_silent_from_when_the_last_packet_on_its_way_has_come(system, tmp_path):
+    run = shown(system, tmp_path, notes=[done(2.0, "net-down", "slave>master")])
+    given = script({"kind": "net-down", "link": "slave>master", "at": 2, "for": 1})
+    network = packets(220, lost=220)
+    rows = network.packets.of("slave>master")
+    rows["t_ns"][:20] -= 200_000_000  # before the fault; held up for 0.5 s
+    rows["delay_ns"][:20] = 500_000_000
+    rows["left_ns"][:20] = rows["t_ns"][:20] + 500_000_000
+    run.rows[Life("master")]["inlets"]["newest"][480:600, 0] = 479  # silent from 2.4 s on
+    assert find(given, run, network)[0].verdict == "seen"
+    rows["left_ns"][:20] = rows["t_ns"][:20]
+    assert find(given, run, network)[0].verdict == "unseen"
+
+
 def test_packets_of_a_sender_that_does_not_run_carry_no_sample(system, tmp_path):
     run = shown(system, tmp_path, notes=[done(2.0, "net-loss", "slave>master")])
     given = script(

@@ -11,19 +11,14 @@ from __future__ import annotations
 import argparse
 import ctypes as c
 import select
-import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 from bridge.can.interface import attach, parse_spec
-from bridge.fault_script import EXTENDED, Event
-from bridge.native import pace
-from bridge.native.bus import FORMAT, Accept, Bus
-from bridge.native.frame import Flags, Frame
+from bridge.can.repeat import LONGEST_WAIT, flags_of, repeat, stopped_by_signals
+from bridge.fault_script import Event
+from bridge.native.bus import FORMAT, Accept
 from cosim.errors import CosimError
-
-LONGEST_WAIT = 50_000_000  # ns; a signal is answered within
 
 
 def command(event: Event, interface: str, channel: str, *, fd: bool = False) -> list[str]:
@@ -33,36 +28,10 @@ def command(event: Event, interface: str, channel: str, *, fd: bool = False) -> 
     return [*said, "--fd"] if fd else said
 
 
-def babble(
-    bus: Bus, identifier: int, rate: float, length: int, frames: int | None, stop: c.c_int32
-) -> tuple[int, int]:
-    """Send `rate` frames a second of `length` bytes until `stop` is not 0, or so many.
-
-    `identifier`: bit 31 makes it a 29-bit one. More than 8 bytes: CAN FD. Late ones are caught up.
-    Returns how many were sent, and how many were not taken.
-    """
-    frame = Frame.of(identifier & 0x1FFFFFFF, bytes(length), _flags(identifier, length))
-    start, k, failed = pace.now(), 0, 0
-    while (frames is None or k < frames) and not stop.value:
-        deadline = start + round(k * 1e9 / rate)
-        while pace.now() < deadline and not stop.value:
-            pace.wait(min(deadline, pace.now() + LONGEST_WAIT), 0, stop)
-        frame.data[: min(length, 4)] = k.to_bytes(8, "little")[: min(length, 4)]
-        frame.t_ns = 0
-        failed += bus.send(frame) != 0
-        k += 1
-    return k - failed, failed
-
-
-def _flags(identifier: int, length: int) -> int:
-    long = identifier & EXTENDED or identifier & 0x1FFFFFFF > 0x7FF
-    return (Flags.EXTENDED if long else 0) | (Flags.FD | Flags.BRS if length > 8 else 0)
-
-
 def accept(event: Event) -> Accept:
     """The frames that such a peer sends, by identifier and format."""
     return Accept(
-        event.id & 0x1FFFFFFF, flags=_flags(event.id, event.length) & FORMAT, flag_mask=FORMAT
+        event.id & 0x1FFFFFFF, flags=flags_of(event.id, event.length) & FORMAT, flag_mask=FORMAT
     )
 
 
@@ -81,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             if given.hold:
                 _held(stop)
-            done = babble(attachment.bus, given.id, given.rate, given.length, frames, stop)
+            done = repeat(attachment.bus, given.id, given.rate, given.length, frames, stop)
     finally:
         attachment.close()
     sys.stdout.write(f"{done[0]} frames sent, {done[1]} not taken\n")
@@ -92,22 +61,6 @@ def _held(stop: c.c_int32) -> None:
     """Wait for a line on standard input, or for a signal."""
     while not stop.value and not select.select([sys.stdin], [], [], LONGEST_WAIT * 1e-9)[0]:
         pass
-
-
-@contextmanager
-def stopped_by_signals() -> Iterator[c.c_int32]:
-    """A flag for C that is not 0 once SIGTERM or SIGINT has come."""
-    stop = c.c_int32(0)
-
-    def told(*_: object) -> None:
-        stop.value = 1
-
-    before = {s: signal.signal(s, told) for s in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -13,8 +13,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from bridge.babble import babble, stopped_by_signals
 from bridge.can.interface import attach, parse_spec
+from bridge.can.repeat import repeat, stopped_by_signals
 from cosim.errors import CosimError
 
 #: Of ESTOP in every DBC file of the project; bytes: node (0: none), reasons.
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     frames = None if given.seconds is None else round(given.seconds * RATE)
     try:
         with stopped_by_signals() as stop:
-            sent, failed = babble(attachment.bus, IDENTIFIER, RATE, LENGTH, frames, stop)
+            sent, failed = repeat(attachment.bus, IDENTIFIER, RATE, LENGTH, frames, stop)
     finally:
         attachment.close()
     sys.stdout.write(f"{sent} ESTOP frames sent, {failed} not taken\n")

@@ -17,6 +17,7 @@ from math import isinf
 from pathlib import Path
 from typing import Any, Literal
 
+from bridge.can.repeat import EXTENDED
 from bridge.native import faults as native
 from bridge.native.bus import Accept
 from bridge.native.faults import Fault, Injector
@@ -47,8 +48,6 @@ KINDS = {
 }
 #: What a hostile peer does, who knows the format of a message: only to messages of the deployment.
 HOSTILE = ("forge", "replay", "absurd", "flood")
-#: In an identifier of a script: one of 29 bits, as in linux/can.h.
-EXTENDED = 0x80000000
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,9 @@ import sys
 import can
 import pytest
 
-from bridge.babble import babble, command, main
+from bridge.babble import command, main
 from bridge.can.interface import BusSpec, attach
+from bridge.can.repeat import repeat
 from bridge.fault_script import Event
 
 EVENT = Event(0.0, "babble", "left", 0, id=0x10, rate=2000.0, length=8)
@@ -31,7 +32,7 @@ def received(bus):
 def test_frames_come_in_order_with_their_identifier(identifier, extended):
     with can.Bus(interface="virtual", channel="babble") as other:
         attachment = attach(BusSpec("x", "virtual", "babble"), accepts=())
-        done = babble(attachment.bus, identifier, 10_000, 8, 20, c.c_int32(0))
+        done = repeat(attachment.bus, identifier, 10_000, 8, 20, c.c_int32(0))
         attachment.close()
         frames = received(other)
     assert done == (20, 0)
@@ -43,7 +44,7 @@ def test_frames_come_in_order_with_their_identifier(identifier, extended):
 
 def test_nothing_is_sent_after_the_stop():
     attachment = attach(BusSpec("x", "virtual", "stopped"), accepts=())
-    assert babble(attachment.bus, 1, 1.0, 0, None, c.c_int32(1)) == (0, 0)
+    assert repeat(attachment.bus, 1, 1.0, 0, None, c.c_int32(1)) == (0, 0)
     attachment.close()
 
 

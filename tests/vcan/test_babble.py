@@ -7,8 +7,9 @@ import subprocess
 
 import can
 
-from bridge.babble import babble, command
+from bridge.babble import command
 from bridge.can.interface import BusSpec, attach
+from bridge.can.repeat import repeat
 from bridge.fault_script import Event
 from tests.vcan.peers import PATIENCE, call
 
@@ -32,7 +33,7 @@ def test_others_hear_it_until_it_is_hushed(vcan):
 def test_a_bus_that_goes_down_is_no_end(vcan):
     attachment = attach(BusSpec("x", "socketcan", vcan[0]), accepts=())
     call("ip", "link", "set", vcan[0], "down")
-    assert babble(attachment.bus, 0x10, 1e5, 8, 10, c.c_int32(0)) == (0, 10)
+    assert repeat(attachment.bus, 0x10, 1e5, 8, 10, c.c_int32(0)) == (0, 10)
     call("ip", "link", "set", vcan[0], "up")
-    assert babble(attachment.bus, 0x10, 1e5, 8, 10, c.c_int32(0)) == (10, 0)
+    assert repeat(attachment.bus, 0x10, 1e5, 8, 10, c.c_int32(0)) == (10, 0)
     attachment.close()

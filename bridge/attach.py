@@ -7,27 +7,21 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from bridge.can import interface
 from bridge.can.interface import Attachment
 from bridge.can.socket import BusError
 from bridge.deploy import BusSpec, Deployment
+from bridge.hearing import unheard
 from bridge.journal import Journal
 from bridge.lives import Life
 from bridge.native.frame import DATA, frame_dtype
 from bridge.system import System
 from bridge.wiring import Wired
 
-
-class Stoppable(Protocol):
-    """What arms and stops a node: :class:`bridge.control.Control`."""
-
-    def arm(self) -> None:
-        """Torque may follow START."""
-
-    def stop(self) -> None:
-        """Ramp down and stop."""
+if TYPE_CHECKING:
+    from bridge.zenoh.remote import Stoppable
 
 
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
@@ -139,4 +133,4 @@ def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) ->
             from bridge.zenoh import remote as answering
 
             assert isinstance(end, channel.ZenohAttachment)
-            answering.serve(end, wired, control)
+            answering.serve(end, wired, control, unheard)

@@ -9,13 +9,11 @@ from __future__ import annotations
 import ctypes as c
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import zenoh
 
-from bridge.attach import Stoppable
 from bridge.can.socket import BusError
-from bridge.hearing import unheard
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
 from bridge.native.safety import State
@@ -35,11 +33,25 @@ _JSON = "application/json"
 _PATIENCE = 3.0
 
 
-def serve(end: ZenohAttachment, wired: Wired, control: Stoppable) -> None:
+class Stoppable(Protocol):
+    """What arms and stops a node: :class:`bridge.control.Control`."""
+
+    def arm(self) -> None:
+        """Torque may follow START."""
+
+    def stop(self) -> None:
+        """Ramp down and stop."""
+
+
+#: What a node has not heard and needs before its start, a phrase each.
+Unheard = Callable[[Wired], list[str]]
+
+
+def serve(end: ZenohAttachment, wired: Wired, control: Stoppable, unheard: Unheard) -> None:
     """Answer for a node until its session is closed."""
     commands: Mapping[str, Callable[[], None]] = {"arm": control.arm, "stop": control.stop}
     answers = {
-        "state": lambda: state(wired, end),
+        "state": lambda: state(wired, end, unheard(wired)),
         "parameters": lambda: parameters(wired),
     }
 
@@ -65,8 +77,11 @@ def _answering(
     return zenoh.handlers.Callback(answering, indirect=True)
 
 
-def state(wired: Wired, end: ZenohAttachment) -> dict[str, Any]:
-    """What a node is doing: life cycle, slot, lateness (us), peers, counts of its messages."""
+def state(wired: Wired, end: ZenohAttachment, unheard: Sequence[str]) -> dict[str, Any]:
+    """What a node is doing: life cycle, slot, lateness (us), peers, counts of its messages.
+
+    `unheard`: what it waits for before its start.
+    """
     s = wired.struct
     return {
         "node": wired.name,
@@ -80,7 +95,7 @@ def state(wired: Wired, end: ZenohAttachment) -> dict[str, Any]:
         "missed": int(s.missed),
         "late_us": {f"p{q:g}": s.late.quantile(q / 100) / 1e3 for q in (50, 99) if s.late.count},
         "peers": sorted(end.presence.there),
-        "unheard": unheard(wired),
+        "unheard": list(unheard),
         "messages": {
             name: {"ok": int(r.ok), "lost": int(r.lost)} for name, r in wired.receivers.items()
         },

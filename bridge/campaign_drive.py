@@ -72,16 +72,18 @@ def perform(job: Job, k: int) -> Row:
     def run(folder: Path) -> RunDone:
         if rehearsed:
             return soak.rehearsed(one, k, folder, drawn)
-        return _simulated(system, drawn(system, ()), folder, job.blind)
+        return _simulated(system, drawn(system, ()), folder, one.changes, job.blind)
 
     row = soak.performed(one, k, run)
     how = "rehearsed" if rehearsed else "simulated"
     return replace(row, cells={**row.cells, "channel": channel, "how": how})
 
 
-def _simulated(system: System, drawn: Table, folder: Path, blind: bool) -> RunDone:
+def _simulated(
+    system: System, drawn: Table, folder: Path, changes: tuple[str, ...], blind: bool
+) -> RunDone:
     script = soak.script_of(drawn, folder)
-    outcome = compressed.run(system, script, folder, blind=blind)
+    outcome = compressed.run(system, script, folder, changes, blind=blind)
     judged = judge.judge(system, RunSpec(script=str(script.path)), outcome)
     return RunDone(system, script, outcome, judged, ())
 

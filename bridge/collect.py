@@ -7,6 +7,7 @@ one, and what a node that has died knew last stays as it was.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,23 +27,57 @@ from cosim.plan import Link
 from cosim.record import Recorder, link_file
 from cosim.simulate import columns
 
+#: The folder of bus logs in a run folder.
+BUSES = "buses"
 #: Base ticks worked on at once.
 CHUNK = 8192
 IntArray = NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True)
+class Collected:
+    """What was collected: base ticks, ages of what links held, and the log of each bus."""
+
+    ticks: int
+    ages: Mapping[str, LinkStatistics]
+    logs: Mapping[str, FrameLog]
+
+
+def collect(
+    system: System,
+    rows: Mapping[Life, Rows],
+    nodes: Path,
+    into: Path,
+    *,
+    wall_ns: int,
+    formats: tuple[str, ...] = ("log",),
+) -> Collected:
+    """Write trajectories, link tables and bus logs of the lives in `nodes` into the folder `into`.
+
+    `wall_ns`: what is added to times of frames, for the wall clock. Raises RunError where a file
+    cannot be written.
+    """
+    ticks = write_trajectories(system, rows, into)
+    ages = write_tables(system, rows, into)
+    logs = bus_logs(system, nodes)
+    write_bus_logs(logs, into / BUSES, formats, wall_ns)
+    return Collected(ticks, ages, logs)
+
+
 def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) -> int:
     """Write ``trajectories.parquet``: outputs and what was received; returns its ticks.
 
-    It ends with the node that got furthest. Raises RunError where the file cannot be written.
+    It ends with the node that got furthest, and has the signals of the nodes that ran. Raises
+    RunError where the file cannot be written.
     """
     plan, scenario = system.plan, system.scenario
-    recorded = columns(plan, scenario.run.record.signals)
     parts = [
         (_joined(rows, name, node.ticks), *places(system, node))
         for name, node in system.nodes.items()
         if lives_of(rows, name)
     ]
+    known = {int(i) for _, whole, _ in parts for i in whole}
+    recorded = [c for c in columns(plan, scenario.run.record.signals) if c.index in known]
     ticks = min(plan.ticks, max(int(joined[0][-1]) for joined, _, _ in parts) + 1)
     with Recorder(
         folder,
@@ -176,7 +211,8 @@ def write_bus_logs(
     logs: Mapping[str, FrameLog], folder: Path, formats: tuple[str, ...], wall_ns: int
 ) -> list[Path]:
     """Write each bus's log as ``FOLDER/BUS.FORMAT`` (log, blf, asc, mf4); returns the files."""
-    folder.mkdir(exist_ok=True)
+    if logs and formats:
+        folder.mkdir(exist_ok=True)
     paths = []
     for name, log in logs.items():
         for suffix in formats:

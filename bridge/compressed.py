@@ -7,6 +7,7 @@ reports and what is concluded from them; processes, networks and the wall clock 
 from __future__ import annotations
 
 import ctypes as c
+from collections.abc import Sequence
 from pathlib import Path
 
 from bridge import twin
@@ -17,20 +18,34 @@ from bridge.native import node as native
 from bridge.native.message import Message, Profile
 from bridge.native.safety import State
 from bridge.node import Options, stated
-from bridge.outcome import Outcome, complete
-from bridge.rehearse import NODES, Ended
+from bridge.outcome import Outcome, begin, complete
+from bridge.rehearse import Ended
 from bridge.system import System
 from bridge.wiring import Wired
+from cosim.record.folder import NODES
 
 
-def run(system: System, script: FaultScript, folder: Path, *, blind: bool = False) -> Outcome:
+def run(
+    system: System,
+    script: FaultScript,
+    folder: Path,
+    settings: Sequence[str] = (),
+    *,
+    blind: bool = False,
+) -> Outcome:
     """Simulate with the faults of a script, and complete the run folder.
 
-    `blind`: without the checks of CRC and counter in every receiver, to show that what depends on
-    them is noticed. Raises CosimError, RunError where a component fails.
+    `settings`: those that `system` was made with. `blind`: without the checks of CRC and counter in
+    every receiver, to show that what depends on them is noticed. Raises CosimError, RunError where
+    a component fails.
     """
     nodes = folder / NODES
     nodes.mkdir(parents=True, exist_ok=True)
+    facts = {
+        "settings": list(settings), "faults": str(script.path), "real": False,
+        "clock": "simulated",
+    }  # fmt: skip
+    begin(system, folder, facts)
     faults: dict[str, NodeFaults | None] = {}
     kept: list[Message] = []
 
@@ -46,7 +61,6 @@ def run(system: System, script: FaultScript, folder: Path, *, blind: bool = Fals
             result = native.FAULT if failed else native.FINISHED
             options = Options(Life(name), nodes)
             stated(node, {}, options, result, {}, "", faults[name]).write(nodes)
-    facts = {"settings": [], "faults": str(script.path), "real": False, "clock": "simulated"}
     return complete(system, folder, Ended(), facts, with_twin=False, formats=(), script=script)
 
 

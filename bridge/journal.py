@@ -2,7 +2,8 @@
 
 C appends (:attr:`Journal.address`), or Python (:meth:`Journal.append`); whoever reads sees what
 was written so far, also after the writer was killed: the rows are in the page cache. What a row is
-made of stands behind the last row, so that a file says by itself what is in it.
+made of stands behind the last row, so that a file says by itself what is in it. The writer holds a
+lock on the file, by which :func:`cosim.record.live.in_use` sees that it is still being written.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import CosimError
+from cosim.record.live import unlock
 
 MAGIC, VERSION, HEADER = b"cosimjnl", 1, 64
 Rows = NDArray[np.void]
@@ -48,8 +50,8 @@ class JournalStruct(c.Structure):
 class Journal:
     """A journal that is being written, by one writer. `create` makes it, `open` reads one."""
 
-    def __init__(self, path: Path, memory: mmap.mmap, row: np.dtype[Any]) -> None:
-        self.path = path
+    def __init__(self, path: Path, memory: mmap.mmap, row: np.dtype[Any], lock: int = -1) -> None:
+        self.path, self._lock = path, lock
         self._memory, self._closed = memory, False
         self.struct = JournalStruct.from_buffer(memory)
         capacity = int(self.struct.capacity)
@@ -68,14 +70,14 @@ class Journal:
             raise JournalError(f"{path}: {found}; expected one row of one byte at least")
         text = repr(np.lib.format.dtype_to_descr(row)).encode()
         end = HEADER + capacity * row.itemsize
-        memory = _new_file(path, end + len(text))
+        memory, lock = _new_file(path, end + len(text))
         memory[end : end + len(text)] = text
         header = JournalStruct(
             version=VERSION, row_size=row.itemsize, capacity=capacity, description=len(text)
         )
         memory[:HEADER] = bytes(header)
         memory[:8] = MAGIC  # last: a file without it is not one
-        return cls(path, memory, row)
+        return cls(path, memory, row, lock)
 
     @staticmethod
     def open(path: Path | str) -> Rows:
@@ -132,7 +134,10 @@ class Journal:
         description = self._memory[end : end + int(self.struct.description)]
         self.struct.capacity = len(self)
         self._memory[used : used + len(description)] = description
-        os.truncate(self.path, used + len(description))
+        try:
+            os.truncate(self.path, used + len(description))
+        finally:
+            unlock(self._lock)
 
     def __len__(self) -> int:
         return int(self.struct.rows)
@@ -144,27 +149,39 @@ class Journal:
         self.close()
 
 
-def _new_file(path: Path, size: int) -> mmap.mmap:
-    """An empty file of `size` bytes, mapped, its pages there."""
+def _new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
+    """An empty file of `size` bytes, mapped, its pages there; a descriptor that locks it, or -1."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
         try:
-            if sys.platform == "linux":
-                disk = os.fstatvfs(descriptor)
-                if size > disk.f_bavail * disk.f_frsize:  # said before it is tried block by block
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                os.posix_fallocate(descriptor, 0, size)
-                flags = mmap.MAP_SHARED | mmap.MAP_POPULATE
-                return mmap.mmap(descriptor, size, flags)
-            else:
-                os.truncate(descriptor, size)
-                return mmap.mmap(descriptor, size)
-        finally:
+            return _mapped(descriptor, size)
+        except BaseException:
             os.close(descriptor)
+            raise
     except OSError as error:
         if error.errno == errno.ENOSPC:
             path.unlink(missing_ok=True)
         raise JournalError(f"{path}: no journal of {size} bytes: {error.strerror}") from error
+
+
+def _mapped(descriptor: int, size: int) -> tuple[mmap.mmap, int]:
+    if sys.platform == "win32":
+        os.truncate(descriptor, size)
+        memory = mmap.mmap(descriptor, size)
+        os.close(descriptor)
+        return memory, -1
+    import fcntl
+
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if sys.platform != "linux":
+        os.truncate(descriptor, size)
+        return mmap.mmap(descriptor, size), descriptor
+    disk = os.fstatvfs(descriptor)
+    if size > disk.f_bavail * disk.f_frsize:  # said before it is tried block by block
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    os.posix_fallocate(descriptor, 0, size)
+    flags = mmap.MAP_SHARED | mmap.MAP_POPULATE
+    return mmap.mmap(descriptor, size, flags), descriptor
 
 
 def _header(path: Path, memory: mmap.mmap | bytes) -> JournalStruct:

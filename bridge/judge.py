@@ -23,11 +23,11 @@ from bridge.native.bus import Accept
 from bridge.native.safety import Why
 from bridge.outcome import Outcome
 from bridge.records import End
-from bridge.rehearse import NODES
 from bridge.report import NodeReport
 from bridge.safety import names, per_joint
 from bridge.system import Carried, System
 from bridge.wiring import HEARD, Rows
+from cosim.record.folder import NODES
 
 #: Counters of what a receiver refuses because of a frame's content.
 REFUSED = ("crc", "length", "invalid", "range")

@@ -29,19 +29,19 @@ from bridge.fault_script import FaultScript
 from bridge.findings import Evidence
 from bridge.lives import Life
 from bridge.records import End, Note
-from bridge.rehearse import NODES, STARTED, Ended
+from bridge.rehearse import STARTED, Ended
 from bridge.report import NodeReport
 from bridge.signs import Shown
 from bridge.system import System
 from bridge.wiring import Rows
 from cosim.clock import monotonic_ns, realtime_ns
-from cosim.errors import CosimError, RunError
+from cosim.errors import CosimError, Interrupted, RunError
 from cosim.links.statistics import LinkStatistics
 from cosim.record import Run, seal, write_metadata
-from cosim.record.folder import FINISHED, STOPPED
-from cosim.simulate import metadata
+from cosim.record.folder import FINISHED, NODES, STOPPED
+from cosim.simulate import metadata, stopped
 
-TWIN, BUSES = "twin", "buses"
+TWIN = "twin"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def clear(folder: Path) -> None:
     """
     if not (folder / NODES).is_dir():
         return
-    for name in (NODES, BUSES, TWIN):
+    for name in (NODES, collect.BUSES, TWIN):
         shutil.rmtree(folder / name, ignore_errors=True)
     (folder / STARTED).unlink(missing_ok=True)
 
@@ -104,16 +104,14 @@ def complete(
     if not rows:
         why = "; ".join(map(str, ended.notes)) or "nobody said why"
         raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
-    ticks = collect.write_trajectories(system, rows, folder)
-    ages = collect.write_tables(system, rows, folder)
-    logs = collect.bus_logs(system, nodes)
     offset = realtime_ns() - monotonic_ns()
-    collect.write_bus_logs(logs, folder / BUSES, formats, offset)
+    found = collect.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)
     replayed, error = _replayed(system, rows, heard)
     rms = float("nan")
     if with_twin:
-        rms = positions_rms(system, folder, run_twin(system, folder / TWIN), ticks)
+        other = run_twin(system, folder / TWIN, facts["settings"])
+        rms = positions_rms(system, folder, other, found.ticks)
     faults: Sequence[Evidence] = ()
     if script is not None:
         strange = replayed.altered if replayed else ()
@@ -121,8 +119,8 @@ def complete(
         shown = Shown(system, rows, reports, nodes, ended.notes, altered)
         faults = evidence.find(script, shown, network)
     outcome = Outcome(
-        folder, ticks, rows, reports, ages, replayed, error, rms,
-        report.bus_lines(system, logs), ended.notes, faults,
+        folder, found.ticks, rows, reports, found.ages, replayed, error, rms,
+        report.bus_lines(system, found.logs), ended.notes, faults,
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     seal(folder)
@@ -146,18 +144,33 @@ def _replayed(
             return None, str(error)
 
 
-def run_twin(system: System, folder: Path) -> Path:
-    """The twin's run folder (its journals are not kept)."""
+def run_twin(system: System, folder: Path, settings: Sequence[str] = ()) -> Path:
+    """The twin's run folder; its journals are kept only where it had to stop.
+
+    `settings`: those that `system` was made with, for ``run.json``. Raises RunError where a
+    component fails, Interrupted for Ctrl-C; what was recorded until then is in the folder.
+    """
     nodes = folder / NODES
     nodes.mkdir(parents=True, exist_ok=True)
-    facts = begin(system, folder, {})
-    twin.simulate(system, nodes)
+    facts = begin(system, folder, {"settings": list(settings)})
+    error: RunError | KeyboardInterrupt | None = None
+    try:
+        twin.simulate(system, nodes)
+    except (RunError, KeyboardInterrupt) as found:
+        error = found
     rows = replay.load(nodes)
-    collect.write_trajectories(system, rows, folder)
-    collect.write_tables(system, rows, folder)
-    write_metadata(folder, facts | {"status": FINISHED})
-    shutil.rmtree(nodes)
+    ticks = collect.collect(system, rows, nodes, folder, wall_ns=0).ticks if rows else 0
+    if error is None:
+        shutil.rmtree(nodes)
+    elif isinstance(error, RunError):
+        error.saved = str(folder)
+    else:
+        error = Interrupted(max(ticks - 1, 0) * system.plan.h, str(folder))
+    how = {"status": FINISHED} if error is None else stopped(error)
+    write_metadata(folder, facts | how)
     seal(folder)
+    if error is not None:
+        raise error
     return folder
 
 

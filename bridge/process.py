@@ -129,8 +129,12 @@ class Process:
 
     @property
     def code(self) -> int | None:
-        """Its exit code; None: it runs."""
-        return self._popen.poll()
+        """Its exit code; None: it runs. What it said as its last is taken in before."""
+        code = self._popen.poll()
+        if code is not None:
+            self._thread.join(1.0)
+            self.poll()
+        return code
 
     def wait(self, seconds: float) -> int | None:
         """Its exit code once it has ended, within so long; else None."""

@@ -29,9 +29,9 @@ from bridge.system import System
 from cosim.clock import monotonic_ns, realtime_ns, sleep
 from cosim.errors import Interrupted, RunError
 from cosim.interrupts import terminated
+from cosim.record.folder import NODES
 
-#: Names in a run folder.
-NODES = "nodes"
+#: A file in a run folder.
 STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
 IN_PROCESS = "virtual"
 #: s between two looks at the nodes.

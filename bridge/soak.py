@@ -19,7 +19,7 @@ from bridge.campaign import RunSpec
 from bridge.fault_script import FaultScript
 from bridge.faults import build
 from bridge.hosts import Hosts, groups, settings
-from bridge.outcome import complete
+from bridge.outcome import begin, complete
 from bridge.rehearse import Rehearsal, Settings
 from bridge.soak_judge import RunDone, judged, measured
 from bridge.soak_spec import Soak, Table, draw, text
@@ -29,6 +29,8 @@ from cosim.clock import stopwatch
 from cosim.errors import CosimError
 from cosim.failures import sentence
 from cosim.interrupts import terminated
+from cosim.record import seal
+from cosim.record.recover import unfinished
 from cosim.sweep.perform import Row
 
 RUNS, SCRIPT = "runs", "script.toml"
@@ -86,13 +88,25 @@ def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> Row:
         found = Verdict(Word.ERROR, (f"no run: {error}",))
     except Exception as error:
         found = Verdict(Word.ERROR, (f"no verdict: {sentence(error)}",))
-    cells["verdict"] = str(found.word)
     well = found.word is Word.PASSED
     if well and not job.keep:
         shutil.rmtree(folder, ignore_errors=True)
+    else:
+        found = _sealed(folder, found)
+    cells["verdict"] = str(found.word)
     return Row(
         name, cells, job.changes, well, "; ".join(found.reasons), wall=watch(), measures=measures
     )
+
+
+def _sealed(folder: Path, found: Verdict) -> Verdict:
+    """Sums of everything a run has left, also by its hosts; an error where that cannot be done."""
+    try:
+        if not unfinished(folder):
+            seal(folder, anew=True)
+    except CosimError as error:
+        return Verdict(Word.ERROR, (*found.reasons, str(error)))
+    return found
 
 
 def rehearsed(job: Job, k: int, folder: Path, drawn: Drawn) -> RunDone:
@@ -139,6 +153,7 @@ def _rehearsed(
     if hosts is not None:
         given = replace(given, inside=hosts.inside)
     facts = {"settings": list(changes), "faults": str(script.path), "real": False}
+    begin(system, folder, facts)
     with Rehearsal(system, given, folder) as rehearsal:
         rehearsal.run()
         rehearsal.end()

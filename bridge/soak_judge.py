@@ -15,7 +15,7 @@ from bridge.lives import Life
 from bridge.native.safety import State
 from bridge.outcome import Outcome
 from bridge.records import End, Missed, Refused
-from bridge.rehearse import NODES, Node
+from bridge.rehearse import Node
 from bridge.soak_spec import Soak
 from bridge.system import System
 from bridge.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
@@ -23,6 +23,7 @@ from bridge.wiring import Rows
 from cosim.analysis import declared
 from cosim.analysis.metrics import evaluate
 from cosim.record import Run
+from cosim.record.folder import NODES
 
 #: What a node may stop for, by the kind of fault that explains it; of "": any.
 STOPS: Mapping[str, frozenset[str]] = {

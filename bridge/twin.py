@@ -21,9 +21,12 @@ from bridge.native.safety import State
 from bridge.system import System
 from bridge.wiring import Wired
 from cosim.errors import RunError
+from cosim.interrupts import deferred
 
 #: Frames that may wait at a node between two of its slots.
 RING = 1024
+#: Simulated time between two looks at whether the run is to stop, ns.
+LOOK_NS = 1_000_000_000
 
 
 def simulate(system: System, folder: Path) -> dict[str, Path]:
@@ -69,7 +72,7 @@ def _buses(system: System, node: str) -> dict[str, Bus]:
 
 
 def run(system: System, nodes: Mapping[str, Wired]) -> None:
-    """All nodes to the end. Raises RunError."""
+    """All nodes to the end. Raises RunError, and KeyboardInterrupt where a signal ends the run."""
     networks = list(system.deployment.buses)
     width = max(len(system.buses_of(node.name)) for node in nodes.values())
     routes = np.full((len(nodes), width), -1, dtype=np.int32)
@@ -80,15 +83,17 @@ def run(system: System, nodes: Mapping[str, Wired]) -> None:
         [[b.bitrate, b.data_bitrate] for b in system.deployment.buses.values()], dtype=np.float64
     )
     pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes.values()))
-    result = native.functions().nodes_simulate(
-        pointers,
-        len(nodes),
-        native.address("frame_time_ns"),
-        rates.ctypes.data,
-        len(networks),
-        routes.ctypes.data,
-        width,
-    )
+    busy = np.zeros(len(networks), dtype=np.int64)
+    end = 1 + max(n.struct.slots * n.struct.h_ns + n.struct.phase_ns for n in nodes.values())
+    pressed: list[bool] = []
+    with deferred(lambda: pressed.append(True)):
+        for until in range(LOOK_NS, end + LOOK_NS, LOOK_NS):
+            result = native.functions().nodes_simulate(
+                pointers, len(nodes), native.address("frame_time_ns"), rates.ctypes.data,
+                busy.ctypes.data, routes.ctypes.data, width, until,
+            )  # fmt: skip
+            if result or pressed:
+                break
     if result and not any(w.engine.end(w.struct.result) for w in nodes.values()):
         raise _failed(nodes, result)
 

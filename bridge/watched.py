@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from bridge.journal import JournalError
 from bridge.lives import Life, files, lives_of
 from bridge.records import Statement
-from bridge.rehearse import NODES, STARTED
+from bridge.rehearse import STARTED
 from bridge.system import System, load_system
 from bridge.tail import Tail
 from cosim.errors import ScenarioError
-from cosim.record.folder import METADATA, read_metadata
+from cosim.record.folder import METADATA, NODES, read_metadata
 
 Rows = NDArray[np.void]
 

@@ -14,7 +14,7 @@ from cosim.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.storage import StoredTable, open_table
 from cosim.plan import Link, Plan, Player, compile_plan
-from cosim.record.folder import link_files
+from cosim.record.recover import stored_tables
 
 
 def over(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:
@@ -26,7 +26,7 @@ def over(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:
     run = Path(run)
     if not run.is_dir():
         raise ScenarioError("there is no such run folder", str(run))
-    files = link_files(run)
+    files = stored_tables(run)
     links = []
     for link in plan.links:
         if link.name not in files:

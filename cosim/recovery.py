@@ -15,8 +15,7 @@ from cosim.record.folder import (
     read_metadata,
     write_metadata,
 )
-from cosim.record.live import in_use
-from cosim.record.recover import complete, unfinished
+from cosim.record.recover import complete, goes_on, journals, unfinished
 from cosim.record.run import Run
 
 
@@ -29,11 +28,12 @@ def repair(folder: Path, why: str = "cut short") -> str:
     """
     if not folder.is_dir():
         raise ScenarioError("there is no such run folder", str(folder))
-    if in_use(folder / LIVE):
+    if goes_on(folder):
         raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
     facts = read_metadata(folder)
-    cut = unfinished(folder)
-    if not cut and facts.get("status", "") != RUNNING:
+    running = facts.get("status", "") == RUNNING
+    cut = unfinished(folder) or (running and bool(journals(folder)))
+    if not cut and not running:
         if not (folder / TRAJECTORIES).exists():
             raise ScenarioError("no run folder: nothing was recorded in it", str(folder))
         return ""

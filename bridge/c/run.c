@@ -96,7 +96,7 @@ typedef struct {
     int32_t n_nodes, n_routes;
     int64_t (*frame_time)(const frame_t *, double, double);
     const double *bitrates; /* two a network */
-    int64_t busy[64];       /* a network: until */
+    int64_t *busy;          /* a network: until */
 } twin_t;
 
 /* To everybody else on the network, when the frame has gone over it. */
@@ -145,11 +145,10 @@ static int64_t due(node_t *n)
 
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
                            int64_t (*frame_time)(const frame_t *, double, double),
-                           const double *bitrates, int32_t n_networks, const int32_t *routes,
-                           int32_t n_routes)
+                           const double *bitrates, int64_t *busy, const int32_t *routes,
+                           int32_t n_routes, int64_t until_ns)
 {
-    twin_t w = {nodes, routes, n_nodes, n_routes, frame_time, bitrates, {0}};
-    if (n_networks > 64) return -1;
+    twin_t w = {nodes, routes, n_nodes, n_routes, frame_time, bitrates, busy};
     for (;;) {
         int32_t next = -1, result = 0;
         int64_t now = INT64_MAX;
@@ -157,7 +156,7 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
             const int64_t t = due(nodes[i]);
             if (t < now) now = t, next = i;
         }
-        if (next < 0) return 0;
+        if (next < 0 || now >= until_ns) return 0;
         if (now < deadline_of(nodes[next])) node_hear(nodes[next], now);
         else result = node_slot(nodes[next], now, now, 0);
         if (result) return result;

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.rehearse import Interface, Set
+from cosim.cli.supervise import recording
 
 if TYPE_CHECKING:
     from bridge.campaign import Campaign, RunSpec
@@ -99,6 +100,7 @@ def _many(
     from bridge.soak_table import failures, inconclusive
     from cosim.cli.show import aligned
     from cosim.cli.sweep import progress_of
+    from cosim.interrupts import exit_code
 
     why = hosts.missing()
     if why and not blind:
@@ -115,7 +117,7 @@ def _many(
             )  # fmt: skip
         except KeyboardInterrupt:
             typer.echo(f"interrupted; the same command goes on in {folder}", err=True)
-            raise typer.Exit(130) from None
+            raise typer.Exit(exit_code()) from None
     typer.echo("\n".join(aligned(campaign_table.kinds(records))))
     page = campaign_table.markdown(records, f"{job.many.spec.title}, seed {seed}")
     for path in (folder / "summary.md", *([markdown] if markdown else [])):
@@ -168,13 +170,15 @@ def _rehearsed(
     from dataclasses import replace
 
     from bridge import happen, judge
-    from bridge.outcome import complete
+    from bridge.outcome import begin, complete
     from bridge.rehearse import Rehearsal
     from cosim.errors import RunError
     from cosim.record import claim_folder
 
+    recording(folder)
     claim_folder(folder, force=False)
     facts = {"settings": list(settings.changes), "faults": settings.script, "real": False}
+    begin(system, folder, facts)
     settings = replace(settings, events=happen.events(script, system))
     with Rehearsal(system, settings, folder) as rehearsal:
         try:

@@ -10,9 +10,12 @@ import typer
 
 from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set, refuse
 from cosim.cli.check import Strict
+from cosim.cli.supervise import asking, recording
 
 if TYPE_CHECKING:
+    from bridge.lives import Life
     from bridge.records import Statement
+    from bridge.wiring import Rows
 
 
 def node(
@@ -45,18 +48,16 @@ def node(
 
     from bridge import deploy as deployments
     from bridge import preflight
+    from bridge.alone import begin_node, complete_node
     from bridge.cli.options import bus_settings, fresh
     from bridge.control import Control
     from bridge.enabling import enabled
     from bridge.lives import Life
     from bridge.node import Options, run_node
-    from bridge.outcome import deployed
-    from bridge.rehearse import NODES
     from bridge.system import load_system
     from cosim.clock import monotonic_ns, stamp
     from cosim.errors import CosimError, RunError, ScenarioError
-    from cosim.record import write_metadata
-    from cosim.simulate import metadata
+    from cosim.record.folder import NODES
 
     path = deployments.find(scenario, deploy)
     changes = [*(set_ or [])]
@@ -68,11 +69,11 @@ def node(
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
     refuse(preflight.check(system), strict=strict, quiet=False)
     if hardware and not yes:
-        typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
+        with asking():
+            typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
     folder = out or fresh(Path("runs") / f"{name}-{stamp()}")
-    (folder / NODES).mkdir(parents=True, exist_ok=True)
-    facts = deployed(system, {"settings": changes, "node": name})
-    write_metadata(folder, metadata(system.scenario, system.plan) | facts)
+    recording(folder)
+    facts = begin_node(system, folder, {"settings": changes, "node": name})
 
     controls: list[Control] = []
     waited: list[str] = []
@@ -123,16 +124,15 @@ def node(
         report = run_node(system, options, say, listen)
     if failures:
         raise failures[0]
-    _say(system, folder, report)
+    rows = complete_node(system, folder, report, facts)
+    _say(system, folder, report, rows)
 
 
-def _say(system: Any, folder: Path, report: Statement) -> None:
-    from bridge import replay
+def _say(system: Any, folder: Path, report: Statement, rows: Mapping[Life, Rows]) -> None:
     from bridge.records import End
-    from bridge.rehearse import NODES
     from bridge.report import node_reports
+    from cosim.record.folder import NODES
 
-    rows = replay.load(folder / NODES) if report.slots else {}
     for r in node_reports(system, rows, folder / NODES):
         typer.echo(f"{r.life!s:<16} {r.text()}")
     typer.echo(f"{'end':<16} {report.end} {report.why} {report.error}".rstrip())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.check import Strict
+from cosim.cli.supervise import asking, recording
 
 if TYPE_CHECKING:
     from bridge.outcome import Outcome
@@ -106,7 +107,8 @@ def rehearse(
     system = load_system(scenario, str(path), changes)
     refuse(preflight.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
-        typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
+        with asking():
+            typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
     from bridge.rehearse import Settings
 
     settings = Settings(
@@ -163,6 +165,7 @@ def _run(
         settings = replace(settings, events=happen.events(script, system))
     if force:
         clear(folder)
+    recording(folder)
     claim_folder(folder, force=force)
     if not quiet:
         typer.echo(header(system))

@@ -45,9 +45,9 @@ def replay(
     from tempfile import TemporaryDirectory
 
     from bridge import replay as again
-    from bridge.rehearse import NODES
     from cosim.clock import stopwatch
     from cosim.record import verify
+    from cosim.record.folder import NODES
 
     if from_log:
         _from_log(run, scenario, deploy)

@@ -8,7 +8,8 @@ from pathlib import Path
 import typer
 
 from cosim.check.finding import Finding
-from cosim.errors import ScenarioError
+from cosim.cli.supervise import recording
+from cosim.errors import Interrupted, ScenarioError
 
 
 def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
@@ -53,6 +54,7 @@ def run(
     from cosim.analysis.metrics import evaluate
     from cosim.cli.summary import figures
     from cosim.clock import stamp, stopwatch
+    from cosim.interrupts import exit_code
     from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
@@ -61,9 +63,14 @@ def run(
     refuse(preflight.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or fresh(Path("runs") / name)
+    recording(folder)
     claim_folder(folder, force=force)
     watch = stopwatch()
-    run_twin(system, folder)
+    try:
+        run_twin(system, folder, settings)
+    except Interrupted as stop:
+        typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
+        raise typer.Exit(exit_code()) from None
     wall = watch()
     result = Run.open(folder)
     length = system.plan.ticks * system.plan.h

@@ -293,7 +293,7 @@ def functions() -> c.CDLL:
     found.node_absent.argtypes, found.node_absent.restype = (node, i32, c.c_int64), i32
     found.nodes_simulate.argtypes = (
         *(c.c_void_p, i32, c.c_void_p, c.c_void_p),
-        *(i32, c.c_void_p, i32),
+        *(c.c_void_p, c.c_void_p, i32, c.c_int64),
     )
     found.nodes_simulate.restype = i32
     found.node_follow.argtypes = (node, c.c_void_p, c.c_int64)

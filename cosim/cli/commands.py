@@ -85,15 +85,9 @@ def _options(
     """Co-simulation of controllers and FMU plants over links with real latency."""
 
 
-#: Commands that run FMUs in their own process, where an FMU may crash or call exit().
-RUNNING = {"run", "sweep", "compare", "analyze", "reproduce", "replay"}
-
-
 def main() -> None:
-    """Entry point of the console script."""
-    if len(sys.argv) > 1 and sys.argv[1] in RUNNING:
-        sys.exit(supervised(command))
-    command()
+    """Entry point of the console script: nearly every command loads FMUs, so all are supervised."""
+    sys.exit(supervised(command))
 
 
 def command() -> None:

@@ -12,7 +12,8 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
@@ -27,6 +28,30 @@ def recording(folder: Path) -> None:
     """Tell the supervisor, if there is one, which run folder this command writes."""
     for pipe in _told:
         os.write(pipe, f"folder {folder.absolute()}\n".encode())
+
+
+@contextmanager
+def asking() -> Iterator[None]:
+    """Let this process read the terminal in the block, for a question to the user.
+
+    The child is in a process group of its own, so for the terminal it is in the background, where
+    reading stops a process. Raises ScenarioError where its supervisor is in the background too.
+    """
+    if not _told or not sys.stdin.isatty():
+        yield
+        return
+    from cosim.errors import ScenarioError
+
+    terminal, before = sys.stdin.fileno(), os.getpgid(os.getppid())
+    if os.tcgetpgrp(terminal) != before:
+        raise ScenarioError("a question has to be answered, but the command is in the background")
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU, signal.SIGTSTP})
+    os.tcsetpgrp(terminal, os.getpgrp())
+    try:
+        yield
+    finally:
+        os.tcsetpgrp(terminal, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
 
 
 def supervised(command: Callable[[], None]) -> int:
@@ -116,15 +141,15 @@ def _unfinished(status: int, folder: str) -> int:
 
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
-        how = f"the process of the run was ended by {name}"
+        how = f"the process of this command was ended by {name}"
         how += " (a component crashed)" if name in _CRASHES else ""
         how += " (by somebody, or for lack of memory)" if name == "SIGKILL" else ""
     else:
         code = os.WEXITSTATUS(status)
-        how = f"a component ended the process of the run (exit code {code})"
+        how = f"a component ended the process of this command (exit code {code})"
     sys.stderr.write(f"error: {how}\n")
     try:
-        if folder and (until := repair(Path(folder), how)):
+        if folder and Path(folder).exists() and (until := repair(Path(folder), how)):
             sys.stderr.write(f"{until}: {folder}\n")
     except CosimError as error:
         sys.stderr.write(f"error: {error}\n")

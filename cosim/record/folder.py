@@ -18,6 +18,8 @@ PART, LIVE = "trajectories.parquet.part", "trajectories.live"
 METADATA = "run.json"
 LAST = "last.parquet"
 LINKS = "links"
+#: Of a rehearsal: the journals of its nodes, of which trajectories are made at its end.
+NODES, JOURNAL = "nodes", ".journal"
 SUMS = "SHA256SUMS"
 #: Suffix of a link's table while a run goes on.
 ROWS = ".rows"

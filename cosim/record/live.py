@@ -124,8 +124,7 @@ class Live:
 
     def release(self) -> None:
         """Say that the recording is over; see :func:`in_use`."""
-        if self._held >= 0:
-            os.close(self._held)
+        unlock(self._held)
         self._held = -1
 
     def address(self, chunk: int) -> int:
@@ -156,6 +155,19 @@ def mapped(path: Path, size: int) -> tuple[mmap.mmap, int]:
         path.unlink(missing_ok=True)
         os.close(descriptor)
         raise
+
+
+def unlock(descriptor: int) -> None:
+    """Let go of a file that was locked as in :func:`mapped`; -1: there is none.
+
+    Closing is not enough: Python's mmap has a descriptor of its own of the same open file.
+    """
+    if sys.platform == "win32" or descriptor < 0:
+        return
+    import fcntl
+
+    fcntl.flock(descriptor, fcntl.LOCK_UN)
+    os.close(descriptor)
 
 
 def in_use(path: Path) -> bool:

@@ -2,28 +2,64 @@
 
 Nothing has to be asked of who wrote it: the row groups in ``trajectories.parquet.part``, the rows
 in ``trajectories.live`` and the rows of link tables are there whenever and however the process has
-ended. Ticks that are in two of the files are taken once.
+ended. Ticks that are in two of the files are taken once. The trajectories and link tables of nodes
+are made of their journals, by :mod:`bridge.recovered`.
 """
 
 from __future__ import annotations
 
+import importlib
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import RunError, ScenarioError
-from cosim.record.folder import LAST, LIVE, PART, TRAJECTORIES, reason
+from cosim.record.folder import JOURNAL, LAST, LIVE, NODES, PART, TRAJECTORIES, link_files, reason
 from cosim.record.groups import SETTINGS, batch, schema
 from cosim.record.live import Column, Live, Rows, in_use
 from cosim.record.pages import groups
 
+#: Makes a recording of the journals of nodes, which this package does not know.
+COLLECTOR = "bridge.recovered"
+#: What is collected of the journals of a run that was cut short.
+SCRATCH = ".recovered"
+#: Folders with what was collected for readers; they go with this process.
+_kept: list[TemporaryDirectory[str]] = []
+
 
 def unfinished(folder: Path) -> bool:
     """Whether the folder holds a recording that was not closed."""
-    return not (folder / TRAJECTORIES).exists() and (folder / LIVE).exists()
+    there = (folder / LIVE).exists() or bool(journals(folder))
+    return there and not (folder / TRAJECTORIES).exists()
+
+
+def journals(folder: Path) -> list[Path]:
+    """The journals of nodes."""
+    return list((folder / NODES).glob(f"*{JOURNAL}"))
+
+
+def goes_on(folder: Path) -> bool:
+    """Whether somebody still records into the folder."""
+    return any(in_use(path) for path in (folder / LIVE, *journals(folder)))
+
+
+def stored_tables(folder: Path) -> dict[str, Path]:
+    """As :func:`link_files`; of nodes that were cut short, what their journals say they held."""
+    whole = journals(folder) and unfinished(folder)
+    return link_files(_collected(folder) if whole else folder)
+
+
+def _collected(folder: Path) -> Path:
+    """Trajectories and link tables of the journals in `folder`, in a folder for this process."""
+    _kept.append(TemporaryDirectory(prefix="cosim-"))
+    into = Path(_kept[-1].name)
+    importlib.import_module(COLLECTOR).collect(folder, into)
+    return into
 
 
 def in_memory(folder: Path) -> Any:
@@ -31,26 +67,31 @@ def in_memory(folder: Path) -> Any:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    if journals(folder):
+        return pq.ParquetFile(_collected(folder) / TRAJECTORIES)
     sink = pa.BufferOutputStream()
     _write(folder, sink)
     return pq.ParquetFile(pa.BufferReader(sink.getvalue()))
 
 
-def complete(folder: Path) -> int:
-    """Write ``trajectories.parquet`` and ``last.parquet`` of an unfinished folder; rows written.
+def complete(folder: Path) -> None:
+    """Write ``trajectories.parquet`` and ``last.parquet`` of an unfinished folder.
 
-    The files they come from are deleted afterwards. Raises ScenarioError where those are damaged
-    or the run still goes on, RunError where nothing can be written.
+    The files they come from are deleted afterwards; journals of nodes stay, and give link tables
+    as well. Raises ScenarioError where those are damaged or the run still goes on, RunError where
+    nothing can be written.
     """
     import pyarrow as pa
 
-    if in_use(folder / LIVE):
+    if goes_on(folder):
         raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
-
+    if journals(folder):
+        _complete_nodes(folder)
+        return
     scratch = folder / f"{TRAJECTORIES}.recovered"
     try:
         with pa.OSFile(str(scratch), "wb") as sink:
-            rows = _write(folder, sink)
+            _write(folder, sink)
         _write_last(folder)
         scratch.replace(folder / TRAJECTORIES)
         for name in (LIVE, PART):
@@ -58,21 +99,37 @@ def complete(folder: Path) -> int:
     except OSError as error:
         scratch.unlink(missing_ok=True)
         raise RunError(f"cannot write {folder / TRAJECTORIES}: {reason(error)}") from error
-    return rows
 
 
-def _write(folder: Path, sink: Any) -> int:
+def _complete_nodes(folder: Path) -> None:
+    """Collect journals beside what is there, and put it into place file by file."""
+    scratch = folder / SCRATCH
+    shutil.rmtree(scratch, ignore_errors=True)
+    try:
+        scratch.mkdir()
+        importlib.import_module(COLLECTOR).collect(folder, scratch)
+        found = [path for path in scratch.rglob("*") if path.is_file()]
+        for path in sorted(found, key=lambda p: p.name == TRAJECTORIES):  # last: then all is there
+            place = folder / path.relative_to(scratch)
+            place.parent.mkdir(exist_ok=True)
+            path.replace(place)
+        for name in (LIVE, PART):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise RunError(f"cannot write {folder / TRAJECTORIES}: {reason(error)}") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _write(folder: Path, sink: Any) -> None:
     import pyarrow.parquet as pq
 
     live = Live.read(folder / LIVE)
     said = live.layout
     fields = schema(said.columns, said.h, said.every, said.metadata)
-    rows = 0
     with pq.ParquetWriter(sink, fields, **SETTINGS) as writer:
         for group in _groups(folder, live):
             writer.write_batch(batch(group, fields), said.group)
-            rows += group.shape[1]
-    return rows
 
 
 def _groups(folder: Path, live: Live) -> Iterator[NDArray[np.float64]]:

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.errors import CutShort, RunError, ScenarioError
-from cosim.record.folder import LIVE, TRAJECTORIES, link_files, read_metadata, reason
-from cosim.record.live import in_use
-from cosim.record.recover import in_memory, unfinished
+from cosim.record.folder import TRAJECTORIES, read_metadata, reason
+from cosim.record.recover import goes_on, in_memory, stored_tables, unfinished
 
 Array = NDArray[np.float64]
 
@@ -75,7 +74,7 @@ class Run:
     def _recovered(cls, path: Path) -> Run:
         """A run that was cut short, as far as it was recorded; a warning says so."""
         run = cls(path, in_memory(path.parent))
-        what = "still goes on" if in_use(path.with_name(LIVE)) else "was cut short"
+        what = "still goes on" if goes_on(path.parent) else "was cut short"
         until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "recorded nothing"
         warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)
         return run
@@ -163,7 +162,7 @@ class Run:
     @property
     def link_tables(self) -> dict[str, Path]:
         """File of each stored link table, by link name."""
-        return link_files(self.path.parent)
+        return stored_tables(self.path.parent)
 
     def to_csv(self, path: str | Path) -> Path:
         """Write everything as CSV: a line of names, then numbers that read back exactly.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import numpy as np
 
 from cosim.component import Parameter, Port
 
 
 class Law:
-    """tau = -K q; from `t_bad` on it raises ("raise") or gives NaN (`nan` = 1)."""
+    """tau = -K q; after `t_bad` it raises, gives NaN (`nan` = 1), or calls exit(0) (`ends` = 1)."""
 
     kind = "sampled"
     inputs = (
@@ -29,11 +31,12 @@ class Law:
         Parameter("K", (16.0,), (), "N.m/rad", "Stiffness"),
         Parameter("t_bad", (1e9,), (), "s", "When it fails"),
         Parameter("nan", (0.0,), (), "1", "1: NaN instead of an exception"),
+        Parameter("ends", (0.0,), (), "1", "1: exit(0) instead of an exception"),
     )
 
     def initialize(self, values):
         self.K, self.t_bad = values.get("K", 16.0), values.get("t_bad", 1e9)
-        self.nan = values.get("nan", 0.0)
+        self.nan, self.ends = values.get("nan", 0.0), values.get("ends", 0.0)
 
     def initial(self, u):
         return {"tau": -self.K * u["q"], "xi": u["dq"] + 0.5 * u["q"]}
@@ -42,6 +45,8 @@ class Law:
         y = self.initial(u)
         if t < self.t_bad - h / 2:
             return y
+        if self.ends:
+            ctypes.CDLL(None).exit(0)
         if not self.nan:
             raise RuntimeError("on purpose")
         return {**y, "tau": np.full(2, np.nan)}

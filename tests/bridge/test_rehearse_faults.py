@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bridge.native.safety import State, Why
+from cosim.record import Run
 from tests.bridge.rehearsing import (
     NAMESPACE,
     ROOT,
@@ -107,6 +108,17 @@ def test_an_exception_in_a_component(tmp_path):
     assert left.exact()
     tau = np.abs(left.column("master", "master.tau")).max(axis=1)
     assert tau[-1] < 0.2 * tau.max()
+
+
+def test_a_component_that_calls_exit_0_in_a_node_fails_the_run(tmp_path):
+    """The node is gone without a word, and the replay meets the same component again."""
+    ends = tuple(f"components.master_control.parameters.{x}=1" for x in ("t_bad", "ends"))
+    done = run(tmp_path / "run", stop=3.0, settings=(LAW, *ends))
+    assert done.returncode == 1, done
+    assert "error: a component ended the process of this command (exit code 0)" in done.stderr
+    recorded = Run.open(tmp_path / "run")
+    assert recorded.t[-1] >= 0.9
+    assert recorded.metadata["status"] == "recovered"
 
 
 def started(folder, **options):

@@ -17,7 +17,8 @@ from bridge.records import Refused
 from bridge.relay import namespaces
 from bridge.soak_spec import FRAMES, LINKS, PROCESSES, draw, load_soak, text
 from bridge.system import load_system
-from cosim.errors import ScenarioError
+from cosim.errors import RunError, ScenarioError
+from cosim.record import seal, verify
 from cosim.scenario import read_document
 from cosim.sweep.perform import Row
 from cosim.sweep.store import Store
@@ -291,3 +292,25 @@ def test_two_runs_with_processes_and_a_network(tmp_path):
     again = run()
     assert "2 runs; 2 there already; 0 to run" in again.stdout
     assert namespaces.abandoned() == []
+
+
+# ---- the folder of a run ------------------------------------------------------------------------
+
+
+def test_a_run_that_is_kept_has_sums_of_all_its_files_also_of_those_that_came_last(tmp_path):
+    """Records of packets are complete only when the hosts have gone, after the run was judged."""
+    job = SimpleNamespace(folder=tmp_path, soak=load_soak(SCENARIO, None), seed=0, keep=False)
+    job.changes = ()
+
+    def run(folder):
+        (folder / "packets").write_text("some")
+        seal(folder)
+        (folder / "packets").write_text("all of them")
+        (folder / "late").write_text("a file of its own")
+        raise RunError("it stopped")
+
+    row = soak.performed(job, 3, run)
+    assert row.reason == "no run: it stopped"
+    folder = tmp_path / "runs" / "00003"
+    verify(folder)
+    assert "  late\n" in (folder / "SHA256SUMS").read_text()

@@ -59,3 +59,10 @@ class Ends:
                 case _:
                     os.kill(os.getpid(), signal.SIGKILL)
         return {"y": 1.0}
+
+
+class Gone(Ends):
+    """Ends its process with exit(0) when it is made."""
+
+    def __init__(self) -> None:
+        ctypes.CDLL(None).exit(0)

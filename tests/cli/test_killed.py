@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from pathlib import Path
 from time import sleep
 
@@ -15,7 +16,7 @@ import pytest
 from cosim.errors import CutShort
 from cosim.links.storage import load_table
 from cosim.record import Run
-from tests.cli.command import CONFIG, Command, finished, started
+from tests.cli.command import CONFIG, ROOT, Command, finished, started
 
 #: A component that ends its own process at t = 1.5 s; `how`: see the component.
 ENDS = """
@@ -93,7 +94,7 @@ def test_recover_completes_the_folder(cosim: Command, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        (0, "a component ended the process of the run (exit code 0)"),
+        (0, "a component ended the process of this command (exit code 0)"),
         (1, "ended by SIGABRT (a component crashed)"),
         (2, "ended by SIGSEGV (a component crashed)"),
         (3, "ended by SIGKILL"),
@@ -110,6 +111,25 @@ def test_a_component_cannot_end_or_fake_a_run(tmp_path: Path, how: int, said: st
     assert np.array_equal(run.t, np.arange(1500) * 1e-3)
     assert run.metadata["status"] == "recovered"
     assert said in run.metadata["error"]
+
+
+@pytest.mark.parametrize("command", ["check", "show", "run"])
+def test_a_component_cannot_fake_what_only_loads_it(tmp_path: Path, command: str) -> None:
+    text = ENDS.format(0).replace("components:Ends", "components:Gone")
+    (tmp_path / "ends.toml").write_text(text, encoding="utf-8")
+    done = finished(command, "ends.toml", cwd=tmp_path)
+    assert done.code == 1
+    assert done.err == "error: a component ended the process of this command (exit code 0)\n"
+
+
+def test_a_question_is_asked_and_answered_on_the_terminal(tmp_path: Path) -> None:
+    """The command works in the background of its terminal, where reading would stop it."""
+    answered = ROOT / "tests" / "cli" / "answered.py"
+    done = subprocess.run(
+        [sys.executable, str(answered)], cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.stdout.split()[-2:] == ["answer=yes", "code=0"], done
 
 
 def test_when_the_supervisor_is_killed_the_run_ends_too(tmp_path: Path) -> None:

@@ -1,0 +1,34 @@
+"""Answers a question of a supervised command on a terminal of its own; prints how it went."""
+
+from __future__ import annotations
+
+import os
+import pty
+
+from cosim.cli.supervise import asking, supervised
+
+
+def ask() -> None:
+    """As a command asks."""
+    with asking():
+        answer = input("go on? ")
+    print(f"answer={answer}", flush=True)
+
+
+def main() -> None:
+    """Start it on a terminal, answer, and pass on what it prints."""
+    child, terminal = pty.fork()
+    if child == 0:
+        os._exit(supervised(ask))
+    said = b""
+    while not said.endswith(b"go on? "):
+        said += os.read(terminal, 1000)
+    os.write(terminal, b"yes\n")
+    while not said.endswith(b"answer=yes\r\n"):
+        said += os.read(terminal, 1000)
+    _, status = os.waitpid(child, 0)
+    print("answer=yes", f"code={os.waitstatus_to_exitcode(status)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -199,7 +199,7 @@ def _loop(
 @contextmanager
 def _completed(folder: Path, facts: dict[str, Any]) -> Iterator[None]:
     """Write ``run.json`` before the block and after it, which adds to `facts`; then the sums."""
-    write_metadata(folder, facts)
+    write_metadata(folder, facts, indented=False)
     try:
         yield
     except BaseException as error:

@@ -15,7 +15,7 @@ import mmap
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self, final
 
@@ -26,6 +26,7 @@ from cosim.errors import ScenarioError
 
 Rows = NDArray[np.float64]
 MAGIC, HEADER, PAGE = b"cosimlv1", 64, 4096
+_COLUMNS = ("columns", "everything")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +58,16 @@ class Layout:
     everything: tuple[Column, ...] = ()
 
     def text(self) -> bytes:
-        """As JSON."""
-        return json.dumps(asdict(self)).encode()
+        """As JSON; a column is a list of three, which is quicker than an object."""
+        said = {field.name: getattr(self, field.name) for field in fields(self)}
+        lists = {key: [(c.name, c.unit, c.index) for c in said[key]] for key in _COLUMNS}
+        return json.dumps({**said, **lists, "metadata": dict(self.metadata)}).encode()
 
     @classmethod
     def parse(cls, text: bytes) -> Self:
         """Of :meth:`text`. Raises ValueError, TypeError or KeyError for another text."""
         said: dict[str, Any] = json.loads(text)
-        lists = {
-            key: tuple(Column(**column) for column in said[key])
-            for key in ("columns", "everything")
-        }
+        lists = {key: tuple(Column(*column) for column in said[key]) for key in _COLUMNS}
         return cls(**{**said, **lists})
 
     @property

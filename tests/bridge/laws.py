@@ -26,6 +26,7 @@ class Law:
             for name, unit in (
                 *((name, "1") for name in ("Gamma", "alpha", "lambda", "lambda_M")),
                 *((name, "s") for name in ("age_max", "age_fade")),
+                ("tau_max", "N.m"),
             )
         ),
         Parameter("K", (16.0,), (), "N.m/rad", "Stiffness"),

@@ -17,9 +17,11 @@ from typing import Any
 from bridge.native import node as native
 from bridge.native.safety import Command
 from bridge.records import names_of, refusal
-from cosim.clock import sleep
+from cosim.clock import monotonic_ns, sleep
 
 Say = Callable[[Mapping[str, Any]], None]
+#: ns for which an EPOCH that was heard counts.
+RECENT = 1_000_000_000
 #: s until a command has to be taken.
 TAKEN = 0.5
 
@@ -35,6 +37,15 @@ class Control:
         """Be at t = 0 at this time of the monotonic clock, or say why not."""
         self._struct.asked_ns = start_ns
         self._give(Command.START)
+
+    def begin(self, lead: float) -> None:
+        """START in `lead` s, or with the t = 0 of the EPOCH of the second before; none where a
+        START is held already.
+        """
+        struct, now = self._struct, monotonic_ns()
+        if struct.start_ns == 0:
+            fresh = now - struct.epoch.heard_ns < RECENT
+            self.start(struct.epoch.origin_ns if fresh else now + round(lead * 1e9))
 
     def arm(self) -> None:
         """Torque may follow START: needed where real drives are meant; a rehearsal arms itself."""

@@ -21,8 +21,8 @@ from cosim.settings import as_toml, change
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
 Numbers = Number | tuple[Number, ...]
-#: What nodes say on a bus besides the deployment's messages: commands, SYNC, stop, who is there.
-ServiceName = Literal["nmt", "sync", "estop", "heartbeat"]
+#: What nodes say besides the deployment's messages: commands, SYNC, stop, which run, who is there.
+ServiceName = Literal["nmt", "sync", "estop", "epoch", "heartbeat"]
 SERVICES: tuple[ServiceName, ...] = get_args(ServiceName)
 T = TypeVar("T")
 

@@ -91,13 +91,14 @@ def watched(wired: Wired, say: Say, ready: Callable[[], Mapping[str, Any]]) -> I
     """Say, from a thread, what a node's supervisor has to know while C runs the node.
 
     ``ready`` once it has heard all it needs (`ready` gives the event), ``waiting`` with what is
-    missing until then, ``refused`` each time it refuses ARM or START, ``deaf`` when it hears
-    something no more.
+    missing until then, ``refused`` each time it refuses ARM or START, ``joined`` with the time t
+    (s) where it begins in the middle of a run, ``unshared`` where it hears of a run on a host whose
+    clock it does not share, ``deaf`` when it hears something no more.
     """
     ended = threading.Event()
 
     def look() -> None:
-        refusals, said, deaf = 0, False, False
+        refusals, said, deaf, joined, unshared = 0, False, False, False, False
         elapsed, next_ = stopwatch(), REPEAT
         while not ended.wait(LOOK):
             struct = wired.struct
@@ -112,6 +113,13 @@ def watched(wired: Wired, say: Say, ready: Callable[[], Mapping[str, Any]]) -> I
             if struct.refusals != refusals:
                 refusals = struct.refusals
                 say(_refusal(wired))
+            if struct.begun and not joined:
+                joined = True
+                if struct.first > 0:
+                    say({"event": "joined", "t": struct.first * struct.h})
+            if struct.epoch.unshared and not unshared:
+                unshared = True
+                say({"event": "unshared"})
             if struct.begun and not deaf and (lost := silent(wired)):
                 deaf = True
                 say({"event": "deaf", "to": lost})

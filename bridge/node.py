@@ -21,6 +21,7 @@ from typing import Any
 from bridge import lockstep
 from bridge.attach import announce, answer, attached
 from bridge.can.interface import Attachment
+from bridge.clocks import host_clock
 from bridge.control import Control, Say, listen_to, signals
 from bridge.fault_script import FaultScript, NodeFaults
 from bridge.faults import load
@@ -53,7 +54,8 @@ class Options:
     """How a node is run: `life` names its files, `real`: it may move real drives.
 
     `boots`: what its heartbeats say, 0: drawn from the time. `warm_up`: s of self-test before it is
-    ready; `script`: faults on purpose.
+    ready; `script`: faults on purpose; `alone`: nobody supervises it, so it joins by itself a run
+    that it hears of.
     """
 
     life: Life
@@ -63,6 +65,7 @@ class Options:
     warm_up: float = 0.2
     realtime: bool = True
     script: FaultScript | None = None
+    alone: bool = False
 
 
 def run_node(
@@ -127,6 +130,8 @@ def _configured(
     script, record = options.script, options.folder / options.life.file("faults")
     faults = None if script is None else inject(wired, script, record)
     struct.first = lcm(*(s.period for s in wired.plan.plan.components))
+    clock, epoch = host_clock(), struct.epoch
+    epoch.host, epoch.kept, epoch.follows = clock.number, clock.kept, options.alone
     control = Control(struct)
     answer(wired, buses, control)
     mode = "enforce" if d.enforce else "ask"
@@ -177,6 +182,9 @@ def stated(
         slots=int(s.slot - s.first),
         missed=int(s.missed),
         start_ns=int(s.start_ns),
+        run=int(s.epoch.run),
+        clock=host_clock().words(),
+        unshared=int(s.epoch.unshared),
         granted=dict(granted),
         warning=warning,
         syncs={"received": int(s.syncs_received), "lost": int(s.syncs_lost)},

@@ -52,7 +52,10 @@ class Statement(Record, frozen=True, kw_only=True):
     """What a life says of itself at its end: the file ``LIFE.json``.
 
     `reasons`: names of the bits of ``Why`` that are latched; `refused`: why ARM or START was
-    refused last. `messages`: counters of each message's receiver; `sent`: of each outlet. Times are
+    refused last. `run`: the number of the run by EPOCH, 0: started without; `clock`: of the host;
+    `unshared`: EPOCHs of hosts whose clock is not known to be this one's.
+
+    `messages`: counters of each message's receiver; `sent`: of each outlet. Times are
     ns of the monotonic clock.
     """
 
@@ -67,6 +70,9 @@ class Statement(Record, frozen=True, kw_only=True):
     slots: int = 0
     missed: int = 0
     start_ns: int = 0
+    run: int = 0
+    clock: str = ""
+    unshared: int = 0
     granted: Mapping[str, Any] = {}
     warning: str = ""
     syncs: Counts = {}

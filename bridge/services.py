@@ -1,9 +1,10 @@
 """Services of a bus: what nodes say there besides the deployment's messages.
 
-NMT (commands), SYNC, ESTOP (stop, everybody) and heartbeats. Each bus has its own: a CAN bus those
-that its deployment lists, as the messages NMT, SYNC, ESTOP and HEARTBEAT_n of its DBC file with
-their identifiers (nothing listed: all that the file has); a bus with the frames of drives that have
-a protocol of their own has none; a Zenoh bus has all but SYNC.
+NMT (commands), SYNC, ESTOP (stop, everybody), EPOCH (which run this is, and its t = 0) and
+heartbeats. Each bus has its own: a CAN bus those that its deployment lists, as the messages NMT,
+SYNC, ESTOP, EPOCH and HEARTBEAT_n of its DBC file with their identifiers (nothing listed: all that
+the file has); a bus with the frames of drives that have a protocol of their own has none; a Zenoh
+bus has all but SYNC.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from bridge.can.codec import Codec
 from bridge.can.layout import Layout, find
 from bridge.can.profiles import Profile, load_profile
 from bridge.deploy import SERVICES, Deployment, ServiceName
+from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
 from bridge.native.message import Message
 from bridge.zenoh import names
 from cosim.errors import ScenarioError
@@ -34,7 +36,7 @@ class Encoding(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """A bus's messages besides the deployment's: heartbeats by node number, SYNC, NMT, e-stop.
+    """A bus's messages besides the deployment's: heartbeats by number, SYNC, NMT, ESTOP, EPOCH.
 
     What is missing does not exist on this bus: nobody sends it there, and nobody obeys it.
     `host_heartbeats` by node number, `host_sync`: what drives of a profile need to hear on their
@@ -45,13 +47,14 @@ class Service:
     sync: Encoding | None = None
     nmt: Encoding | None = None
     estop: Encoding | None = None
+    epoch: Encoding | None = None
     host_heartbeats: Mapping[int, Encoding] = field(default_factory=dict)
     host_sync: Encoding | None = None
     timeout: float = 0.0
 
     def named(self) -> dict[str, Encoding]:
         """All there are, by the name that messages of a DBC file have."""
-        shared = {"SYNC": self.sync, "NMT": self.nmt, "ESTOP": self.estop}
+        shared = {"SYNC": self.sync, "NMT": self.nmt, "ESTOP": self.estop, "EPOCH": self.epoch}
         found = {name: encoding for name, encoding in shared.items() if encoding is not None}
         return found | {f"HEARTBEAT_{n}": beat for n, beat in self.heartbeats.items()}
 
@@ -134,6 +137,7 @@ def _in_file(d: Deployment, bus: str, layouts: Sequence[Layout]) -> Service:
         sync=codec("sync", "SYNC", "counter"),
         nmt=codec("nmt", "NMT", "command", "node"),
         estop=codec("estop", "ESTOP", "node", "reasons"),
+        epoch=codec("epoch", "EPOCH", *EPOCH_SIGNALS),
     )
 
 
@@ -141,4 +145,4 @@ def _streamed(d: Deployment, bus: str) -> Service:
     """Of a Zenoh bus: it has no SYNC."""
     keys = names.names_of(d, bus)
     beats = {spec.number: names.heartbeat(keys, node, spec) for node, spec in d.nodes.items()}
-    return Service(beats, None, names.nmt(keys), names.estop(keys))
+    return Service(beats, None, names.nmt(keys), names.estop(keys), names.epoch(keys))

@@ -267,7 +267,7 @@ class Wired:
     def _bind_services(self, bus: str, entry: native.Services, peers: Sequence[str]) -> None:
         """The services of one bus, and the heartbeats of `peers` there."""
         service, nodes = self.system.services[bus], self.system.deployment.nodes
-        for field in ("sync", "nmt", "estop"):
+        for field in ("sync", "nmt", "estop", "epoch"):
             encoding = getattr(service, field)
             if encoding is not None:
                 setattr(entry, field, c.pointer(encoding.message))

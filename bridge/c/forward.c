@@ -43,16 +43,12 @@ void node_forward(node_t *n, const reception_t *r, const header_t *header, const
     }
 }
 
-void node_pass(node_t *n, const double *nmt, const frame_t *came)
+void node_pass(node_t *n, size_t service, const double *values, header_t header, const frame_t *came)
 {
     for (int32_t b = 0; b < n->n_buses; b++) {
-        frame_t frame;
-        header_t header;
-        if (b == came->bus || !n->services[b].nmt) continue;
-        memset(&frame, 0, sizeof frame);
-        memset(&header, 0, sizeof header);
-        message_encode(n->services[b].nmt, nmt, &header, &frame);
-        node_send(n, b, &frame, came->t_ns - n->start_ns);
+        const message_t *m;
+        memcpy(&m, (const char *)(n->services + b) + service, sizeof m);
+        if (b != came->bus) node_service(n, b, m, values, header, came->t_ns - n->start_ns);
     }
 }
 

@@ -157,8 +157,6 @@ static void alarmed(node_t *n, int64_t t)
     if (news && n->gateway) node_estop(n, t);
 }
 
-enum { START_NS = 100000000 /* from the arrival of an NMT START to t = 0 */ };
-
 static int32_t command_of(int32_t nmt)
 {
     switch (nmt) {
@@ -174,11 +172,12 @@ static void managed(node_t *n, const frame_t *frame)
 {
     double v[NMT_VALUES];
     header_t header;
+    memset(&header, 0, sizeof header);
     if (message_decode(n->services[frame->bus].nmt, frame, v, &header) != DECODE_OK) return;
-    if (n->gateway) node_pass(n, v, frame);
+    if (n->gateway) node_pass(n, offsetof(services_t, nmt), v, header, frame);
     if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
     const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
-    if (command == COMMAND_START) n->nmt_ns = frame->t_ns + START_NS;
+    if (command == COMMAND_START) n->nmt_ns = node_origin(n, frame->t_ns);
     if (command != COMMAND_NONE) n->life.commands = commands_add(n->life.commands, command);
 }
 
@@ -202,6 +201,7 @@ static void beaten(node_t *n, int32_t i, const frame_t *frame, int64_t t)
     const uint32_t boots = (uint32_t)v[HEARTBEAT_BOOTS];
     if (peer->state >= 0 && boots != peer->boots) forget(n, peer);
     n->life.now |= peer_heartbeat(peer, (int32_t)v[HEARTBEAT_LIFE], boots, t);
+    n->epoch.asked |= n->begun && peer->state == LIFE_INACTIVE;
     if (!n->begun) peer->heartbeat.last_ns = frame->t_ns;
 }
 
@@ -243,6 +243,7 @@ static void dispatch(node_t *n, const frame_t *frame)
     }
     if (node_is_estop(n, frame)) alarmed(n, t);
     else if (s->nmt && message_is(s->nmt, frame)) managed(n, frame);
+    else if (s->epoch && message_is(s->epoch, frame)) node_epoch_heard(n, frame);
     else if (s->sync && message_is(s->sync, frame)) synced(n, frame, t);
     else if (!heartbeat(n, frame, t)) n->unknown++;
 }

@@ -228,6 +228,7 @@ static void housekeeping(node_t *n, int64_t now_ns)
     node_host(n, now_ns);
     node_host_sync(n, now_ns);
     node_alarm(n, now_ns);
+    node_epoch_answer(n);
 }
 
 int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)

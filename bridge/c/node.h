@@ -12,6 +12,7 @@
 
 #include "bus.h"
 #include "delay.h"
+#include "epoch.h"
 #include "faults.h"
 #include "journal.h"
 #include "message.h"
@@ -34,7 +35,7 @@ enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
  * that is NULL does not exist on this bus: it is neither sent nor obeyed. */
 typedef struct {
     const message_t *heartbeat; /* of this node */
-    const message_t *sync, *nmt, *estop;
+    const message_t *sync, *nmt, *estop, *epoch;
     const message_t **peers;    /* heartbeats of the node's peers, one a peer; NULL in it: not here */
     const message_t *host_heartbeat, *host_sync;    /* CANopen's, for drives that this node commands */
     int64_t host_sync_slots;    /* slots between two of them */
@@ -217,6 +218,7 @@ typedef struct node {
     int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
     int64_t patience_ns, lead_ns;   /* a START whose time has passed waits so long for what is missing */
     int32_t (*joined)(int64_t slot);    /* and its life begins lead_ns later, after this; 0: well */
+    epoch_t epoch;
 } node_t;
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
@@ -258,16 +260,20 @@ void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
 /* 0, or why it was not handed over: of bus_send. */
 int32_t node_send(node_t *n, int32_t bus, frame_t *frame, int64_t now_ns);
 /* A sample or preview of r that has been accepted, as the messages made of it, with the number, time
- * and status of its first sender. node_pass: an NMT command from one bus, on all others. node_rest: until
+ * and status of its first sender. node_pass: NMT or EPOCH (its place in services_t) from one bus, on all
+ * others. node_rest: until
  * the deadline (CLOCK_MONOTONIC); a gateway hears, and forwards, meanwhile. forward.c */
 void node_forward(node_t *n, const reception_t *r, const header_t *header, const frame_t *came);
-void node_pass(node_t *n, const double *nmt, const frame_t *came);
+void node_pass(node_t *n, size_t service, const double *values, header_t header, const frame_t *came);
 void forward_remember(forward_t *f, int64_t sample);
 int64_t node_rest(node_t *n, int64_t deadline_ns);
 /* What a node says besides its outlets; the preview only in messages that tell it from samples.
  * ESTOP: the node that raised it repeats it every 10 ms until RESET; one that heard it passes it on
  * ten times, on all its buses (a gateway the first time at once). service.c */
 void node_heartbeat(node_t *n, int64_t now_ns);
+/* One of them on one bus; m NULL: the bus does not have it. */
+void node_service(node_t *n, int32_t bus, const message_t *m, const double *values, header_t header,
+                  int64_t now_ns);
 /* CANopen's heartbeat (one byte, the state as CiA 301 numbers it), when it is due. */
 void node_host(node_t *n, int64_t now_ns);
 void node_host_sync(node_t *n, int64_t now_ns);
@@ -276,11 +282,21 @@ void node_sync(node_t *n, int64_t now_ns);
 void node_alarm(node_t *n, int64_t now_ns);
 void node_estop(node_t *n, int64_t now_ns);
 int32_t node_is_estop(const node_t *n, const frame_t *frame);
+/* EPOCH on all buses, of this node's run; answer: if a peer waits for a start, at most one in 100 ms.
+ * heard: of another, whose run a waiting node then knows. node_origin: t = 0 of a START that came at
+ * arrival_ns: as the EPOCH of the second before says, else 100 ms later. node_run_of: the number of the
+ * run with this t = 0; told: by who owns this process, not on a bus. epoch.c */
+void node_epoch(node_t *n);
+void node_epoch_answer(node_t *n);
+void node_epoch_heard(node_t *n, const frame_t *frame);
+int64_t node_origin(const node_t *n, int64_t arrival_ns);
+int32_t node_run_of(const node_t *n, int64_t start_ns, int32_t told);
 /* Before the start, on the wall clock: heartbeats and previews, until START is obeyed. START is held
  * until 100 ms before start_ns and obeyed then, or in the 80 ms after it, as soon as required peers
  * are there, messages that are `awaited` were heard, drives have watchdogs and positions are near each
  * other; else it is refused: `refusals`, `refused`. A START whose time has passed (of a node that joins
- * a run) waits for `patience_ns`. ARM is refused likewise. A rehearsal arms itself; where real drives
+ * a run) waits for `patience_ns`. A node that `follows` joins by itself a run whose EPOCH it hears, until
+ * it is told to STOP. ARM is refused likewise. A rehearsal arms itself; where real drives
  * are meant, ARM has to come first. LIVE_FINISHED: it is ACTIVE. start.c */
 int32_t node_wait(node_t *n);
 API int32_t node_unheard(const node_t *n, int32_t i);   /* message i is awaited and was not heard */

@@ -5,6 +5,8 @@
 
 /* ---- wall ---- */
 
+enum { SETTLE_NS = 500000000 }; /* peers that were told the same START run by then */
+
 /* The emulated drives of a node: on and enabled, their watchdogs running; its tables at this slot. */
 API void node_enable(node_t *n, int64_t now_ns)
 {
@@ -39,6 +41,7 @@ static int32_t begin(node_t *n)
         n->peers[i].state = -1;
     }
     watchdog_reset(&n->sync_watchdog, n->slot * n->h_ns);
+    n->epoch.due_ns = pace_now() + SETTLE_NS;
     node_enable(n, n->slot * n->h_ns);
     return 0;
 }

@@ -18,9 +18,8 @@ void node_preview(node_t *n, int64_t now_ns)
     }
 }
 
-/* A message of a bus's services; NULL: the bus does not have it. */
-static void say(node_t *n, int32_t bus, const message_t *m, const double *values, header_t header,
-                int64_t now_ns)
+void node_service(node_t *n, int32_t bus, const message_t *m, const double *values, header_t header,
+                  int64_t now_ns)
 {
     frame_t frame;
     if (!m) return;
@@ -35,7 +34,7 @@ void node_heartbeat(node_t *n, int64_t now_ns)
     header_t header = {n->beats++, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
     if (n->life.reasons & WHY_ESTOP) header.status |= STATUS_ESTOP;
     if (n->life.reasons & WHY_STALE) header.status |= STATUS_STALE;
-    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].heartbeat, v, header, now_ns);
+    for (int32_t b = 0; b < n->n_buses; b++) node_service(n, b, n->services[b].heartbeat, v, header, now_ns);
 }
 
 /* UNCONFIGURED: boot-up; INACTIVE: pre-operational; ACTIVE, STOPPING: operational; else: stopped. */
@@ -58,7 +57,7 @@ void node_host(node_t *n, int64_t now_ns)
     n->host_due_ns += n->host_ns;
     if (n->host_due_ns <= now_ns) n->host_due_ns = now_ns + n->host_ns;
     for (int32_t b = 0; b < n->n_buses; b++)
-        say(n, b, n->services[b].host_heartbeat, &state, header, now_ns);
+        node_service(n, b, n->services[b].host_heartbeat, &state, header, now_ns);
 }
 
 void node_host_sync(node_t *n, int64_t now_ns)
@@ -67,21 +66,21 @@ void node_host_sync(node_t *n, int64_t now_ns)
     const header_t header = {0, 0, 0, 0};
     for (int32_t b = 0; b < n->n_buses; b++)
         if (n->services[b].host_sync && n->slot % n->services[b].host_sync_slots == 0)
-            say(n, b, n->services[b].host_sync, &nothing, header, now_ns);
+            node_service(n, b, n->services[b].host_sync, &nothing, header, now_ns);
 }
 
 void node_sync(node_t *n, int64_t now_ns)
 {
     const double counter = 1.0 + n->sync_count++ % 240;
     const header_t header = {0, 0, 0, 0};
-    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].sync, &counter, header, now_ns);
+    for (int32_t b = 0; b < n->n_buses; b++) node_service(n, b, n->services[b].sync, &counter, header, now_ns);
 }
 
 void node_estop(node_t *n, int64_t now_ns)
 {
     const double by[ESTOP_VALUES] = {n->number, n->life.reasons | WHY_ESTOP};
     const header_t header = {0, 0, 0, 0};
-    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, n->services[b].estop, by, header, now_ns);
+    for (int32_t b = 0; b < n->n_buses; b++) node_service(n, b, n->services[b].estop, by, header, now_ns);
 }
 
 void node_alarm(node_t *n, int64_t now_ns)

@@ -91,6 +91,41 @@ static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start
     }
 }
 
+static int32_t with_start(uint32_t commands)
+{
+    for (; commands; commands >>= 3)
+        if ((commands & 7) == COMMAND_START) return 1;
+    return 0;
+}
+
+/* Commands of the process's owner: a START of theirs is said to the others, who may wait for one. */
+static void follow_told(node_t *n, pending_t *start, uint32_t commands, int64_t now)
+{
+    follow(n, start, commands, n->asked_ns, now);
+    if (!with_start(commands)) return;
+    n->epoch.run = node_run_of(n, n->start_ns, 1);
+    if (n->start_ns > now) node_epoch(n);
+}
+
+static void follow_heard(node_t *n, pending_t *start, uint32_t commands, int64_t now)
+{
+    const int32_t waits = start->until != 0;
+    follow(n, start, commands, waits ? n->start_ns : n->nmt_ns, now);
+    if (!waits && start->until) n->epoch.run = node_run_of(n, n->start_ns, 0);
+}
+
+/* A run that runs is joined as by a START whose time has passed; with real drives after ARM. */
+static void join(node_t *n, pending_t *start, int64_t now)
+{
+    epoch_t *e = &n->epoch;
+    const int32_t may = e->follows && n->life.state == LIFE_INACTIVE && (n->simulated || n->life.armed);
+    if (e->running && may && !start->until) {
+        hold(n, start, e->origin_ns, now);
+        e->run = e->told;
+    }
+    e->running = 0;
+}
+
 /* START, when it is time: what has come until then is what the first slot holds. */
 static void start_if_due(node_t *n, pending_t *start, int64_t now)
 {
@@ -112,10 +147,12 @@ static void obey(node_t *n, pending_t *start, int64_t now)
     n->life.now &= ~(uint32_t)WHY_NOT_YET;
     if (stop || (n->life.now & WHY_ESTOP && (heard || told))) {
         start->until = 0;
+        n->epoch.follows &= !stop;
         command(n, stop ? COMMAND_STOP : COMMAND_START, 0);
     } else {
-        follow(n, start, heard, start->until ? n->start_ns : n->nmt_ns, now);
-        follow(n, start, told, n->asked_ns, now);
+        follow_heard(n, start, heard, now);
+        follow_told(n, start, told, now);
+        join(n, start, now);
     }
     life_step(&n->life);
     start_if_due(n, start, now);

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from bridge.records import Statement
     from bridge.wiring import Rows
 
+UNSHARED = (
+    "hears of a run on a host whose clock is not known to be this one's, and does not join it; "
+    "let a time server (NTP, PTP) keep the date of both hosts"
+)
+
 
 def node(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
@@ -29,7 +34,8 @@ def node(
     data_bitrate: DataBitrate = None,
     fd: Fd = None,
     now: Annotated[
-        bool, typer.Option("--now", help="Start at once; else by NMT start on the bus.")
+        bool,
+        typer.Option("--now", help="Start or join at once; else by NMT start, or join what runs."),
     ] = False,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/… if not given.")] = None,
     hardware: Annotated[
@@ -41,6 +47,8 @@ def node(
     """Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).
 
     The deployment is checked first, as by `cosim rehearse`: an error refuses the node.
+    Where the other nodes run already, it joins them: its time goes on from theirs.
+
     Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
     """
     import threading
@@ -55,7 +63,7 @@ def node(
     from bridge.lives import Life
     from bridge.node import Options, run_node
     from bridge.system import load_system
-    from cosim.clock import monotonic_ns, stamp
+    from cosim.clock import stamp
     from cosim.errors import CosimError, RunError, ScenarioError
     from cosim.record.folder import NODES
 
@@ -88,6 +96,12 @@ def node(
         if event["event"] == "deaf":
             typer.echo(f"{name}: hears nothing of {', '.join(event['to'])}", err=True)
             return
+        if event["event"] == "joined":
+            typer.echo(f"{name}: joins the run at t = {event['t']:g} s")
+            return
+        if event["event"] == "unshared":
+            typer.echo(f"{name}: {UNSHARED}", err=True)
+            return
         if event["event"] == "refused":
             typer.echo(f"{name}: refused to start or to arm: {event['why']}", err=True)
             for control in controls if now else ():
@@ -116,9 +130,9 @@ def node(
                     control.quit()
                     return
                 control.arm()
-            control.start(monotonic_ns() + 500_000_000)
+            control.begin(0.5)
 
-    options = Options(Life(name), folder / NODES, real=hardware, warm_up=1.0)
+    options = Options(Life(name), folder / NODES, real=hardware, warm_up=1.0, alone=True)
     failures: list[CosimError] = []
     with ExitStack() as drives:
         report = run_node(system, options, say, listen)

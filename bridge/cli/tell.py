@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    import zenoh
+
     from bridge.system import System
 
 #: s; what `options.wait` of the bus is here where nodes do not wait for each other.
@@ -19,7 +21,7 @@ PATIENCE = 3.0
 def tell(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     what: Annotated[
-        str, typer.Argument(help="start, stop, arm, reset (NMT); state, parameters (asked).")
+        str, typer.Argument(help="start, stop, arm, reset (NMT); state, parameters, clock (asked).")
     ],
     deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
     node: Annotated[str, typer.Option("--node", help="Which node; all if not said.")] = "",
@@ -33,7 +35,8 @@ def tell(
     """Give a command to the nodes of a deployment, or ask them; prints what they answer.
 
     A start waits until all nodes it is for are ready (`patience` of the deployment), other
-    commands until they are there (`options.wait`); a stop does not wait.
+    commands until they are there (`options.wait`); a stop does not wait. A start tells all nodes
+    one t = 0 where they share a clock; where some run already, the others join them.
     """
     from bridge.system import load_system
     from cosim.errors import ScenarioError
@@ -73,9 +76,32 @@ def _tell(
                 command(session, names, nmt, what, number)
             if what == "start":
                 wait_until_ready(session, names, nodes, name, d.patience)
+                _epoch(system, bus, session)
             else:
                 present = Presence(session, names, name)
                 wait_until_there(lambda: present.missing(nodes, {}), options.wait or PATIENCE)
             command(session, names, nmt, what, number)
     finally:
         close_session(session)
+
+
+def _epoch(system: System, bus: str, session: zenoh.Session) -> None:
+    """Say one t = 0 to all, unless a run goes on, which who starts now joins."""
+    from bridge.clocks import host_clock
+    from bridge.native.epoch import new_run, values
+    from bridge.zenoh.names import names_of
+    from bridge.zenoh.offsets import bearable, judge, lead, measure
+    from bridge.zenoh.presence import present_now
+    from bridge.zenoh.remote import say
+    from cosim.clock import realtime_ns
+
+    names, ours, epoch = names_of(system.deployment, bus), host_clock(), system.services[bus].epoch
+    assert epoch is not None  # a Zenoh bus has one
+    there = sorted(present_now(session, names) & set(system.nodes))
+    found = [measure(session, names, node, ours) for node in there]
+    for warning in judge(system.deployment, found, bearable(system)):
+        typer.echo(f"warning: {warning}", err=True)
+    if not any(one.running for one in found):
+        origin = realtime_ns() + round(lead(found) * 1e9)
+        said = values(new_run(origin), ours.number, ours.kept, origin)
+        say(session, names.shared("epoch"), epoch, said)

@@ -8,6 +8,7 @@ from functools import lru_cache
 from bridge.journal import JournalStruct
 from bridge.native import faults, message, safety
 from bridge.native.delay import Delay
+from bridge.native.epoch import Epoch
 from bridge.native.frame import Frame
 from bridge.native.library import library
 from bridge.native.pace import Histogram
@@ -164,6 +165,7 @@ class Services(c.Structure):
         ("sync", c.POINTER(message.Message)),
         ("nmt", c.POINTER(message.Message)),
         ("estop", c.POINTER(message.Message)),
+        ("epoch", c.POINTER(message.Message)),
         ("peers", c.c_void_p),
         ("host_heartbeat", c.POINTER(message.Message)),
         ("host_sync", c.POINTER(message.Message)),
@@ -274,6 +276,7 @@ class Node(c.Structure):
         ("patience_ns", c.c_int64),
         ("lead_ns", c.c_int64),
         ("joined", Joined),
+        ("epoch", Epoch),
     )
 
 

@@ -38,13 +38,14 @@ def access_control(
         mine = [
             _rule(f"{node} says", ["ingress"], ["put", "delete", "reply"], own),
             _rule(f"{node} stops", ["ingress"], ["put"], [names.shared("estop")]),
+            _rule(f"{node} dates", ["ingress"], ["put"], [names.shared("epoch")]),
             _rule(f"{node} is", ["ingress"], ["liveliness_token"], own),
         ]
         if node in gateways:
             mine.append(_rule(f"{node} passes on", ["ingress"], ["put"], [names.shared("nmt")]))
         rules += mine
         policies.append(_policy(mine, [node]))
-    commands = [names.shared("nmt"), names.shared("estop")]
+    commands = [names.shared(what) for what in ("nmt", "estop", "epoch")]
     told = [
         _rule("operator says", ["ingress"], ["put"], commands),
         _rule("operator asks", ["ingress"], ["query"], [f"{names.prefix}/**"]),

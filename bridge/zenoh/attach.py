@@ -34,8 +34,9 @@ def traffic_of(system: System, bus: str, node: str) -> Traffic:
         if beat is not None:
             mine = publishes if other == node else hears
             mine[names.of(other, "heartbeat")] = beat.message.id
-    if service.estop is not None:
-        publishes[names.shared("estop")] = hears[names.shared("estop")] = service.estop.message.id
+    for what, encoding in (("estop", service.estop), ("epoch", service.epoch)):
+        if encoding is not None:
+            publishes[names.shared(what)] = hears[names.shared(what)] = encoding.message.id
     if service.nmt is not None:
         hears[names.shared("nmt")] = service.nmt.message.id
         if system.nodes[node].forwards:

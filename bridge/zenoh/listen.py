@@ -123,7 +123,7 @@ def open_ear(system: System, bus: str, connect: Sequence[str] = (), who: str = M
     d = system.deployment
     names = names_of(d, bus)
     nodes = [n for n in d.nodes if bus in system.buses_of(n)]
-    shared = {names.shared("estop"), names.shared("nmt")}
+    shared = {names.shared(what) for what in ("estop", "nmt", "epoch")}
     says = {
         node: {k: n for k, n in traffic_of(system, bus, node).publishes.items() if k not in shared}
         for node in nodes

@@ -7,6 +7,7 @@
 ``PREFIX/NODE/ready``                  the same: the node has heard all it needs, and may start
 ``PREFIX/NODE/state`` ...              queryables, see :mod:`bridge.zenoh.remote`
 ``PREFIX/nmt``, ``PREFIX/estop``       commands to nodes; stop, everybody
+``PREFIX/epoch``                       which run this is, and when its t = 0 was
 =====================================  ======================================================
 
 Inside a process a frame has a number instead of a key; it does not travel.
@@ -22,11 +23,12 @@ from dataclasses import dataclass
 from bridge.can.codec import Codec
 from bridge.can.layout import stream
 from bridge.deploy import Deployment, NodeSpec
+from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
 from cosim.errors import ScenarioError
 
 #: Numbers of messages begin here, above all 11-bit identifiers.
 FIRST = 0x1000
-NMT, ESTOP, HEARTBEAT = 0x000, 0x001, 0x700
+NMT, ESTOP, EPOCH, HEARTBEAT = 0x000, 0x001, 0x002, 0x700
 _CHUNK = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -45,7 +47,7 @@ class Names:
         return f"{self.prefix}/{node}/{what}"
 
     def shared(self, what: str) -> str:
-        """Of something of nobody: nmt, estop."""
+        """Of something of nobody: nmt, estop, epoch."""
         return f"{self.prefix}/{what}"
 
     def senders(self, keys: Iterable[str]) -> dict[str, str]:
@@ -108,6 +110,11 @@ def nmt(names: Names) -> Codec:
 def estop(names: Names) -> Codec:
     """Stop, from the node of a number, for these reasons."""
     return codec(names.shared("estop"), ESTOP, ("node", "reasons"))
+
+
+def epoch(names: Names) -> Codec:
+    """Which run this is, and when its t = 0 was: ``bridge/c/epoch.h``."""
+    return codec(names.shared("epoch"), EPOCH, EPOCH_SIGNALS)
 
 
 def distinct(keys: Iterable[str], place: str) -> None:

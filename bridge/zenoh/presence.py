@@ -68,6 +68,13 @@ class Presence:
         return said + ([f"nobody listens to {', '.join(unheard)}"] if unheard else [])
 
 
+def present_now(session: zenoh.Session, names: Names) -> frozenset[str]:
+    """The nodes whose sessions are there, asked once."""
+    found = session.liveliness().get(names.of("*", "alive"))
+    keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
+    return frozenset(key.split("/")[-2] for key in keys)
+
+
 def wait_until_there(
     missing: Callable[[], list[str]], seconds: float, stop: Callable[[], bool] = lambda: False
 ) -> None:

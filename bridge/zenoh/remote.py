@@ -1,7 +1,8 @@
-"""A node asked over Zenoh: its state, its parameters; told to arm or to stop. Answers are JSON.
+"""A node asked over Zenoh: state, parameters, clock; told to arm or to stop. Answers are JSON.
 
-``PREFIX/NODE/state``, ``/parameters`` read; a query of ``PREFIX/NODE/arm`` or ``/stop`` is the
-command, its answer the state it was given in. Commands to several nodes at once are NMT, as on CAN.
+``PREFIX/NODE/state``, ``/parameters``, ``/clock`` read; a query of ``PREFIX/NODE/arm`` or ``/stop``
+is the command, its answer the state it was given in. Commands to several nodes at once are NMT, as
+on CAN.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, Protocol
 import zenoh
 
 from bridge.can.socket import BusError
+from bridge.clocks import host_clock
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
 from bridge.native.safety import State
@@ -24,10 +26,10 @@ from bridge.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.names import Names
 from bridge.zenoh.presence import Presence, wait_until_there
-from cosim.clock import sleep, stopwatch
+from cosim.clock import monotonic_ns, realtime_ns, sleep, stopwatch
 from cosim.errors import RunError
 
-READ = ("state", "parameters")
+READ = ("state", "parameters", "clock")
 TOLD = ("arm", "stop")
 _JSON = "application/json"
 _PATIENCE = 3.0
@@ -53,6 +55,7 @@ def serve(end: ZenohAttachment, wired: Wired, control: Stoppable, unheard: Unhea
     answers = {
         "state": lambda: state(wired, end, unheard(wired)),
         "parameters": lambda: parameters(wired),
+        "clock": lambda: clock(wired),
     }
 
     def declare(session: zenoh.Session) -> None:
@@ -129,6 +132,25 @@ def parameters(wired: Wired) -> dict[str, Any]:
     }
 
 
+def clock(wired: Wired) -> dict[str, Any]:
+    """The clock of a node's host, its date now, and the run it is in; see :mod:`.offsets`.
+
+    `origin_ns`: the date of t = 0, 0: it has none.
+    """
+    s, ours = wired.struct, host_clock()
+    origin, date = int(s.start_ns), realtime_ns()
+    return {
+        "node": wired.name,
+        "host": ours.host,
+        "kept": ours.kept,
+        "error": ours.error if ours.kept else None,
+        "date_ns": date,
+        "running": bool(s.begun) and s.life.state == State.ACTIVE,
+        "run": int(s.epoch.run),
+        "origin_ns": origin + date - monotonic_ns() if origin else 0,
+    }
+
+
 def ask(
     session: zenoh.Session, names: Names, node: str, what: str, seconds: float = 3.0
 ) -> dict[str, Any]:
@@ -181,15 +203,18 @@ def command(
 ) -> None:
     """Send NMT `what` to the node of a number, 0: all; `nmt`: of the bus's services.
 
-    A node that is told to start does so 100 ms after it hears of it. Raises RunError for another
-    command, and where no node listens.
+    A node that is told to start has its t = 0 where the EPOCH before it said, or 100 ms after it
+    hears of it. Raises RunError for another command, and where no node listens.
     """
     if what not in COMMANDS:
         raise RunError(f"{what!r} is no command; expected one of {', '.join(COMMANDS)}")
-    key = names.shared("nmt")
-    values = (c.c_double * 2)(COMMANDS[what], number)
+    say(session, names.shared("nmt"), nmt, [COMMANDS[what], number])
+
+
+def say(session: zenoh.Session, key: str, encoding: Encoding, values: Sequence[float]) -> None:
+    """A message of a bus's services, reliably. Raises RunError where no node listens."""
     frame = Frame()
-    encode(nmt.message, values, Header(), frame)
+    encode(encoding.message, (c.c_double * len(values))(*values), Header(), frame)
     publisher = session.declare_publisher(
         key, priority=zenoh.Priority.REAL_TIME, reliability=zenoh.Reliability.RELIABLE,
         congestion_control=zenoh.CongestionControl.BLOCK, express=True,

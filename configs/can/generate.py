@@ -20,6 +20,7 @@ NMT = {1: "START", 2: "STOP", 128: "ARM", 129: "RESET"}
 # counter, data ID and CRC together still are a code of distance 4 (docs/can.md): in an 8-byte frame
 # any three wrong bits are seen, those of the counter too. With entries at random they are not.
 STEPS = (0xF5, 0xC5, 0xA5, 0x65)
+EPOCH_INDEX = 128  # heartbeats and the messages of joints have lower ones
 
 HEAD = """VERSION ""
 
@@ -133,16 +134,22 @@ class Message:
 
 
 def common() -> list[Message]:
-    """Commands, SYNC, emergency and heartbeat: the same in every file."""
+    """Commands, SYNC, emergency, EPOCH and heartbeat: the same in every file."""
     nmt = Message("NMT", 0x000, 2, "Vector__XXX")
     nmt.unsigned("command", 0, 8, table=NMT)
     nmt.unsigned("node", 8, 8, high=127)
     estop = Message("ESTOP", 0x001, 5, "Vector__XXX", 10)
     estop.unsigned("node", 0, 8, high=127)
     estop.unsigned("reasons", 8, 32)
+    epoch = Message("EPOCH", 0x002, 8, "Vector__XXX")
+    epoch.p02(EPOCH_INDEX)
+    epoch.unsigned("run", 16, 6)
+    epoch.unsigned("host", 22, 8)
+    epoch.unsigned("kept", 30, 1)
+    epoch.unsigned("origin", 31, 33, "us", scale=10)
     sync = Message("SYNC", 0x080, 1, "Vector__XXX", 5)
     sync.unsigned("counter", 0, 8, high=240)
-    return [nmt, estop, sync, *chain.from_iterable((emcy(n), heartbeat(n)) for n in NODES)]
+    return [nmt, estop, epoch, sync, *chain.from_iterable((emcy(n), heartbeat(n)) for n in NODES)]
 
 
 def emcy(n: int) -> Message:

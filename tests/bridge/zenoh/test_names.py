@@ -81,11 +81,13 @@ def test_what_a_node_says_and_hears():
         "teleoperation/master/master_control/xi_master",
         "teleoperation/master/heartbeat",
         "teleoperation/estop",
+        "teleoperation/epoch",
     }
     assert set(master.hears) == {
         "teleoperation/slave/slave_control/xi_slave",
         "teleoperation/slave/heartbeat",
         "teleoperation/estop",
+        "teleoperation/epoch",
         "teleoperation/nmt",
     }
     assert master.peers == ("slave",)

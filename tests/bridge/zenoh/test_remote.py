@@ -75,7 +75,7 @@ def test_nobody_answers(tmp_path: Path):
     session = open_session(configure(Options("test"), "operator"), "net")
     with pytest.raises(RunError, match="nobody answers to teleoperation/master/state"):
         ask(session, NAMES, "master", "state", 0.2)
-    with pytest.raises(RunError, match="a node is asked for one of state, parameters, arm, stop"):
+    with pytest.raises(RunError, match="a node is asked for one of state, parameters, clock, arm"):
         ask(session, NAMES, "master", "jump")
     session.close()
 

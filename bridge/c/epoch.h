@@ -1,0 +1,33 @@
+/* epoch.h: which run is on the buses and when its t = 0 was, as the message EPOCH says it.
+ *
+ * EPOCH carries a number of the run, the sender's host, whether that host's date is kept by a time
+ * server, and the origin: the date (CLOCK_REALTIME) of t = 0, us, a multiple of 10, modulo 2^33 * 10 us
+ * (23.9 h). A receiver turns the origin into its own CLOCK_MONOTONIC, and believes it where the sender
+ * has the same clock: the same host, or both dates are kept. EPOCH is said by whoever commands a start,
+ * before START, and by a running node that hears a peer wait for a start. See node.h.
+ */
+#ifndef BRIDGE_EPOCH_H
+#define BRIDGE_EPOCH_H
+
+#include <stdint.h>
+
+/* Values of the message, in this order. */
+enum { EPOCH_RUN, EPOCH_HOST, EPOCH_KEPT, EPOCH_ORIGIN, EPOCH_VALUES };
+enum { EPOCH_RUNS = 63 };   /* runs are numbered from 1; 0: a run that was started without EPOCH */
+
+typedef struct {
+    int64_t origin_ns;      /* of the last EPOCH believed: its t = 0, CLOCK_MONOTONIC; 0: none */
+    int64_t heard_ns;       /* when it came */
+    int64_t due_ns;         /* none is said before */
+    int32_t run;            /* number of the run that this node is in or is to start */
+    int32_t told;           /* number of the run in the last EPOCH believed */
+    int32_t host, kept;     /* of this node's host: its number, 1 to 255; its date is kept: 1 */
+    int32_t follows;        /* 1: nobody supervises this node, it joins a run that it hears of */
+    int32_t running;        /* 1: an EPOCH of a run that has begun came, and was not looked at yet */
+    int32_t asked;          /* 1: a peer waits for a start */
+    int32_t unshared;       /* EPOCHs of hosts whose clock is not known to be ours */
+    uint32_t said;
+    int32_t reserved;
+} epoch_t;
+
+#endif

@@ -1,0 +1,71 @@
+"""Which clock a host has: its number in EPOCH, and whether a time server keeps its date.
+
+Processes of one host share its clocks. Two hosts share the date (CLOCK_REALTIME) as far as both are
+kept by time servers (NTP, PTP): the kernel says whether, and with which error.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import platform
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+#: Linux: another one for each start of a machine; containers and network namespaces share it.
+BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
+#: ``STA_UNSYNC`` of <sys/timex.h>: the date is kept by nobody.
+_UNSYNC = 0x40
+
+
+class _Timex(c.Structure):
+    """The begin of ``struct timex`` of Linux; the kernel fills 208 bytes."""
+
+    _fields_ = (
+        ("modes", c.c_uint),
+        ("offset", c.c_long),
+        ("freq", c.c_long),
+        ("maxerror", c.c_long),
+        ("esterror", c.c_long),
+        ("status", c.c_int),
+        ("rest", c.c_char * 256),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HostClock:
+    """The clock of a host. `host`: what tells it from others; `kept`: by a time server.
+
+    `error`: the greatest (s) that the kernel holds possible; infinity where nobody keeps the date.
+    `estimated`: the error (s) that it estimates.
+    """
+
+    host: str
+    kept: bool
+    error: float = float("inf")
+    estimated: float = float("inf")
+
+    @property
+    def number(self) -> int:
+        """1 to 255, in EPOCH: hosts with different numbers are different."""
+        return zlib.crc32(self.host.encode()) % 255 + 1
+
+    def words(self) -> str:
+        """For reports."""
+        if not self.kept:
+            return f"host {self.number}, date kept by no time server"
+        return f"host {self.number}, date kept by a time server to {self.error * 1e3:.3g} ms"
+
+
+def host_clock() -> HostClock:
+    """Of this machine. Where the kernel cannot be asked (not Linux), nobody keeps the date."""
+    host = BOOT_ID.read_text().strip() if BOOT_ID.is_file() else platform.node()
+    try:
+        adjtimex = c.CDLL(None).adjtimex
+    except (AttributeError, OSError, TypeError):
+        return HostClock(host, kept=False)
+    state = _Timex()
+    if adjtimex(c.byref(state)) < 0 or state.status & _UNSYNC:
+        return HostClock(host, kept=False)
+    return HostClock(host, True, state.maxerror * 1e-6, state.esterror * 1e-6)

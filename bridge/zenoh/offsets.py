@@ -1,0 +1,116 @@
+"""How far the clocks of two hosts are apart, asked over Zenoh, and what a deployment can bear.
+
+``PREFIX/NODE/clock`` answers with the date of its host. The fastest of some questions gives the
+offset of its date from ours, known to within half of its round trip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from bridge.clocks import HostClock
+from bridge.deploy import Deployment
+from bridge.system import System
+from bridge.zenoh.names import Names
+from bridge.zenoh.remote import ask
+from cosim.clock import realtime_ns
+from cosim.errors import RunError
+
+#: s; a receiver believes no sample that is further ahead of its time, nor a period ahead.
+EARLY = 0.002
+#: Questions to each node.
+TIMES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """A node's date less ours: `seconds`, to within +- `bound` s.
+
+    `shared`: the same host, or a time server keeps the date of both; only then the date counts.
+    `said`: what it answered. `running`: it is in a run.
+    """
+
+    node: str
+    seconds: float
+    bound: float
+    same: bool
+    shared: bool
+    said: dict[str, Any]
+
+    @property
+    def running(self) -> bool:
+        """Whether it is in a run."""
+        return bool(self.said["running"])
+
+    def words(self) -> str:
+        """For people."""
+        return f"{self.seconds * 1e3:.3g} ms ± {self.bound * 1e3:.3g} ms"
+
+
+def measure(session: zenoh.Session, names: Names, node: str, ours: HostClock) -> Offset:
+    """Ask a node for its clock, and keep the fastest answer. Raises RunError: nobody answers."""
+    found: list[tuple[int, int, dict[str, Any]]] = []
+    for _ in range(TIMES):
+        before = realtime_ns()
+        said = ask(session, names, node, "clock")
+        after = realtime_ns()
+        found.append((after - before, int(said["date_ns"]) - (before + after) // 2, said))
+    took, offset, said = min(found, key=lambda one: one[0])
+    same = said["host"] == ours.host
+    return Offset(
+        node=node,
+        seconds=offset * 1e-9,
+        bound=took * 0.5e-9,
+        same=same,
+        shared=same or bool(said["kept"] and ours.kept),
+        said=said,
+    )
+
+
+def bearable(system: System) -> float:
+    """By how much two clocks may be apart before samples are refused, s.
+
+    Ahead of its time a sample may be by a period (2 ms, if that is more); behind by `max_age`.
+    """
+    d = system.deployment
+    over = [m for m in system.messages.values() if d.buses[m.bus].kind == "zenoh"]
+    ahead = [max(EARLY, m.period_ns * 1e-9) for m in over]
+    behind = [m.max_age_ns * 1e-9 for m in over if m.max_age_ns > 0]
+    return min([*ahead, *behind], default=EARLY)
+
+
+def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:
+    """Warnings of clocks that are not known well enough. `most`: of :func:`bearable`, s.
+
+    Raises RunError for a clock that is certainly too far off, though both are kept.
+    """
+    warnings = []
+    for o in offsets:
+        if o.same:
+            continue
+        where = f"node {o.node}, on another host"
+        if not o.shared:
+            warnings.append(
+                f"{where}: no time server keeps the date of both hosts (found {o.words()}); its "
+                "t = 0 is 100 ms after it hears of the start"
+            )
+        elif abs(o.seconds) - o.bound > most:
+            raise RunError(
+                f"{where}: its clock is off by {o.words()}; expected at most {most * 1e3:.3g} ms, "
+                f"which is what the periods and max_age of {d.path} bear; mend its time server"
+            )
+        elif abs(o.seconds) + o.bound > most:
+            warnings.append(
+                f"{where}: its clock is off by {o.words()}, which is not known to be within the "
+                f"{most * 1e3:.3g} ms that the periods and max_age of {d.path.name} bear"
+            )
+    return warnings
+
+
+def lead(offsets: Sequence[Offset]) -> float:
+    """From EPOCH to t = 0, s: half a second, and time for START to reach the slowest node."""
+    return 0.5 + 4.0 * max((o.bound for o in offsets), default=0.0)

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    import zenoh
-
     from bridge.system import System
 
 #: s; what `options.wait` of the bus is here where nodes do not wait for each other.
@@ -57,6 +55,7 @@ def _tell(
 ) -> None:
     from bridge.zenoh.attach import rules_of
     from bridge.zenoh.names import names_of
+    from bridge.zenoh.offsets import say_epoch
     from bridge.zenoh.options import options_of
     from bridge.zenoh.presence import Presence, wait_until_there
     from bridge.zenoh.remote import READ, ask, command, wait_until_ready
@@ -76,32 +75,11 @@ def _tell(
                 command(session, names, nmt, what, number)
             if what == "start":
                 wait_until_ready(session, names, nodes, name, d.patience)
-                _epoch(system, bus, session)
+                for warning in say_epoch(session, system, bus):
+                    typer.echo(f"warning: {warning}", err=True)
             else:
                 present = Presence(session, names, name)
                 wait_until_there(lambda: present.missing(nodes, {}), options.wait or PATIENCE)
             command(session, names, nmt, what, number)
     finally:
         close_session(session)
-
-
-def _epoch(system: System, bus: str, session: zenoh.Session) -> None:
-    """Say one t = 0 to all, unless a run goes on, which who starts now joins."""
-    from bridge.clocks import host_clock
-    from bridge.native.epoch import new_run, values
-    from bridge.zenoh.names import names_of
-    from bridge.zenoh.offsets import bearable, judge, lead, measure
-    from bridge.zenoh.presence import present_now
-    from bridge.zenoh.remote import say
-    from cosim.clock import realtime_ns
-
-    names, ours, epoch = names_of(system.deployment, bus), host_clock(), system.services[bus].epoch
-    assert epoch is not None  # a Zenoh bus has one
-    there = sorted(present_now(session, names) & set(system.nodes))
-    found = [measure(session, names, node, ours) for node in there]
-    for warning in judge(system.deployment, found, bearable(system)):
-        typer.echo(f"warning: {warning}", err=True)
-    if not any(one.running for one in found):
-        origin = realtime_ns() + round(lead(found) * 1e9)
-        said = values(new_run(origin), ours.number, ours.kept, origin)
-        say(session, names.shared("epoch"), epoch, said)

@@ -12,11 +12,13 @@ from typing import Any
 
 import zenoh
 
-from bridge.clocks import HostClock
+from bridge.clocks import HostClock, host_clock
 from bridge.deploy import Deployment
+from bridge.native.epoch import new_run, values
 from bridge.system import System
-from bridge.zenoh.names import Names
-from bridge.zenoh.remote import ask
+from bridge.zenoh.names import Names, names_of
+from bridge.zenoh.presence import present_now
+from bridge.zenoh.remote import ask, say
 from cosim.clock import realtime_ns
 from cosim.errors import RunError
 
@@ -114,3 +116,21 @@ def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:
 def lead(offsets: Sequence[Offset]) -> float:
     """From EPOCH to t = 0, s: half a second, and time for START to reach the slowest node."""
     return 0.5 + 4.0 * max((o.bound for o in offsets), default=0.0)
+
+
+def say_epoch(session: zenoh.Session, system: System, bus: str) -> list[str]:
+    """Before START: measure the clocks of all nodes that are there, and say one t = 0 to them.
+
+    Nothing is said where some run already: who starts now joins them. Returns warnings. Raises
+    RunError as :func:`judge` does.
+    """
+    names, ours, epoch = names_of(system.deployment, bus), host_clock(), system.services[bus].epoch
+    assert epoch is not None  # a Zenoh bus has one
+    there = sorted(present_now(session, names) & set(system.nodes))
+    found = [measure(session, names, node, ours) for node in there]
+    warnings = judge(system.deployment, found, bearable(system))
+    if not any(one.running for one in found):
+        origin = realtime_ns() + round(lead(found) * 1e9)
+        said = values(new_run(origin), ours.number, ours.kept, origin)
+        say(session, names.shared("epoch"), epoch, said)
+    return warnings

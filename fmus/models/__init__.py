@@ -1,4 +1,7 @@
-"""One file a model. Each has ``model(**sizes)``, ``fmu(version, **sizes)`` and a Python class.
+"""One file a model: its declaration ``model(**sizes)`` and its ``law``; the C file is in fmus/c.
+
+From both :func:`fmus.reference.derive` makes what scenarios name: ``fmu(version, **sizes)``,
+``kernel(**sizes)`` and the NumPy reference, which has a name of its own (``Xi``).
 
 Shared by several: ``start`` (values on the way in and out), ``dynamics`` (M, C, g and Y),
 ``arm`` and ``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose

@@ -13,20 +13,10 @@ velocity the output (Sec. IV-C): ddq = lambda_M s + ds.
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
-
 from fmus.model import Model
 from fmus.models import teleoperation
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-#: The controller in NumPy, ``Adaptive(gravity=False)``: the readable reference of the C kernel.
-Adaptive = partial(teleoperation.Teleoperation, 0)
+from fmus.models.teleoperation import law, start
+from fmus.reference import derive
 
 
 def model(gravity: bool = False) -> Model:
@@ -34,14 +24,4 @@ def model(gravity: bool = False) -> Model:
     return teleoperation.model(0, gravity)
 
 
-def fmu(version: Version = "2.0", gravity: bool = False) -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    return teleoperation.fmu(version, 0, gravity)
-
-
-def kernel(gravity: bool = False) -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    return teleoperation.kernel(0, gravity)
+fmu, kernel, Adaptive = derive(model, law, start)

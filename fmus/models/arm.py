@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from fmus.model import Variable
 
 TORQUE, RATE = "N.m", "rad/s"
@@ -44,13 +46,25 @@ def torque(
     elementwise: bool = True,
 ) -> Variable:
     """The control torque `tau`, (2,); `depends` and `start_depends` as in :class:`Variable`."""
+    tau = signal("tau", TORQUE, "Control torque", depends, start_depends)
+    return replace(tau, elementwise=elementwise)
+
+
+def signal(
+    name: str,
+    unit: str,
+    description: str,
+    depends: tuple[str, ...] = (),
+    start_depends: tuple[str, ...] = (),
+) -> Variable:
+    """An output of each joint, (2,); of what it `depends` on, an entry on that of its joint."""
     return Variable(
-        "tau",
+        name,
         "output",
         (2,),
-        TORQUE,
-        description="Control torque",
+        unit,
+        description=description,
         depends=depends,
-        elementwise=elementwise,
+        elementwise=True,
         start_depends=start_depends,
     )

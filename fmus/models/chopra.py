@@ -19,11 +19,6 @@ limited to ±tau_max; while any joint is at its limit theta_hat stands still (an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
-
-from cosim.component import Kind
 from fmus.model import Model, Terminal, Variable
 from fmus.models.arm import (
     DAMPING,
@@ -36,18 +31,12 @@ from fmus.models.arm import (
     Q,
     gain,
     rate,
+    signal,
     torque,
 )
-from fmus.models.start import Array
-from fmus.models.static_feedback import Law, StaticFeedback
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.models.static_feedback import Feedback, adaptive
+from fmus.numeric import Array
+from fmus.reference import Values, derive
 
 PRESETS: dict[str, dict[str, float]] = {
     "Chopra": {"K": 16.0, "Gamma": 1.0, "lambda": 0.5},
@@ -62,22 +51,13 @@ def model() -> Model:
     return Model(
         identifier="chopra",
         description="Adaptive synchronisation of velocity and position with another arm",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             Q,
             DQ,
             Variable("r_j", "input", (2,), RATE, description="Received r"),
             torque(("q", "dq", "r_j"), ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
-            Variable(
-                "r",
-                "output",
-                (2,),
-                RATE,
-                description="Signal sent: dq + lambda q",
-                depends=("q", "dq"),
-                elementwise=True,
-                start_depends=("lambda",),
-            ),
+            signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
             THETA_HAT,
             THETA_HAT_NEXT,
             gain("K", DAMPING, 16.0, "Gain of the coupling"),
@@ -95,29 +75,10 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-def _law(x: Mapping[str, Array], inputs: list[Array]) -> Law:
-    """The equations above for parameters `x`."""
-    q, dq, r_j = inputs  # each (2,)
+def feedback(x: Values, q: Array, dq: Array, r_j: Array) -> Feedback:
+    """The equations above."""
     r = dq + x["lambda"] * q
-    return Law(r, -x["lambda"] * q, -x["lambda"] * dq, x["K"] * (r_j - r))
+    return Feedback(r, -x["lambda"] * q, -x["lambda"] * dq, x["K"] * (r_j - r))
 
 
-#: The controller in NumPy: the readable reference of the C kernel.
-Chopra = partial(StaticFeedback, model, "r", _law)
+fmu, kernel, Chopra = derive(model, *adaptive("r", feedback))

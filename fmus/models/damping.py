@@ -17,44 +17,33 @@ Sampled: read at t_k, held to the next step.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
+from fmus.models.arm import DAMPING, DQ, TORQUE, Q, gain
 from fmus.models.dynamics import gravity
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.numeric import Array
+from fmus.reference import Values, derive
 
 
 def model() -> Model:
     """Declare the controller; by default d is 5 N.m.s/rad and the arm horizontal."""
-    torque, damping = "N.m", "N.m.s/rad"
     return Model(
         identifier="damping",
         description="Damping with gravity compensation",
-        kind=_KIND,
+        kind="sampled",
         variables=(
-            Variable("q", "input", (2,), "rad", description="Joint position"),
-            Variable("dq", "input", (2,), "rad/s", description="Joint velocity"),
+            Q,
+            DQ,
             Variable(
                 "tau",
                 "output",
                 (2,),
-                torque,
+                TORQUE,
                 description="Control torque",
                 depends=("q", "dq"),
                 start_depends=("d", "theta_g"),
             ),
-            Variable("d", "parameter", (2,), damping, 5.0, "Damping of each joint", minimum=0.0),
-            Variable("theta_g", "parameter", (2,), torque, 0.0, "Known gravity parameters"),
+            gain("d", DAMPING, 5.0, "Damping of each joint"),
+            Variable("theta_g", "parameter", (2,), TORQUE, 0.0, "Known gravity parameters"),
         ),
         sources=("damping.c", "trig.c"),
         step=5e-3,
@@ -63,56 +52,9 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
+def law(x: Values, t: float, h: float, q: Array, dq: Array) -> Values:
+    """The equation above."""
+    return {"tau": -x["d"] * dq + gravity(x["theta_g"], q)}
 
 
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-@final
-class Damping:
-    """The controller in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start."""
-        return self._law(received(self.inputs, u))
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._law(received(self.inputs, u, t))
-
-    def _law(self, inputs: list[Array]) -> Outputs:
-        q, dq = inputs
-        return given({"tau": -self._x["d"] * dq + gravity(self._x["theta_g"], q)})
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, Damping = derive(model, law)

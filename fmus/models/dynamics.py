@@ -16,9 +16,7 @@ g is the gradient of theta_g1 sin q1 + theta_g2 sin (q1 + q2), the potential ene
 
 from __future__ import annotations
 
-import numpy as np
-
-from fmus.models.start import Array
+from fmus.numeric import Array, np
 
 
 def inertia(theta: Array, q: Array) -> Array:

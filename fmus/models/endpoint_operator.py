@@ -17,23 +17,10 @@ nothing is wired to it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
 from fmus.models.arm import DQ, TORQUE, Q, gain
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 #: From a hand that rests on the arm to one that grips it tightly.
 PRESETS: dict[str, dict[str, float]] = {
@@ -50,7 +37,7 @@ def model() -> Model:
     return Model(
         identifier="endpoint_operator",
         description="Operator holding the tip of the arm with a spring and a damper",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             Q,
             DQ,
@@ -113,58 +100,11 @@ def jacobian(l: Array, q: Array) -> Array:  # noqa: E741
     return np.array([[-up.sum(), -up[1]], [near.sum(), near[1]]])
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
+def law(x: Values, t: float, h: float, q: Array, dq: Array, x_h: Array, dx_h: Array) -> Values:
+    """The equations above."""
+    place, J = endpoint(x["l"], q), jacobian(x["l"], q)
+    f = x["K_h"] * (x_h - place) + x["B_h"] * (dx_h - J @ dq)
+    return {"tau_h": J.T @ f, "x": place, "f": f}
 
 
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-@final
-class EndpointOperator:
-    """The operator in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start."""
-        return self._law(received(self.inputs, u))
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._law(received(self.inputs, u, t))
-
-    def _law(self, inputs: list[Array]) -> Outputs:
-        q, dq, x_h, dx_h = inputs  # each (2,)
-        place, J = endpoint(self._x["l"], q), jacobian(self._x["l"], q)
-        f = self._x["K_h"] * (x_h - place) + self._x["B_h"] * (dx_h - J @ dq)
-        return given({"tau_h": J.T @ f, "x": place, "f": f})
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, EndpointOperator = derive(model, law)

@@ -23,7 +23,7 @@ from cosim.analysis.facts import (
     Vector,
 )
 from fmus.models.dynamics import inertia, regressor
-from fmus.models.start import Array
+from fmus.numeric import Array
 
 _GRAVITY: tuple[Gravity, ...] = ("none", "compensated", "adapted")
 #: Postures that stand for the workspace, rad: M depends on the second joint only, evenly.

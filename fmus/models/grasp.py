@@ -11,22 +11,9 @@ length before a time counts as beginning then. The output at the start is that o
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.start import copied, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.numeric import np
+from fmus.reference import Values, derive
 
 _NEVER = 1e9  # s
 
@@ -36,7 +23,7 @@ def model() -> Model:
     return Model(
         identifier="grasp",
         description="Times at which a hand releases and grasps the arm",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             Variable(
                 "grip",
@@ -62,56 +49,10 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
+def law(x: Values, t: float, h: float) -> Values:
+    """The equation above."""
+    changes = np.count_nonzero(t + 1e-6 * h >= x["times"])
+    return {"grip": np.array(1.0 - (x["released"] + changes) % 2)}
 
 
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-@final
-class Grasp:
-    """The signal in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start: those of t = 0."""
-        return self._at(0.0, 0.0)
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._at(t, h)
-
-    def _at(self, t: float, h: float) -> Outputs:
-        changes = np.count_nonzero(t + 1e-6 * h >= self._x["times"])
-        return {"grip": np.array(1.0 - (self._x["released"] + changes) % 2)}
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, Grasp = derive(model, law)

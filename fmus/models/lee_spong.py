@@ -19,23 +19,10 @@ Sampled: read at t_k, held to the next step. Each joint's torque is limited to Â
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal
 from fmus.models.arm import DAMPING, DQ, DQ_J, Q_J, STIFFNESS, TAU_MAX, Q, gain, torque
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 #: Meets the condition up to T_rt = 2.4 s.
 PRESETS: dict[str, dict[str, float]] = {
@@ -51,7 +38,7 @@ def model() -> Model:
     return Model(
         identifier="lee_spong",
         description="PD coupling with another arm, and dissipation for the delay",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             Q,
             DQ,
@@ -74,59 +61,11 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
+def law(x: Values, t: float, h: float, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Values:
+    """The equation above, limited."""
+    coupling = -x["K_v"] * (dq - dq_j) - x["K_p"] * (q - q_j)
+    wanted = coupling - (x["K_d"] + x["P_eps"]) * dq
+    return {"tau": np.clip(wanted, -x["tau_max"], x["tau_max"])}
 
 
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-@final
-class LeeSpong:
-    """The controller in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start."""
-        return self._law(received(self.inputs, u))
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._law(received(self.inputs, u, t))
-
-    def _law(self, inputs: list[Array]) -> Outputs:
-        q, dq, q_j, dq_j = inputs  # each (2,)
-        x = self._x
-        coupling = -x["K_v"] * (dq - dq_j) - x["K_p"] * (q - q_j)
-        wanted = coupling - (x["K_d"] + x["P_eps"]) * dq
-        return given({"tau": np.clip(wanted, -x["tau_max"], x["tau_max"])})
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, LeeSpong = derive(model, law)

@@ -17,35 +17,10 @@ Sampled: the target of t_k holds to the next step. Outputs at the start are thos
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import RATE
-from fmus.models.start import copied, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
-
-
-def _output(name: str, unit: str, description: str, start: tuple[str, ...] = ()) -> Variable:
-    return Variable(
-        name,
-        "output",
-        (2,),
-        unit,
-        description=description,
-        elementwise=True,
-        start_depends=start,
-    )
+from fmus.models.arm import RATE, signal
+from fmus.numeric import np
+from fmus.reference import Values, derive
 
 
 def model() -> Model:
@@ -53,12 +28,12 @@ def model() -> Model:
     return Model(
         identifier="minimum_jerk",
         description="Target that moves with the least jerk",
-        kind=_KIND,
+        kind="sampled",
         variables=(
-            _output("q_h", "rad", "Joint position wanted", ("q_0",)),
-            _output("dq_h", RATE, "Joint velocity wanted"),
-            _output("x_h", "m", "Endpoint wanted", ("x_0",)),
-            _output("dx_h", "m/s", "Velocity of the endpoint wanted"),
+            signal("q_h", "rad", "Joint position wanted", start_depends=("q_0",)),
+            signal("dq_h", RATE, "Joint velocity wanted"),
+            signal("x_h", "m", "Endpoint wanted", start_depends=("x_0",)),
+            signal("dx_h", "m/s", "Velocity of the endpoint wanted"),
             Variable("q_0", "parameter", (2,), "rad", 0.0, "Joint position before"),
             Variable("q_f", "parameter", (2,), "rad", (3.5, 3.0), "Joint position after"),
             Variable("x_0", "parameter", (2,), "m", (2.0, 0.0), "Endpoint before"),
@@ -76,64 +51,17 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
+def law(x: Values, t: float, h: float) -> Values:
+    """The equations above."""
+    p = np.clip((t - x["t_0"]) / x["T"], 0.0, 1.0)
+    part, speed = 10 * p**3 - 15 * p**4 + 6 * p**5, 30 * p**2 * (1 - p) ** 2 / x["T"]
+    way_q, way_x = x["q_f"] - x["q_0"], x["x_f"] - x["x_0"]
+    return {
+        "q_h": x["q_0"] + way_q * part,
+        "dq_h": way_q * speed,
+        "x_h": x["x_0"] + way_x * part,
+        "dx_h": way_x * speed,
+    }
 
 
-@final
-class MinimumJerk:
-    """The target in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start: those of t = 0."""
-        return self._at(0.0)
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._at(t)
-
-    def _at(self, t: float) -> Outputs:
-        x = self._x
-        p = np.clip((t - x["t_0"]) / x["T"], 0.0, 1.0)
-        part, speed = 10 * p**3 - 15 * p**4 + 6 * p**5, 30 * p**2 * (1 - p) ** 2 / x["T"]
-        way_q, way_x = x["q_f"] - x["q_0"], x["x_f"] - x["x_0"]
-        return {
-            "q_h": x["q_0"] + way_q * part,
-            "dq_h": way_q * speed,
-            "x_h": x["x_0"] + way_x * part,
-            "dx_h": way_x * speed,
-        }
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, MinimumJerk = derive(model, law)

@@ -20,12 +20,7 @@ limited to ±tau_max; while any joint is at its limit theta_hat stands still (an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
-
-from cosim.component import Kind
-from fmus.model import Model, Terminal, Variable
+from fmus.model import Model, Terminal
 from fmus.models.arm import (
     DAMPING,
     DQ,
@@ -39,18 +34,12 @@ from fmus.models.arm import (
     Q,
     gain,
     rate,
+    signal,
     torque,
 )
-from fmus.models.start import Array
-from fmus.models.static_feedback import Law, StaticFeedback
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.models.static_feedback import Feedback, adaptive
+from fmus.numeric import Array
+from fmus.reference import Values, derive
 
 PRESETS: dict[str, dict[str, float]] = {
     "Nuno": {"K": 16.0, "B": 4.0, "Gamma": 1.0, "lambda": 1.0},
@@ -67,22 +56,19 @@ def model() -> Model:
     return Model(
         identifier="nuno_adaptive",
         description="Adaptive synchronisation of positions with another arm",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             Q,
             DQ,
             Q_J,
             DQ_J,
             torque(_ALL, ("theta_hat", "K", "B", "lambda", "tau_max"), elementwise=False),
-            Variable(
+            signal(
                 "epsilon",
-                "output",
-                (2,),
                 RATE,
-                description="Synchronising signal: dq + lambda e",
-                depends=("q", "dq", "q_j"),
-                elementwise=True,
-                start_depends=("lambda",),
+                "Synchronising signal: dq + lambda e",
+                ("q", "dq", "q_j"),
+                ("lambda",),
             ),
             THETA_HAT,
             THETA_HAT_NEXT,
@@ -102,31 +88,11 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-def _law(x: Mapping[str, Array], inputs: list[Array]) -> Law:
-    """The equations above for parameters `x`."""
-    q, dq, q_j, dq_j = inputs  # each (2,)
+def feedback(x: Values, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Feedback:
+    """The equations above."""
     e, de = q - q_j, dq - dq_j
     epsilon = dq + x["lambda"] * e
-    feedback = -x["K"] * epsilon - x["B"] * de
-    return Law(epsilon, -x["lambda"] * e, -x["lambda"] * de, feedback)
+    return Feedback(epsilon, -x["lambda"] * e, -x["lambda"] * de, -x["K"] * epsilon - x["B"] * de)
 
 
-#: The controller in NumPy: the readable reference of the C kernel.
-NunoAdaptive = partial(StaticFeedback, model, "epsilon", _law)
+fmu, kernel, NunoAdaptive = derive(model, *adaptive("epsilon", feedback))

@@ -40,24 +40,13 @@ stage, and as outputs at the end of the step.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, final
 
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
+from fmus.models.arm import DAMPING, RATE, STIFFNESS, TORQUE, signal
 from fmus.models.dynamics import coriolis, gravity, inertia
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-__all__ = ["PRESETS", "Planar2R", "coriolis", "fmu", "gravity", "inertia", "kernel", "model"]
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 #: Lumped parameters theta, kg.m2, and theta_g, N.m. ``SL91``: Slotine and Li, Applied Nonlinear
 #: Control (1991), two-link example of chapter 9 with δe = 0; ``IMI``: direct-drive arm; ``unit``:
@@ -72,40 +61,28 @@ PRESETS: dict[str, dict[str, tuple[float, ...]]] = {
     "heavy": {"theta": (16 / 3, 3 / 2, 1.0)},
 }
 
-_KIND: Kind = "continuous"
-_TORQUE, _RATE = "N.m", "rad/s"
-_STIFFNESS, _DAMPING = "N.m/rad", "N.m.s/rad"
-
 
 def _ports() -> tuple[Variable, ...]:
     return (
-        Variable("tau", "input", (2,), _TORQUE, description="Control torque"),
-        Variable(
-            *("tau_ext", "input", (2,), _TORQUE, 0.0, "External torque fed in"), optional=True
-        ),
+        Variable("tau", "input", (2,), TORQUE, description="Control torque"),
+        Variable(*("tau_ext", "input", (2,), TORQUE, 0.0, "External torque fed in"), optional=True),
         Variable(*("q_h", "input", (2,), "rad", 0.0, "Position the operator wants"), optional=True),
         Variable(
             *("grip", "input", (), "1", 1.0, "Scale of the grip: 0 released, 1 held"), optional=True
         ),
         Variable("q", "output", (2,), "rad", settable=True, description="Joint position"),
-        Variable("dq", "output", (2,), _RATE, settable=True, description="Joint velocity"),
-        Variable(
+        Variable("dq", "output", (2,), RATE, settable=True, description="Joint velocity"),
+        signal(
             "tau_h",
-            "output",
-            (2,),
-            _TORQUE,
-            description="Torque of the operator on the robot",
-            depends=("q_h", "grip"),
-            elementwise=True,
-            start_depends=("q", "dq", "k_p", "k_d"),
+            TORQUE,
+            "Torque of the operator on the robot",
+            ("q_h", "grip"),
+            ("q", "dq", "k_p", "k_d"),
         ),
-        Variable(
+        signal(
             "tau_e",
-            "output",
-            (2,),
-            _TORQUE,
-            description="Torque of the robot on its environment",
-            elementwise=True,
+            TORQUE,
+            "Torque of the robot on its environment",
             start_depends=("q", "dq", "k_w", "b_w", "q_w", "contact"),
         ),
     )
@@ -115,11 +92,11 @@ def _parameters() -> tuple[Variable, ...]:
     theta = PRESETS["SL91"]["theta"]
     return (
         Variable("theta", "parameter", (3,), "kg.m2", theta, "Lumped inertia parameters"),
-        Variable("theta_g", "parameter", (2,), _TORQUE, 0.0, "Gravity parameters, 0 = horizontal"),
-        Variable("k_p", "parameter", (2,), _STIFFNESS, 0.0, "Stiffness of the grip", minimum=0.0),
-        Variable("k_d", "parameter", (2,), _DAMPING, 0.0, "Damping of the grip", minimum=0.0),
-        Variable("k_w", "parameter", (2,), _STIFFNESS, 0.0, "Stiffness of the wall", minimum=0.0),
-        Variable("b_w", "parameter", (2,), _DAMPING, 0.0, "Damping of the wall", minimum=0.0),
+        Variable("theta_g", "parameter", (2,), TORQUE, 0.0, "Gravity parameters, 0 = horizontal"),
+        Variable("k_p", "parameter", (2,), STIFFNESS, 0.0, "Stiffness of the grip", minimum=0.0),
+        Variable("k_d", "parameter", (2,), DAMPING, 0.0, "Damping of the grip", minimum=0.0),
+        Variable("k_w", "parameter", (2,), STIFFNESS, 0.0, "Stiffness of the wall", minimum=0.0),
+        Variable("b_w", "parameter", (2,), DAMPING, 0.0, "Damping of the wall", minimum=0.0),
         Variable("q_w", "parameter", (2,), "rad", 0.0, "Position of the wall"),
         Variable(
             "contact",
@@ -146,7 +123,7 @@ def model() -> Model:
     return Model(
         identifier="planar2r",
         description="Planar arm with two revolute joints, operator's grip and wall inside",
-        kind=_KIND,
+        kind="continuous",
         variables=_ports() + _parameters(),
         sources=("planar2r.c", "contact.c", "contact.h", "trig.c"),
         step=1e-3,
@@ -158,104 +135,62 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+def law(
+    x: Values, t: float, h: float, tau: Array, tau_ext: Array, q_h: Array, grip: Array
+) -> Values:
+    """The motion over [t, t + h) with the inputs held; tau_h and tau_e at its end."""
+    substeps = int(x["substeps"])
+    q, dq = x["q"], x["dq"]
 
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
+    def acceleration(q: Array, dq: Array) -> Array:
+        return _acceleration(x, q, dq, tau + tau_ext + _grip(x, q, dq, q_h, grip))
 
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
+    for _ in range(substeps):
+        q, dq = _runge_kutta(acceleration, q, dq, h / substeps)
+    return _measured(x, q, dq, q_h, grip)
 
 
-@final
-class Planar2R:
-    """The arm in NumPy: the readable reference of the C kernel."""
+def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Values:
+    """Outputs at the start. Raises ScenarioError where M is not positive definite."""
+    theta1, theta2, theta3 = x["theta"]
+    if theta3 <= 0 or theta1 * theta3 - theta3**2 - theta2**2 <= 0:
+        raise ScenarioError(
+            f"inertia is not positive definite for {x['theta'].tolist()}; expected "
+            "theta[2] > 0 and theta[0] theta[2] > theta[1]^2 + theta[2]^2",
+            "planar2r.theta",
+        )
+    return _measured(x, x["q"], x["dq"], q_h, grip)
 
-    kind: Kind = "continuous"
 
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})  # parameters, and the state q, dq
+def _acceleration(x: Values, q: Array, dq: Array, pushed: Array) -> Array:
+    """ddq, rad/s2, where `pushed` is tau + tau_ext + tau_h."""
+    theta = x["theta"]
+    torque = pushed - _wall(x, q, dq) - coriolis(theta, q, dq) @ dq
+    if x["theta_g"].any():
+        torque = torque - gravity(x["theta_g"], q)
+    return np.asarray(np.linalg.solve(inertia(theta, q), torque), dtype=np.float64)
 
-    def initialize(self, values: Values) -> None:
-        """Go to the start. Raises ScenarioError, also where M would not be positive definite."""
-        x = start_values(self._model, values)
-        theta1, theta2, theta3 = x["theta"]
-        if theta3 <= 0 or theta1 * theta3 - theta3**2 - theta2**2 <= 0:
-            raise ScenarioError(
-                f"inertia is not positive definite for {x['theta'].tolist()}; expected "
-                "theta[2] > 0 and theta[0] theta[2] > theta[1]^2 + theta[2]^2",
-                "planar2r.theta",
-            )
-        self._x = x
 
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start; of the inputs, only q_h and grip matter."""
-        _, _, q_h, grip = received(self.inputs, u)
-        return self._measure(self._x["q"], self._x["dq"], q_h, grip, 0.0)
+def _grip(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Array:
+    """tau_h, N.m."""
+    return grip * (-x["k_d"] * dq - x["k_p"] * (q - q_h))
 
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Integrate over [t, t + h) (s) with the inputs held; outputs at the end.
 
-        Raises RunError where an input is not finite or the motion diverges; nothing changes then.
-        """
-        tau, tau_ext, q_h, grip = received(self.inputs, u, t)
-        substeps = int(self._x["substeps"])
-        q, dq = self._x["q"], self._x["dq"]
+def _wall(x: Values, q: Array, dq: Array) -> Array:
+    """tau_e, N.m."""
+    k_w, b_w, contact = x["k_w"], x["b_w"], int(x["contact"])
+    depth = np.maximum(0.0, q - x["q_w"])
+    if contact == 0:
+        torque = k_w * depth + b_w * dq
+    else:
+        torque = (depth if contact == 1 else depth * np.sqrt(depth)) * (k_w + b_w * dq)
+    return np.where(depth > 0, np.maximum(0.0, torque), 0.0)
 
-        def acceleration(q: Array, dq: Array) -> Array:
-            return self._acceleration(q, dq, tau + tau_ext + self._grip(q, dq, q_h, grip))
 
-        for _ in range(substeps):
-            q, dq = _runge_kutta(acceleration, q, dq, h / substeps)
-        y = self._measure(q, dq, q_h, grip, t)
-        self._x["q"], self._x["dq"] = q, dq
-        return y
-
-    def _acceleration(self, q: Array, dq: Array, pushed: Array) -> Array:
-        """ddq, rad/s2, where `pushed` is tau + tau_ext + tau_h."""
-        theta = self._x["theta"]
-        torque = pushed - self._wall(q, dq) - coriolis(theta, q, dq) @ dq
-        if self._x["theta_g"].any():
-            torque = torque - gravity(self._x["theta_g"], q)
-        return np.asarray(np.linalg.solve(inertia(theta, q), torque), dtype=np.float64)
-
-    def _grip(self, q: Array, dq: Array, q_h: Array, grip: Array) -> Array:
-        """tau_h, N.m."""
-        return grip * (-self._x["k_d"] * dq - self._x["k_p"] * (q - q_h))
-
-    def _wall(self, q: Array, dq: Array) -> Array:
-        """tau_e, N.m."""
-        k_w, b_w, contact = self._x["k_w"], self._x["b_w"], int(self._x["contact"])
-        x = np.maximum(0.0, q - self._x["q_w"])
-        if contact == 0:
-            torque = k_w * x + b_w * dq
-        else:
-            torque = (x if contact == 1 else x * np.sqrt(x)) * (k_w + b_w * dq)
-        return np.where(x > 0, np.maximum(0.0, torque), 0.0)
-
-    def _measure(self, q: Array, dq: Array, q_h: Array, grip: Array, t: float) -> dict[str, Array]:
-        tau_h, tau_e = self._grip(q, dq, q_h, grip), self._wall(q, dq)
-        return given({"q": q, "dq": dq, "tau_h": tau_h, "tau_e": tau_e}, t)
-
-    def get_state(self) -> object:
-        """Parameters and state, copied."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+def _measured(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Values:
+    """All outputs at a position q (rad) and velocity dq (rad/s)."""
+    tau_h, tau_e = _grip(x, q, dq, q_h, grip), _wall(x, q, dq)
+    return {"q": q, "dq": dq, "tau_h": tau_h, "tau_e": tau_e}
 
 
 def _runge_kutta(
@@ -270,3 +205,6 @@ def _runge_kutta(
     k4 = dq + h * l3
     l4 = acceleration(q + h * k3, k4)
     return q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), dq + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+
+
+fmu, kernel, Planar2R = derive(model, law, start)

@@ -17,23 +17,11 @@ Continuous, and exact: the force is held over the step h, and with z = -b h / m:
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, final
 
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from cosim.errors import RunError, ScenarioError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.start import copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "continuous"
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 
 def model() -> Model:
@@ -41,7 +29,7 @@ def model() -> Model:
     return Model(
         identifier="pointmass",
         description="Point mass on a line with viscous friction",
-        kind=_KIND,
+        kind="continuous",
         variables=(
             Variable("f", "input", (), "N", description="Force on the mass"),
             Variable("x", "output", (), "m", settable=True, description="Position"),
@@ -54,23 +42,6 @@ def model() -> Model:
         terminals=(Terminal("port", ("f", "x", "dx"), "Force in, motion out"),),
         documentation=__doc__ or "",
     )
-
-
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
 
 
 def exponential(z: float) -> tuple[float, float, float]:
@@ -95,52 +66,22 @@ def exponential(z: float) -> tuple[float, float, float]:
     return E, phi1, phi2
 
 
-@final
-class PointMass:
-    """The point mass in Python: the readable reference of the C kernel."""
+def law(x: Values, t: float, h: float, f: Array) -> Values:
+    """The closed form above. Raises RunError where b h / m is too large a number."""
+    with np.errstate(over="ignore"):
+        z = float(-x["b"] / x["m"] * h)
+    if not isfinite(z):
+        raise RunError("b h / m left the range of numbers", time=t)
+    E, phi1, phi2 = exponential(z)
+    place, dx, ddx = x["x"], x["dx"], f / x["m"]
+    return {"x": place + h * (phi1 * dx + h * phi2 * ddx), "dx": E * dx + h * phi1 * ddx}
 
-    kind: Kind = "continuous"
 
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
+def start(x: Values, f: Array) -> Values:
+    """Outputs at the start; they do not depend on the force. Raises ScenarioError where m is 0."""
+    if x["m"] <= 0:
+        raise ScenarioError("m is 0, expected more than 0", "pointmass.m")
+    return {"x": x["x"], "dx": x["dx"]}
 
-    def initialize(self, values: Values) -> None:
-        """Go to the start. Raises ScenarioError, also where m is 0."""
-        x = start_values(self._model, values)
-        if x["m"] <= 0:
-            raise ScenarioError("m is 0, expected more than 0", "pointmass.m")
-        self._x = x
 
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start; they do not depend on the force."""
-        received(self.inputs, u)
-        return {"x": self._x["x"], "dx": self._x["dx"]}
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Move over [t, t + h) (s) with the force held; outputs at the end.
-
-        Raises RunError where the force is not finite or the motion leaves the range of numbers.
-        """
-        (f,) = received(self.inputs, u, t)
-        x, dx, m, b = (self._x[name] for name in ("x", "dx", "m", "b"))
-        with np.errstate(over="ignore"):
-            z = float(-b / m * h)
-        if not isfinite(z):
-            raise RunError("b h / m left the range of numbers", time=t)
-        E, phi1, phi2 = exponential(z)
-        ddx = f / m
-        y = given({"x": x + h * (phi1 * dx + h * phi2 * ddx), "dx": E * dx + h * phi1 * ddx}, t)
-        self._x |= y
-        return y
-
-    def get_state(self) -> object:
-        """Parameters and state, copied."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, PointMass = derive(model, law, start)

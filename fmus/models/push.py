@@ -12,21 +12,9 @@ length before t_0 or t_1 counts as beginning then. Outputs at the start are thos
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import TORQUE
-from fmus.models.start import copied, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.models.arm import TORQUE, signal
+from fmus.reference import Values, derive
 
 _NEVER = 1e9  # s
 
@@ -36,17 +24,9 @@ def model() -> Model:
     return Model(
         identifier="push",
         description="Constant push for a time",
-        kind=_KIND,
+        kind="sampled",
         variables=(
-            Variable(
-                "tau_h",
-                "output",
-                (2,),
-                TORQUE,
-                description="Torque on an arm",
-                elementwise=True,
-                start_depends=("tau_p", "t_0"),
-            ),
+            signal("tau_h", TORQUE, "Torque on an arm", start_depends=("tau_p", "t_0")),
             Variable(
                 "f",
                 "output",
@@ -67,57 +47,10 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
+def law(x: Values, t: float, h: float) -> Values:
+    """The equations above."""
+    on = float(x["t_0"] <= t + 1e-6 * h < x["t_1"])
+    return {"tau_h": on * x["tau_p"], "f": on * x["f_p"]}
 
 
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-@final
-class Push:
-    """The push in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start: those of t = 0."""
-        return self._at(0.0, 0.0)
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._at(t, h)
-
-    def _at(self, t: float, h: float) -> Outputs:
-        x, now = self._x, t + 1e-6 * h
-        on = float(x["t_0"] <= now < x["t_1"])
-        return {"tau_h": on * x["tau_p"], "f": on * x["f_p"]}
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, Push = derive(model, law)

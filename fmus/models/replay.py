@@ -32,7 +32,7 @@ import numpy as np
 from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
 from cosim.record import Run
-from fmus.models.start import Array
+from fmus.numeric import Array
 
 if TYPE_CHECKING:
     from cosim.component import Outputs, Values

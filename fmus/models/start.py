@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import nan
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import TYPE_CHECKING
 
 from cosim.component import Port
 from cosim.errors import RunError, ScenarioError
 from fmus.model import Model, Variable
+from fmus.numeric import Array, np
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 
 def start_values(model: Model, values: Mapping[str, ArrayLike]) -> dict[str, Array]:

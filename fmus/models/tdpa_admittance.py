@@ -31,11 +31,6 @@ cannot follow.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
 from fmus.models.arm import (
     DAMPING,
@@ -48,18 +43,11 @@ from fmus.models.arm import (
     Q,
     gain,
     rate,
+    signal,
     torque,
 )
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 #: As those of ``tdpa_impedance``; ``TDPA drift`` with compensation.
 PRESETS: dict[str, dict[str, float]] = {
@@ -86,35 +74,10 @@ def _inputs() -> tuple[Variable, ...]:
 def _outputs() -> tuple[Variable, ...]:
     return (
         torque(_ALL, ()),
-        Variable(
-            "f",
-            "output",
-            (2,),
-            TORQUE,
-            description="Torque sent: tau",
-            depends=_ALL,
-            elementwise=True,
-        ),
+        signal("f", TORQUE, "Torque sent: tau", _ALL),
         Variable("E", "output", (2,), "J", description="Energy into the line"),
-        Variable(
-            "W",
-            "output",
-            (2,),
-            "J",
-            description="Energy the line may still give",
-            depends=("E_j",),
-            elementwise=True,
-            start_depends=("E_0",),
-        ),
-        Variable(
-            "q_d",
-            "output",
-            (2,),
-            "rad",
-            description="Position the arm is to be at",
-            depends=("q",),
-            elementwise=True,
-        ),
+        signal("W", "J", "Energy the line may still give", ("E_j",), ("E_0",)),
+        signal("q_d", "rad", "Position the arm is to be at", ("q",)),
         Variable("q_d_next", "local", (2,), "rad", description="q_d of the next step"),
         Variable("E_next", "local", (2,), "J", description="E of the next step"),
         Variable("E_seen", "local", (2,), "J", description="Most of E_j received so far"),
@@ -128,7 +91,7 @@ def model() -> Model:
     return Model(
         identifier="tdpa_admittance",
         description="End of a line kept passive in the time domain: torque in, motion out",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             *_inputs(),
             *_outputs(),
@@ -148,82 +111,41 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+def law(
+    x: Values, t: float, h: float, q: Array, dq: Array, v_j: Array, E_j: Array, q_j: Array
+) -> Values:
+    """The equations above; q_d and the energies advance to t + h."""
+    q_d, E = x["q_d_next"], x["E_next"]
+    w = v_j + x["k_c"] * (q_j - q_d)
+    a = x["K_p"] * (q_d - q) - x["K_d"] * dq
+    E_seen = np.maximum(x["E_seen"], E_j)
+    W = x["E_0"] + E_seen - x["E_out"] + x["E_pc"]
+    f = _affordable(a + x["K_d"] * w, a, x["K_d"] * W / h, x["tau_max"])
+    dq_d = (f - a) / x["K_d"]
+    out = h * f * w
+    return {
+        **{"tau": f, "f": f, "E": E, "W": W, "q_d": q_d},
+        "q_d_next": q_d + h * dq_d,
+        "E_next": E + np.maximum(-out, 0.0),
+        "E_seen": E_seen,
+        "E_out": x["E_out"] + np.maximum(out, 0.0),
+        "E_pc": x["E_pc"] + h * f * (w - dq_d),
+    }
 
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
 
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
+def _affordable(wanted: Array, a: Array, room: Array, tau_max: Array) -> Array:
+    """F from 0 to `wanted`, limited, with f (f - a) <= `room`, or the least f (f - a)."""
+    sign = np.where(wanted < 0, -1.0, 1.0)
+    most, a = np.minimum(sign * wanted, tau_max), sign * a
+    f = a / 2 + np.sqrt(np.maximum(a * a / 4 + room, 0.0))
+    return np.asarray(sign * np.where(most * (most - a) <= room, most, np.clip(f, 0.0, most)))
 
 
-@final
-class TdpaAdmittance:
-    """The end of the line in NumPy: the readable reference of the C kernel."""
+def start(x: Values, q: Array, dq: Array, v_j: Array, E_j: Array, q_j: Array) -> Values:
+    """Outputs at the start, where q_d is q; the count of energies begins here."""
+    none = np.zeros_like(q)
+    outputs = {"tau": none, "f": none, "E": none, "W": x["E_0"] + E_j, "q_d": q}
+    return outputs | {"q_d_next": q, "E_next": none, "E_seen": E_j, "E_out": none, "E_pc": none}
 
-    kind: Kind = "sampled"
 
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self.initialize({})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start, where q_d is q; the count of energies begins here."""
-        q, _, _, E_j, _ = received(self.inputs, u)
-        none = np.zeros(2)
-        self._x |= {"q_d": q, "E": none, "E_seen": E_j, "E_out": none, "E_pc": none}
-        return {"tau": none, "f": none, "E": none, "W": self._x["E_0"] + E_j, "q_d": q}
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h; q_d and the energies advance to t + h.
-
-        Raises RunError where an input is not finite or the law diverges; nothing changes then.
-        """
-        x = self._x  # of the state: as of t, until the last line
-        q, dq, v_j, E_j, q_j = received(self.inputs, u, t)  # each (2,)
-        w = v_j + x["k_c"] * (q_j - x["q_d"])
-        a = x["K_p"] * (x["q_d"] - q) - x["K_d"] * dq
-        E_seen = np.maximum(x["E_seen"], E_j)
-        W = x["E_0"] + E_seen - x["E_out"] + x["E_pc"]
-        f = self._affordable(a + x["K_d"] * w, a, x["K_d"] * W / h)
-        dq_d = (f - a) / x["K_d"]
-        out = h * f * w
-        y = given({"tau": f, "f": f, "E": x["E"], "W": W, "q_d": x["q_d"]}, t)
-        x |= {
-            "q_d": x["q_d"] + h * dq_d,
-            "E": x["E"] + np.maximum(-out, 0.0),
-            "E_seen": E_seen,
-            "E_out": x["E_out"] + np.maximum(out, 0.0),
-            "E_pc": x["E_pc"] + h * f * (w - dq_d),
-        }
-        return y
-
-    def _affordable(self, wanted: Array, a: Array, room: Array) -> Array:
-        """F from 0 to `wanted`, limited, with f (f - a) <= `room`, or the least f (f - a); (2,)."""
-        sign = np.where(wanted < 0, -1.0, 1.0)
-        most, a = np.minimum(sign * wanted, self._x["tau_max"]), sign * a
-        f = a / 2 + np.sqrt(np.maximum(a * a / 4 + room, 0.0))
-        return sign * np.where(most * (most - a) <= room, most, np.clip(f, 0.0, most))
-
-    def get_state(self) -> object:
-        """Parameters and state, copied."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, TdpaAdmittance = derive(model, law, start)

@@ -28,23 +28,10 @@ is in E_pc.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, RATE, TAU_MAX, TORQUE, Q, gain, torque
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.models.arm import DAMPING, DQ, RATE, TAU_MAX, TORQUE, Q, gain, signal, torque
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 PRESETS: dict[str, dict[str, float]] = {"TDPA": {"a_max": 20.0}, "TDPA drift": {"a_max": 20.0}}
 
@@ -68,33 +55,9 @@ def _inputs() -> tuple[Variable, ...]:
 def _outputs() -> tuple[Variable, ...]:
     return (
         torque(("q", "dq", "f_j", "E_j"), ("tau_max",)),
-        Variable(
-            "v",
-            "output",
-            (2,),
-            RATE,
-            description="Velocity sent: dq",
-            depends=("dq",),
-            elementwise=True,
-        ),
-        Variable(
-            "E",
-            "output",
-            (2,),
-            "J",
-            description="Energy into the line",
-            depends=("q",),
-            elementwise=True,
-        ),
-        Variable(
-            "W",
-            "output",
-            (2,),
-            "J",
-            description="Energy the line may still give",
-            depends=("q", "E_j"),
-            elementwise=True,
-        ),
+        signal("v", RATE, "Velocity sent: dq", ("dq",)),
+        signal("E", "J", "Energy into the line", ("q",)),
+        signal("W", "J", "Energy the line may still give", ("q", "E_j")),
         Variable("E_seen", "local", (2,), "J", description="Most of E_j received so far"),
         Variable("E_out", "local", (2,), "J", description="Energy out of the line"),
         Variable("E_pc", "local", (2,), "J", description="Energy taken by the controller"),
@@ -108,7 +71,7 @@ def model() -> Model:
     return Model(
         identifier="tdpa_impedance",
         description="End of a line kept passive in the time domain: velocity in, torque out",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             *_inputs(),
             *_outputs(),
@@ -125,79 +88,34 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
+def law(x: Values, t: float, h: float, q: Array, dq: Array, f_j: Array, E_j: Array) -> Values:
+    """The equations above; `tau`, `q_last` and `f_last` in `x` are of the step before."""
+    passed = q - x["q_last"]
+    work = x["f_last"] * passed
+    E, E_out = x["E"] + np.maximum(work, 0.0), x["E_out"] - np.minimum(work, 0.0)
+    E_pc = x["E_pc"] - (x["tau"] + x["f_last"]) * passed
+    E_seen = np.maximum(x["E_seen"], E_j)
+    W = E_seen - E_out + E_pc
+    f = f_j + _damping(x["a_max"], W, dq, h) * dq
+    tau = np.clip(-f, -x["tau_max"], x["tau_max"])
+    outputs = {"tau": tau, "v": dq, "E": E, "W": W}
+    return outputs | {"E_seen": E_seen, "E_out": E_out, "E_pc": E_pc, "q_last": q, "f_last": f_j}
 
 
-@final
-class TdpaImpedance:
-    """The end of the line in NumPy: the readable reference of the C kernel."""
+def _damping(a_max: Array, W: Array, dq: Array, h: float) -> Array:
+    """The passivity controller's damping a, N.m.s/rad, of each joint, for W in J, dq in rad/s."""
+    owed, room = -W, h * dq * dq
+    enough = owed < a_max * room
+    a = np.where(enough, owed / np.where(enough, room, 1.0), a_max)
+    return np.where(owed > 0.0, a, 0.0)
 
-    kind: Kind = "sampled"
 
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self.initialize({})
+def start(x: Values, q: Array, dq: Array, f_j: Array, E_j: Array) -> Values:
+    """Outputs at the start; the count of energies begins here."""
+    none = np.zeros_like(q)
+    tau = np.clip(-f_j, -x["tau_max"], x["tau_max"])
+    state = {"E_seen": E_j, "E_out": none, "E_pc": none, "q_last": q, "f_last": f_j}
+    return {"tau": tau, "v": dq, "E": none, "W": E_j} | state
 
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
 
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start; the count of energies begins here."""
-        q, dq, f_j, E_j = received(self.inputs, u)
-        limit, none = self._x["tau_max"], np.zeros(2)
-        tau = np.clip(-f_j, -limit, limit)
-        self._x |= {"E": none, "E_seen": E_j, "E_out": none, "E_pc": none}
-        self._x |= {"tau": tau, "q_last": q, "f_last": f_j}
-        return given({"tau": tau, "v": dq, "E": none, "W": E_j})
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h.
-
-        Raises RunError where an input is not finite or the law diverges; nothing changes then.
-        """
-        q, dq, f_j, E_j = received(self.inputs, u, t)  # each (2,)
-        x = self._x
-        passed = q - x["q_last"]
-        work = x["f_last"] * passed
-        E, E_out = x["E"] + np.maximum(work, 0.0), x["E_out"] - np.minimum(work, 0.0)
-        E_pc = x["E_pc"] - (x["tau"] + x["f_last"]) * passed
-        E_seen = np.maximum(x["E_seen"], E_j)
-        W = E_seen - E_out + E_pc
-        tau = np.clip(-(f_j + self._damping(W, dq, h) * dq), -x["tau_max"], x["tau_max"])
-        y = given({"tau": tau, "v": dq, "E": E, "W": W}, t)
-        x |= {"E": E, "E_seen": E_seen, "E_out": E_out, "E_pc": E_pc}
-        x |= {"tau": tau, "q_last": q, "f_last": f_j}
-        return y
-
-    def _damping(self, W: Array, dq: Array, h: float) -> Array:
-        """The passivity controller's damping, N.m.s/rad, (2,), for W (2,) J and dq (2,) rad/s."""
-        owed, room, a_max = -W, h * dq * dq, self._x["a_max"]
-        enough = owed < a_max * room
-        a = np.where(enough, owed / np.where(enough, room, 1.0), a_max)
-        return np.where(owed > 0.0, a, 0.0)
-
-    def get_state(self) -> object:
-        """Parameters and state, copied."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, TdpaImpedance = derive(model, law, start)

@@ -57,30 +57,15 @@ that a teleoperator reflects decays. (The paper's bounds "<= ∞" stay true; its
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from cosim.errors import ScenarioError
 from fmus.model import Model, Terminal
 from fmus.models.adaptive_variables import variables
 from fmus.models.dynamics import gravity_regressor, regressor
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-__all__ = ["ADAPTED", "COMPENSATED", "NONE", "Teleoperation", "fmu", "kernel", "model", "regressor"]
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 #: Values of the parameter `gravity`.
 NONE, COMPENSATED, ADAPTED = 0, 1, 2
-
-_KIND: Kind = "sampled"
 
 
 def model(neighbours: int = 1, gravity: bool = False) -> Model:
@@ -103,7 +88,7 @@ def model(neighbours: int = 1, gravity: bool = False) -> Model:
         identifier=f"{stem}_n{neighbours}" if neighbours > 1 else stem,
         description=f"Adaptive controller with dynamic feedback, {whom}"
         + (", gravity" if gravity else ""),
-        kind=_KIND,
+        kind="sampled",
         variables=variables(neighbours, bool(gravity)),
         sources=(f"{stem}.c", "adaptive_law.h", "regressor.h", "limit.h", "trig.c"),
         step=5e-3,
@@ -112,119 +97,65 @@ def model(neighbours: int = 1, gravity: bool = False) -> Model:
     )
 
 
-def fmu(version: Version = "2.0", neighbours: int = 1, gravity: bool = False) -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> Values:
+    """Eqs (76)-(81); z and theta_hat advance to t + h.
 
-    Raises FmuError where it cannot be built.
+    `network`: xi_in (n, 2), w (n,) and age (n,) of n neighbours, or nothing.
     """
-    from fmus.build import find
+    z, theta_hat, alpha, lambda_c = x["z_next"], x["theta_hat_next"], x["alpha"], x["lambda_c"]
+    xi = dq + alpha * q
+    coupling, stale = _coupling(x, xi, *network) if network else (np.zeros_like(q), False)
+    dz = -alpha * dq + x["lambda_M"] * (dq - z) - coupling
+    s = dq - z
+    K = x["K"] if lambda_c == 0 else 0.0
+    Y = _regressor(x, q, dq, z, dz - lambda_c * s)  # (2, p)
+    wanted = -K * s + Y @ theta_hat + _compensation(x, q)
+    tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
+    now = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
+    if (tau != wanted).any():
+        return now | {"z_next": z, "theta_hat_next": theta_hat}
+    if not stale:
+        adapted = theta_hat - h * x["Gamma"] * (Y.T @ s)
+        theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
+    return now | {"z_next": z + h * dz, "theta_hat_next": theta_hat}
 
-    return find(model(neighbours, gravity), version)
+
+def start(x: Values, *inputs: Array) -> Values:
+    """State at the start. Raises ScenarioError, also where theta_hat is outside of its bounds."""
+    place = "teleoperation" if "lambda" in x else "adaptive"
+    if (x["theta_hat"] < x["theta_min"]).any() or (x["theta_hat"] > x["theta_max"]).any():
+        raise ScenarioError(
+            f"theta_hat starts at {x['theta_hat'].tolist()}, expected within theta_min "
+            f"{x['theta_min'].tolist()} ... theta_max {x['theta_max'].tolist()}",
+            place,
+        )
+    if "lambda" in x and x["alpha"] <= 0:
+        raise ScenarioError("alpha is 0, expected more than 0 with neighbours", place)
+    return {"z_next": x["z"], "theta_hat_next": x["theta_hat"]}
 
 
-def kernel(neighbours: int = 1, gravity: bool = False) -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
+def _coupling(x: Values, xi: Array, xi_in: Array, w: Array, age: Array) -> tuple[Array, bool]:
+    """(lambda Σ_j w_j (xi - xi_in_j), stale edges faded, whether any is stale)."""
+    late, fade = age - x["age_max"], x["age_fade"]  # s
+    stale = (w > 0) & (age > x["age_max"])
+    left = np.where(late < fade, 1 - late / (fade or 1.0), 0.0)  # of the weight, (n,)
+    return x["lambda"] * (np.where(stale, left * w, w) @ (xi - xi_in)), bool(stale.any())
 
-    return Kernel(model(neighbours, gravity))
+
+def _regressor(x: Values, q: Array, dq: Array, z: Array, dz: Array) -> Array:
+    """Y of what adapts, (2, p)."""
+    Y = regressor(q, dq, z, dz)
+    if "gravity" not in x:
+        return Y
+    G = gravity_regressor(q)
+    return np.hstack([Y, G if x["gravity"] == ADAPTED else np.zeros_like(G)])
 
 
-@final
-class Teleoperation:
-    """The controller in NumPy: the readable reference of the C kernel."""
+def _compensation(x: Values, q: Array) -> Array:
+    """Known gravity, N.m, (2,)."""
+    if "gravity" in x and x["gravity"] == COMPENSATED:
+        return np.asarray(gravity_regressor(q) @ x["theta_g"], dtype=np.float64)
+    return np.zeros_like(q)
 
-    kind: Kind = "sampled"
 
-    def __init__(self, neighbours: int = 1, gravity: bool = False) -> None:
-        self._model = model(neighbours, gravity)
-        self._neighbours, self._gravity = neighbours, bool(gravity)
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self.initialize({})
-
-    def initialize(self, values: Values) -> None:
-        """Go to the start. Raises ScenarioError, also where theta_hat is outside of its bounds."""
-        x = start_values(self._model, values)  # parameters, and the state z, theta_hat
-        place = self._model.identifier
-        if (x["theta_hat"] < x["theta_min"]).any() or (x["theta_hat"] > x["theta_max"]).any():
-            raise ScenarioError(
-                f"theta_hat starts at {x['theta_hat'].tolist()}, expected within theta_min "
-                f"{x['theta_min'].tolist()} ... theta_max {x['theta_max'].tolist()}",
-                place,
-            )
-        if self._neighbours and x["alpha"] <= 0:
-            raise ScenarioError("alpha is 0, expected more than 0 with neighbours", place)
-        self._x = x
-        self._x["z_next"], self._x["theta_hat_next"] = x["z"], x["theta_hat"]
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs for the start values of z and theta_hat; these do not advance."""
-        outputs, *_ = self._law(0.0, received(self.inputs, u), self._x["z"], self._x["theta_hat"])
-        return given(outputs)
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h; z and theta_hat advance to t + h.
-
-        Raises RunError where an input is not finite or the law diverges; nothing changes then.
-        """
-        x, inputs = self._x, received(self.inputs, u, t)
-        outputs, z_next, theta_hat_next = self._law(h, inputs, x["z_next"], x["theta_hat_next"])
-        given(outputs, t)
-        x["z"], x["theta_hat"] = outputs["z"], outputs["theta_hat"]
-        x["z_next"], x["theta_hat_next"] = z_next, theta_hat_next
-        return outputs
-
-    def _law(
-        self, h: float, inputs: list[Array], z: Array, theta_hat: Array
-    ) -> tuple[dict[str, Array], Array, Array]:
-        """Outputs for the state z (2,), theta_hat (p,), and the state a time h (s) later."""
-        q, dq, *network = inputs  # (2,), (2,)
-        x, alpha, lambda_c = self._x, self._x["alpha"], self._x["lambda_c"]
-        xi = dq + alpha * q
-        coupling, stale = self._coupling(xi, network)
-        dz = -alpha * dq + x["lambda_M"] * (dq - z) - coupling
-        s = dq - z
-        K = x["K"] if lambda_c == 0 else 0.0
-        Y = self._regressor(q, dq, z, dz - lambda_c * s)  # (2, p)
-        wanted = -K * s + Y @ theta_hat + self._compensation(q)
-        tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
-        outputs = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
-        if (tau != wanted).any():
-            return outputs, z, theta_hat
-        if not stale:
-            adapted = theta_hat - h * x["Gamma"] * (Y.T @ s)
-            theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
-        return outputs, z + h * dz, theta_hat
-
-    def _coupling(self, xi: Array, network: list[Array]) -> tuple[Array, bool]:
-        """(lambda Σ_j w_j (xi - xi_in_j), stale edges faded, whether any is stale)."""
-        if not network:
-            return np.zeros(2), False
-        xi_in, w, age = network  # (n, 2), (n,), (n,)
-        late, fade = age - self._x["age_max"], self._x["age_fade"]  # s
-        stale = (w > 0) & (age > self._x["age_max"])
-        left = np.where(late < fade, 1 - late / (fade or 1.0), 0.0)  # of the weight, (n,)
-        return self._x["lambda"] * (np.where(stale, left * w, w) @ (xi - xi_in)), bool(stale.any())
-
-    def _regressor(self, q: Array, dq: Array, z: Array, dz: Array) -> Array:
-        """Y of what adapts, (2, p)."""
-        Y = regressor(q, dq, z, dz)
-        if not self._gravity:
-            return Y
-        adapted = self._x["gravity"] == ADAPTED
-        return np.hstack([Y, gravity_regressor(q) if adapted else np.zeros((2, 2))])
-
-    def _compensation(self, q: Array) -> Array:
-        """Known gravity, N.m, (2,)."""
-        if self._gravity and self._x["gravity"] == COMPENSATED:
-            return np.asarray(gravity_regressor(q) @ self._x["theta_g"], dtype=np.float64)
-        return np.zeros(2)
-
-    def get_state(self) -> object:
-        """Parameters and state, copied."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, Teleoperation = derive(model, law, start)

@@ -22,12 +22,7 @@ limited to ±tau_max; while any joint is at its limit theta_hat stands still (an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
-from typing import TYPE_CHECKING
-
-from cosim.component import Kind
-from fmus.model import Model, Terminal, Variable
+from fmus.model import Model, Terminal
 from fmus.models.arm import (
     DAMPING,
     DQ,
@@ -41,18 +36,12 @@ from fmus.models.arm import (
     Q,
     gain,
     rate,
+    signal,
     torque,
 )
-from fmus.models.start import Array
-from fmus.models.static_feedback import Law, StaticFeedback
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.models.static_feedback import Feedback, adaptive
+from fmus.numeric import Array
+from fmus.reference import Values, derive
 
 PRESETS: dict[str, dict[str, float]] = {
     "Wang": {"K": 16.0, "Gamma": 1.0, "lambda": 1.0},
@@ -69,23 +58,14 @@ def model() -> Model:
     return Model(
         identifier="wang2014",
         description="Adaptive consensus with another arm by static feedback",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             Q,
             DQ,
             Q_J,
             DQ_J,
             torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
-            Variable(
-                "s",
-                "output",
-                (2,),
-                RATE,
-                description="Sliding vector: dq - z",
-                depends=("q", "dq", "q_j"),
-                elementwise=True,
-                start_depends=("lambda",),
-            ),
+            signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
             THETA_HAT,
             THETA_HAT_NEXT,
             gain("K", DAMPING, 16.0, "Feedback gain of s"),
@@ -103,30 +83,11 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
-
-
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-def _law(x: Mapping[str, Array], inputs: list[Array]) -> Law:
-    """The equations above for parameters `x`."""
-    q, dq, q_j, dq_j = inputs  # each (2,)
+def feedback(x: Values, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Feedback:
+    """The equations above."""
     z, dz = -x["lambda"] * (q - q_j), -x["lambda"] * (dq - dq_j)
     s = dq - z
-    return Law(s, z, dz, -x["K"] * s)
+    return Feedback(s, z, dz, -x["K"] * s)
 
 
-#: The controller in NumPy: the readable reference of the C kernel.
-Wang2014 = partial(StaticFeedback, model, "s", _law)
+fmu, kernel, Wang2014 = derive(model, *adaptive("s", feedback))

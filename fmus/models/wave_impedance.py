@@ -25,23 +25,10 @@ u = v + 2 F then tells the line what was given, and the port stays passive.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, final
-
-import numpy as np
-
-from cosim.component import Kind, Parameter, Port
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, TAU_MAX, TORQUE, gain, torque
-from fmus.models.start import Array, copied, given, received, start_values
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cosim.component import Outputs, Values
-    from fmus.build import Version
-    from fmus.kernel import Kernel
-
-_KIND: Kind = "sampled"
+from fmus.models.arm import DAMPING, DQ, TAU_MAX, TORQUE, gain, signal, torque
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
 
 #: ``scattering(n=3)`` is Anderson and Spong's with b = n^2.
 PRESETS: dict[str, dict[str, float]] = {
@@ -58,21 +45,12 @@ def model() -> Model:
     return Model(
         identifier="wave_impedance",
         description="End of a wave line: velocity in, torque out",
-        kind=_KIND,
+        kind="sampled",
         variables=(
             DQ,
             Variable("v", "input", (2,), TORQUE, description="Received wave"),
             torque(("dq", "v"), ("b", "tau_max")),
-            Variable(
-                "u",
-                "output",
-                (2,),
-                TORQUE,
-                description="Wave sent: b dq + F",
-                depends=("dq", "v"),
-                elementwise=True,
-                start_depends=("b", "tau_max"),
-            ),
+            signal("u", TORQUE, "Wave sent: b dq + F", ("dq", "v"), ("b", "tau_max")),
             gain("b", DAMPING, 10.0, "Wave impedance of the line", minimum=1e-6),
             TAU_MAX,
         ),
@@ -86,58 +64,10 @@ def model() -> Model:
     )
 
 
-def fmu(version: Version = "2.0") -> Path:
-    """Path of the FMU, built at installation or now into the cache; `version` of FMI.
-
-    Raises FmuError where it cannot be built.
-    """
-    from fmus.build import find
-
-    return find(model(), version)
+def law(x: Values, t: float, h: float, dq: Array, v: Array) -> Values:
+    """The equations above."""
+    F = np.clip(x["b"] * dq - v, -x["tau_max"], x["tau_max"])
+    return {"tau": -F, "u": v + 2 * F}
 
 
-def kernel() -> Kernel:
-    """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-    from fmus.kernel import Kernel
-
-    return Kernel(model())
-
-
-@final
-class WaveImpedance:
-    """The end of the line in NumPy: the readable reference of the C kernel."""
-
-    kind: Kind = "sampled"
-
-    def __init__(self) -> None:
-        self._model = model()
-        self.inputs: tuple[Port, ...] = self._model.inputs()
-        self.outputs: tuple[Port, ...] = self._model.outputs()
-        self.parameters: tuple[Parameter, ...] = self._model.parameters()
-        self._x = start_values(self._model, {})
-
-    def initialize(self, values: Values) -> None:
-        """Take the parameters. Raises ScenarioError."""
-        self._x = start_values(self._model, values)
-
-    def initial(self, u: Values) -> Outputs:
-        """Outputs at the start."""
-        return self._law(received(self.inputs, u))
-
-    def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Outputs as of `t` (s), which hold to t + h."""
-        return self._law(received(self.inputs, u, t))
-
-    def _law(self, inputs: list[Array]) -> Outputs:
-        dq, v = inputs  # each (2,)
-        x = self._x
-        F = np.clip(x["b"] * dq - v, -x["tau_max"], x["tau_max"])
-        return given({"tau": -F, "u": v + 2 * F})
-
-    def get_state(self) -> object:
-        """Parameters, copied; there is no other state."""
-        return copied(self._x)
-
-    def set_state(self, state: object) -> None:
-        """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+fmu, kernel, WaveImpedance = derive(model, law)

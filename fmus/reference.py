@@ -1,0 +1,123 @@
+"""What a model's file leaves out: the FMU, the C kernel and the NumPy reference of a declaration.
+
+A law is a function of the values `x` of the model by name (parameters, and its state: outputs and
+locals as of the last step), the time t and the step h in s, and the inputs in their order, each of
+its shape::
+
+    def law(x, t, h, q, dq):
+        return {"xi": dq + x["alpha"] * q}
+
+It returns every output, and the locals that it changes: these are `x` in the next step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
+
+from fmus.models.start import copied, given, held, received, start_values
+from fmus.numeric import Array
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cosim.component import Kind, Outputs, Parameter, Port
+    from cosim.component import Values as Given
+    from fmus.build import Version
+    from fmus.kernel import Kernel
+    from fmus.model import Model
+
+#: Values of a model by name, each of its shape.
+Values: TypeAlias = dict[str, Array]
+Law: TypeAlias = Callable[..., Values]
+
+
+@final
+class Reference:
+    """The law of a model in NumPy as a component: the readable reference of the C kernel.
+
+    `start`, of `x` and the inputs at the start, returns the state that follows from them; it raises
+    ScenarioError for parameters that cannot be. Where it returns the outputs too, they are those at
+    the start; otherwise they are those of `law` at t = 0 with h = 0.
+    """
+
+    def __init__(self, model: Model, law: Law, start: Law | None = None) -> None:
+        self.kind: Kind = model.kind
+        self.inputs: tuple[Port, ...] = model.inputs()
+        self.outputs: tuple[Port, ...] = model.outputs()
+        self.parameters: tuple[Parameter, ...] = model.parameters()
+        self._model, self._law, self._start = model, law, start
+        self.initialize({})
+
+    def initialize(self, values: Given) -> None:
+        """Go to the start. Raises ScenarioError."""
+        x = start_values(self._model, values)
+        if self._start is not None:
+            x |= self._start(x, *map(held, self.inputs))
+        self._x = x
+
+    def initial(self, u: Given) -> Outputs:
+        """Outputs at the start. Raises RunError where an input is not finite."""
+        inputs = received(self.inputs, u)
+        found = {} if self._start is None else self._start(self._x, *inputs)
+        self._x |= found
+        if any(port.name not in found for port in self.outputs):
+            found = self._law(self._x, 0.0, 0.0, *inputs)
+        return self._given(found)
+
+    def step(self, t: float, h: float, u: Given) -> Outputs:
+        """Outputs of the step from `t` to t + h (s), as :mod:`cosim.component` says for the kind.
+
+        Raises RunError where an input is not finite or the law diverges; nothing changes then.
+        """
+        found = self._law(self._x, t, h, *received(self.inputs, u, t))
+        outputs = self._given(found, t)
+        self._x |= found
+        return outputs
+
+    def _given(self, found: Values, t: float = 0.0) -> Outputs:
+        return given({port.name: found[port.name] for port in self.outputs}, t)
+
+    def get_state(self) -> object:
+        """All values by name, copied."""
+        return copied(self._x)
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = copied(state)
+
+
+class Derived(NamedTuple):
+    """What a scenario can name of a model. Each takes the sizes of the model."""
+
+    fmu: Callable[..., Path]
+    kernel: Callable[..., Kernel]
+    reference: Callable[..., Reference]
+
+
+def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> Derived:
+    """FMU, kernel and NumPy reference of a model by its declaration, a function of its sizes.
+
+    `law` and `start` as of :class:`Reference`.
+    """
+
+    def fmu(version: Version = "2.0", *sizes: int, **named: int) -> Path:
+        """Path of the FMU, built at installation or now into the cache; `version` of FMI.
+
+        Raises FmuError where it cannot be built.
+        """
+        from fmus.build import find
+
+        return find(model(*sizes, **named), version)
+
+    def kernel(*sizes: int, **named: int) -> Kernel:
+        """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
+        from fmus.kernel import Kernel
+
+        return Kernel(model(*sizes, **named))
+
+    def reference(*sizes: int, **named: int) -> Reference:
+        """The law in NumPy as a component: the readable reference of the C kernel."""
+        return Reference(model(*sizes, **named), law, start)
+
+    return Derived(fmu, kernel, reference)

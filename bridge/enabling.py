@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 
 from bridge.attach import can_spec
 from bridge.can import interface
 from bridge.can.interface import Attachment
-from bridge.can.profiles import Profile, load_profile
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Frame
+from bridge.sequences import Foreign, commanded
 from bridge.system import System
 from cosim.clock import monotonic_ns, sleep
 from cosim.errors import RunError
@@ -24,26 +23,9 @@ from cosim.errors import RunError
 PATIENCE = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Foreign:
-    """A drive that takes a message of a profile: its number `node` on its bus."""
-
-    bus: str
-    profile: Profile
-    node: int
-
-
 def foreign_drives(system: System, nodes: Iterable[str]) -> tuple[Foreign, ...]:
     """The drives that these nodes send torques to by a profile, each once."""
-    found: dict[tuple[str, int], Foreign] = {}
-    d = system.deployment
-    for name, message in system.messages.items():
-        spec = d.messages[name]
-        torque = any(part.port == "tau" for part in message.outlet.parts)
-        if spec.profile and torque and message.node in nodes:
-            drive = Foreign(spec.bus, load_profile(d.file(spec.profile)), spec.drive)
-            found[spec.bus, spec.drive] = drive
-    return tuple(found.values())
+    return tuple(d for n in nodes for d in commanded(system.deployment, system.nodes[n]))
 
 
 @contextmanager
@@ -68,8 +50,8 @@ def enabled(system: System, nodes: Iterable[str]) -> Iterator[tuple[Foreign, ...
 
 
 def _send(drive: Foreign, end: Attachment, sequence: str) -> None:
-    for identifier, data in drive.profile.frames(sequence, drive.node):
-        end.bus.send(Frame.of(identifier, data))
+    for frame in drive.frames(sequence):
+        end.bus.send(frame)
 
 
 def _watchdog(drive: Foreign, end: Attachment) -> None:

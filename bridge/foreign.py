@@ -30,7 +30,7 @@ def codec(outlet: Outlet, d: Deployment) -> Codec:
     joint = Joint(spec.gear, spec.direction, float(zero))
     layout = profile.layout(part, spec.drive)
     verify(Codec(layout, names))  # before the units are folded in
-    return Codec(_in_si(layout, profile, part, joint), names)
+    return Codec(_in_si(layout, profile, part, joint), names, exact=part is profile.command)
 
 
 def _part(profile: Profile, outlet: Outlet, place: str) -> tuple[Part, list[str]]:

@@ -73,7 +73,7 @@ def never(wired: Wired) -> list[str]:
     return [
         f"{message} from {wired.system.messages[message].node}"
         for message, r in wired.receiving.receptions.items()
-        if r.awaited and r.newest < 0 and ran > MANY * r.period_ns
+        if r.awaited and r.newest < 0 and not r.of_fault and ran > MANY * r.period_ns
     ]
 
 

@@ -8,7 +8,7 @@ from typing import Any, final
 
 import numpy as np
 
-from bridge import apart, drives, ranges
+from bridge import apart, drives, ranges, sequences
 from bridge.cut import Inlet
 from bridge.deploy import StaleSpec
 from bridge.latency import delays_for, newest_for
@@ -172,3 +172,13 @@ class Receiving:
         entry.command = command.ctypes.data
         entry.q, entry.dq = q + at.entry, dq + at.entry
         self._alive.append(command)
+        self._follow(entry, inlet)
+
+    def _follow(self, entry: native.Inlet, inlet: Inlet) -> None:
+        """The frames of its own protocol that the drive behind an inlet follows."""
+        drive = sequences.emulated(self._system.deployment, self._name, inlet)
+        if drive is None:
+            return
+        found, alive = sequences.followed(drive, self._buses)
+        entry.sequences, entry.n_sequences = found, len(found)
+        self._alive += alive

@@ -58,7 +58,7 @@ class Rehearsal:
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
         self._timed = not wanted(system)  # in lock-step nothing says when the end is
         self._kind: type[Process] | type[Thread] = Thread if alone else Process
-        self._stack = ExitStack()
+        self._stack, self._drives = ExitStack(), ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
 
     def __enter__(self) -> Rehearsal:
@@ -109,7 +109,7 @@ class Rehearsal:
             wait()
         if self.settings.real:
             sleep(LEAD)  # heartbeats and first positions have been heard
-            self._stack.enter_context(enabled(self.system, self.current))
+            self._drives.enter_context(enabled(self.system, self.current))
             for process in self.current.values():
                 process.tell("arm")
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
@@ -126,10 +126,15 @@ class Rehearsal:
         return self.ended
 
     def end(self) -> None:
-        """End all processes, none after the other; their journals are complete then."""
+        """End all processes, none after the other; their journals are complete then.
+
+        Drives are disabled behind the last torque of their nodes, which some of them would take for
+        a request to be enabled.
+        """
         for process in self.ended.lives:
             process.tell("quit")
-        self._stack.close()
+        with self._drives:
+            self._stack.close()
 
     @property
     def t(self) -> float:
@@ -224,7 +229,11 @@ class Rehearsal:
         self._stopped = True
         for other in self.current.values():
             if other is not process:
-                self.expected.add(other.start.life.node)
+                life = other.start.life
+                if life.boot > 1 and not other.ready and other.code is None:
+                    detail = unready(other.waiting)
+                    self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
+                self.expected.add(life.node)
                 other.tell("stop")
 
     def _missed(self) -> bool:

@@ -9,7 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
-from bridge import safety
+from bridge import safety, sequences
 from bridge.cut import Outlet, guard_gate
 from bridge.deploy import GuardSpec
 from bridge.native import node as native
@@ -34,6 +34,7 @@ class Sending:
         self.gates: dict[str, tuple[int, int]] = {}
         self.outlets = self._outlets()
         self._insides()
+        self._drives()
 
     def keep(self, forwarded: Forwarding) -> None:
         """As long as the outlets it is bound to."""
@@ -70,11 +71,28 @@ class Sending:
             dq=-1,
             measured_q=-1,
             measured_dq=-1,
+            foreign=self._commands(outlet),
         )
         self._guard(entry, outlet)
         self._measured(entry, outlet)
         self._alive += [sources, values, encoding]
         return entry
+
+    def _commands(self, outlet: Outlet) -> bool:
+        """Whether a message commands a drive with a protocol of its own."""
+        profile = self._system.deployment.messages[outlet.message].profile
+        return bool(profile) and any(part.port == "tau" for part in outlet.parts)
+
+    def _drives(self) -> None:
+        """The frames that disable and enable the drives this node commands."""
+        system, struct = self._system, self._struct
+        drives = sequences.commanded(system.deployment, self._plan)
+        buses = system.buses_of(self._name)
+        disabling = sequences.table(drives, buses, "disable")
+        enabling = sequences.table(drives, buses, "clear", "enable")
+        struct.disabling, struct.n_disabling = disabling, len(disabling) if drives else 0
+        struct.enabling, struct.n_enabling = enabling, len(enabling) if drives else 0
+        self._alive += [disabling, enabling]
 
     def _guard(self, entry: native.Outlet, outlet: Outlet) -> None:
         spec, d = self._spec.guard, self._system.deployment

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bridge import apart, deploy, foreign, protect, routes
+from bridge import apart, deploy, foreign, protect, routes, sequences
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
 from bridge.can.layout import Layout, find
@@ -105,7 +105,8 @@ class System:
 
     def accepts(self, node: str, bus: str) -> tuple[Accept, ...]:
         """Frames that a node listens to on a bus."""
-        return tuple(one.accept for one in self.listened(node) if one.bus == bus)
+        found = tuple(one.accept for one in self.listened(node) if one.bus == bus)
+        return found + sequences.accepts(self.deployment, self.nodes[node], node, bus)
 
     def peers_of(self, node: str) -> tuple[str, ...]:
         """Nodes whose heartbeats it hears: they are on a bus of its own that has heartbeats."""

@@ -37,6 +37,8 @@ from cosim.native import Code
 Rows = NDArray[np.void]
 #: s from a START whose time has passed to the first slot, and as often as starting takes, besides.
 LEAD, LONGER = 0.05, 3.0
+#: Of each inlet in a row: ``inlet_row_t``.
+INLET_ROW = ("held", "newest", "age_ns", "transit_ns", "requests")
 #: Kind of the file of what a life heard, beside its journal.
 HEARD = "heard"
 
@@ -44,7 +46,7 @@ HEARD = "heard"
 def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
     """A row of a node's journal (``row_t`` and what follows), one a slot."""
     head = ("slot", "deadline_ns", "woke_ns", "received_ns", "send_ns", "done_ns")
-    inlet: Any = [(name, "<i8") for name in ("held", "newest", "age_ns", "transit_ns")]
+    inlet: Any = [(name, "<i8") for name in INLET_ROW]
     width = sum(o.width for o in plan.outlets)
     fields: list[Any] = [(name, "<i8") for name in head]
     fields += [("state", "<i4"), ("commands", "<u4")]

@@ -29,6 +29,7 @@ void node_farewell(node_t *n)
         weaken(n->outlets + i, 0.0);
         node_say(n->outlets + i, next_of(n->outlets + i), now);
     }
+    if (n->n_disabling > 0) node_disable(n, now);
     if (at_once) {
         n->life.state = LIFE_FAULT;
         n->life.reasons |= WHY_COMMAND;

@@ -124,7 +124,9 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
         header.t_us = (uint32_t)(r->receiver->sampled_ns / 1000);
         node_forward(n, r, &header, frame);
     }
-    if (j > r->newest && !torque_of_fault(n, r, &header)) {
+    if (torque_of_fault(n, r, &header)) {
+        r->of_fault = 1;
+    } else if (j > r->newest) {
         r->newest = j;
         r->arrival_ns = t;
     }
@@ -231,16 +233,26 @@ static void synced(node_t *n, const frame_t *frame, int64_t t)
     watchdog_feed(&n->sync_watchdog, t);
 }
 
+/* A frame that asks a drive for something may be a torque as well. */
+static int32_t readable(const reception_t *r, const frame_t *frame)
+{
+    double values[MESSAGE_FIELDS];
+    header_t header;
+    return message_decode(r->message, frame, values, &header) == DECODE_OK;
+}
+
 static void dispatch(node_t *n, const frame_t *frame)
 {
     const int64_t t = started(n) ? frame->t_ns - n->start_ns : 0;
     const services_t *s = n->services + frame->bus;
+    const int32_t asked = node_asked(n, frame);
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
         if (r->bus != frame->bus || !message_is(r->message, frame)) continue;
-        sample(n, r, frame);
+        if (!asked || readable(r, frame)) sample(n, r, frame);
         return;
     }
+    if (asked) return;
     if (node_is_estop(n, frame)) alarmed(n, t);
     else if (s->nmt && message_is(s->nmt, frame)) managed(n, frame);
     else if (s->epoch && message_is(s->epoch, frame)) node_epoch_heard(n, frame);

@@ -59,11 +59,22 @@ static int64_t age_ns(const inlet_t *in)
     return in->node->now_ns + in->node->phase_ns - sent;
 }
 
+/* What the drive was asked for by frames of its own protocol. In FAULT it stays with its node. */
+static void obey(inlet_t *in)
+{
+    const node_t *n = in->node;
+    in->requests = n->clock == CLOCK_REPLAY ? recorded(in)->requests : (int64_t)in->asked;
+    in->asked = 0;
+    for (int64_t left = in->requests; left && n->life.state != LIFE_FAULT; left >>= 3)
+        drive_request(in->drive, (int32_t)(left & 7), n->now_ns);
+}
+
 /* Torque commands go through the drive. One whose value is not known feeds its watchdog, too;
  * one that is too old (also by the law of its link) neither moves it nor feeds the watchdog. */
 static void through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
 {
     node_t *n = in->node;
+    obey(in);
     const int32_t old = in->max_age_ns > 0 && in->held >= 0 && age_ns(in) > in->max_age_ns;
     if (old && fresh) in->reception->receiver->stale++;
     if (value && !old) give(in, value, in->command);

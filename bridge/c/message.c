@@ -224,6 +224,14 @@ void message_encode(const message_t *m, const double *values, header_t *header, 
     e2e_protect(m->e2e, m->data_ids, header->counter, data, m->length);
 }
 
+/* Whether encoding what was read gives the same bytes again. */
+static int32_t reproduced(const message_t *m, const frame_t *frame, const double *values, header_t header)
+{
+    frame_t again;
+    message_encode(m, values, &header, &again);
+    return !memcmp(again.data, frame->data, m->length);
+}
+
 int32_t message_decode(const message_t *m, const frame_t *frame, double *values, header_t *header)
 {
     double found[MESSAGE_FIELDS];
@@ -242,6 +250,8 @@ int32_t message_decode(const message_t *m, const frame_t *frame, double *values,
         uint64_t bits = get_bits(f, data);
         result = f->kind == FIELD_FLOAT ? float_value(f, bits, &found[i]) : integer_value(f, bits, &found[i]);
     }
+    if (result == DECODE_OK && m->exact && !reproduced(m, frame, found, *header))
+        result = DECODE_INVALID;
     if (result == DECODE_OK)
         memcpy(values, found, (size_t)m->n_fields * sizeof *values);
     return result;

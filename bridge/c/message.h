@@ -41,6 +41,8 @@ typedef struct {
     uint8_t data_ids[16];   /* little endian. P02: one a counter value; P05: 16 bits; P04: 32 bits */
     int32_t n_fields;       /* of values, in the order of the values */
     int32_t status, time;   /* numbers of header fields in `header`, or -1 */
+    int32_t exact;          /* 1: a frame that message_encode would not have written is INVALID: commands
+                             * of foreign protocols, whose other bits ask for something else */
     field_t *fields;
     field_t *header;        /* fields that are no values: status (8 bit), time (us); raw is the integer
                              * part of value / scale, its low bits: a status of 4 bits with scale 16
@@ -70,7 +72,7 @@ static inline int32_t message_is(const message_t *m, const frame_t *frame)
 
 /* DECODE_OK and the values, or why not: then values are untouched. header is filled unless the
  * length or the CRC is wrong (a wrong data ID is a wrong CRC). INVALID: some value is the invalid
- * code or not finite; RANGE: some raw value is outside low..high. */
+ * code or not finite, or the message is `exact` and other bits are set; RANGE: some raw value is outside low..high. */
 API int32_t message_decode(const message_t *m, const frame_t *frame, double *values, header_t *header);
 
 /* The protection alone, for bytes that are not made of fields: `data` has room for the header of the

@@ -70,6 +70,7 @@ void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
     node_t *n = o->node;
     frame_t frame;
     header_t header;
+    if (o->foreign && n->disabled) return; /* some would take a torque for a request to be enabled */
     memset(&frame, 0, sizeof frame);
     memset(&header, 0, sizeof header);
     header.counter = (uint32_t)sequence;
@@ -208,6 +209,7 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
         in[i].held = x->held;
         in[i].newest = x->newest;
         in[i].transit_ns = x->reception->transit_ns;
+        in[i].requests = x->requests;
         in[i].age_ns = x->held < 0 ? -1
                                    : limit_ns - x->held * x->reception->period_ns -
                                          x->reception->offset_ns;
@@ -246,6 +248,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
     *n->record = row ? (double *)((char *)row + n->signals_offset) : 0;
     *n->record_row = 0;
     n->result = n->run(n->engine, 1);
+    flags |= node_drives(n, limit_ns);
     n->done_ns = n->clock == CLOCK_WALL ? pace_now() - n->start_ns : limit_ns;
     if (row) {
         write_row(n, row, limit_ns, woke_ns, flags | (n->result ? ROW_FAILED : 0));

@@ -21,7 +21,8 @@
 
 enum { CLOCK_WALL = 1, CLOCK_SIMULATED = 2, CLOCK_REPLAY = 3 };
 /* Bits of a row. */
-enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a component failed in it */ };
+enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a component failed in it */,
+       ROW_DISABLED = 4, ROW_ENABLED = 8 /* the drives it commands were, behind the torques of this slot */ };
 /* What node_live returns; positive: of engine_run. */
 enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2, LIVE_FAULT = -3 /* came to the end in FAULT */,
        LIVE_NOT_JOINED = -4 };
@@ -82,7 +83,8 @@ typedef struct {
                              * of its number; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
     int32_t accept_simulated, previewed;
-    int32_t awaited, reserved;  /* awaited: no start before it was heard, if it tells previews */
+    int32_t awaited;        /* no start before it was heard, if it tells previews */
+    int32_t of_fault;       /* 1: torques of a node in FAULT were heard: they are no samples that count */
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
     history_t *history;     /* what was heard of it: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
@@ -96,6 +98,14 @@ typedef struct {
     int32_t first_a, first_b, count, reserved;
     double within;          /* greatest difference, unit of the values */
 } apart_t;
+
+/* Frames by which a drive with a protocol of its own is asked for a change of state, one after the
+ * other; frames of other kinds may come between. */
+typedef struct {
+    const frame_t *frames;  /* `bus`: its number in the node */
+    int32_t count, reached; /* reached: so many have come */
+    int32_t request, reserved;  /* DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR */
+} sequence_t;
 
 typedef struct {
     struct node *node;
@@ -118,6 +128,11 @@ typedef struct {
     int32_t begun, reserved;
     int64_t link_age;       /* signal that gets the age of the sample held, s; -1: none */
     int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
+    sequence_t *sequences;  /* of the drive, if it has a protocol of its own */
+    int32_t n_sequences;
+    uint32_t asked;         /* requests since the last pass, as commands_add packs them: of more than
+                             * ten, none is lost that is DRIVE_DISABLE */
+    int64_t requests;       /* those of this pass, which are in the journal */
 } inlet_t;
 
 typedef struct {
@@ -136,6 +151,8 @@ typedef struct {
     int64_t sent, saturated;    /* messages; those with values that did not fit */
     forward_t *forwards;    /* replay: what gateways have made of it, each behind what it is made of */
     int64_t n_forwards;
+    int64_t foreign;        /* 1: commands a drive with a protocol of its own: all values are torques,
+                             * and it is not sent while that drive is disabled */
 } outlet_t;
 
 /* A torque that stays inside the node: guarded in place, right after its component has computed it. */
@@ -219,6 +236,11 @@ typedef struct node {
     int64_t patience_ns, lead_ns;   /* a START whose time has passed waits so long for what is missing */
     int32_t (*joined)(int64_t slot);    /* and its life begins lead_ns later, after this; 0: well */
     epoch_t epoch;
+    const frame_t *disabling, *enabling;    /* of all drives with protocols of their own that it
+                             * commands; enabling: each cleared first. `bus`: its number in the node */
+    int32_t n_disabling, n_enabling;
+    int64_t disabled;       /* 1: it has disabled them, and sends them no torque */
+    int64_t disable_ns;     /* when it does so again */
 } node_t;
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
@@ -231,7 +253,7 @@ typedef struct {
     double scale;
 } row_t;
 
-typedef struct { int64_t held, newest, age_ns, transit_ns; } inlet_row_t;
+typedef struct { int64_t held, newest, age_ns, transit_ns, requests; } inlet_row_t;
 
 /* Begins every row of the journal of what was heard: a sample of the message that is number `message`
  * among the receptions, as its receiver numbered it; then its values, room for the widest message. */
@@ -291,6 +313,13 @@ void node_epoch_answer(node_t *n);
 void node_epoch_heard(node_t *n, const frame_t *frame);
 int64_t node_origin(const node_t *n, int64_t arrival_ns);
 int32_t node_run_of(const node_t *n, int64_t start_ns, int32_t told);
+/* Drives with protocols of their own, behind the torques of a slot. In FAULT (after the ramp) they are
+ * disabled, and again every 100 ms, as a frame may get lost and a supervisor may enable them; ACTIVE
+ * again, cleared and enabled. Returns ROW_DISABLED, ROW_ENABLED or 0. node_disable: now. sequence.c */
+uint32_t node_drives(node_t *n, int64_t now_ns);
+void node_disable(node_t *n, int64_t now_ns);
+/* Whether a frame belongs to a sequence of an emulated drive, which follows it. sequence.c */
+int32_t node_asked(node_t *n, const frame_t *frame);
 /* Before the start, on the wall clock: heartbeats and previews, until START is obeyed. START is held
  * until 100 ms before start_ns and obeyed then, or in the 80 ms after it, as soon as required peers
  * are there, messages that are `awaited` were heard, drives have watchdogs and positions are near each

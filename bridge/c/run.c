@@ -14,6 +14,7 @@ API void node_enable(node_t *n, int64_t now_ns)
         *n->played[i].row = (n->slot + n->played[i].period - 1) / n->played[i].period;
     for (int32_t i = 0; i < n->n_inlets; i++) {
         if (!n->inlets[i].drive) continue;
+        n->inlets[i].asked = 0;
         drive_request(n->inlets[i].drive, DRIVE_POWER_ON, now_ns);
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }

@@ -5,13 +5,14 @@
 
 enum { BOOTS = 4096 /* what a heartbeat can count to */, PASSED_ON = 10, ALARM_NS = 10000000 };
 
-/* Before the start: what this node would send first, so that others can look at it. */
+/* Before the start: what this node would send first, so that others can look at it. A drive with a
+ * protocol of its own is enabled when the node is armed: from then on torque 0 feeds its watchdog. */
 void node_preview(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_outlets; i++) {
         outlet_t *o = n->outlets + i;
-        if (!tells_life(o->message)) continue;
-        for (int32_t k = 0; k < o->width; k++) o->values[k] = n->signals[o->sources[k]];
+        if (!tells_life(o->message) && !(o->foreign && n->life.armed)) continue;
+        for (int32_t k = 0; k < o->width; k++) o->values[k] = o->foreign ? 0.0 : n->signals[o->sources[k]];
         if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
         node_say(o, 0, now_ns);
         o->sent = 0;

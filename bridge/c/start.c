@@ -14,7 +14,7 @@ static int32_t there(const peer_t *peer, int64_t now)
 
 static int32_t heard(const reception_t *r)
 {
-    return r->previewed || r->newest >= 0 || !tells_life(r->message);
+    return r->previewed || r->newest >= 0 || r->of_fault || !tells_life(r->message);
 }
 
 API int32_t node_unheard(const node_t *n, int32_t i)
@@ -167,7 +167,10 @@ int32_t node_wait(node_t *n)
     n->life.state = LIFE_INACTIVE;
     n->alarms = -1;
     for (;;) {
-        if (*(volatile int32_t *)&n->quit) return LIVE_NEVER_STARTED;
+        if (*(volatile int32_t *)&n->quit) {
+            if (n->life.armed) node_disable(n, next);
+            return LIVE_NEVER_STARTED;
+        }
         n->now_ns = 0;
         node_hear(n, n->start_ns ? pace_now() - n->start_ns : INT64_MAX);
         if (n->alarm == ALARM_RAISED) n->life.now |= WHY_ESTOP, n->alarm = ALARM_OURS;
@@ -178,6 +181,7 @@ int32_t node_wait(node_t *n)
             node_preview(n, 0);
             beat = next + BEAT_NS;
         }
+        node_drives(n, next);
         node_host(n, next);
         node_alarm(n, next);
         next += IDLE_NS;

@@ -23,11 +23,14 @@ class Codec:
 
     Header signals (status, time stamp, counter, CRC) are no values. An integer saturates, is
     rounded to the nearest (halves to even), and is the invalid code for what is not finite.
+    `exact`: a frame that this codec would not have written is invalid.
 
     Raises LayoutError for unknown or repeated signals, and for a layout that C cannot do.
     """
 
-    def __init__(self, layout: Layout, signals: Sequence[str] | None = None) -> None:
+    def __init__(
+        self, layout: Layout, signals: Sequence[str] | None = None, *, exact: bool = False
+    ) -> None:
         names = [signal.name for signal in layout.signals] if signals is None else list(signals)
         self.layout = layout
         self.signals = tuple(layout.signal(name) for name in names)
@@ -45,6 +48,7 @@ class Codec:
             n_fields=len(names),
             status=0 if layout.status else -1,
             time=len(header) - 1 if layout.time else -1,
+            exact=exact,
             fields=self._fields,
             header=self._header,
             fill=(c.c_uint8 * 64)(*_fill(layout, self.signals)),

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.can.codec import Codec
 from bridge.can.profiles import Joint, Part, Profile
 from bridge.drives import Drive
-from bridge.native.message import Decoded, Header
+from bridge.native.message import Decoded
 from bridge.native.safety import DriveState, Request
 from bridge.safety import in_si
+from bridge.sequences import REQUESTS
 from cosim.errors import ScenarioError
 
 Array = NDArray[np.float64]
 Raws = list[tuple[int, bytes]]
-_REQUESTS = {"enable": Request.ENABLE, "disable": Request.DISABLE, "clear": Request.CLEAR}
 
 
 @final
@@ -55,7 +55,7 @@ class EmulatedDrive:
             for signal in part.signals
         }
         self._tau, self._fresh = np.zeros(self.joints), False
-        self._reached = dict.fromkeys(_REQUESTS, 0)
+        self._reached = dict.fromkeys(REQUESTS, 0)
         self._counter = 0
         self._beat = None if host is None else profile.host_heartbeat(host)
         self._beat_ns = -1  # of the last heartbeat; its time-out runs from the first one on
@@ -66,7 +66,7 @@ class EmulatedDrive:
 
     def receive(self, identifier: int, data: bytes, now_ns: int) -> Raws:
         """Take a frame; what it is answered by at once (a register read back)."""
-        for name in _REQUESTS:
+        for name in REQUESTS:
             self._follow(name, identifier, data, now_ns)
         if identifier == self._command.layout.identifier:
             self._take(data)
@@ -108,14 +108,11 @@ class EmulatedDrive:
         self._reached[name] += 1
         if self._reached[name] == len(frames):
             self._reached[name] = 0
-            self.drive.request(_REQUESTS[name], now_ns)
+            self.drive.request(REQUESTS[name], now_ns)
 
     def _take(self, data: bytes) -> None:
         result, values, header = self._command.decode(data)
         if result is not Decoded.OK:
-            return
-        again = Header(header.counter, header.status, header.t_us)
-        if self._command.frame(values, again).payload != data:
             return
         if not self.drive.accepts(header.status):
             self.refused += 1

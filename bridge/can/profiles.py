@@ -115,8 +115,11 @@ class Profile:
         return _of_node(self.layouts, part, node, self.path)
 
     def codec(self, part: Part, node: int) -> Codec:
-        """Its codec; values in the order tau, q, dq, in the DBC's units."""
-        return Codec(self.layout(part, node), part.signals)
+        """Its codec; values in the order tau, q, dq, in the DBC's units.
+
+        Of a command no other frame is one: other bits ask for more than torque.
+        """
+        return Codec(self.layout(part, node), part.signals, exact=part is self.command)
 
     def conversion(
         self, part: Part, signal: str, joint: Joint | None = None

@@ -97,6 +97,7 @@ class Message(c.Structure):
         ("n_fields", c.c_int32),
         ("status", c.c_int32),
         ("time", c.c_int32),
+        ("exact", c.c_int32),
         ("fields", c.POINTER(Field)),
         ("header", c.POINTER(Field)),
         ("fill", c.c_uint8 * 64),

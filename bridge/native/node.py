@@ -14,7 +14,8 @@ from bridge.native.library import library
 from bridge.native.pace import Histogram
 
 WALL, SIMULATED, REPLAY = 1, 2, 3
-BURST = 1  # flag of a row: a missed slot, done late
+#: Flags of a row: a missed slot, done late; a component failed; its drives were disabled, enabled.
+BURST, FAILED, DISABLED, ENABLED = 1, 2, 4, 8
 JOINTS = 32  # the most a guard can have
 RAISED = 1  # of `alarm`: emergency stop
 UNKNOWN, THERE = 0, 1  # a sample in a replay
@@ -74,7 +75,7 @@ class Reception(c.Structure):
         ("accept_simulated", c.c_int32),
         ("previewed", c.c_int32),
         ("awaited", c.c_int32),
-        ("reserved", c.c_int32),
+        ("of_fault", c.c_int32),
         ("transit_ns", c.c_int64),
         ("history", c.POINTER(History)),
         ("sender", c.c_int32),
@@ -94,6 +95,18 @@ class Apart(c.Structure):
         ("count", c.c_int32),
         ("reserved", c.c_int32),
         ("within", c.c_double),
+    )
+
+
+class Sequence(c.Structure):
+    """``sequence_t``."""
+
+    _fields_ = (
+        ("frames", c.POINTER(Frame)),
+        ("count", c.c_int32),
+        ("reached", c.c_int32),
+        ("request", c.c_int32),
+        ("reserved", c.c_int32),
     )
 
 
@@ -126,6 +139,10 @@ class Inlet(c.Structure):
         ("reserved", c.c_int32),
         ("link_age", c.c_int64),
         ("later", c.c_int64),
+        ("sequences", c.POINTER(Sequence)),
+        ("n_sequences", c.c_int32),
+        ("asked", c.c_uint32),
+        ("requests", c.c_int64),
     )
 
 
@@ -154,6 +171,7 @@ class Outlet(c.Structure):
         ("saturated", c.c_int64),
         ("forwards", c.POINTER(Forward)),
         ("n_forwards", c.c_int64),
+        ("foreign", c.c_int64),
     )
 
 
@@ -277,6 +295,12 @@ class Node(c.Structure):
         ("lead_ns", c.c_int64),
         ("joined", Joined),
         ("epoch", Epoch),
+        ("disabling", c.POINTER(Frame)),
+        ("enabling", c.POINTER(Frame)),
+        ("n_disabling", c.c_int32),
+        ("n_enabling", c.c_int32),
+        ("disabled", c.c_int64),
+        ("disable_ns", c.c_int64),
     )
 
 

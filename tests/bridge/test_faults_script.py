@@ -249,7 +249,7 @@ def test_there_is_a_script_of_every_kind():
     campaign = load_campaign(FOLDER / "campaign.toml")
     here = {kind for kind in SPECS if not kind.startswith("net-")}  # those need hosts: cosim soak
     assert {run.script.removesuffix(".toml") for run, _ in campaign.runs} == here
-    others = {"campaign.toml", "many.toml", "soak.toml", "soak-can.toml"}
+    others = {"campaign.toml", "many.toml", "soak.toml", "soak-can.toml", "soak-mixed.toml"}
     files = {p.name for p in FOLDER.glob("*.toml")} - others
     assert {run.script for run, _ in campaign.runs} == files
     assert campaign.scenario.resolve().is_file()

@@ -15,6 +15,7 @@ from bridge.system import load_system
 from bridge.wiring import Wired
 from cosim.clock import monotonic_ns, sleep, stopwatch
 from tests.bridge.deployments import TELEOPERATION, named
+from tests.bridge.slots import Slots
 
 STEP = "run.step='5 ms'"
 
@@ -103,6 +104,19 @@ def test_who_has_finished_is_not_missed(master):
     assert hearing.silent(master.wired)
     master.wired.peers["slave"].state = State.FINISHED
     assert hearing.silent(master.wired) == []
+
+
+def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_path):
+    with Slots(named("can", STEP, "run.stop=2"), "master", tmp_path) as slots:
+        slots.begin()
+        assert hearing.unheard(slots.wired) == ["LINK_2 from master_control"]
+        codec = slots.system.messages["LINK_2"].encoding
+        for k in range(60):
+            header = Header(counter=k, status=State.FAULT | Status.SIMULATED, t_us=k * 5000 + 500)
+            slots.put("left", codec.frame([0.0] * 4, header), k * 5e-3 + 6e-4)
+            slots.step()
+        assert slots.wired.receivers["LINK_2"].ok > 50
+        assert hearing.unheard(slots.wired) == hearing.never(slots.wired) == []
 
 
 def test_torques_of_a_node_in_fault_are_heard(tmp_path):

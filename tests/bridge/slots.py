@@ -66,9 +66,10 @@ class Slots:
 
         node = (c.c_void_p * 1)(c.addressof(self.struct))
         rates, routes = np.ones(2 * len(self.names)), np.arange(len(self.names), dtype=np.int32)
+        busy = np.zeros(len(self.names), dtype=np.int64)
         result = native.functions().nodes_simulate(
-            *(node, 1, c.cast(SEEN(seen), c.c_void_p), rates.ctypes.data, len(self.names)),
-            *(routes.ctypes.data, len(self.names)),
+            *(node, 1, c.cast(SEEN(seen), c.c_void_p), rates.ctypes.data, busy.ctypes.data),
+            *(routes.ctypes.data, len(self.names), 1 << 62),
         )
         assert result == 0
         return self.wired.journal.rows.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from itertools import pairwise
 
 import pytest
@@ -13,8 +14,18 @@ from bridge.native.safety import DriveState, State
 from cosim.clock import monotonic_ns
 from cosim.errors import ScenarioError
 from tests.bridge.bench import until
-from tests.bridge.deployments import CONFIGS, document, system_of
+from tests.bridge.deployments import CONFIGS, document, named, run_twin, signal, system_of
 from tests.bridge.gates import Gate
+from tests.bridge.rehearsing import (
+    COSIM,
+    NAMESPACE,
+    NODES,
+    ROOT,
+    SCENARIO,
+    Left,
+    environment,
+    possible,
+)
 from tests.bridge.slots import Slots
 
 PROFILE = CONFIGS / "drives" / "cia402.toml"
@@ -147,3 +158,49 @@ def test_a_profile_whose_host_is_not_in_its_dbc_file_is_refused(tmp_path):
     path.write_text(text.replace("cia402.dbc", str(PROFILE.with_name("cia402.dbc"))))
     with pytest.raises(ScenarioError, match="has no message 'BEAT'"):
         load_profile(path)
+
+
+def test_the_deployment_that_comes_with_it_feeds_its_drives(tmp_path):
+    """Each drive follows what is on its bus; CANopen's own reader sees its host operational."""
+    canopen = pytest.importorskip("canopen")
+    reader = canopen.Network()
+    host = reader.add_node(HOST, canopen.objectdictionary.ObjectDictionary())
+    alone = ("run.stop=0.4", "deploy.nodes.master_control.stale={}")
+    with Slots(named("can-cia402", *alone), "master_control", tmp_path) as slots:
+        slots.run()
+        for bus, frame in slots.sent:
+            if bus == "left":
+                reader.notify(frame.id, bytearray(frame.payload), frame.t_ns * 1e-9)
+        drive = EmulatedDrive(load_profile(PROFILE), 11, 1e-3, host=HOST)
+        for identifier, data in drive.profile.frames("enable", 11):
+            drive.receive(identifier, data, 0)
+        assert fed(slots, drive, 0.0, 0.2) == DriveState.ENABLED
+        assert fed(slots, drive, 0.2, 0.4, heartbeats=False) == DriveState.FAULT
+    assert host.nmt.state == "OPERATIONAL"
+
+
+def test_its_twin_is_the_offline_run_but_for_the_resolution_of_its_drives(tmp_path):
+    rows = run_twin(system := named("can-cia402", "run.stop='3 s'"), tmp_path / "drives")
+    ideal = run_twin(named("can", "run.stop='3 s'"), tmp_path / "ideal")
+    found, wanted = (signal(system, r, "master", "master.q")[-1] for r in (rows, ideal))
+    assert found == pytest.approx(wanted, abs=0.02)
+
+
+@pytest.mark.slow
+def test_it_can_be_rehearsed(tmp_path):
+    possible()
+    calm = [f"deploy.nodes.{node}.overrun='400 ms'" for node in NODES]
+    calm += [f"deploy.nodes.{node}.drive.watchdog='400 ms'" for node in NODES[:2]]
+    calm += [
+        f'deploy.nodes.{n}.stale={{"{n}.q"={{stop="400 ms"}},"{n}.xi_in"={{age="age[0]"}}}}'
+        for n in NODES[2:]
+    ]
+    sets = [word for s in ("run.stop=1", 'run.step="5 ms"', *calm) for word in ("--set", s)]
+    words = ("rehearse", SCENARIO, "--deploy", "can-cia402", "-i", "udp_multicast", "--no-plot")
+    done = subprocess.run(
+        [*NAMESPACE, *COSIM, *map(str, words), "--no-twin", "--out", str(tmp_path / "run"), *sets],
+        capture_output=True, text=True, cwd=ROOT, env=environment(), timeout=120,
+    )  # fmt: skip
+    assert done.returncode in (0, 3), done.stdout + done.stderr  # 3: the machine was too slow
+    left = Left(tmp_path / "run")
+    assert left.exact() and {left.end(node) for node in NODES} == {"finished"}

@@ -161,7 +161,9 @@ def _new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
     except OSError as error:
         if error.errno == errno.ENOSPC:
             path.unlink(missing_ok=True)
-        raise JournalError(f"{path}: no journal of {size} bytes: {error.strerror}") from error
+        failure = JournalError(f"{path}: no journal of {size} bytes: {error.strerror}")
+        failure.exit_code = 1  # nothing is wrong with what was asked for
+        raise failure from error
 
 
 def _mapped(descriptor: int, size: int) -> tuple[mmap.mmap, int]:

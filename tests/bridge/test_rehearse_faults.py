@@ -159,12 +159,12 @@ def all_gone(facts):
         time.sleep(0.05)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ramps_down_and_leaves_a_run(tmp_path, number):
     process, facts = started(tmp_path / "run", stop=30.0)
     os.kill(facts["pid"], number)
     process.communicate(timeout=60)
-    assert process.returncode
+    assert process.returncode == 128 + number
     all_gone(facts)
     left = Left(tmp_path / "run")
     assert left.exact()

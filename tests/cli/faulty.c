@@ -51,6 +51,8 @@ static int fails(void)
     return 0;
 }
 
+long fault_calls(void) { return __atomic_load_n(&calls, __ATOMIC_SEQ_CST); }
+
 __attribute__((destructor)) static void count(void)
 {
     const char *path = getenv("FAULT_COUNT");
@@ -116,6 +118,14 @@ ssize_t write(int fd, const void *data, size_t size)
     }
 TRUNCATE(ftruncate)
 TRUNCATE(ftruncate64)
+#define SHORTEN(name) \
+    int name(const char *path, off_t size) \
+    { \
+        REAL(name); \
+        return concerned(path) && fails() ? -1 : real(path, size); \
+    }
+SHORTEN(truncate)
+SHORTEN(truncate64)
 #define ALLOCATE(name) \
     int name(int fd, off_t from, off_t size) \
     { \

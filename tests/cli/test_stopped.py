@@ -197,3 +197,32 @@ def test_a_signal_keeps_what_was_recorded(
     assert all(np.isfinite(result.column(name)).all() for name in result.names)
     assert result.metadata["error"].startswith("Interrupted: interrupted at t = ")
     assert result.metadata["status"] == "stopped"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_sweep_after_the_runs_under_way(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    (tmp_path / "study.toml").write_text(
+        f'scenario = "{CONFIG}"\n[vary.seed]\npaths = ["run.seed"]\nvalues = {list(range(2000))}\n',
+        encoding="utf-8",
+    )
+    words = ("sweep", "study.toml", "--workers", "threads", "--jobs", "1", "--out", "here")
+    process = started(*words, cwd=tmp_path)
+    try:
+        while process.poll() is None and not any(_sizes(tmp_path / "here")):
+            sleep(0.05)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 128 + number, said
+    assert "stopping: waiting for the runs that are under way" in said
+    done = int(said.split("interrupted; ")[1].split()[0])
+    assert 0 < done < 2000
+    assert f"interrupted; {done} runs more are in here, --resume goes on" in said
+
+
+def _sizes(folder: Path) -> list[int]:
+    """Of what a sweep has stored."""
+    return [path.stat().st_size for path in folder.glob("*.jsonl")]

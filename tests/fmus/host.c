@@ -53,7 +53,7 @@ static size_t reals2(fmi2ValueReference vr[]) {
 
 static fmi2Component new2(void) {
     static const fmi2CallbackFunctions callbacks = {listen2, calloc, free, NULL, NULL};
-    fmi2Component c = fmi2Instantiate("host", fmi2CoSimulation, INSTANTIATION_TOKEN, NULL,
+    fmi2Component c = fmi2Instantiate("host", fmi2CoSimulation, declared.token, NULL,
                                       &callbacks, fmi2False, fmi2True);
     EXPECT(c != NULL);
     return c;
@@ -148,7 +148,7 @@ static void wrong2(void) {
 
 static fmi3Instance new3(void) {
     fmi3Instance x =
-        fmi3InstantiateCoSimulation("host", INSTANTIATION_TOKEN, NULL, fmi3False, fmi3True,
+        fmi3InstantiateCoSimulation("host", declared.token, NULL, fmi3False, fmi3True,
                                     fmi3False, fmi3True, NULL, 0, NULL, listen3, NULL);
     EXPECT(x != NULL);
     return x;

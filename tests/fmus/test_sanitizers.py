@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from fmus.model import Model
-from fmus.models import planar2r, teleoperation
+from fmus.model import Model, clocked
+from fmus.models import planar2r, teleoperation, xi
 from fmus.source import c_files, sources
 
 HOST = Path(__file__).with_name("host.c")
@@ -38,7 +38,7 @@ def sanitized() -> tuple[str, ...]:
     return (sys.executable, "-m", "ziglang", "cc", "-fsanitize=undefined", "-fsanitize-trap=all")
 
 
-MODELS = (planar2r.model(), teleoperation.model(2))
+MODELS = (planar2r.model(), teleoperation.model(2), clocked(xi.model(), 1e-3))
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.identifier)

@@ -87,13 +87,19 @@ def _refusal(wired: Wired) -> Mapping[str, Any]:
 
 
 @contextmanager
-def watched(wired: Wired, say: Say, ready: Callable[[], Mapping[str, Any]]) -> Iterator[None]:
+def watched(
+    wired: Wired,
+    say: Say,
+    ready: Callable[[], Mapping[str, Any]],
+    measured: Callable[[], bool] = lambda: False,
+) -> Iterator[None]:
     """Say, from a thread, what a node's supervisor has to know while C runs the node.
 
     ``ready`` once it has heard all it needs (`ready` gives the event), ``waiting`` with what is
     missing until then, ``refused`` each time it refuses ARM or START, ``joined`` with the time t
     (s) where it begins in the middle of a run, ``unshared`` where it hears of a run on a host whose
-    clock it does not share, ``deaf`` when it hears something no more.
+    clock it does not share and `measured` does not find its t = 0 otherwise, ``deaf`` when it hears
+    something no more.
     """
     ended = threading.Event()
 
@@ -119,7 +125,8 @@ def watched(wired: Wired, say: Say, ready: Callable[[], Mapping[str, Any]]) -> I
                     say({"event": "joined", "t": struct.first * struct.h})
             if struct.epoch.unshared and not unshared:
                 unshared = True
-                say({"event": "unshared"})
+                if not measured():
+                    say({"event": "unshared"})
             if struct.begun and not deaf and (lost := silent(wired)):
                 deaf = True
                 say({"event": "deaf", "to": lost})

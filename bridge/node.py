@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge import lockstep
-from bridge.attach import announce, answer, attached
+from bridge.attach import announce, answer, attached, joined
 from bridge.can.interface import Attachment
 from bridge.clocks import host_clock
 from bridge.control import Control, Say, listen_to, signals
@@ -151,7 +151,11 @@ def _configured(
 
         thread = threading.Thread(target=listen, args=(control,), name="control", daemon=True)
         thread.start()
-        with watched(wired, say, ready):
+
+        def measured() -> bool:
+            return options.alone and joined(wired, buses, control)
+
+        with watched(wired, say, ready, measured):
             result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
         return _kept(options, stated(wired, buses, options, result, facts, warning, faults))

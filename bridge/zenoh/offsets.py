@@ -7,6 +7,7 @@ offset of its date from ours, known to within half of its round trip.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from bridge.system import System
 from bridge.zenoh.names import Names, names_of
 from bridge.zenoh.presence import present_now
 from bridge.zenoh.remote import ask, say
-from cosim.clock import realtime_ns
+from cosim.clock import monotonic_ns, realtime_ns
 from cosim.errors import RunError
 
 #: s; a receiver believes no sample that is further ahead of its time, nor a period ahead.
@@ -134,3 +135,20 @@ def say_epoch(session: zenoh.Session, system: System, bus: str) -> list[str]:
         said = values(new_run(origin), ours.number, ours.kept, origin)
         say(session, names.shared("epoch"), epoch, said)
     return warnings
+
+
+def measured_origin(session: zenoh.Session, names: Names, system: System) -> tuple[int, int] | None:
+    """The run that goes on, by clocks that were measured: its number, t = 0 on CLOCK_MONOTONIC, ns.
+
+    For a host whose date is not shared. None: nobody runs, or no offset is known well enough.
+    """
+    ours, found = host_clock(), []
+    for node in sorted(present_now(session, names) & set(system.nodes)):
+        with suppress(RunError):  # one that has gone answers no more
+            found.append(measure(session, names, node, ours))
+    running = [o for o in found if o.running]
+    best = min(running, key=lambda o: o.bound, default=None)
+    if best is None or best.bound > bearable(system):
+        return None
+    date = int(best.said["origin_ns"]) - round(best.seconds * 1e9)
+    return int(best.said["run"]), date - realtime_ns() + monotonic_ns()

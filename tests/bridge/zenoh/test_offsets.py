@@ -8,7 +8,8 @@ from bridge.clocks import HostClock
 from bridge.system import load_system
 from bridge.zenoh import offsets
 from bridge.zenoh.names import Names
-from bridge.zenoh.offsets import Offset, bearable, judge, lead, measure
+from bridge.zenoh.offsets import Offset, bearable, judge, lead, measure, measured_origin
+from cosim.clock import monotonic_ns, realtime_ns
 from cosim.errors import RunError
 from tests.bridge.zenoh.rehearsed import CONFIGS
 
@@ -76,3 +77,21 @@ def test_what_is_made_of_an_offset():
 def test_a_start_has_time_to_reach_the_slowest():
     assert lead([]) == 0.5
     assert lead([offset(0.0, 0.1), offset(0.0, 0.3)]) == pytest.approx(1.7)
+
+
+@pytest.mark.parametrize(("bound", "running"), [(0.001, True), (0.001, False), (0.1, True)])
+def test_the_origin_of_a_run_is_measured_where_it_is_known_well_enough(
+    monkeypatch: pytest.MonkeyPatch, bound: float, running: bool
+):
+    """t = 0 was 10 s ago, by a clock that is 100 s ahead."""
+    said = {"running": running, "run": 9, "origin_ns": realtime_ns() + 90_000_000_000}
+    there = Offset("slave", 100.0, bound, same=False, shared=False, said=said)
+    monkeypatch.setattr(offsets, "present_now", lambda *_: frozenset({"slave", "operator"}))
+    monkeypatch.setattr(offsets, "measure", lambda *_: there)
+    system = load_system(CONFIGS / "teleoperation.toml", "zenoh")
+    found = measured_origin(None, Names("x"), system)  # type: ignore[arg-type]
+    if bound < 0.005 and running:
+        assert found is not None and found[0] == 9
+        assert abs(found[1] - (monotonic_ns() - 10_000_000_000)) < 1_000_000_000
+    else:
+        assert found is None

@@ -1,0 +1,186 @@
+"""A node that is killed and started again by hand, with `cosim node`: it goes on in the run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge import replay
+from bridge.lives import ByLife, Life
+from bridge.relay.network import Network
+from bridge.system import load_system
+from tests.network.hosts import ARMS, Case, Site, settings
+
+SCENARIO = Path(__file__).parents[2] / "configs" / "teleoperation.toml"
+COSIM = "from cosim.cli import main; main()"
+BOOT_ID = "/proc/sys/kernel/random/boot_id"
+#: Two arms on one CAN bus, each with its controller in one node, that send xi to each other.
+CAN = """
+[buses.net]
+interface = "udp_multicast"
+dbc = "{dbc}"
+channel = "239.74.163.9"
+
+[nodes.master]
+number = 1
+components = ["master", "master_control"]
+overrun = "20 s"
+
+[nodes.slave]
+number = 2
+components = ["slave", "slave_control"]
+overrun = "20 s"
+
+[messages.LINK_1]
+bus = "net"
+carries = ["master_control.xi"]
+
+[messages.LINK_2]
+bus = "net"
+carries = ["slave_control.xi"]
+"""
+pytestmark = [pytest.mark.slow, pytest.mark.live]
+
+
+class ByHand:
+    """Nodes in namespaces, each started by ``cosim node`` in a folder of its own."""
+
+    def __init__(self, network: Network, words: Sequence[str], folder: Path) -> None:
+        self.network, self.words, self.folder = network, words, folder
+        self.nodes: list[subprocess.Popen[str]] = []
+
+    def node(self, host: str, name: str, folder: str, boot_id: str = "") -> subprocess.Popen[str]:
+        """Start a node; `boot_id`: what its host claims to be."""
+        words = ["node", str(SCENARIO), "--node", name, "--out", str(self.folder / folder)]
+        call = [sys.executable, "-c", COSIM, *words, *self.words]
+        if boot_id:
+            (claimed := self.folder / "boot_id").write_text(boot_id)
+            mounts = f'mount --bind "{claimed}" {BOOT_ID} && exec "$@"'
+            call = ["unshare", "-m", "sh", "-c", mounts, "sh", *call]
+        with self.network.inside(host):
+            node = subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
+        self.nodes.append(node)
+        return node
+
+    def tell(self, host: str, what: str) -> None:
+        with self.network.inside(host):
+            call = [sys.executable, "-c", COSIM, "tell", str(SCENARIO), what, *self.words]
+            subprocess.run(call, check=True, timeout=60.0)
+
+    def end(self) -> None:
+        for node in self.nodes:
+            node.kill()
+            node.wait()
+
+
+def line(node: subprocess.Popen[str], text: str) -> str:
+    """The first line a node says with this in it."""
+    assert node.stdout is not None
+    found = [*lines(node, text)]
+    assert found and text in found[-1], found
+    return found[-1]
+
+
+def lines(node: subprocess.Popen[str], text: str) -> Iterator[str]:
+    for said in iter(node.stdout.readline, ""):  # type: ignore[union-attr]
+        yield said
+        if text in said:
+            return
+
+
+def report(folder: Path, name: str) -> dict[str, Any]:
+    return json.loads((folder / "nodes" / f"{name}.json").read_text())
+
+
+def rejoins(hand: ByHand, changes: Sequence[str], deployment: str, boot_id: str = "") -> None:
+    """Both start, the slave is killed and started again; then everything is asked."""
+    hosts = ARMS if deployment == "zenoh" else ("master", "master")
+    master = hand.node(hosts[0], "master", "master", "")
+    slave = hand.node(hosts[1], "slave", "slave", boot_id)
+    for node in (master, slave):
+        line(node, "ready, waiting for NMT start")
+    if deployment == "zenoh":
+        hand.tell("master", "start")
+    else:
+        start(hand.network)
+    threading.Event().wait(2.0)
+    slave.kill()
+    slave.wait()
+    again = hand.node(hosts[1], "slave", "again", boot_id)
+    assert "joins the run at t = " in line(again, "joins the run")
+    for node in (master, again):
+        node.communicate(timeout=120.0)
+        assert node.returncode == 0
+    first, second = report(hand.folder / "master", "master"), report(hand.folder / "again", "slave")
+    assert second["first_slot"] > 2000 and second["end"] == "finished"
+    assert abs(second["start_ns"] - first["start_ns"]) < 50e6  # clocks of two hosts, measured
+    assert second["run"] == first["run"]
+    for counts in (*first["messages"].values(), *second["messages"].values()):
+        assert counts["ok"] > 1000
+        assert counts["stale"] == 0
+        assert counts["wrong_sequence"] + counts["resyncs"] < 20  # before its heartbeat was heard
+    replayed(hand, changes, deployment)
+
+
+def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> None:
+    """Three lives in three folders; the killed one's file ends where it was killed."""
+    system = load_system(SCENARIO, deployment, changes)
+    of = {Life("master"): "master", Life("slave"): "slave", Life("slave", 2): "again"}
+    rows, heard = (
+        ByLife({x: read(hand.folder / f / "nodes")[Life(x.node)] for x, f in of.items()})
+        for read in (replay.load, replay.heard_of)
+    )
+    slots = np.concatenate([rows[Life("slave")]["slot"], rows[Life("slave", 2)]["slot"]])
+    assert (np.diff(slots) > 0).all() and slots[-1] == rows[Life("master")]["slot"][-1]
+    found = replay.replay(system, rows, heard, hand.folder)
+    assert (found.greatest, found.first, found.alone) == (0.0, None, ())
+
+
+def start(network: Network) -> None:
+    """A plain NMT start from a stranger."""
+    said = (
+        "import can\n"
+        "with can.Bus('239.74.163.9', interface='udp_multicast', fd=True) as bus:\n"
+        "    bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))\n"
+    )
+    with network.inside("master"):
+        subprocess.run([sys.executable, "-c", said], check=True, timeout=30.0)
+
+
+@pytest.mark.parametrize("boot_id", ["", "11111111-2222-3333-4444-555555555555"])
+def test_over_zenoh_on_two_hosts(tmp_path: Path, boot_id: str) -> None:
+    """Its clock is the master's, or one that is measured: nobody keeps the date of either."""
+    with ExitStack() as stack:
+        network = stack.enter_context(Network(ARMS, tmp_path / "packets"))
+        site = settings(Case(40.0), Site(network, None))
+        changes = ['run.stop="40 s"', "deploy.silence=0", *site]
+        changes += [f'deploy.nodes.{arm}.overrun="20 s"' for arm in ARMS]
+        said = ["--deploy", "zenoh", *(w for change in changes for w in ("--set", change))]
+        hand = ByHand(network, said, tmp_path)
+        stack.callback(hand.end)
+        rejoins(hand, changes, "zenoh", boot_id)
+
+
+def test_over_can(tmp_path: Path) -> None:
+    """Both on one host; START is a frame without EPOCH before it."""
+    from bridge.relay import namespaces
+
+    deployment = tmp_path / "pair.toml"
+    deployment.write_text(CAN.format(dbc=SCENARIO.parent / "can" / "link_fd2.dbc"))
+    with ExitStack() as stack:
+        network = stack.enter_context(Network(ARMS, tmp_path / "packets"))
+        namespaces.multicast(network.namespaces["master"])
+        changes = ['run.stop="30 s"', "deploy.silence=0"]
+        said = ["--deploy", str(deployment), *(w for x in changes for w in ("--set", x))]
+        hand = ByHand(network, said, tmp_path)
+        stack.callback(hand.end)
+        rejoins(hand, changes, str(deployment))

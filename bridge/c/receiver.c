@@ -52,23 +52,37 @@ static int64_t below(const receiver_t *r, uint32_t counter, int64_t top)
     return k < 0 ? k + turn(r) : k;
 }
 
-/* By the time stamp, which is the nominal time of the sample in us: the number whose low bits are
- * the counter and whose time is that of the stamp, a turn of the stamp back and back again if need
- * be. A stamp that is no nominal time (somebody else's sender) gives the nearest number with that
- * counter. *time: of the stamp, ns. */
-static int64_t stamped(const receiver_t *r, const header_t *header, int64_t t, int64_t *time)
+/* The number whose low bits are the counter, turned by `shift`, and whose nominal time is that of the
+ * stamp `newest` (us) or of a turn of the stamp before it; -1: there is none. *time: its time, ns. */
+static int64_t matching(const receiver_t *r, uint32_t counter, int64_t shift, int64_t newest, int64_t *time)
+{
+    const int64_t span = (int64_t)1 << r->time_bits;
+    for (int32_t n = 0; n < TURNS; n++) {
+        const int64_t stamp = newest - n * span, k = number_at(r, stamp * 1000 + 999);
+        if (k < 0) break;
+        *time = sampled(r, k);
+        if (divided(*time, 1000) == stamp && ((k - counter - shift) & (turn(r) - 1)) == 0) return k;
+    }
+    return -1;
+}
+
+/* By the time stamp, which is the nominal time of the sample in us: the number that counter and stamp
+ * agree on. A stamp that is no nominal time (somebody else's sender) gives the nearest number with that
+ * counter. Where the counter was turned, and WINDOW frames in a row agree without that, it is turned
+ * back: it was turned for frames of somebody else. *time: of the stamp, ns. */
+static int64_t stamped(receiver_t *r, const header_t *header, int64_t t, int64_t *time)
 {
     const int64_t span = (int64_t)1 << r->time_bits, us = divided(t, 1000);
     int64_t newest = ((int64_t)header->t_us - us) & (span - 1);
     newest = us + (newest < span / 4 ? newest : newest - span); /* late rather than early */
-    for (int32_t n = 0; n < TURNS; n++) {
-        const int64_t stamp = newest - n * span;
-        const int64_t k = number_at(r, stamp * 1000 + 999);
-        if (k < 0) break;
-        *time = sampled(r, k);
-        if (divided(*time, 1000) == stamp && ((k - header->counter - r->shift) & (turn(r) - 1)) == 0)
-            return k;
+    int64_t k = matching(r, header->counter, r->shift, newest, time);
+    const int64_t back = k < 0 && r->shift ? matching(r, header->counter, 0, newest, time) : -1;
+    r->unturned = back >= 0 ? r->unturned + 1 : 0;
+    if (r->unturned >= WINDOW) {
+        r->shift = r->unturned = 0;
+        k = back;
     }
+    if (k >= 0) return k;
     *time = newest * 1000;
     return below(r, header->counter, number_at(r, *time + r->period_ns / 2));
 }
@@ -124,13 +138,14 @@ static void see(receiver_t *r, int64_t k)
 }
 
 /* The number with which to go on where enough frames agree, or `why` not. A counter that has begun
- * anew is turned to where time is; the time itself is never moved: what a stamp says is older than
- * what was accepted stays refused, and without a stamp what was only overtaken. */
+ * anew, or is ahead of its stamp, is turned to where time is; the time itself is never moved: what a
+ * stamp says is older than what was accepted stays refused, and without a stamp what was only overtaken. */
 static int64_t resynced(receiver_t *r, int64_t k, int64_t why, int64_t time, int64_t t, int64_t top)
 {
     const int32_t first = r->sequence < 0;
     if (turn(r) == 1 || (r->time_bits <= 0 && !first && !seen(r, k)) || !agreed(r, k, t)) return why;
-    if (!first && (k <= r->sequence || (k > top && r->time_bits <= 0))) {
+    const int32_t ahead = k > top && (r->time_bits <= 0 || sampled(r, k) != time);
+    if (!first && (k <= r->sequence || ahead)) {
         const int64_t at = r->time_bits > 0 ? time : t + lead(r, t);
         const int64_t now = number_at(r, at + r->period_ns / 2);
         if (now <= r->sequence) return why;

@@ -153,7 +153,7 @@ class Receiver(c.Structure):
         ("shift", c.c_int64),
         *((name, c.c_int64) for name in ("trial", "trial_first", "trial_ns")),
         ("tried", c.c_int32),
-        ("reserved", c.c_int32),
+        ("unturned", c.c_int32),
     )
 
     def accept(self, counter: int, t_ns: int, t_us: int = 0) -> int:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.arrow import numpy
 from cosim.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import IntArray
@@ -142,7 +143,7 @@ def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:
     with pq.ParquetFile(path) as file:
         for group in range(file.num_row_groups):
             try:
-                rows = file.read_row_group(group, columns=[COLUMN]).column(0).to_numpy()
+                rows = numpy(file.read_row_group(group, columns=[COLUMN]).column(0), np.int32)
             except (OSError, ValueError) as error:  # pyarrow's errors derive from these
                 text = f"row group {group} cannot be read: {error}"
                 raise ScenarioError(text, str(path)) from None

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.arrow import numpy
 from cosim.errors import RunError, ScenarioError
 from cosim.links.laws import Delays, FloatArray
 
@@ -207,12 +208,9 @@ def _parquet(path: Path) -> tuple[FloatArray, FloatArray]:
         for name in COLUMNS:
             _column(names, name, str(path))
         table = pq.read_table(path, columns=list(COLUMNS))
-        columns = [
-            table.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False) for name in COLUMNS
-        ]
+        t_send, delay = (numpy(table.column(name), np.float64) for name in COLUMNS)
     except (pa.ArrowException, OSError) as error:
         raise ScenarioError(f"this cannot be read as a trace ({error})", str(path)) from None
-    t_send, delay = (np.asarray(column, dtype=np.float64) for column in columns)
     return t_send, delay
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cosim.arrow import arrow
 from cosim.errors import RunError
 from cosim.links.storage import COLUMN, FACTS, GROUP, read_facts, table_groups
 from cosim.links.table import TableSpec
@@ -88,7 +89,7 @@ def _convert(rows: Path, path: Path) -> None:
         ) as writer,
     ):
         for group in table_groups(rows):
-            writer.write_batch(pa.record_batch([pa.array(group)], schema=schema), GROUP)
+            writer.write_batch(pa.record_batch([arrow(group)], schema=schema), GROUP)
     part.replace(path)
 
 

@@ -12,6 +12,7 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.arrow import numpy
 from cosim.errors import CutShort, RunError, ScenarioError
 from cosim.record.folder import TRAJECTORIES, read_metadata, reason
 from cosim.record.recover import goes_on, in_memory, stored_tables, unfinished
@@ -139,7 +140,7 @@ class Run:
         except (OSError, ValueError) as error:
             raise ScenarioError(f"cannot be read: {reason(error)}", str(self.path)) from error
         for name in missing:
-            values = np.asarray(table.column(name).to_numpy(), dtype=np.float64)
+            values = numpy(table.column(name), np.float64)
             values.flags.writeable = False
             self._cache[name] = values
 

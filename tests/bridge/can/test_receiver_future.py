@@ -149,3 +149,33 @@ def test_without_a_counter_a_sample_a_period_and_never_a_later_one():
         found = r.accept(0, t)
         assert found < 0 or found <= n // 50 + 1
     assert r.repeated > 4700
+
+
+@pytest.mark.parametrize("profile", [Profile.P02, Profile.P05, Profile.P04])
+@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("turned", [-9, 1, 5])
+def test_numbers_are_right_again_when_somebody_else_has_turned_the_counter(profile, bits, turned):
+    """A flood had other counters with the true stamps; the true sender alone is heard again."""
+    r, turn = receiver(PERIOD, profile, OFFSET, bits), 2**profile.counter_bits
+    heard = []
+    for k in range(1000, 1200):
+        t = k * PERIOD + OFFSET + 300_000
+        counter = k + turned if 1050 <= k < 1100 else k
+        heard.append(r.accept(counter % turn, t, stamp(k, bits)))
+    assert heard[:50] == list(range(1000, 1050))
+    # Stamps are believed, not the counter; a period ahead is within what clocks may be.
+    assert set(np.array(heard[60:100]) - np.arange(1060, 1100)) <= ({0, 1} if turned == 1 else {0})
+    assert heard[102:] == list(range(1102, 1200))
+    assert r.shift == 0
+
+
+def test_one_frame_does_not_turn_a_counter_back():
+    """Of a sender that counts otherwise than its stamps, and a forged frame now and then."""
+    r = receiver(PERIOD, Profile.P04, OFFSET, 32)
+    heard = []
+    for k in range(1000, 1200):
+        t = k * PERIOD + OFFSET + 300_000
+        if k > 1100 and k % 10 == 5:
+            r.accept(k + 1, t - PERIOD // 3, stamp(k + 1, 32))
+        heard.append(r.accept(k if k < 1050 else k - 1050, t, stamp(k, 32)))
+    assert heard[52:] == list(range(1052, 1200))

@@ -77,6 +77,9 @@ def _of_frames(fault: FrameFault, every: Sequence[FrameFault], shown: Shown) -> 
             listened = shown.system.listened(node)
             for name, there in _hit(record, fault, shown.system, node).items():
                 rows = _effective(record[there], fault)
+                span = shown.span(life, fault.t0, fault.t1 + fault.b)
+                if SIGNS[fault.kind] == ("age",) and not shown.arrives(life, name, *span):
+                    rows = rows[:0]  # of a gateway: nobody was there who would know how old it is
                 alike = [f for f in every if _counted_as(fault, f, node)]
                 alike = [f for f in alike if name in {one.name for one in f.about(listened)}]
                 total = sum(len(_effective(record[there], f)) for f in alike)
@@ -137,7 +140,8 @@ def _frame_signs(
     found = shown.counted(life, message, counters, total) if counters else ()
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
-        found = (*found, *shown.age(life, message, fault.t0, fault.t1 + fault.b, least))
+        span = shown.span(life, fault.t0, fault.t1 + fault.b)
+        found = (*found, *shown.age(life, message, *span, least))
     return found
 
 

@@ -132,11 +132,12 @@ class _Note(Record, frozen=True, kw_only=True, tag_field="kind"):
 
 
 class Done(_Note, frozen=True, kw_only=True, tag="done"):
-    """An event of a fault script was carried out; `index`: of its table."""
+    """An event of a fault script was carried out; `index`: of its table, `by`: s, of a clock."""
 
     action: Action
     target: str
     index: int = -1
+    by: float = 0.0
 
     def words(self) -> str:
         """``kill slave``."""
@@ -213,7 +214,7 @@ def noted(what: str | Event, t: float) -> Note:
     """Of something done to a rehearsal at `t` (s)."""
     if isinstance(what, str):
         return Remark(t=t, remark=what)
-    return Done(t=t, action=what.action, target=what.target, index=what.index)
+    return Done(t=t, action=what.action, target=what.target, index=what.index, by=what.by)
 
 
 def refusal(reasons: Sequence[str], armed: bool, missing: Sequence[str] = ()) -> str:

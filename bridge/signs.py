@@ -18,7 +18,7 @@ from bridge.journal import Journal
 from bridge.lives import Life, frame_files, lives_of
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
-from bridge.records import End, Note, Statement
+from bridge.records import Done, End, Note, Statement
 from bridge.report import NodeReport
 from bridge.surplus import surpluses
 from bridge.system import System
@@ -220,6 +220,13 @@ class Shown:
             ran |= (t >= slots[0]) & (t <= slots[-1])
         return ran
 
+    def arrives(self, life: Life, message: str, t0: float, t1: float) -> bool:
+        """Whether somebody with slots in this time has it as an input: then its age can be seen."""
+        return any(
+            self._indices(place, name) and ((self._t(place) >= t0) & (self._t(place) <= t1)).any()
+            for place, name in self._ends(life, message)
+        )
+
     def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
         """Lives of a node with slots from before this time until after it."""
         return [x for x in self.lives(node) if self._t(x)[0] <= t0 and self._t(x)[-1] >= t1]
@@ -235,9 +242,23 @@ class Shown:
                     for other in self.lives(node):
                         yield from self._ends(other, name)
 
-    def _t(self, life: Life) -> NDArray[np.float64]:
+    def span(self, life: Life, t0: float, t1: float) -> tuple[float, float]:
+        """Two times of a life's own clock, by which frames meet faults, on the clock of the run."""
+        low, high = np.interp([t0, t1], self._own(life), self._t(life)).tolist()
+        return low, high
+
+    def _own(self, life: Life) -> NDArray[np.float64]:
         h = self.system.nodes[life.node].h
         return np.asarray(self.rows[life]["slot"] * h, dtype=np.float64)
+
+    def _t(self, life: Life) -> NDArray[np.float64]:
+        """When each slot was due, (rows,), s, by the clock of the run, although its own was set."""
+        t = self._own(life)
+        for note in (n for n in self.notes if isinstance(n, Done)):
+            if (note.action, note.target) == ("clock-jump", life.node) and t[0] <= note.t <= t[-1]:
+                after = t >= note.t + max(note.by, 0.0)
+                t = np.where(after, t - note.by, np.minimum(t, note.t))
+        return t
 
     def _inlets(self, life: Life, message: str) -> Iterator[tuple[NDArray[np.float64], Rows]]:
         for i in self._indices(life, message):

@@ -51,9 +51,9 @@ def injected(system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0, 
 AGAIN = Life("slave", 2)
 
 
-def done(t, action, target="slave"):
+def done(t, action, target="slave", by=0.0):
     """What a rehearsal notes when an event of a script was carried out."""
-    return Done(t=t, action=action, target=target)
+    return Done(t=t, action=action, target=target, by=by)
 
 
 def drop(**more):
@@ -228,6 +228,25 @@ def test_a_link_is_silent_from_when_the_last_packet_on_its_way_has_come(system, 
     assert find(given, run, network)[0].verdict == "seen"
     rows["left_ns"][:20] = rows["t_ns"][:20]
     assert find(given, run, network)[0].verdict == "unseen"
+
+
+@pytest.mark.parametrize("by", [0.0, 0.35, -0.35])
+def test_the_times_of_a_node_whose_clock_was_set_are_those_of_the_run(system, tmp_path, by):
+    """The network is down from 2 s to 2.3 s; who hears nothing says so by a clock of its own."""
+    notes = [done(1.0, "clock-jump", "master", by), done(2.0, "net-down", "slave>master")]
+    run = shown(system, tmp_path, notes=notes)
+    first = round((2.0 + by) / 0.005)
+    run.rows[Life("master")]["inlets"]["newest"][first : first + 60, 0] = first - 1
+    given = script({"kind": "net-down", "link": "slave>master", "at": 2, "for": 0.3})
+    assert find(given, run, packets(60, lost=60))[0].verdict == "seen"
+
+
+def test_a_frame_fault_is_looked_for_by_the_clock_of_the_node_that_met_it(system, tmp_path):
+    injected(system, tmp_path, 20, native.DELAY, wait=0.3)
+    given = script(drop(kind="delay", by=0.3, **{"from": 2, "to": 2.1}))
+    run = shown(system, tmp_path, notes=[done(1.0, "clock-jump", "master", 0.35)])
+    run.rows["master"]["inlets"]["transit_ns"][402:406, 0] = 301_000_000  # 2.01 s of its own
+    assert find(given, run)[0].verdict == "seen"
 
 
 def test_packets_of_a_sender_that_does_not_run_carry_no_sample(system, tmp_path):

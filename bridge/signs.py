@@ -21,7 +21,7 @@ from bridge.native.frame import Flags
 from bridge.records import Done, End, Note, Statement
 from bridge.report import NodeReport
 from bridge.surplus import surpluses
-from bridge.system import System
+from bridge.system import Carried, System
 from bridge.wiring import HEARD, Rows
 
 #: What a report has to show of each kind, one of these at least: counters of receivers, or signs.
@@ -135,7 +135,7 @@ class Shown:
         for place, name in self._ends(life, message):
             for t, rows in self._inlets(place, name):
                 heard = rows["newest"] >= 0
-                taken = rows["transit_ns"] * 1e-9
+                taken = rows["transit_ns"] * 1e-9 + self._apart(place, name, rows)
                 during = taken[heard & (t >= t0) & (t <= t1 + AFTER)]
                 before = taken[heard & (t >= t0 - BEFORE) & (t < t0)]
                 if len(during):  # before it they arrive before they are sent: clocks differ
@@ -211,11 +211,8 @@ class Shown:
 
     def sends(self, message: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
         """At which times, (n,), the first sender of a message ran: else it sent previews."""
-        carried = self.system.messages[message]
-        while carried.forward is not None:
-            carried = self.system.messages[carried.forward.of]
         ran = np.zeros(len(t), dtype=np.bool_)
-        for life in self.lives(carried.node):
+        for life in self.lives(self._sender(message).node):
             slots = self._t(life)
             ran |= (t >= slots[0]) & (t <= slots[-1])
         return ran
@@ -230,6 +227,31 @@ class Shown:
     def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
         """Lives of a node with slots from before this time until after it."""
         return [x for x in self.lives(node) if self._t(x)[0] <= t0 and self._t(x)[-1] >= t1]
+
+    def _sender(self, message: str) -> Carried:
+        """The message as its first sender gives it, where gateways forward it."""
+        carried = self.system.messages[message]
+        while carried.forward is not None:
+            carried = self.system.messages[carried.forward.of]
+        return carried
+
+    def _apart(self, life: Life, message: str, rows: Rows) -> NDArray[np.float64]:
+        """By how much clocks that were set make each newest sample of an inlet look younger, s.
+
+        The samples a sender catches up with when its clock is set forward are sent at once.
+        """
+        carried = self._sender(message)
+        sampled = (rows["newest"] * carried.period_ns + carried.offset_ns) * 1e-9
+        arrived = sampled + rows["transit_ns"] * 1e-9
+        found = np.zeros(len(rows))
+        for note in (n for n in self.notes if isinstance(n, Done) and n.action == "clock-jump"):
+            if note.target == carried.node:
+                passed = sampled - note.t
+                ahead = np.clip(passed, 0.0, note.by) if note.by > 0 else note.by * (passed >= 0)
+                found += ahead
+            if note.target == life.node:
+                found -= note.by * (arrived >= note.t + max(note.by, 0.0))
+        return found
 
     def _ends(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
         """Where a message goes from here: to this life's inputs, and over what it forwards."""

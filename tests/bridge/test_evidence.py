@@ -241,6 +241,25 @@ def test_the_times_of_a_node_whose_clock_was_set_are_those_of_the_run(system, tm
     assert find(given, run, packets(60, lost=60))[0].verdict == "seen"
 
 
+@pytest.mark.parametrize(
+    ("target", "transit", "verdict"),
+    [("slave", -0.14, "seen"), ("slave", -0.30, "unseen"), ("master", 0.36, "unseen"),
+     ("master", 0.55, "seen"), ("nobody", -0.14, "unseen")],
+)  # fmt: skip
+def test_an_age_is_that_of_clocks_that_were_not_set(system, tmp_path, target, transit, verdict):
+    """The network holds up samples by 0.2 s, and a clock is ahead by 0.35 s."""
+    notes = [done(1.0, "clock-jump", target, 0.35), done(2.5, "net-delay", "slave>master")]
+    run = shown(system, tmp_path, notes=notes)
+    undisturbed = {"slave": -349_000_000, "master": 351_000_000, "nobody": 1_000_000}[target]
+    run.rows["master"]["inlets"]["transit_ns"][:, 0] = undisturbed
+    run.rows["master"]["inlets"]["transit_ns"][500:700, 0] = round(transit * 1e9)
+    given = script({"kind": "net-delay", "link": "slave>master", "at": 2.5, "for": 1, "by": 0.2})
+    network = packets(300, delay=0.2)
+    network.packets.of("slave>master")["t_ns"] += 500_000_000
+    network.packets.of("slave>master")["left_ns"] += 500_000_000
+    assert find(given, run, network)[0].verdict == verdict
+
+
 def test_a_frame_fault_is_looked_for_by_the_clock_of_the_node_that_met_it(system, tmp_path):
     injected(system, tmp_path, 20, native.DELAY, wait=0.3)
     given = script(drop(kind="delay", by=0.3, **{"from": 2, "to": 2.1}))

@@ -34,7 +34,7 @@ def replay(
         bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
     ] = True,
 ) -> None:
-    """Compute a recorded run again, offline, and compare every signal of every node bit for bit.
+    """Compute a recorded run again offline, and compare every signal of every node.
 
     Exits with 1 where anything differs, and says where first; and where samples were heard that
     their recorded sender did not send. With --offline there are no nodes:

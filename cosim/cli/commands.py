@@ -10,62 +10,143 @@ import importlib
 import os
 import sys
 import warnings
-from typing import TextIO
+from typing import Any, TextIO, final
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
-from cosim.cli import (
-    analyze,
-    check,
-    compare,
-    export,
-    info,
-    new,
-    recover,
-    reproduce,
-    run,
-    show,
-    sweep,
-)
-from cosim.cli.supervise import supervised
 from cosim.errors import CosimError, FolderWarning
 from cosim.interrupts import exit_code, terminated
 
+#: Module and first line of help of every command, whose function has its name. Those of the bridge
+#: are here by name only: this package does not know it.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "run": (
+        "cosim.cli.run",
+        "Run a scenario and write a run folder: trajectories, metadata, link tables, figures.",
+    ),
+    "show": (
+        "cosim.cli.show",
+        "Print how a scenario will run: components, rates, order, and what every input samples.",
+    ),
+    "info": (
+        "cosim.cli.info",
+        "Print an FMU's variables, units, capabilities and platforms, and validate it.",
+    ),
+    "reproduce": (
+        "cosim.cli.reproduce",
+        "Run the paper's Sec. VII and Theorems 1-5, draw its figures, and judge every claim.",
+    ),
+    "analyze": (
+        "cosim.cli.analyze",
+        "Analyse a port: how it can be moved, what a hand feels there, whether it is passive.",
+    ),
+    "check": (
+        "cosim.cli.check",
+        "Check a scenario without running it: stability margins, links, wiring, predictions.",
+    ),
+    "compare": (
+        "cosim.cli.compare",
+        "Run every controller under every operator over every link law, and print one table.",
+    ),
+    "sweep": (
+        "cosim.cli.sweep",
+        "Run a study: every point once, resumable at any moment; a table and figures of all runs.",
+    ),
+    "export": (
+        "cosim.cli.export",
+        "Write a scenario as an SSP that other tools run, or as one FMU that contains it.",
+    ),
+    "new": (
+        "cosim.cli.new",
+        "Write a controller in Python, a scenario it runs in, and a test.",
+    ),
+    "recover": (
+        "cosim.cli.recover",
+        "Complete a run folder whose run was killed or found its disk full.",
+    ),
+    "rehearse": (
+        "bridge.cli.rehearse",
+        "Rehearse a scenario: real processes, real frames, the wall clock; then judge it.",
+    ),
+    "node": (
+        "bridge.cli.node",
+        "Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).",
+    ),
+    "replay": (
+        "bridge.cli.replay",
+        "Compute a recorded run again offline, and compare every signal of every node.",
+    ),
+    "monitor": (
+        "bridge.cli.monitor",
+        "Look at a rehearsal that runs, without disturbing it, or at one that has ended.",
+    ),
+    "campaign": (
+        "bridge.cli.campaign",
+        "Rehearse once with every script of a campaign, and judge each run.",
+    ),
+    "soak": (
+        "bridge.cli.soak",
+        "Rehearse again and again with faults drawn at random, several runs at once.",
+    ),
+    "diff": (
+        "bridge.cli.diff",
+        "Compare two runs signal by signal, largest differences first, and say a verdict.",
+    ),
+    "keys": (
+        "bridge.cli.keys",
+        "Make a test authority and one certificate a node, for configs/zenoh/secure.json5.",
+    ),
+    "ping": (
+        "bridge.cli.ping",
+        "Measure round trips between two nodes, and say what the controllers make of them.",
+    ),
+    "tell": (
+        "bridge.cli.tell",
+        "Give a command to the nodes of a deployment, or ask them; prints what they answer.",
+    ),
+}
+_SETTINGS = {"help_option_names": ["-h", "--help"]}
+
+
+@final
+class _Commands(TyperGroup):
+    """Commands that are imported when they are called: a list of them needs none."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """All names."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of that name, or None."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(COMMANDS[cmd_name][0])
+        alone = typer.Typer(
+            add_completion=False,
+            pretty_exceptions_enable=False,
+            rich_markup_mode=None,
+            context_settings=_SETTINGS,
+        )
+        alone.command(cmd_name)(getattr(module, cmd_name))
+        return get_command(alone)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """A line each."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
 app = typer.Typer(
     name="cosim",
-    help="Co-simulation of controllers and FMU plants over links with real latency.",
+    cls=_Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,
+    context_settings=_SETTINGS,
 )
-app.command("run")(run.run)
-app.command("show")(show.show)
-app.command("info")(info.info)
-app.command("reproduce")(reproduce.reproduce)
-app.command("analyze")(analyze.analyze)
-app.command("check")(check.check)
-app.command("compare")(compare.compare)
-app.command("sweep")(sweep.sweep)
-app.command("export")(export.export)
-app.command("new")(new.new)
-app.command("recover")(recover.recover)
-
-#: Commands of the bridge, which this package does not know: (module, function) by name.
-BRIDGE = {
-    "rehearse": ("bridge.cli.rehearse", "rehearse"),
-    "node": ("bridge.cli.node", "node"),
-    "replay": ("bridge.cli.replay", "replay"),
-    "monitor": ("bridge.cli.monitor", "monitor"),
-    "campaign": ("bridge.cli.campaign", "campaign"),
-    "soak": ("bridge.cli.soak", "soak"),
-    "diff": ("bridge.cli.diff", "diff"),
-    "keys": ("bridge.cli.keys", "keys"),
-    "ping": ("bridge.cli.ping", "ping"),
-    "tell": ("bridge.cli.tell", "tell"),
-}
-for _name, (_module, _function) in BRIDGE.items():
-    app.command(_name)(getattr(importlib.import_module(_module), _function))
 
 
 def _version(wanted: bool) -> None:
@@ -83,11 +164,6 @@ def _options(
     ),
 ) -> None:
     """Co-simulation of controllers and FMU plants over links with real latency."""
-
-
-def main() -> None:
-    """Entry point of the console script: nearly every command loads FMUs, so all are supervised."""
-    sys.exit(supervised(command))
 
 
 def command() -> None:

@@ -1,0 +1,60 @@
+"""The list of commands, and what a command imports."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cosim.cli.commands import COMMANDS
+from tests.cli.command import Command
+
+ROOT = Path(__file__).parents[2]
+TELEOPERATION = ROOT / "configs" / "teleoperation.toml"
+SAYS = """
+import sys
+from cosim.cli.commands import command
+try:
+    command()
+finally:
+    print(*sys.modules, file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_list_says_of_a_command_what_its_own_help_says(name: str) -> None:
+    module, line = COMMANDS[name]
+    text = inspect.getdoc(getattr(importlib.import_module(module), name))
+    assert text and text.splitlines()[0] == line
+
+
+def test_every_command_is_listed_with_its_line(cosim: Command) -> None:
+    listed = " ".join(cosim("--help").out.split())
+    for name, (_, line) in COMMANDS.items():
+        assert f"{name} {line}" in listed
+
+
+@pytest.mark.parametrize(
+    ("words", "most", "without"),
+    [
+        (["--help"], 200, {"numpy", "rich", "markdown_it", "pydantic", "matplotlib", "pandas"}),
+        (["check", TELEOPERATION], 560, {"pyarrow", "matplotlib", "pandas", "rich"}),
+        (["run", TELEOPERATION, "--no-plot", "--out"], 620, {"matplotlib", "pandas", "rich"}),
+    ],
+)
+def test_a_command_imports_what_it_needs(
+    tmp_path: Path, words: list[str], most: int, without: set[str]
+) -> None:
+    """Imports are counted, not seconds. (Typer imports pydantic for every command.)"""
+    words = [*map(str, words), *([str(tmp_path / "run")] if words[-1] == "--out" else [])]
+    done = subprocess.run(
+        [sys.executable, "-c", SAYS, *words], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    modules = set(done.stderr.splitlines()[-1].split())
+    assert not modules & without
+    assert len(modules) <= most

@@ -187,7 +187,7 @@ def stated(
         missed=int(s.missed),
         start_ns=int(s.start_ns),
         run=int(s.epoch.run),
-        clock=host_clock().words(),
+        clock=host_clock().words() if s.clock == native.WALL else "",
         unshared=int(s.epoch.unshared),
         granted=dict(granted),
         warning=warning,

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Flags, Frame
-from bridge.native.message import Header
+from bridge.native.message import Decoded, Header
 from bridge.native.safety import State, Why
 from cosim.errors import ScenarioError
 from tests.bridge.deployments import document, named, system_of
@@ -130,12 +130,12 @@ def test_on_a_bus_of_drives_there_is_nothing_but_their_frames(tmp_path):
         rows = slots.run()
         motors, link = numbers(slots, "left"), numbers(slots, "link")
         command = system.messages["master_tau_1"].encoding
-        last = [f for b, f in slots.sent if b == "left" and f.id == 1][-1]
-        torque = command.decode(last.payload)[1]
+        said = [f.payload for b, f in slots.sent if b == "left" and f.id == 1]
+        torques = [v[0] for ok, v, _ in map(command.decode, said) if ok is Decoded.OK]
     assert motors.keys() == {1, 2}
     assert link[ESTOP] == 10 and link[SYNC] and link[0x702]
     assert rows["state"][-1] == State.FAULT and rows["scale"][-1] == 0.0
-    assert abs(torque[0]) < 0.01
+    assert abs(torques[-1]) < 0.01 and said[-1] == b"\xff" * 7 + b"\xfd"  # disabled at last
 
 
 def test_a_motor_s_frame_of_identifier_1_is_no_emergency_stop(tmp_path):

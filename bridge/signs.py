@@ -218,10 +218,15 @@ class Shown:
         return ran
 
     def arrives(self, life: Life, message: str, t0: float, t1: float) -> bool:
-        """Whether somebody with slots in this time has it as an input: then its age can be seen."""
-        return any(
-            self._indices(place, name) and ((self._t(place) >= t0) & (self._t(place) <= t1)).any()
-            for place, name in self._ends(life, message)
+        """Whether its age can be seen: it is an input here, or of somebody it is forwarded to.
+
+        All on the way have slots in this time.
+        """
+        if not ((self._t(life) >= t0) & (self._t(life) <= t1)).any():
+            return False
+        onwards = self._onwards(life, message)
+        return bool(self._indices(life, message)) or any(
+            self.arrives(other, name, t0, t1) for other, name in onwards
         )
 
     def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
@@ -256,13 +261,17 @@ class Shown:
     def _ends(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
         """Where a message goes from here: to this life's inputs, and over what it forwards."""
         yield life, message
+        for other, name in self._onwards(life, message):
+            yield from self._ends(other, name)
+
+    def _onwards(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
+        """Who hears what this life, of a gateway, forwards of a message, and as which message."""
         for name, made in self.system.messages.items():
             if made.forward is None or (made.forward.of, made.node) != (message, life.node):
                 continue
             for node in self.system.nodes:
                 if name in self.system.heard_by(node):
-                    for other in self.lives(node):
-                        yield from self._ends(other, name)
+                    yield from ((other, name) for other in self.lives(node))
 
     def span(self, life: Life, t0: float, t1: float) -> tuple[float, float]:
         """Two times of a life's own clock, by which frames meet faults, on the clock of the run."""

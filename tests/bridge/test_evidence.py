@@ -13,7 +13,7 @@ from bridge.evidence import find
 from bridge.evidence_links import Network
 from bridge.findings import Sign
 from bridge.journal import Journal
-from bridge.lives import Life
+from bridge.lives import ByLife, Life
 from bridge.native import faults as native
 from bridge.native.bus import Accept
 from bridge.native.faults import INJECTED
@@ -21,8 +21,9 @@ from bridge.native.frame import Flags, Frame, frame_dtype
 from bridge.native.safety import State, Status
 from bridge.records import Done, Missed, Refused
 from bridge.relay.router import PACKET, TCP, UDP
-from bridge.signs import SIGNS
+from bridge.signs import SIGNS, Shown
 from bridge.system import load_system
+from bridge.wiring import row_dtype
 from cosim.errors import ScenarioError
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import ROOT
@@ -369,3 +370,17 @@ def test_a_network_that_is_not_there_is_an_error(system):
         happen.events(given, system, Told())
     with pytest.raises(ScenarioError, match='expected "FROM>TO"'):
         script({"kind": "net-down", "at": 1, "for": 1, "link": "slave"})
+
+
+@pytest.mark.parametrize(("gone", "seen"), [("", True), ("left_gateway", False), ("slave", True)])
+def test_an_age_at_a_gateway_is_seen_where_what_it_forwards_arrives(tmp_path, gone, seen):
+    """LINK_4 goes from right_gateway over left_gateway to master_control, as XI_4."""
+    gateways = load_system(SCENARIO, "gateway", ["run.stop='10 s'"])
+    rows = ByLife()
+    for name, plan in gateways.nodes.items():
+        rows[Life(name)] = np.zeros(
+            plan.slots if name != gone else plan.slots // 2, row_dtype(plan)
+        )
+        rows[Life(name)]["slot"] = np.arange(len(rows[Life(name)]))
+    run = Shown(gateways, rows, [], tmp_path, [])
+    assert run.arrives(Life("right_gateway"), "LINK_4", 6.0, 6.5) is seen

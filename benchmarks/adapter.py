@@ -9,9 +9,9 @@ import ctypes as c
 from typing import final
 
 from benchmarks.peers import Absent
-from cosim.engine import Engine
+from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
-from cosim.plan import Plan, Step
+from cosim.schedule.plan import Plan, Step
 
 
 @final

@@ -11,11 +11,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.clock import stopwatch
-from cosim.engine import Engine
+from cosim.base.clock import stopwatch
+from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
-from cosim.native import Code
-from cosim.plan import Plan, Step
+from cosim.native.structs import Code
+from cosim.schedule.plan import Plan, Step
 from fmus.toolchain import compile_shared, shared_suffix
 
 Rows = NDArray[np.float64]

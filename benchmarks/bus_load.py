@@ -15,10 +15,10 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from bridge.can.load import log_bits, log_times, measured  # noqa: E402
-from bridge.can.timing import BusTiming, Kind, frame_bits  # noqa: E402
 from bridge.native import load as native  # noqa: E402
 from bridge.native.frame import Frame  # noqa: E402
 from bridge.native.library import library  # noqa: E402
+from cosim.bus.timing import BusTiming, Kind, frame_bits  # noqa: E402
 
 LOG = 1_000_000
 

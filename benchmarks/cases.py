@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from cosim.assemble import assemble
-from cosim.plan import Plan
-from cosim.scenario import Scenario, build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build
+from cosim.schedule.plan import Plan
 
 Choice = Literal["fmi2", "fmi3", "kernel", "numpy"]
 Document = dict[str, Any]

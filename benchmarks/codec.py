@@ -21,7 +21,7 @@ from bridge.can.layout import find
 from bridge.native import library
 from bridge.native.frame import Frame
 from bridge.native.message import Header, Profile
-from cosim.clock import stopwatch
+from cosim.base.clock import stopwatch
 from fmus.toolchain import compile_shared, shared_suffix
 
 ROOT = Path(__file__).parents[1]

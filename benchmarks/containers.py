@@ -18,11 +18,11 @@ from typing import Any, final
 
 from benchmarks.ours import Ours
 from benchmarks.peers import Absent, Ecos, Unit, Variable, imported, units
-from cosim.archive import cache_folder
-from cosim.assemble import assemble
-from cosim.clock import stopwatch
-from cosim.plan import Plan
-from cosim.scenario import build as scenario
+from cosim.base.archive import cache_folder
+from cosim.base.clock import stopwatch
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build as scenario
+from cosim.schedule.plan import Plan
 
 Build = Callable[[Sequence[Unit], float, Path], None]
 

@@ -15,7 +15,7 @@ from benchmarks.ours import Ours
 from benchmarks.race import Contestant, Session, race
 from cosim.links.grid import Grid
 from cosim.links.table import TableSpec, TableStream
-from cosim.plan import Plan
+from cosim.schedule.plan import Plan
 
 
 @final

@@ -18,8 +18,8 @@ from benchmarks.frameworks import Once, helics, mosaik
 from benchmarks.ours import Ours
 from benchmarks.peers import Absent, Ecos, Libcosim, imported
 from benchmarks.race import Session
-from cosim.clock import stopwatch
-from cosim.plan import Plan
+from cosim.base.clock import stopwatch
+from cosim.schedule.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +103,8 @@ def startup(name: str, case: Case, paths: list[str]) -> dict[str, Any]:
     The peers get the wires as they come out of a plan and import their own packages in that
     time; the engine reads the scenario and makes the plan in it.
     """
-    from cosim.assemble import assemble
-    from cosim.scenario import build
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import build
 
     document = case.document()
     for spec, path in zip(document["components"].values(), paths, strict=True):

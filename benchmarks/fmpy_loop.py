@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, final
 
 from benchmarks.peers import Unit, imported, units
-from cosim.clock import stopwatch
-from cosim.engine import Engine
-from cosim.native import Code
-from cosim.plan import Operation, Plan
+from cosim.base.clock import stopwatch
+from cosim.engine.engine import Engine
+from cosim.native.structs import Code
+from cosim.schedule.plan import Operation, Plan
 
 Getter = Callable[[], list[float]]
 Setter = Callable[[list[float]], None]

@@ -14,8 +14,8 @@ from typing import Any, final
 
 from benchmarks.adapter import Stepper, Steppers
 from benchmarks.peers import Absent, Unit, imported, units
-from cosim.clock import stopwatch
-from cosim.plan import Plan
+from cosim.base.clock import stopwatch
+from cosim.schedule.plan import Plan
 
 
 @final

@@ -29,12 +29,12 @@ from typing import Any
 
 import numpy as np
 
-from cosim.clock import monotonic_ns, sleep
-from cosim.component import Kind, Outputs, Parameter, Port, Values
-from cosim.errors import CosimError
+from cosim.base.clock import monotonic_ns, sleep
+from cosim.base.component import Kind, Outputs, Parameter, Port, Values
+from cosim.base.errors import CosimError
+from cosim.engine.recovery import repair
 from cosim.links.storage import load_table
 from cosim.record import Run
-from cosim.recovery import repair
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / "configs" / "teleoperation.toml"

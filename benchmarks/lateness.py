@@ -29,10 +29,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import tables
-from bridge.lateness import Spread, draw, lateness
 from bridge.native import pace
-from bridge.realtime import Realtime, enter
-from cosim.clock import monotonic_ns, sleep
+from bridge.realtime.lateness import Spread, draw, lateness
+from bridge.realtime.requests import Realtime, enter
+from cosim.base.clock import monotonic_ns, sleep
 
 RATES = (200, 1000)  # Hz
 SHOWN = ("p50", "p99", "p999", "maximum")

@@ -21,12 +21,12 @@ from typing import Any
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
 
 from benchmarks import tables
-from bridge import twin
-from bridge.system import System, load_system
-from bridge.wiring import Wired
-from cosim.assemble import assemble
-from cosim.clock import stopwatch
-from cosim.engine import Engine
+from bridge.deployment.system import System, load_system
+from bridge.replay import twin
+from bridge.wiring.wiring import Wired
+from cosim.base.clock import stopwatch
+from cosim.engine.engine import Engine
+from cosim.scenario.assemble import assemble
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"

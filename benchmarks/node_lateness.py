@@ -41,9 +41,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import tables
-from bridge import replay
 from bridge.native import pace
-from bridge.realtime import Realtime, enter
+from bridge.realtime.requests import Realtime, enter
+from bridge.replay import replay
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"

@@ -129,8 +129,9 @@ def memories(ticks: int) -> dict[str, dict[str, Any]]:
 def imports(runs: int) -> list[float]:
     """Seconds to import what a run needs, each in a new process."""
     code = (
-        "import time; t = time.perf_counter(); import cosim.assemble, cosim.engine, "
-        "cosim.scenario; print(time.perf_counter() - t)"
+        "import time; t = time.perf_counter(); import cosim.scenario.assemble, "
+        "cosim.engine.engine, "
+        "cosim.scenario.spec; print(time.perf_counter() - t)"
     )
     path = str(Path(__file__).resolve().parents[1])
     environment = {**os.environ, "PYTHONPATH": path}

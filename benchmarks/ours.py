@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cases import Case, Choice
-from cosim.clock import stopwatch
-from cosim.engine import Engine
-from cosim.plan import Plan
+from cosim.base.clock import stopwatch
+from cosim.engine.engine import Engine
+from cosim.engine.simulate import CHUNK_TICKS, CHUNK_VALUES, simulate
 from cosim.record import Run
-from cosim.simulate import CHUNK_TICKS, CHUNK_VALUES, simulate
+from cosim.schedule.plan import Plan
 
 Rows = NDArray[np.float64]
 

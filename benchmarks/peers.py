@@ -18,10 +18,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, final
 
-from cosim.clock import stopwatch
+from cosim.base.clock import stopwatch
 from cosim.fmi import FmuComponent
 from cosim.fmi.ports import REAL
-from cosim.plan import Plan, Step
+from cosim.schedule.plan import Plan, Step
 
 
 class Absent(Exception):

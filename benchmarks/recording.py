@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from cosim.clock import stopwatch
+from cosim.base.clock import stopwatch
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = "configs/teleoperation.toml"
@@ -26,8 +26,8 @@ COMMAND = "from cosim.cli import main; main()"
 ENGINE = """
 import sys
 from pathlib import Path
-from cosim.scenario import load
-from cosim.simulate import simulate
+from cosim.scenario.spec import load
+from cosim.engine.simulate import simulate
 print(simulate(load(Path(sys.argv[1]), [f"run.stop={sys.argv[3]}"]), Path(sys.argv[2])).wall)
 """
 

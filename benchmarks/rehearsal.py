@@ -28,9 +28,9 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim 
 import numpy as np
 
 from benchmarks import tables
-from bridge import replay
-from bridge.lives import Life
-from bridge.system import System, load_system
+from bridge.deployment.system import System, load_system
+from bridge.records.lives import Life
+from bridge.replay import replay
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"

@@ -34,9 +34,9 @@ import can
 import numpy as np
 
 from benchmarks import tables
-from bridge.lateness import Spread
 from bridge.native import library_path, pace
-from cosim.clock import monotonic_ns
+from bridge.realtime.lateness import Spread
+from cosim.base.clock import monotonic_ns
 from fmus.toolchain import compile_shared
 
 ROOT = Path(__file__).resolve().parents[1]

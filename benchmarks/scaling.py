@@ -45,7 +45,7 @@ def measure(components: int, ticks: int, *, links: bool) -> dict[str, float]:
 
     from benchmarks.cases import Case
     from benchmarks.stages import peak
-    from cosim.engine import Engine
+    from cosim.engine.engine import Engine
 
     case = Case("ring", "", lambda: document(components, links=links), components, ticks)
     begin = time.perf_counter()

@@ -56,11 +56,11 @@ def main() -> None:
     import cosim.cli.commands
 
     stages.mark("import the command line")
-    from cosim.assemble import assemble
     from cosim.cli.summary import figures, summary
+    from cosim.engine.simulate import simulate
     from cosim.record import Run
-    from cosim.scenario import load
-    from cosim.simulate import simulate
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import load
 
     stages.mark("import the runner")
     scenario = load(Path(sys.argv[2]), sys.argv[4:])
@@ -74,7 +74,7 @@ def main() -> None:
     summary(scenario, run, outcome)
     stages.mark("metrics")
     if scenario.figures:
-        from cosim.report.figures import load as load_matplotlib
+        from cosim.reporting.figures import load as load_matplotlib
 
         load_matplotlib()
         stages.mark("import matplotlib")

@@ -23,12 +23,12 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim 
 from benchmarks import tables
 from benchmarks.fmpy_loop import Planned
 from benchmarks.peers import Absent
-from cosim.assemble import assemble
-from cosim.clock import stopwatch
-from cosim.scenario import load
-from cosim.sweep.drive import sweep
-from cosim.sweep.study import Study, load_study
-from cosim.sweep.workers import processes, threads
+from cosim.base.clock import stopwatch
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import load
+from cosim.sweeps.drive import sweep
+from cosim.sweeps.study import Study, load_study
+from cosim.sweeps.workers import processes, threads
 
 SCENARIO = Path(__file__).resolve().parents[1] / "configs" / "teleoperation.toml"
 WORKERS = {"processes": processes, "threads": threads}

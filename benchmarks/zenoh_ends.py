@@ -23,13 +23,13 @@ import numpy as np
 import zenoh
 
 from benchmarks.zenoh_far import ROW, obey, options, pointer, prefer, tick_library
+from bridge.deployment.zenoh_keys import Names, codec
 from bridge.native import pace
-from bridge.realtime import Realtime, enter
+from bridge.realtime.requests import Realtime, enter
 from bridge.zenoh.channel import Traffic, ZenohAttachment, control_publisher
-from bridge.zenoh.names import Names, codec
 from bridge.zenoh.options import Options
 from bridge.zenoh.session import configure, open_session
-from cosim.clock import monotonic_ns, sleep
+from cosim.base.clock import monotonic_ns, sleep
 
 NAMES = Names("bench")
 KEYS = {name: f"bench/node/component/{name}" for name in ("ping", "pong", "way")}

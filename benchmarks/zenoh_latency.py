@@ -31,7 +31,7 @@ import numpy as np
 from benchmarks import tables, zenoh_ring
 from benchmarks.zenoh_ends import KINDS
 from benchmarks.zenoh_far import Far, build, everybody, free_ports, quantiles
-from cosim.clock import sleep
+from cosim.base.clock import sleep
 
 RATES = (200, 1000)
 BARE = ("zenoh, default call-back", "zenoh, direct call-back")

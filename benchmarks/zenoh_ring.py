@@ -34,12 +34,12 @@ from benchmarks.zenoh_far import (
     prefer,
     tick_library,
 )
+from bridge.deployment.zenoh_keys import Names, codec
 from bridge.native import pace
-from bridge.realtime import Realtime, enter
+from bridge.realtime.requests import Realtime, enter
 from bridge.zenoh.channel import Traffic, ZenohAttachment, control_publisher
-from bridge.zenoh.names import Names, codec
 from bridge.zenoh.session import configure
-from cosim.clock import monotonic_ns, sleep
+from cosim.base.clock import monotonic_ns, sleep
 
 RATE = 200
 KINDS = ("ours", "bare zenoh")

@@ -31,16 +31,17 @@ def build() -> list[Path]:
 def _engine() -> list[Path]:
     from fmus.toolchain import shared_suffix
 
-    folder = ROOT / "cosim"
+    folder = ROOT / "cosim" / "c"
     sources = [*folder.glob("*.c"), *folder.glob("*.h")]
-    return _library(folder / f"_engine{shared_suffix()}", [folder / "engine.c"], sources, folder)
+    output = ROOT / "cosim" / f"_engine{shared_suffix()}"
+    return _library(output, [folder / "engine.c"], sources, folder)
 
 
 def _bridge() -> list[Path]:
     from fmus.toolchain import shared_suffix
 
     folder = ROOT / "bridge" / "c"
-    sources = sorted([*folder.glob("*.c"), *(ROOT / "cosim").glob("*.h")])
+    sources = sorted([*folder.glob("*.c"), *(ROOT / "cosim" / "c").glob("*.h")])
     made_from = [*sources, *folder.glob("*.h")]
     output = ROOT / "bridge" / f"_bridge{shared_suffix()}"
     return _library(output, [s for s in sources if s.suffix == ".c"], made_from, folder)
@@ -54,7 +55,7 @@ def _library(output: Path, units: list[Path], sources: list[Path], include: Path
     stamp = output.with_name(f"{output.stem}.json")
     if _current(stamp, made_from):
         return []
-    compile_shared(units, output, include=[include, ROOT / "cosim"])
+    compile_shared(units, output, include=[include, ROOT / "cosim" / "c"])
     _write(stamp, made_from, [output])
     return [output]
 
@@ -64,7 +65,7 @@ def _models() -> list[Path]:
     folder = ROOT / "fmus" / "_built"
     fmus = ROOT / "fmus"
     files = [*fmus.glob("*.py"), *fmus.glob("models/*.py"), *fmus.glob("c/*.[ch]")]
-    made_from = _fingerprint([*files, ROOT / "cosim/errors.py", ROOT / "cosim/units.py"])
+    made_from = _fingerprint([*files, ROOT / "cosim/base/errors.py", ROOT / "cosim/base/units.py"])
     stamp = folder / "built.json"
     if _current(stamp, made_from):
         return []

@@ -15,7 +15,7 @@ if str(ROOT) not in sys.path:
 from bridge.can.dbc import load  # noqa: E402
 from bridge.can.layout import Layout, find  # noqa: E402
 from bridge.can.messages import BusMessage, Role, bus_responses, bus_share  # noqa: E402
-from bridge.can.timing import BusTiming, Kind, best, mean, worst  # noqa: E402
+from cosim.bus.timing import BusTiming, Kind, best, mean, worst  # noqa: E402
 
 SLOW, CLASSIC = BusTiming(5e5), BusTiming(1e6)
 FLEXIBLE, FAST = BusTiming(5e5, 2e6, fd=True), BusTiming(1e6, 5e6, fd=True)
@@ -45,7 +45,7 @@ priorities decide who waits. The tables below are written from the DBC files in 
 
 ## How it is computed
 
-**A frame** (`bridge/can/timing.py`; in C `bridge/c/load.h`) lasts from its start to the end of the
+**A frame** (`cosim/bus/timing.py`; in C `bridge/c/load.h`) lasts from its start to the end of the
 intermission. Stuff bits and CRC-15 are those of the frame's own bits, so a frame that is known has
 an exact time. FD frames are those of ISO 11898-1:2015: dynamic stuff bits to the end of the data,
 then a CRC field with fixed stuff bits and the stuff count; with BRS, ESI to CRC delimiter have the
@@ -60,19 +60,19 @@ frames, and between Python, NumPy and C.
 was busy in a window, for the busiest window wherever it begins. More than 100 % cannot be: the log
 is not from one bus of these bit rates, or its times are wrong.
 
-**Response time** (`bridge/can/response.py`) is the longest from queueing a message to its end: one
+**Response time** (`cosim/bus/response.py`) is the longest from queueing a message to its end: one
 frame of lower priority that has just begun, all frames of higher priority, earlier instances of the
 same message, jitter and, if asked for, errors (Davis, Burns, Bril, Lukkien, Real-Time Systems 35,
 2007). In the tests no simulated bus exceeds it, and the critical instant reaches it. It holds for
 nodes that send their most urgent frame first. A node that sends in the order of queueing, as the
-default queue of Linux and many USB adapters do, can take longer; `bridge/can/arbitration.py`
+default queue of Linux and many USB adapters do, can take longer; `cosim/bus/arbitration.py`
 simulates both.
 
-**The check** (`bridge/check.py`) refuses more than 100 % in the worst case, one identifier from two
-nodes, frames that the bus or CAN does not have, messages more frequent than they are long, and
-watchdogs that are off. It warns above 70 %, where a response may exceed its deadline, of
-identifiers in CANopen's ranges, of signals larger than their field, of watchdogs below 2 or above
-50 periods (and 100 ms), and of nodes without heartbeat.
+**The check** (`bridge/preflight/bus_checks.py`) refuses more than 100 % in the worst case, one
+identifier from two nodes, frames that the bus or CAN does not have, messages more frequent than
+they are long, and watchdogs that are off. It warns above 70 %, where a response may exceed its
+deadline, of identifiers in CANopen's ranges, of signals larger than their field, of watchdogs
+below 2 or above 50 periods (and 100 ms), and of nodes without heartbeat.
 """
 COST = """\
 ## What it costs

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from xml.etree.ElementTree import Element, SubElement
 
-from cosim.units import BASE, parse
+from cosim.base.units import BASE, parse
 from fmus.model import Model, Variable
 
 _CATEGORIES = {

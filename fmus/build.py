@@ -16,7 +16,7 @@ from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from fmus import toolchain
 from fmus.description import Version, build_description, model_description, terminals
 from fmus.library import compile_model, compile_models

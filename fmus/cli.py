@@ -15,8 +15,8 @@ from typing import Annotated
 
 import typer
 
-from cosim.errors import CosimError, ScenarioError, UnitError
-from cosim.units import quantity
+from cosim.base.errors import CosimError, ScenarioError, UnitError
+from cosim.base.units import quantity
 from fmus.build import SHIPPED, VERSIONS, Version, pack, shipped, versions
 from fmus.library import compile_model
 from fmus.model import Model, clocked

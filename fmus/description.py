@@ -1,7 +1,7 @@
 """The XML files of an FMU, for FMI 2.0.5 and FMI 3.0.2, from a model's declaration.
 
 An annotation in both says whether the FMU is sampled or continuous, for whoever schedules it
-(:mod:`cosim.component`); other tools ignore it.
+(:mod:`cosim.base.component`); other tools ignore it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from fmus import description2, description3
 from fmus.model import Model
 from fmus.source import c_files

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.component import Kind, Parameter, Port
-from cosim.errors import FmuError, RunError, ScenarioError
+from cosim.base.component import Kind, Parameter, Port
+from cosim.base.errors import FmuError, RunError, ScenarioError
 from fmus import toolchain
 from fmus.build import cache, find
 from fmus.model import Model
 from fmus.models.start import held, start_values
 
 if TYPE_CHECKING:
-    from cosim.component import Outputs, Values
+    from cosim.base.component import Outputs, Values
 
 Array = NDArray[np.float64]
 

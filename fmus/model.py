@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from math import inf, isfinite, prod
 from typing import Literal
 
-from cosim.component import Kind, Parameter, Port
-from cosim.errors import FmuError
+from cosim.base.component import Kind, Parameter, Port
+from cosim.base.errors import FmuError
 
 Causality = Literal["parameter", "input", "output", "local"]
 

@@ -21,8 +21,8 @@ from fmus.numeric import Array
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cosim.component import Kind, Outputs, Parameter, Port
-    from cosim.component import Values as Given
+    from cosim.base.component import Kind, Outputs, Parameter, Port
+    from cosim.base.component import Values as Given
     from fmus.build import Version
     from fmus.kernel import Kernel
     from fmus.model import Model
@@ -66,7 +66,8 @@ class Reference:
         return self._given(found)
 
     def step(self, t: float, h: float, u: Given) -> Outputs:
-        """Outputs of the step from `t` to t + h (s), as :mod:`cosim.component` says for the kind.
+        """Outputs of the step from `t` to t + h (s), as :mod:`cosim.base.component` says for the
+        kind.
 
         Raises RunError where an input is not finite or the law diverges; nothing changes then.
         """

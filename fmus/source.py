@@ -18,7 +18,7 @@ from itertools import product
 from math import inf
 from pathlib import Path
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from fmus.model import Model, Variable
 
 _FOLDER = Path(__file__).parent / "c"

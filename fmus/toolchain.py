@@ -25,7 +25,7 @@ from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 #: Platforms anything can be built for from here, by FMI 3.0's platform names (3.0.2, 2.5.1.4.1),
 #: and what zig calls them. Old on purpose: glibc 2.17 is of 2012, macOS 11 of 2020.

@@ -14,14 +14,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from cosim.component import Kind, Parameter, Port
+from cosim.base.component import Kind, Parameter, Port
 from fmus.build import Version, find
 from fmus.kernel import Kernel
 from fmus.model import Model, Variable
 from fmus.models.start import copied, given, received, start_values
 
 if TYPE_CHECKING:
-    from cosim.component import Outputs, Values
+    from cosim.base.component import Outputs, Values
 
 
 def model() -> Model:

@@ -3,7 +3,7 @@
  * What was written is in the page cache: it survives the death of the process (SIGKILL). The
  * mapping is made and pre-faulted by Python; writing is a memcpy and one store. A full journal
  * counts and drops. All rows begin at byte 64 of the mapping; behind the last of `capacity` rows
- * stands, for readers only, what a row is made of (bridge/journal.py). One writer.
+ * stands, for readers only, what a row is made of (bridge/native/journal.py). One writer.
  */
 #ifndef BRIDGE_JOURNAL_H
 #define BRIDGE_JOURNAL_H

@@ -1,6 +1,6 @@
 /* load.h: how long a CAN frame takes on its bus, to the bit.
  *
- * Bit times as in bridge/can/timing.py: classic and FD (ISO 11898-1:2015), from start of frame to
+ * Bit times as in cosim/bus/timing.py: classic and FD (ISO 11898-1:2015), from start of frame to
  * the end of the intermission, stuff bits from the frame's own bits. FD frames of a length there is
  * none of count as filled with zeros to the next.
  */

@@ -21,7 +21,7 @@ API void histogram_add(histogram_t *h, int64_t ns);
 /* ns, upper edge of the bin (at most the maximum) of the ceil(q count)-th smallest; NaN: empty. */
 API double histogram_quantile(const histogram_t *h, double q);
 
-/* CLOCK_MONOTONIC, ns; macOS: CLOCK_UPTIME_RAW, Windows: performance counter (as cosim.clock). */
+/* CLOCK_MONOTONIC, ns; macOS: CLOCK_UPTIME_RAW, Windows: performance counter (as cosim.base.clock). */
 API int64_t pace_now(void);
 /* What to add to pace_now() for the date, CLOCK_REALTIME, ns: it may jump. */
 API int64_t pace_date(void);

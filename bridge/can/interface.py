@@ -22,9 +22,9 @@ from bridge.can.health import BusHealth, bus_health
 from bridge.can.multicast import open_group
 from bridge.can.ringed import RingedInterface
 from bridge.can.socket import BusError, open_socket
-from bridge.journal import Journal
 from bridge.native.bus import Accept, Bus
 from bridge.native.frame import Flags
+from bridge.native.journal import Journal
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 from bridge.native.frame import DATA
 from bridge.native.message import Kind, Profile
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 
 class LayoutError(CosimError, ValueError):

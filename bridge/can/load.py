@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.can.stuffing import BYTE, CRC15, DUE, SEVEN
-from bridge.can.timing import (
+from bridge.native.frame import Flags
+from cosim.bus.stuffing import BYTE, CRC15, DUE, SEVEN
+from cosim.bus.timing import (
     FD_TAIL,
     TAIL,
     Bits,
@@ -23,7 +24,6 @@ from bridge.can.timing import (
     start,
     worst,
 )
-from bridge.native.frame import Flags
 
 IntArray = NDArray[np.int64]
 _RELEVANT = Flags.FD | Flags.BRS | Flags.ESI | Flags.REMOTE | Flags.EXTENDED | Flags.ERROR

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bridge.can.ringed import to_frame, to_message
 from bridge.native.bus import FORMAT
 from bridge.native.frame import Flags, Frame, frame_dtype
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 ERROR_FLAG = 0x20000000
 """CAN_ERR_FLAG of linux/can.h, as candump text has it."""

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from bridge.can.arbitration import rank
 from bridge.can.layout import Layout
 from bridge.can.load import Share, kind_of, planned
-from bridge.can.response import Response, Stream, responses
-from bridge.can.timing import BusTiming, Kind, worst
 from bridge.native.frame import Flags
+from cosim.bus.arbitration import rank
+from cosim.bus.response import Response, Stream, responses
+from cosim.bus.timing import BusTiming, Kind, worst
 
 Role = Literal["data", "nmt", "sync", "emergency", "time", "sdo", "heartbeat", "drive"]
 #: Stands for a message that has no period: it comes once in any busy period. ns
@@ -34,7 +34,7 @@ class BusMessage:
     """A message as its sender queues it; times in s, `length` in bytes.
 
     `period` None: on events, at most once while others wait. `jitter`: how late it may be queued.
-    `deadline`: default the period. `offset` is not used: see :mod:`bridge.can.response`.
+    `deadline`: default the period. `offset` is not used: see :mod:`cosim.bus.response`.
     """
 
     name: str

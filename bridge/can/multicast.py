@@ -20,7 +20,7 @@ import can
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 
 from bridge.can.socket import RECEIVE_BUFFER, BusError
-from cosim import clock
+from cosim.base import clock
 
 GROUP, PORT = "239.74.163.2", 43113
 """Where python-can's own bus is with IPv4."""

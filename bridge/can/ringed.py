@@ -14,10 +14,10 @@ import can
 
 from bridge.can.health import BusHealth, bus_health
 from bridge.can.multicast import MulticastBus
-from bridge.journal import Journal
 from bridge.native import pace
 from bridge.native.bus import Accept, Bus, State
 from bridge.native.frame import Flags, Frame, Ring
+from bridge.native.journal import Journal
 
 _LOOK = 0.1
 """s between two looks at whether to stop."""

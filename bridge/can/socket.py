@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 EXTENDED, REMOTE, IDENTIFIER = 0x80000000, 0x40000000, 0x1FFFFFFF
 ERRORS = 0x1FFFFFFF

@@ -1,1 +1,1 @@
-"""The commands of the bridge."""
+"""The commands of the bridge: options in, text and exit codes out."""

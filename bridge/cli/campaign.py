@@ -11,11 +11,11 @@ from bridge.cli.rehearse import Interface, Set
 from cosim.cli.supervise import recording
 
 if TYPE_CHECKING:
-    from bridge.campaign import Campaign, RunSpec
-    from bridge.fault_script import FaultScript
-    from bridge.judge import Judged
-    from bridge.rehearse import Settings
-    from bridge.system import System
+    from bridge.campaign.judgement import Judged
+    from bridge.campaign.spec import Campaign, RunSpec
+    from bridge.deployment.system import System
+    from bridge.faults.script import FaultScript
+    from bridge.rehearsal.supervisor import Settings
 
 #: Actions for a kernel's CAN interface only: others cannot be set down, nor take such a load.
 KERNEL = ("bus-down", "bus-up", "babble")
@@ -59,10 +59,10 @@ def campaign(
     if faults:
         _many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)
         return
-    from bridge import judge
-    from bridge.campaign import load_campaign
+    from bridge.campaign import judgement
+    from bridge.campaign.spec import load_campaign
+    from cosim.base.clock import stamp
     from cosim.cli.show import aligned
-    from cosim.clock import stamp
 
     found = load_campaign(file)
     folder = out or Path("runs") / f"{file.stem}-{stamp()}"
@@ -75,10 +75,10 @@ def campaign(
         one = _one(found, spec, script, changes, interface, folder / name, realtime)
         typer.echo(f"{name:<12} {_said(one)}", err=True)
         judged += [one] if one else []
-    rows = judge.table(judged)
+    rows = judgement.table(judged)
     typer.echo("\n".join(aligned(rows)))
     if markdown:
-        markdown.write_text(judge.markdown(rows), encoding="utf-8")
+        markdown.write_text(judgement.markdown(rows), encoding="utf-8")
     if not judged or any(j.failures for j in judged):
         raise typer.Exit(1)
 
@@ -95,21 +95,22 @@ def _many(
     realtime: bool,
 ) -> None:
     """A campaign of many faults, and its table."""
-    from bridge import campaign_drive, campaign_table, hosts
-    from bridge.campaign_plan import load_many
-    from bridge.soak_table import failures, inconclusive
+    from bridge.campaign import driver, table
+    from bridge.campaign.plan import load_many
+    from bridge.campaign.soak_table import failures, inconclusive
+    from bridge.rehearsal import hosts
+    from cosim.base.interrupts import exit_code
     from cosim.cli.show import aligned
     from cosim.cli.sweep import progress_of
-    from cosim.interrupts import exit_code
 
     why = hosts.missing()
     if why and not blind:
         typer.echo(f"nothing is rehearsed, all runs are simulated: {why}", err=True)
     folder = out or Path("runs") / f"campaign-{file.stem}-{seed}"
-    job = campaign_drive.Job(load_many(file), folder.resolve(), seed, not why, blind, realtime)
+    job = driver.Job(load_many(file), folder.resolve(), seed, not why, blind, realtime)
     with progress_of(False) as progress:
         try:
-            records = campaign_drive.campaign(
+            records = driver.campaign(
                 job, faults, parallel, retry,
                 begun=lambda b: progress.begin(b, job.many.spec.title, "runs"),
                 done=progress.done,
@@ -118,8 +119,8 @@ def _many(
         except KeyboardInterrupt:
             typer.echo(f"interrupted; the same command goes on in {folder}", err=True)
             raise typer.Exit(exit_code()) from None
-    typer.echo("\n".join(aligned(campaign_table.kinds(records))))
-    page = campaign_table.markdown(records, f"{job.many.spec.title}, seed {seed}")
+    typer.echo("\n".join(aligned(table.kinds(records))))
+    page = table.markdown(records, f"{job.many.spec.title}, seed {seed}")
     for path in (folder / "summary.md", *([markdown] if markdown else [])):
         path.write_text(page, encoding="utf-8")
     for line in inconclusive(records):
@@ -148,10 +149,10 @@ def _one(
     realtime: bool,
 ) -> Judged | None:
     """Rehearse with one script; None: this interface cannot."""
-    from bridge import deploy
     from bridge.cli.options import bus_settings
-    from bridge.rehearse import Settings
-    from bridge.system import load_system
+    from bridge.deployment import spec as deploy
+    from bridge.deployment.system import load_system
+    from bridge.rehearsal.supervisor import Settings
 
     path = deploy.find(campaign.scenario, campaign.deploy)
     said = (*changes, *bus_settings(deploy.load(path), interface, [], None, None, None))
@@ -169,17 +170,18 @@ def _rehearsed(
     """One run, judged."""
     from dataclasses import replace
 
-    from bridge import happen, judge
-    from bridge.outcome import begin, complete
-    from bridge.rehearse import Rehearsal
-    from cosim.errors import RunError
+    from bridge.campaign import judgement
+    from bridge.rehearsal import injector
+    from bridge.rehearsal.supervisor import Rehearsal
+    from bridge.results.outcome import begin, complete
+    from cosim.base.errors import RunError
     from cosim.record import claim_folder
 
     recording(folder)
     claim_folder(folder, force=False)
     facts = {"settings": list(settings.changes), "faults": settings.script, "real": False}
     begin(system, folder, facts)
-    settings = replace(settings, events=happen.events(script, system))
+    settings = replace(settings, events=injector.events(script, system))
     with Rehearsal(system, settings, folder) as rehearsal:
         try:
             rehearsal.run()
@@ -188,5 +190,5 @@ def _rehearsed(
                 system, folder, rehearsal.ended, facts, with_twin=False, script=script
             )
         except RunError as error:
-            return judge.lost(spec.script, error)
-    return judge.judge(system, spec, outcome)
+            return judgement.lost(spec.script, error)
+    return judgement.judge(system, spec, outcome)

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 
 from bridge.can.messages import BusMessage, bus_responses, bus_share
-from bridge.can.timing import BusTiming, worst
-from cosim.check.finding import Finding
+from cosim.bus.timing import BusTiming, worst
+from cosim.checks.finding import Finding
 
 
 def rows(findings: Iterable[Finding]) -> list[list[str]]:

@@ -10,7 +10,7 @@ import typer
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from bridge.diff import Comparison
+    from bridge.replay.diff import Comparison
 
 #: Signals shown if all are asked for; ``--json`` has them all.
 SHOWN = 12
@@ -44,7 +44,7 @@ def diff(
 
     Offline, twin, rehearsal and hardware runs alike. Exits with 1 where they are different.
     """
-    from bridge.diff import compare_runs
+    from bridge.replay.diff import compare_runs
     from cosim.record import verify
 
     for run in (run_a, run_b) if check else ():
@@ -84,7 +84,7 @@ def _write(path: Path, found: Comparison) -> None:
     import json
     import os
 
-    from cosim.errors import RunError
+    from cosim.base.errors import RunError
 
     try:
         path.write_text(json.dumps(found.as_data(), indent=1, ensure_ascii=False) + "\n", "utf-8")

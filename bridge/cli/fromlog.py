@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from bridge.fromlog import Followed
+    from bridge.replay.from_log import Followed
 
 
 def from_log(
@@ -24,8 +24,8 @@ def from_log(
     `log`: a file, or a folder of one file a bus; `others`: further files. Exits with 1 where they
     differ.
     """
-    from bridge.fromlog import replay_log
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
+    from bridge.replay.from_log import replay_log
 
     files = sorted(log.glob("*.log")) if log.is_dir() else [log]
     found = replay_log(load_system(scenario, deploy, settings), [*files, *others])

@@ -16,10 +16,10 @@ from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Fd, Interface
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from bridge.export import Feed
-    from bridge.shown import View
-    from bridge.system import System
-    from bridge.watched import Watched
+    from bridge.deployment.system import System
+    from bridge.monitor.topics import Feed
+    from bridge.monitor.view import View
+    from bridge.recording.live_run import Watched
 
 #: s between two views, two lines where there is no terminal, and two looks at a bus.
 REFRESH, LINE, DRAIN = 0.2, 1.0, 0.05
@@ -88,7 +88,7 @@ def monitor(
     Reads the files its nodes write; with --listen, from any machine, what is on its buses.
     Ctrl-C ends the view, not the run.
     """
-    from bridge.watched import Watched, find_run, goes_on
+    from bridge.recording.live_run import Watched, find_run, goes_on
 
     if listen:
         _refuse({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
@@ -108,7 +108,7 @@ def monitor(
         except KeyboardInterrupt:
             typer.echo("left; the run goes on" if watched.running else "left", err=True)
         if plot is not None:
-            from bridge.figure import draw
+            from bridge.monitor.figure import draw
 
             typer.echo(f"figure           {draw(watched, plot)}")
     if mcap is not None:
@@ -123,8 +123,8 @@ def _feed(
     plotjuggler: str | None,
     force: bool,
 ) -> Feed:
-    from bridge.export import Feed, Sink
-    from bridge.sinks import Foxglove, Mcap, Udp
+    from bridge.monitor.sinks import Foxglove, Mcap, Udp
+    from bridge.monitor.topics import Feed, Sink
 
     sinks: list[Sink] = []
     if mcap is not None:
@@ -139,9 +139,9 @@ def _feed(
 
 def _look(watched: Watched, feed: Feed, once: bool) -> None:
     """Until the run has ended, or once; then what has not been fed yet."""
-    from bridge.monitor import snapshot
-    from bridge.shown import view
-    from cosim.clock import monotonic_ns, sleep
+    from bridge.monitor.snapshot import snapshot
+    from bridge.monitor.view import view
+    from cosim.base.clock import monotonic_ns, sleep
 
     if watched.running and not once:
         with _display() as show:
@@ -168,10 +168,10 @@ def _behind(*, wakes: bool = False) -> None:
 
 def _listen(system: System, once: bool, connect: list[str], who: str, only: list[str]) -> None:
     """On the buses, until Ctrl-C; once: a little more than a second from the last one heard of."""
-    from bridge.heard import SPAN_NS
-    from bridge.listen import Listener
-    from bridge.listened import view
-    from cosim.clock import monotonic_ns, sleep
+    from bridge.monitor.listener import Listener
+    from bridge.monitor.listener_view import view
+    from bridge.monitor.messages import SPAN_NS
+    from cosim.base.clock import monotonic_ns, sleep
 
     _behind(wakes=True)
     with (
@@ -194,7 +194,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str, only: list
 
 def _refuse(said: Mapping[str, object]) -> None:
     """What goes with files only."""
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     for name, value in said.items():
         if value is not None:
@@ -204,10 +204,10 @@ def _refuse(said: Mapping[str, object]) -> None:
 def _system(
     scenario: Path | None, deploy: str | None, buses: tuple[Any, ...], settings: list[str]
 ) -> System:
-    from bridge import deploy as deployments
     from bridge.cli.options import bus_settings
-    from bridge.system import load_system
-    from cosim.errors import ScenarioError
+    from bridge.deployment import spec as deployments
+    from bridge.deployment.system import load_system
+    from cosim.base.errors import ScenarioError
 
     if scenario is None:
         raise ScenarioError("--listen needs --scenario, and --deploy for another than can")

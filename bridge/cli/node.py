@@ -13,9 +13,9 @@ from cosim.cli.check import Strict
 from cosim.cli.supervise import asking, recording
 
 if TYPE_CHECKING:
-    from bridge.lives import Life
-    from bridge.records import Statement
-    from bridge.wiring import Rows
+    from bridge.records.lives import Life
+    from bridge.records.records import Statement
+    from bridge.wiring.wiring import Rows
 
 UNSHARED = (
     "hears of a run on a host whose clock is not known to be this one's, and does not join it; "
@@ -54,17 +54,17 @@ def node(
     import threading
     from contextlib import ExitStack
 
-    from bridge import deploy as deployments
-    from bridge import preflight
-    from bridge.alone import begin_node, complete_node
     from bridge.cli.options import bus_settings, fresh
-    from bridge.control import Control
-    from bridge.enabling import enabled
-    from bridge.lives import Life
-    from bridge.node import Options, run_node
-    from bridge.system import load_system
-    from cosim.clock import stamp
-    from cosim.errors import CosimError, RunError, ScenarioError
+    from bridge.deployment import spec as deployments
+    from bridge.deployment.system import load_system
+    from bridge.node.control import Control
+    from bridge.node.drive_enable import enabled
+    from bridge.node.run import Options, run_node
+    from bridge.preflight import deployment
+    from bridge.records.lives import Life
+    from bridge.results.node_alone import begin_node, complete_node
+    from cosim.base.clock import stamp
+    from cosim.base.errors import CosimError, RunError, ScenarioError
     from cosim.record.folder import NODES
 
     path = deployments.find(scenario, deploy)
@@ -75,7 +75,7 @@ def node(
     system = load_system(scenario, str(path), changes)
     if name not in system.nodes:
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
-    refuse(preflight.check(system), strict=strict, quiet=False)
+    refuse(deployment.check(system), strict=strict, quiet=False)
     if hardware and not yes:
         with asking():
             typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
@@ -143,8 +143,8 @@ def node(
 
 
 def _say(system: Any, folder: Path, report: Statement, rows: Mapping[Life, Rows]) -> None:
-    from bridge.records import End
-    from bridge.report import node_reports
+    from bridge.records.records import End
+    from bridge.results.report import node_reports
     from cosim.record.folder import NODES
 
     for r in node_reports(system, rows, folder / NODES):

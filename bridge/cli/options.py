@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from bridge.deploy import Deployment
+    from bridge.deployment.spec import Deployment
 
 
 def bus_settings(

@@ -10,7 +10,7 @@ import typer
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from bridge.system import System
+    from bridge.deployment.system import System
     from bridge.zenoh.ping import Floats, Pinged
 
 
@@ -38,7 +38,7 @@ def ping(
     ] = None,
 ) -> None:
     """Measure round trips between two nodes, and say what the controllers make of them."""
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
     from bridge.zenoh import ping as measuring
 
     system = load_system(scenario, deploy, set_ or [])
@@ -72,7 +72,7 @@ def _traces(found: Pinged, out: Path, here: str, there: str) -> list[Path]:
 
 
 def _bus(system: System) -> str:
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     for name, bus in system.deployment.buses.items():
         if bus.kind == "zenoh":
@@ -84,7 +84,7 @@ def _bus(system: System) -> str:
 
 
 def _pair(system: System, bus: str, here: str, there: str) -> tuple[str, str]:
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     nodes = [n for n in system.deployment.nodes if bus in system.buses_of(n)]
     for name in (here, there):
@@ -98,8 +98,8 @@ class _Ends:
     """The session of the pinging node, with an echo in this process if `local`."""
 
     def __init__(self, system: System, bus: str, here: str, there: str, *, local: bool) -> None:
+        from bridge.deployment.zenoh_keys import names_of
         from bridge.zenoh.attach import rules_of
-        from bridge.zenoh.names import names_of
         from bridge.zenoh.options import options_of
         from bridge.zenoh.session import configure, open_session
 
@@ -129,7 +129,7 @@ class _Ends:
 
 def _echo(system: System, bus: str, node: str, other: str) -> None:
     from bridge.zenoh.ping import Echo
-    from cosim.clock import sleep
+    from cosim.base.clock import sleep
 
     with _Ends(system, bus, node, other, local=False) as ends:
         Echo(ends.session, ends.names, node, other, ends.reliability)
@@ -184,12 +184,12 @@ def _predict(
     """Felt damping and stiffness, and the scenario offline with the delays its links would have."""
     from bridge.cli.options import fresh
     from cosim.analysis.system import system as with_facts
-    from cosim.assemble import assemble
-    from cosim.check.laws import prediction
+    from cosim.checks.laws import prediction
     from cosim.cli.summary import summary
+    from cosim.engine.simulate import simulate
     from cosim.record import Run
-    from cosim.scenario import load
-    from cosim.simulate import simulate
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import load
 
     ours = [s for s in settings if not s.startswith("deploy.")]
     added = links_with_laws(system, here, found, out) if system.deployment.latency else None
@@ -224,7 +224,7 @@ def links_with_laws(system: System, here: str, found: Pinged, out: Path) -> list
 
     A trace each, in the folder `out`: what the law draws, plus what was measured, repeated.
     """
-    from bridge.latency import on_network
+    from bridge.deployment.latency import on_network
     from bridge.zenoh.ping import write_trace
 
     homes = {c: n for n, spec in system.deployment.nodes.items() for c in spec.components}

@@ -11,10 +11,10 @@ from cosim.cli.check import Strict
 from cosim.cli.supervise import asking, recording
 
 if TYPE_CHECKING:
-    from bridge.outcome import Outcome
-    from bridge.rehearse import Settings
-    from bridge.system import System
-    from bridge.verdict import Verdict
+    from bridge.deployment.system import System
+    from bridge.rehearsal.supervisor import Settings
+    from bridge.results.outcome import Outcome
+    from bridge.results.verdict import Verdict
 
 Deploy = Annotated[
     str,
@@ -91,10 +91,10 @@ def rehearse(
     or other samples were heard than sent, or a fault on purpose is not in the report; with 3 where
     it is inconclusive, because this machine was too slow to judge.
     """
-    from bridge import deploy as deployments
-    from bridge import preflight
     from bridge.cli.options import bus_settings, clock_settings
-    from bridge.system import load_system
+    from bridge.deployment import spec as deployments
+    from bridge.deployment.system import load_system
+    from bridge.preflight import deployment
 
     path = deployments.find(scenario, deploy)
     changes = [*(set_ or [])]
@@ -105,11 +105,11 @@ def rehearse(
         deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
     )
     system = load_system(scenario, str(path), changes)
-    refuse(preflight.check(system), strict=strict, quiet=quiet)
+    refuse(deployment.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
         with asking():
             typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
-    from bridge.rehearse import Settings
+    from bridge.rehearsal.supervisor import Settings
 
     settings = Settings(
         scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
@@ -120,7 +120,7 @@ def rehearse(
 
 def _those(system: System, nodes: str | None) -> tuple[str, ...]:
     """Nodes that are named; none: all. Raises ScenarioError for one that is not there."""
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     named = tuple(name.strip() for name in nodes.split(",")) if nodes else ()
     for name in named:
@@ -132,7 +132,7 @@ def _those(system: System, nodes: str | None) -> tuple[str, ...]:
 
 def _folder(system: System, out: Path | None) -> Path:
     from bridge.cli.options import fresh
-    from cosim.clock import stamp
+    from cosim.base.clock import stamp
 
     name = f"{system.scenario.name}-{system.deployment.name}-{stamp()}"
     return out or fresh(Path("runs") / name)
@@ -150,19 +150,20 @@ def _run(
 ) -> None:
     from dataclasses import replace
 
-    from bridge import happen, reach
-    from bridge.faults import load
-    from bridge.outcome import begin, clear, complete
-    from bridge.rehearse import Rehearsal
+    from bridge.faults.load import load
+    from bridge.preflight import host
+    from bridge.rehearsal import injector
+    from bridge.rehearsal.supervisor import Rehearsal
+    from bridge.results.outcome import begin, clear, complete
+    from cosim.base.errors import Interrupted
+    from cosim.base.interrupts import exit_code
     from cosim.cli.summary import progress_bar
-    from cosim.errors import Interrupted
-    from cosim.interrupts import exit_code
     from cosim.record import claim_folder
 
-    reach.check(system, settings.nodes)
+    host.check(system, settings.nodes)
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
-        settings = replace(settings, events=happen.events(script, system))
+        settings = replace(settings, events=injector.events(script, system))
     if force:
         clear(folder)
     recording(folder)
@@ -195,8 +196,8 @@ def refuse(findings: object, *, strict: bool, quiet: bool) -> None:
     from collections.abc import Iterable
     from typing import cast
 
-    from cosim.check import Finding
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
+    from cosim.checks import Finding
 
     found = list(cast(Iterable[Finding], findings))
     serious = ("error", "warning") if strict else ("error",)
@@ -221,10 +222,10 @@ def header(system: System) -> str:
 
 
 def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
-    from bridge import verdict as verdicts
-    from bridge.lateness import draw
-    from bridge.outcome import lines
-    from bridge.report import line
+    from bridge.realtime.lateness import draw
+    from bridge.results import verdict as verdicts
+    from bridge.results.outcome import lines
+    from bridge.results.report import line
     from cosim.analysis import declared
     from cosim.analysis.metrics import evaluate
     from cosim.cli.summary import figures
@@ -249,7 +250,7 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
 
 def well(outcome: Outcome) -> str:
     """What is said of a run that has passed."""
-    from bridge.records import End, Gone
+    from bridge.records.records import End, Gone
 
     missed = sum(r.lateness.missed for r in outcome.reports)
     slots = sum(r.slots for r in outcome.reports)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from bridge.lives import Life
-    from bridge.system import System
-    from bridge.wiring import Rows
+    from bridge.deployment.system import System
+    from bridge.records.lives import Life
+    from bridge.wiring.wiring import Rows
 
 
 def replay(
@@ -44,8 +44,8 @@ def replay(
     """
     from tempfile import TemporaryDirectory
 
-    from bridge import replay as again
-    from cosim.clock import stopwatch
+    from bridge.replay import replay as again
+    from cosim.base.clock import stopwatch
     from cosim.record import verify
     from cosim.record.folder import NODES
 
@@ -79,8 +79,8 @@ def replay(
 
 
 def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
-    from bridge.system import load_system
-    from cosim.errors import ScenarioError
+    from bridge.deployment.system import load_system
+    from cosim.base.errors import ScenarioError
     from cosim.record.folder import read_metadata
 
     facts = read_metadata(run).get("deployment")
@@ -97,8 +97,8 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
 
 def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.cli.diff import lines
-    from bridge.diff import compare_runs
-    from bridge.offline import fed, run_offline
+    from bridge.replay.diff import compare_runs
+    from bridge.results.offline import fed, run_offline
 
     given = ", ".join(inlet.target.name for _, inlet in fed(system, rows)) or "no input"
     typer.echo(f"{'fed as given':<16} {given}; links held as sent run over their tables")
@@ -110,7 +110,7 @@ def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
 def _from_log(log: Path, scenario: Path | None, deploy: str | None) -> None:
     import importlib
 
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     if scenario is None or deploy is None:
         raise ScenarioError("--from-log needs --scenario and --deploy", str(log))

@@ -12,8 +12,8 @@ from bridge.cli.rehearse import Deploy, Interface, Set
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from bridge.deploy import Deployment
-    from bridge.soak import Job
+    from bridge.campaign.soak import Job
+    from bridge.deployment.spec import Deployment
 
 
 def soak(
@@ -61,10 +61,10 @@ def soak(
     the replay is the run, and the arms came together or stopped safely. Goes on where it was
     interrupted. Exits with 1 where anything was not as it had to be.
     """
-    from bridge import soak_table
-    from bridge.soak_drive import SUMMARY, count
+    from bridge.campaign import soak_table
+    from bridge.campaign.soak_driver import SUMMARY, count
+    from cosim.base.convert import number
     from cosim.cli.show import aligned
-    from cosim.convert import number
 
     seconds = number(run, "s", "--run")
     job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)
@@ -99,11 +99,11 @@ def _job(
     interface: str | None,
 ) -> Job:
     """What was asked for. Raises ScenarioError."""
-    from bridge import deploy as deployments
+    from bridge.campaign.soak import Job
+    from bridge.campaign.soak_spec import load_soak
     from bridge.cli.options import bus_settings
-    from bridge.soak import Job
-    from bridge.soak_spec import load_soak
-    from cosim.errors import ScenarioError
+    from bridge.deployment import spec as deployments
+    from cosim.base.errors import ScenarioError
 
     path = deployments.find(scenario, deploy)
     drawn = load_soak(scenario, faults)
@@ -125,8 +125,8 @@ def _hosted(job: Job, realtime: bool) -> tuple[Job, str]:
     """The job as this machine can do it, and why that is less, if it is."""
     from dataclasses import replace
 
-    from bridge import hosts
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
+    from bridge.rehearsal import hosts
 
     system = load_system(job.scenario, str(job.deployment), job.changes)
     why = _own_bus(system.deployment) or hosts.missing()
@@ -145,9 +145,9 @@ def _own_bus(deployment: Deployment) -> str:
 def _driven(
     job: Job, runs: int, parallel: int, retry: bool, quiet: bool
 ) -> list[dict[str, object]]:
-    from bridge.soak_drive import soak as drive
+    from bridge.campaign.soak_driver import soak as drive
+    from cosim.base.interrupts import exit_code
     from cosim.cli.sweep import progress_of
-    from cosim.interrupts import exit_code
 
     with progress_of(quiet) as progress:
         try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from bridge.system import System
+    from bridge.deployment.system import System
 
 #: s; what `options.wait` of the bus is here where nodes do not wait for each other.
 PATIENCE = 3.0
@@ -36,8 +36,8 @@ def tell(
     commands until they are there (`options.wait`); a stop does not wait. A start tells all nodes
     one t = 0 where they share a clock; where some run already, the others join them.
     """
-    from bridge.system import load_system
-    from cosim.errors import ScenarioError
+    from bridge.deployment.system import load_system
+    from cosim.base.errors import ScenarioError
 
     system = load_system(scenario, deploy, set_ or [])
     d = system.deployment
@@ -53,8 +53,8 @@ def tell(
 def _tell(
     system: System, bus: str, what: str, nodes: Sequence[str], name: str, *, every: bool
 ) -> None:
+    from bridge.deployment.zenoh_keys import names_of
     from bridge.zenoh.attach import rules_of
-    from bridge.zenoh.names import names_of
     from bridge.zenoh.offsets import say_epoch
     from bridge.zenoh.options import options_of
     from bridge.zenoh.presence import Presence, wait_until_there

@@ -7,20 +7,20 @@ from pathlib import Path
 
 import typer
 
-from cosim.check.finding import Finding
+from cosim.base.errors import Interrupted, ScenarioError
+from cosim.checks.finding import Finding
 from cosim.cli.supervise import recording
-from cosim.errors import Interrupted, ScenarioError
 
 
 def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
     """What there is to say of the buses; prints their loads and messages."""
-    from bridge import preflight
     from bridge.cli.check import load_rows, message_rows
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
+    from bridge.preflight import deployment
     from cosim.cli.show import aligned
 
     system = load_system(scenario, deploy, settings)
-    messages, timings = preflight.messages(system), preflight.timings(system)
+    messages, timings = deployment.messages(system), deployment.timings(system)
     typer.echo(f"{system.deployment.title}\n")
     for text in aligned(load_rows(messages, timings)):
         typer.echo(text)
@@ -28,7 +28,7 @@ def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Findi
         typer.echo(f"\nbus {bus}")
         for text in aligned(message_rows([m for m in messages if m.bus == bus], timing)):
             typer.echo(text)
-    return preflight.check(system)
+    return deployment.check(system)
 
 
 def run(
@@ -44,23 +44,23 @@ def run(
     quiet: bool,
 ) -> None:
     """The twin into a run folder, and its numbers."""
-    from bridge import preflight
     from bridge.cli.options import fresh
     from bridge.cli.rehearse import header, refuse
-    from bridge.outcome import run_twin
-    from bridge.report import line
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
+    from bridge.preflight import deployment
+    from bridge.results.outcome import run_twin
+    from bridge.results.report import line
     from cosim.analysis import declared
     from cosim.analysis.metrics import evaluate
+    from cosim.base.clock import stamp, stopwatch
+    from cosim.base.interrupts import exit_code
     from cosim.cli.summary import figures
-    from cosim.clock import stamp, stopwatch
-    from cosim.interrupts import exit_code
     from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
         raise ScenarioError(f"--clock {clock}: expected simulated; on the wall: cosim rehearse")
     system = load_system(scenario, deploy, settings)
-    refuse(preflight.check(system), strict=strict, quiet=quiet)
+    refuse(deployment.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or fresh(Path("runs") / name)
     recording(folder)

@@ -1,4 +1,8 @@
-"""The bridge's C library (``bridge/c``) as ctypes sees it: one module a header."""
+"""The bridge's C library (``bridge/c``) as ctypes sees it: one module a header.
+
+In come numbers and pointers, out come structs, arrays and counts as C has them. `journal` reads and
+writes the files of rows that C fills. Nothing above C is decided here.
+"""
 
 from bridge.native.library import library, library_path
 

@@ -12,11 +12,11 @@ from typing import Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.journal import Journal, JournalStruct
 from bridge.native.frame import Flags, Frame, Ring, RingStruct
+from bridge.native.journal import Journal, JournalStruct
 from bridge.native.library import library
 from bridge.native.message import Message
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 SLOTS, SLOT_NS = 16, 100_000_000
 ALL_BITS = 0xFFFFFFFF

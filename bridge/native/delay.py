@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.native.library import library
-from cosim.errors import PlanError
+from cosim.base.errors import PlanError
 
 NONE, SIGNAL, LAST, STAMP, FIFO, PLAYOUT = range(6)
 FloatArray = NDArray[np.float64]

@@ -13,7 +13,7 @@ from bridge.native.bus import Accept
 from bridge.native.frame import Frame
 from bridge.native.library import library
 from bridge.native.message import Message
-from cosim.errors import PlanError
+from cosim.base.errors import PlanError
 
 DROP, BURST, DELAY, JITTER, DUPLICATE, REORDER, CORRUPT, FORGE, REPLAY, ABSURD, FLOOD = range(11)
 HOSTILE = (FORGE, REPLAY, ABSURD, FLOOD)

@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 
 from bridge.native.library import library
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 DATA = 232
 

@@ -7,7 +7,7 @@ import sys
 from functools import lru_cache
 from pathlib import Path
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 
 def library_path() -> Path:

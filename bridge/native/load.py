@@ -6,9 +6,9 @@ import ctypes as c
 from functools import lru_cache
 from typing import final
 
-from bridge.can.timing import BusTiming
 from bridge.native.frame import Frame
 from bridge.native.library import library
+from cosim.bus.timing import BusTiming
 
 
 @final

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ctypes as c
 from functools import lru_cache
 
-from bridge.journal import JournalStruct
 from bridge.native import faults, message, safety
 from bridge.native.delay import Delay
 from bridge.native.epoch import Epoch
 from bridge.native.frame import Frame
+from bridge.native.journal import JournalStruct
 from bridge.native.library import library
 from bridge.native.pace import Histogram
 

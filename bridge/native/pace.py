@@ -49,7 +49,7 @@ def edges() -> NDArray[np.int64]:
 
 
 def now() -> int:
-    """The monotonic clock, ns: the same as ``cosim.clock.monotonic_ns``."""
+    """The monotonic clock, ns: the same as ``cosim.base.clock.monotonic_ns``."""
     return int(_declared().pace_now())
 
 

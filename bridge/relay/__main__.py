@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.journal import Journal
+from bridge.native.journal import Journal
 from bridge.relay.impair import LinkSpec
 from bridge.relay.router import PACKET, Router, open_tun
-from cosim.clock import monotonic_ns
-from cosim.errors import CosimError
+from cosim.base.clock import monotonic_ns
+from cosim.base.errors import CosimError
 
 
 def main(arguments: Sequence[str]) -> int:

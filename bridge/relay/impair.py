@@ -14,7 +14,7 @@ from typing import Any, final
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.table import generator
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 NEWNET = 0x40000000
 _FOLDER = Path("/run/netns")

@@ -15,7 +15,7 @@ from typing import Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.journal import Journal
+from bridge.native.journal import Journal
 from bridge.relay import namespaces
 from bridge.relay.namespaces import NetworkError
 

@@ -10,10 +10,10 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any, final
 
-from bridge.journal import Journal
+from bridge.native.journal import Journal
 from bridge.relay.impair import Impairment, LinkSpec
 from bridge.relay.namespaces import NetworkError, inside, ip
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 _TUN, _NO_PI, _SETIFF = 0x0001, 0x1000, 0x400454CA
 PACKET: Any = [

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from bridge.vcan import abilities, host, packages, supervise, uml
 from bridge.vcan.errors import VcanError
 from bridge.vcan.guest import Request
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 _BACKENDS = {"host": host.run, "uml": uml.run}
 

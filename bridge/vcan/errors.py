@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 
 class VcanError(CosimError, RuntimeError):

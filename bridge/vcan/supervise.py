@@ -20,8 +20,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from bridge.vcan.errors import VcanError
-from cosim.clock import stopwatch
-from cosim.errors import CosimError
+from cosim.base.clock import stopwatch
+from cosim.base.errors import CosimError
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 #: What stops a run. SIGUSR1: the watcher's own, for output that nobody reads any more.

@@ -1,5 +1,7 @@
-"""Zenoh as a bus: keys, configuration, session, channel, presence, remote control.
+"""Zenoh as a bus: configuration, session, channel, presence, remote control.
 
-Only this package imports `zenoh` (the extra ``cosim-bridge[zenoh]``); `names` and `options` do
-without, so that the twin and the replay of a deployment need no Zenoh.
+In come the options of a deployment's bus and the rings of a node, out come samples under its keys
+and answers to whoever asks a node. Only this package imports `zenoh` (the extra
+``cosim-bridge[zenoh]``);
+`options` does without, so that the twin and the replay of a deployment need no Zenoh.
 """

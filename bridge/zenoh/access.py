@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Any
 
-from bridge.zenoh.names import Names
+from bridge.deployment.zenoh_keys import Names
 
 #: Who may send commands to nodes, and ask them: the common name of an operator's certificate.
 OPERATOR = "operator"

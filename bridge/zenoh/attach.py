@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from bridge.journal import Journal
-from bridge.routes import gateways
-from bridge.system import System
+from bridge.deployment.gateways import gateways
+from bridge.deployment.system import System
+from bridge.deployment.zenoh_keys import names_of
+from bridge.native.journal import Journal
 from bridge.zenoh.access import access_control
 from bridge.zenoh.channel import Traffic, ZenohAttachment
-from bridge.zenoh.names import names_of
 from bridge.zenoh.options import options_of
 
 

@@ -11,8 +11,8 @@ import subprocess
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from bridge.zenoh.names import check_chunk
-from cosim.errors import CosimError
+from bridge.deployment.zenoh_keys import check_chunk
+from cosim.base.errors import CosimError
 
 AUTHORITY = "ca"
 DAYS = 365

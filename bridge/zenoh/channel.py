@@ -15,11 +15,11 @@ import zenoh
 
 from bridge.can.health import BusHealth, bus_health
 from bridge.can.socket import BusError
-from bridge.journal import Journal
+from bridge.deployment.zenoh_keys import Names
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
+from bridge.native.journal import Journal
 from bridge.native.mail import bringer, keep_thread, taker
-from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
 from bridge.zenoh.presence import Presence, wait_until_there
 from bridge.zenoh.release import release
@@ -33,7 +33,7 @@ from bridge.zenoh.session import (
 )
 from bridge.zenoh.silence import LOOK, Silence
 from bridge.zenoh.wake import Wake
-from cosim.clock import monotonic_ns
+from cosim.base.clock import monotonic_ns
 
 ENCODING = "application/octet-stream;cosim.sample.v1"
 

@@ -14,17 +14,17 @@ from typing import final
 
 import zenoh
 
+from bridge.deployment.system import System
+from bridge.deployment.zenoh_keys import Names, names_of
 from bridge.native.bus import Traffic, traffic_add
 from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import bringer, keep_thread
-from bridge.system import System
 from bridge.zenoh.access import MONITOR
 from bridge.zenoh.attach import rules_of, traffic_of
-from bridge.zenoh.names import Names, names_of
 from bridge.zenoh.options import Options, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
 from bridge.zenoh.session import close_session, configure, open_session
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 #: Samples kept between two looks, a power of two.
 CAPACITY = 8192

@@ -13,15 +13,15 @@ from typing import Any
 
 import zenoh
 
-from bridge.clocks import HostClock, host_clock
-from bridge.deploy import Deployment
+from bridge.deployment.spec import Deployment
+from bridge.deployment.system import System
+from bridge.deployment.zenoh_keys import Names, names_of
 from bridge.native.epoch import new_run, values
-from bridge.system import System
-from bridge.zenoh.names import Names, names_of
+from bridge.realtime.host_clock import HostClock, host_clock
 from bridge.zenoh.presence import present_now
 from bridge.zenoh.remote import ask, say
-from cosim.clock import monotonic_ns, realtime_ns
-from cosim.errors import RunError
+from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.errors import RunError
 
 #: s; a receiver believes no sample that is further ahead of its time, nor a period ahead.
 EARLY = 0.002

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bridge.deploy import Deployment
-from cosim.errors import ScenarioError
+from bridge.deployment.spec import Deployment
+from cosim.base.errors import ScenarioError
 
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "unixsock-stream", "ws")
 ENCRYPTED = ("tls", "quic")

@@ -16,12 +16,12 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
+from bridge.deployment.zenoh_keys import Names, codec
 from bridge.native import pace
 from bridge.native.message import Decoded
 from bridge.zenoh.channel import control_publisher
-from bridge.zenoh.names import Names, codec
-from cosim.clock import sleep, stopwatch
-from cosim.errors import RunError
+from cosim.base.clock import sleep, stopwatch
+from cosim.base.errors import RunError
 
 SIGNALS = ("number", "sent", "heard", "reserved")
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import final
 import zenoh
 
 from bridge.can.socket import BusError
-from bridge.zenoh.names import Names
-from cosim.clock import sleep, stopwatch
+from bridge.deployment.zenoh_keys import Names
+from cosim.base.clock import sleep, stopwatch
 
 #: s between two looks.
 LOOK = 0.02

@@ -15,19 +15,19 @@ from typing import Any, Protocol
 import zenoh
 
 from bridge.can.socket import BusError
-from bridge.clocks import host_clock
+from bridge.deployment.services import Encoding
+from bridge.deployment.zenoh_keys import Names
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
 from bridge.native.safety import State
-from bridge.safety import explain
-from bridge.sending import forwarded_facts
-from bridge.services import Encoding
-from bridge.wiring import Wired
+from bridge.realtime.host_clock import host_clock
+from bridge.safety.limits import explain
+from bridge.wiring.outlets import forwarded_facts
+from bridge.wiring.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
-from bridge.zenoh.names import Names
 from bridge.zenoh.presence import Presence, wait_until_there
-from cosim.clock import monotonic_ns, realtime_ns, sleep, stopwatch
-from cosim.errors import RunError
+from cosim.base.clock import monotonic_ns, realtime_ns, sleep, stopwatch
+from cosim.base.errors import RunError
 
 READ = ("state", "parameters", "clock")
 TOLD = ("arm", "stop")
@@ -36,7 +36,7 @@ _PATIENCE = 3.0
 
 
 class Stoppable(Protocol):
-    """What arms and stops a node: :class:`bridge.control.Control`."""
+    """What arms and stops a node: :class:`bridge.node.control.Control`."""
 
     def arm(self) -> None:
         """Torque may follow START."""

@@ -16,7 +16,7 @@ from types import FrameType
 
 from bridge.zenoh.options import Options, check_endpoint
 from bridge.zenoh.session import close_session, configure, open_session
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -18,7 +18,7 @@ import zenoh
 
 from bridge.can.socket import BusError
 from bridge.zenoh.options import Options, check_endpoint
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 #: s that a session may take to close.
 CLOSING = 2.0

@@ -26,7 +26,7 @@ from cosim.analysis.tested import (
     sweep,
     with_known,
 )
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 
 @dataclass(frozen=True, slots=True)

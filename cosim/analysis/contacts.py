@@ -11,7 +11,7 @@ from cosim.analysis import closed_form as closed
 from cosim.analysis.experiments import APART, RESOLVED, Bench, stiffest
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.tested import each_feedback, title_of
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 
 #: Length of runs with a wall and a grip, s.
 WALL, GRIP = 60.0, 30.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cosim.analysis.metrics import Metric, metric
-from cosim.scenario import Scenario
+from cosim.scenario.spec import Scenario
 
 
 def metrics(scenario: Scenario) -> list[Metric]:

@@ -20,7 +20,7 @@ from cosim.analysis.network import Network, network
 from cosim.analysis.port import Port
 from cosim.analysis.system import System
 from cosim.analysis.trace import Change, Trace, changed, trace
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 
 #: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.
 FORCE = 1e-6

@@ -28,7 +28,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 
 from cosim.analysis.signals import Array, Signals, Stack, stack
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "peak", "final"]
 Distance = Literal["max", "euclidean"]

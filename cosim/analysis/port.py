@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 from cosim.analysis.facts import Arm, DynamicFeedback
 from cosim.analysis.system import System
-from cosim.connect import unknown
-from cosim.errors import ScenarioError
-from cosim.scenario import AnalysisSpec
+from cosim.base.errors import ScenarioError
+from cosim.scenario.connect import unknown
+from cosim.scenario.spec import AnalysisSpec
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.analysis.signals import Array
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 
 @final

@@ -16,7 +16,7 @@ from cosim.analysis.network import Network
 from cosim.analysis.port import Port
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.signals import Signals
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)

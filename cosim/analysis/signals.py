@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import CosimError, ScenarioError
-from cosim.units import parse
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.units import parse
 
 Array = NDArray[np.float64]
 

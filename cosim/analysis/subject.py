@@ -11,11 +11,11 @@ from cosim.analysis.port import Port, port_of
 from cosim.analysis.signals import Signals
 from cosim.analysis.system import System, system
 from cosim.analysis.trace import Trace, trace
-from cosim.assemble import assemble
-from cosim.errors import CosimError, ScenarioError
-from cosim.plan import Plan
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.record import Run
-from cosim.scenario import AnalysisSpec, Scenario, build, load
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import AnalysisSpec, Scenario, build, load
+from cosim.schedule.plan import Plan
 
 #: Rows of a run in memory at the most; longer ones are recorded more coarsely.
 ROWS = 400_000

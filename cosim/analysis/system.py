@@ -15,14 +15,14 @@ from typing import TypeVar
 import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
-from cosim.connect import EdgeWeight
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
 from cosim.links.losses import Lossy
 from cosim.links.semantics import Playout, Signal
 from cosim.links.table import DrawnTable, TableSpec
-from cosim.plan import Link, Plan, Player, Slot, Step, Wire
-from cosim.scenario import Scenario
+from cosim.scenario.connect import EdgeWeight
+from cosim.scenario.spec import Scenario
+from cosim.schedule.plan import Link, Plan, Player, Slot, Step, Wire
 
 #: Looks that the mean age of a link, and the mean weight of an edge, are taken over.
 LOOKS = 8000

@@ -16,7 +16,7 @@ from cosim.analysis.manipulability import manipulability
 from cosim.analysis.network import Network
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded import least_feedback
-from cosim.errors import CosimError, RunError
+from cosim.base.errors import CosimError, RunError
 
 #: Length of a run with a push, s, by whether there are more than two arms.
 PUSH = {False: 80.0, True: 240.0}

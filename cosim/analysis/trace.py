@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from cosim.analysis.facts import Array
-from cosim.connect import unknown
-from cosim.engine import Engine
-from cosim.errors import RunError, ScenarioError
-from cosim.plan import Plan, Player, Slot, Step, compile_plan
+from cosim.base.errors import RunError, ScenarioError
+from cosim.engine.engine import Engine
+from cosim.scenario.connect import unknown
+from cosim.schedule.plan import Plan, Player, Slot, Step, compile_plan
 
 #: Values of the signal vector that are recorded at once.
 _CHUNK = 1 << 18

@@ -56,7 +56,7 @@ def analyze(
     """
     from cosim.analysis.analysis import analyse
     from cosim.analysis.subject import of_run, of_scenario
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
     from cosim.record import verify
 
     if target.is_dir() and set_:
@@ -76,7 +76,7 @@ def analyze(
         write(json, found)
         typer.echo(f"\n{'numbers':<12} {json}")
     if plot:
-        from cosim.analysis.plots import draw
+        from cosim.reporting.analysis import draw
 
         for path in draw(found, out or folder):
             typer.echo(f"{'figure':<12} {path}")
@@ -131,7 +131,7 @@ def write(path: Path, found: Analysis) -> None:
     import json
     import os
 
-    from cosim.errors import RunError
+    from cosim.base.errors import RunError
 
     try:
         path.write_text(json.dumps(found.as_data(), indent=1, ensure_ascii=False) + "\n", "utf-8")

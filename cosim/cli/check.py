@@ -11,9 +11,9 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from cosim.check import Finding
-    from cosim.plan import Plan
-    from cosim.scenario import Scenario
+    from cosim.checks import Finding
+    from cosim.scenario.spec import Scenario
+    from cosim.schedule.plan import Plan
 
 
 #: Who checks the buses of a deployment; this package does not know it.
@@ -44,9 +44,9 @@ def check(
 
     Exits with 1 where there is an error; with --strict for warnings as well.
     """
-    from cosim.assemble import assemble
-    from cosim.check import check as findings
-    from cosim.scenario import load
+    from cosim.checks import check as findings
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import load
 
     loaded = load(scenario, [s for s in set_ or [] if not s.startswith("deploy.")])
     found = findings(loaded, assemble(loaded))
@@ -78,7 +78,7 @@ def warn(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
     A check that fails is a line as well: it never stands in the way of a run. Raises ScenarioError
     for all of these if `strict`.
     """
-    from cosim.check import check as findings
+    from cosim.checks import check as findings
 
     try:
         lines = [f.line for f in findings(scenario, plan, notes=False)]
@@ -89,14 +89,14 @@ def warn(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
 
 def forgotten(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
     """Say which inputs nothing feeds, a line each. Raises ScenarioError for any if `strict`."""
-    from cosim.check.wiring import unfed
+    from cosim.checks.wiring import unfed
 
     found = dict.fromkeys(f.line for plan in plans for f in unfed(plan))
     _say(list(found), strict=strict, quiet=quiet)
 
 
 def _say(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     if strict and lines:
         raise ScenarioError("; ".join(lines), "--strict")
@@ -108,7 +108,7 @@ def _write(path: Path, scenario: Scenario, found: tuple[Finding, ...]) -> None:
     import json
     import os
 
-    from cosim.errors import RunError
+    from cosim.base.errors import RunError
 
     data = {"scenario": str(scenario.path), "findings": [f.as_data() for f in found]}
     try:

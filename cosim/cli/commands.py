@@ -16,8 +16,8 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from cosim.errors import CosimError, FolderWarning
-from cosim.interrupts import exit_code, terminated
+from cosim.base.errors import CosimError, FolderWarning
+from cosim.base.interrupts import exit_code, terminated
 
 #: Module and first line of help of every command, whose function has its name. Those of the bridge
 #: are here by name only: this package does not know it.

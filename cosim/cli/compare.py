@@ -13,8 +13,8 @@ import typer
 from cosim.cli.check import Strict
 
 if TYPE_CHECKING:
-    from cosim.compare.comparison import Comparison
-    from cosim.compare.variants import Selection, Variants
+    from cosim.comparison.comparison import Comparison
+    from cosim.comparison.variants import Selection, Variants
 
 
 def compare(
@@ -51,13 +51,13 @@ def compare(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run every controller under every operator over every link law, and print one table."""
+    from cosim.base.clock import stamp, stopwatch
     from cosim.cli.check import forgotten
     from cosim.cli.summary import progress_bar
-    from cosim.clock import stamp, stopwatch
-    from cosim.compare import report
-    from cosim.compare.comparison import compare as compare_all
-    from cosim.compare.documents import check, read_base
-    from cosim.compare.variants_file import beside, read
+    from cosim.comparison import report
+    from cosim.comparison.comparison import compare as compare_all
+    from cosim.comparison.documents import check, read_base
+    from cosim.comparison.variants_file import beside, read
     from cosim.record import seal
 
     known = read(variants or beside(scenario))
@@ -92,7 +92,7 @@ def _names(text: str) -> list[str]:
 
 
 def _draw(found: Comparison, path: Path) -> Path:
-    from cosim.compare.figure import draw
+    from cosim.comparison.figure import draw
 
     return draw(found, path)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cosim.estimate import ComponentError, Estimate
+    from cosim.estimate.local_error import ComponentError, Estimate
 
 FILE = "estimate.json"
 

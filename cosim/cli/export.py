@@ -21,8 +21,8 @@ def export(
     ] = None,
 ) -> None:
     """Write a scenario as an SSP that other tools run, or as one FMU that contains it."""
-    from cosim.assemble import assemble
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
+    from cosim.scenario.assemble import assemble
     from cosim.ssp import load as load_ssp
     from cosim.ssp.container import write as write_container
     from cosim.ssp.export import write
@@ -31,7 +31,7 @@ def export(
         raise ScenarioError(f"{links!r} is neither annotation nor fmu", "--links")
     if ssp is None and fmu is None:
         raise ScenarioError("say what to write: --ssp FILE or --fmu FILE", "cosim export")
-    from cosim.scenario import load
+    from cosim.scenario.spec import load
 
     read = load_ssp if scenario.suffix == ".ssp" else load
     loaded = read(scenario, set_ or [])

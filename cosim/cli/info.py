@@ -83,7 +83,7 @@ def _facts(component: FmuComponent) -> list[list[str]]:
 
 
 def _validate(fmu: Path) -> None:
-    from cosim.errors import FmuError
+    from cosim.base.errors import FmuError
     from cosim.fmi.validation import problems
 
     found = problems(fmu)

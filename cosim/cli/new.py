@@ -14,7 +14,7 @@ def new(
     dir_: Annotated[Path, typer.Option("--dir", help="Folder to write into.")] = Path("."),
 ) -> None:
     """Write a controller in Python, a scenario it runs in, and a test."""
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
     from cosim.scaffold import write_controller
 
     if what != "controller":

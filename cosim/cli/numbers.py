@@ -1,10 +1,10 @@
-"""Numbers on the command line: the same rule as in files (:mod:`cosim.toml`)."""
+"""Numbers on the command line: the same rule as in files (:mod:`cosim.base.toml`)."""
 
 from __future__ import annotations
 
 import typer
 
-from cosim.toml import EXPECTED, usable
+from cosim.base.toml import EXPECTED, usable
 
 
 def finite(value: float | None) -> float | None:

@@ -15,6 +15,6 @@ def recover(
 
     Every command reads such a folder as it is; other tools need the complete files.
     """
-    from cosim.recovery import repair
+    from cosim.engine.recovery import repair
 
     typer.echo(repair(run) or "complete: nothing is to be recovered")

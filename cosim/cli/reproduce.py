@@ -54,8 +54,8 @@ def reproduce(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print what fails only.")] = False,
 ) -> None:
     """Run the paper's Sec. VII and Theorems 1-5, draw its figures, and judge every claim."""
+    from cosim.base.clock import stamp, stopwatch
     from cosim.cli.summary import progress_bar
-    from cosim.clock import stamp, stopwatch
 
     wanted = [part.strip() for part in only.split(",") if part.strip()]
     paper = cast(Reproduction, importlib.import_module(PAPER))

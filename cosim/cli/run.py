@@ -12,7 +12,7 @@ from cosim.cli.check import Strict
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from cosim.scenario import Scenario
+    from cosim.scenario.spec import Scenario
 
 #: Who runs a deployment on a simulated clock; this package does not know it.
 TWIN = "bridge.cli.twin"
@@ -67,17 +67,17 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
-    from cosim.assemble import assemble
+    from cosim.base.clock import stamp
+    from cosim.base.errors import Interrupted, ScenarioError
+    from cosim.base.interrupts import exit_code
     from cosim.cli.check import warn
     from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
     from cosim.cli.supervise import recording
-    from cosim.clock import stamp
-    from cosim.errors import Interrupted, ScenarioError
-    from cosim.interrupts import exit_code
+    from cosim.engine.simulate import columns, simulate
     from cosim.record import Run, seal
-    from cosim.recorded import over
-    from cosim.scenario import load, logging
-    from cosim.simulate import columns, simulate
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.recorded import over
+    from cosim.scenario.spec import load, logging
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     if deploy is not None:
@@ -129,9 +129,9 @@ def run(
 
 def _errors(scenario: Scenario, tolerance: float, folder: Path) -> list[str]:
     """Two more runs of the scenario, which estimate errors and record nothing."""
-    from cosim.assemble import assemble
     from cosim.cli.estimate import lines, write
-    from cosim.estimate import estimate
+    from cosim.estimate.local_error import estimate
+    from cosim.scenario.assemble import assemble
 
     found = estimate(lambda: assemble(scenario), tolerance=tolerance)
     write(found, folder)

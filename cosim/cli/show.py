@@ -11,7 +11,7 @@ import typer
 from cosim.cli.check import Strict
 
 if TYPE_CHECKING:
-    from cosim.plan import Link, Plan, Slot, Step, Wire
+    from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
 
 
 def show(
@@ -30,10 +30,10 @@ def show(
     Of a run folder: what ran, how it ended, what is recorded, and whether its files are as they
     were written.
     """
-    from cosim.assemble import assemble
+    from cosim.base.errors import ScenarioError
     from cosim.cli.check import forgotten
-    from cosim.errors import ScenarioError
-    from cosim.scenario import load
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import load
 
     if scenario.is_dir():
         if set_:
@@ -193,7 +193,7 @@ def _fed(plan: Plan, step: Step) -> list[tuple[Slot, str, str]]:
 
 
 def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
-    from cosim.plan import Link
+    from cosim.schedule.plan import Link
 
     hold = f", holds it {step.period * plan.h:g} s"
     if isinstance(edge, Link):
@@ -252,7 +252,7 @@ def _emulated(plan: Plan) -> list[list[str]]:
 
 def _netem(plan: Plan, link: Link) -> list[str]:
     """What comes nearest to a link in the kernel's network emulator; nothing for a stored table."""
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
     from cosim.links.netem import netem
     from cosim.links.table import DrawnTable
 

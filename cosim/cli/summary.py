@@ -8,15 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
     from cosim.analysis.metrics import Result
-    from cosim.plan import Plan
+    from cosim.engine.simulate import Outcome
     from cosim.record import Column, Run
-    from cosim.report.figures import Figure
-    from cosim.scenario import Scenario
-    from cosim.simulate import Outcome
+    from cosim.reporting.figures import Figure
+    from cosim.scenario.spec import Scenario
+    from cosim.schedule.plan import Plan
 
 _WIDTH = 16
 
@@ -60,7 +60,7 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None]]:
 
 def figure_specs(scenario: Scenario) -> dict[str, Figure]:
     """The scenario's figures."""
-    from cosim.report.figures import Figure, Panel
+    from cosim.reporting.figures import Figure, Panel
 
     return {
         name: Figure(
@@ -162,7 +162,7 @@ def _ages(outcome: Outcome) -> list[str]:
 
 def figures(scenario: Scenario, run: Run, folder: Path) -> list[Path]:
     """Draw the scenario's figures into the run folder."""
-    from cosim.report.figures import draw
+    from cosim.reporting.figures import draw
 
     paths = []
     for name, figure in figure_specs(scenario).items():

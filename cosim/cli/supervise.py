@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from cosim.interrupts import ENDING
+from cosim.base.interrupts import ENDING
 
 #: The end of the pipe in a child that is supervised.
 _told: list[int] = []
@@ -40,7 +40,7 @@ def asking() -> Iterator[None]:
     if not _told or not sys.stdin.isatty():
         yield
         return
-    from cosim.errors import ScenarioError
+    from cosim.base.errors import ScenarioError
 
     terminal, before = sys.stdin.fileno(), os.getpgid(os.getppid())
     if os.tcgetpgrp(terminal) != before:
@@ -136,8 +136,8 @@ def _wait(child: int, signals: set[signal.Signals]) -> int:
 
 def _unfinished(status: int, folder: str) -> int:
     """Say how the child ended, and complete the folder it has left; the exit code."""
-    from cosim.errors import CosimError
-    from cosim.recovery import repair
+    from cosim.base.errors import CosimError
+    from cosim.engine.recovery import repair
 
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name

@@ -13,9 +13,9 @@ import typer
 from cosim.cli.check import Strict
 
 if TYPE_CHECKING:
-    from cosim.sweep.drive import Begun
-    from cosim.sweep.perform import Row
-    from cosim.sweep.workers import Opened
+    from cosim.sweeps.drive import Begun
+    from cosim.sweeps.perform import Row
+    from cosim.sweeps.workers import Opened
 
 #: Seconds between two lines of progress where there is no terminal.
 _EVERY = 10.0
@@ -50,11 +50,11 @@ def sweep(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
+    from cosim.base.interrupts import exit_code
     from cosim.cli.check import forgotten
-    from cosim.interrupts import exit_code
     from cosim.record import seal
-    from cosim.sweep import drive, figures, summary
-    from cosim.sweep.study import load_study
+    from cosim.sweeps import drive, figures, summary
+    from cosim.sweeps.study import load_study
 
     loaded = load_study(study)
     folder = out or Path("runs") / loaded.path.stem
@@ -93,8 +93,8 @@ def sweep(
 def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
     from functools import partial
 
-    from cosim.errors import ScenarioError
-    from cosim.sweep import workers
+    from cosim.base.errors import ScenarioError
+    from cosim.sweeps import workers
 
     if scheduler:
         return partial(workers.cluster, scheduler)
@@ -115,14 +115,14 @@ class Progress:
         quiet: bool,
         start: Callable[[], None] = lambda: None,
     ) -> None:
-        from cosim.clock import stopwatch
+        from cosim.base.clock import stopwatch
 
         self.count, self._failed, self._all, self._quiet = 0, 0, 0, quiet
         self._show, self._watch, self._start = show, stopwatch(), start
 
     def begin(self, begun: Begun, title: str, noun: str = "points") -> None:
         """Say what is to be done; `noun`: what there are so many of."""
-        from cosim.clock import stopwatch
+        from cosim.base.clock import stopwatch
 
         self._all, self._watch = begun.todo, stopwatch()
         if self._quiet:

@@ -7,8 +7,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from cosim import archive
-from cosim.errors import FmuError
+from cosim.base import archive
+from cosim.base.errors import FmuError
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Archive:
 def unpack(path: str | Path) -> Archive:
     """Unpack an FMU into the cache unless it is there already.
 
-    Raises FmuError for one that cannot be unpacked: see :func:`cosim.archive.unpack`.
+    Raises FmuError for one that cannot be unpacked: see :func:`cosim.base.archive.unpack`.
     """
     path = Path(path)
     try:

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
-from cosim.component import Values
-from cosim.errors import FmuError
+from cosim.base.component import Values
+from cosim.base.errors import FmuError
 from cosim.fmi.description import Description
 from cosim.fmi.layout import Ticker
 from cosim.fmi.library import Clocked, Clocks, Triggered
 from cosim.fmi.variables import TEXTS, Variable
-from cosim.native import ClockKind
+from cosim.native.structs import ClockKind
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent

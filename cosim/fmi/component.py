@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim import fmu_log
-from cosim.component import Kind, Outputs, Values
-from cosim.errors import FmuError, UnitError
+from cosim.base.component import Kind, Outputs, Values
+from cosim.base.errors import FmuError, UnitError
+from cosim.base.units import Unit, parse
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import of_content
@@ -30,7 +30,7 @@ from cosim.fmi.values import (
     texts_for,
 )
 from cosim.fmi.variables import NUMERIC, TEXTS
-from cosim.units import Unit, parse
+from cosim.native import fmu_log
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,9 +10,9 @@ from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
+from cosim.base.units import BASE, Unit
 from cosim.fmi.variables import Variable, variables2, variables3
-from cosim.units import BASE, Unit
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,9 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cosim import fmu_log, native
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
+from cosim.native import fmu_log, structs
 
 TYPES: Mapping[str, Any] = {
     "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
@@ -39,9 +39,9 @@ class Instance2:
         self.log = calls.log
         libc = c.CDLL(None)
         self._callbacks = _Callbacks2(
-            native.address(native.library().engine_log2),
-            native.address(libc.calloc),
-            native.address(libc.free),
+            structs.address(structs.library().engine_log2),
+            structs.address(libc.calloc),
+            structs.address(libc.free),
             None,
             c.addressof(self.log),
         )
@@ -152,7 +152,7 @@ class Instance2:
 
     def address(self, suffix: str) -> int:
         """The address of ``fmi2<suffix>``. Raises FmuError where the binary lacks it."""
-        return native.address(self._calls.function(suffix))
+        return structs.address(self._calls.function(suffix))
 
     def do_step(self, t: float, h: float) -> None:
         """``fmi2DoStep``."""
@@ -183,5 +183,5 @@ class Instance2:
     def hot(self) -> tuple[int, int, int]:
         """Addresses of ``fmi2SetReal``, ``fmi2DoStep``, ``fmi2GetReal``."""
         names = ("SetReal", "DoStep", "GetReal")
-        set_, step, get = (native.address(self._calls.function(n)) for n in names)
+        set_, step, get = (structs.address(self._calls.function(n)) for n in names)
         return set_, step, get

@@ -6,10 +6,10 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cosim import fmu_log, native
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 from cosim.fmi.ticking import Ticking, intervals, set_intervals
+from cosim.native import fmu_log, structs
 
 TYPES: Mapping[str, Any] = {
     "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
@@ -36,7 +36,7 @@ class Instance3:
         self.handle: int = instantiate(
             setup.name.encode(), setup.token.encode(), (str(setup.resources) + "/").encode(),
             False, setup.logging, setup.event_mode, setup.early_return, None, 0,
-            c.addressof(self.log), native.address(native.library().engine_log3), None,
+            c.addressof(self.log), structs.address(structs.library().engine_log3), None,
         )  # fmt: skip
         self._ticking = Ticking(calls, self.handle, Clocks())
         if not self.handle:
@@ -193,7 +193,7 @@ class Instance3:
 
     def address(self, suffix: str) -> int:
         """The address of ``fmi3<suffix>``. Raises FmuError where the binary lacks it."""
-        return native.address(self._calls.function(suffix))
+        return structs.address(self._calls.function(suffix))
 
     def do_step(self, t: float, h: float) -> None:
         """``fmi3DoStep``."""
@@ -237,5 +237,5 @@ class Instance3:
     def hot(self) -> tuple[int, int, int]:
         """Addresses of ``fmi3SetFloat64``, ``fmi3DoStep``, ``fmi3GetFloat64``."""
         names = ("SetFloat64", "DoStep", "GetFloat64")
-        set_, step, get = (native.address(self._calls.function(n)) for n in names)
+        set_, step, get = (structs.address(self._calls.function(n)) for n in names)
         return set_, step, get

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
-from cosim import native
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.library import NEVER, Clocked, Instance, Triggered
+from cosim.native import structs
 
 #: Clocks whose next tick the FMU says.
-ASKED = (native.ClockKind.CHANGING, native.ClockKind.COUNTDOWN)
+ASKED = (structs.ClockKind.CHANGING, structs.ClockKind.COUNTDOWN)
 #: FMI type -> (FMI function's name, how engine.c carries it, the C type).
 _CARRIED2 = {
     "Real": ("Real", 0, c.c_double),
@@ -57,7 +57,7 @@ class Ticker:
     """
 
     reference: int
-    kind: native.ClockKind
+    kind: structs.ClockKind
     period: int = 1
     shift: int = 0
     place: int = 0
@@ -104,27 +104,27 @@ class Layout:
     plain: bool = True
 
 
-def bind(instance: Instance, layout: Layout, alive: list[Any]) -> native.Unit:
+def bind(instance: Instance, layout: Layout, alive: list[Any]) -> structs.Unit:
     """The engine's unit for an instance; what it points to goes into `alive`. Raises FmuError."""
     x = layout
-    unit = native.Unit(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
+    unit = structs.Unit(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
     unit.output, unit.output_count = x.output, x.output_count
     unit.set, unit.step, unit.get = instance.hot()
     if x.plain:
-        unit.kind = native.UnitKind.FMI2 if x.fmi == "2.0" else native.UnitKind.FMI3
+        unit.kind = structs.UnitKind.FMI2 if x.fmi == "2.0" else structs.UnitKind.FMI3
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
             setattr(unit, name, _kept(c.c_uint32, references, alive))
             setattr(unit, f"n_{name}", len(references))
         return unit
-    unit.kind = native.UnitKind.TYPED
+    unit.kind = structs.UnitKind.TYPED
     unit.typed = c.addressof(_typed(instance, x, alive))
     return unit
 
 
-def _typed(instance: Instance, x: Layout, alive: list[Any]) -> native.Typed:
-    typed = native.Typed(
+def _typed(instance: Instance, x: Layout, alive: list[Any]) -> structs.Typed:
+    typed = structs.Typed(
         fmi=int(x.fmi[0]), variable=x.variable, next_event=instance.next_event
     )  # fmt: skip
     for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set")):
@@ -132,7 +132,7 @@ def _typed(instance: Instance, x: Layout, alive: list[Any]) -> native.Typed:
     if x.slopes is not None:
         slopes = _access(instance, "Set", x.slopes, x.fmi, held=False, alive=alive)
         slopes.call = instance.address("SetRealInputDerivatives")
-        typed.slopes = _kept(native.Access, [slopes], alive)
+        typed.slopes = _kept(structs.Access, [slopes], alive)
         typed.orders = _kept(c.c_int32, [1] * len(x.slopes.places), alive)
     if x.events:
         typed.enter_event = instance.address("EnterEventMode")
@@ -143,35 +143,35 @@ def _typed(instance: Instance, x: Layout, alive: list[Any]) -> native.Typed:
     return typed
 
 
-def _clocked(typed: native.Typed, instance: Instance, x: Layout, alive: list[Any]) -> None:
+def _clocked(typed: structs.Typed, instance: Instance, x: Layout, alive: list[Any]) -> None:
     """Clocks, and what they move; `active` has a place for each clock."""
     next_ = instance.next_ticks
     references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]
     index = {r: i for i, r in enumerate(references)}
     typed.active = _kept(c.c_bool, [False] * len(index), alive)
     tickers = [
-        native.Ticker(
+        structs.Ticker(
             t.reference, t.kind, t.period, t.shift, next_.get(t.reference, NEVER), t.place
         )
         for t in x.clocks
     ]
-    typed.clocks, typed.n_clocks = _kept(native.Ticker, tickers, alive), len(tickers)
+    typed.clocks, typed.n_clocks = _kept(structs.Ticker, tickers, alive), len(tickers)
     triggered = []
     for t, count in zip(x.triggered, x.counts, strict=True):
         places = _kept(c.c_int32, [index[r] for r in t.clocks], alive)
-        triggered.append(native.Triggered(t.reference, len(t.clocks), places, count))
-    typed.triggered = _kept(native.Triggered, triggered, alive)
+        triggered.append(structs.Triggered(t.reference, len(t.clocks), places, count))
+    typed.triggered = _kept(structs.Triggered, triggered, alive)
     typed.n_triggered = len(triggered)
     partitions = []
     for p in x.partitions:
         places = _kept(c.c_int32, [index[r] for r in p.clocks], alive)
-        partition = native.Partition(clocks=places, n_clocks=len(p.clocks))
+        partition = structs.Partition(clocks=places, n_clocks=len(p.clocks))
         if p.texts:
             partition.texts = _taking(instance, p.texts, alive)
         for name, verb, moves in (("inputs", "Set", p.inputs), ("outputs", "Get", p.outputs)):
             _move(partition, name, instance, verb, moves, x.fmi, alive)
         partitions.append(partition)
-    typed.partitions = _kept(native.Partition, partitions, alive)
+    typed.partitions = _kept(structs.Partition, partitions, alive)
     typed.n_partitions = len(partitions)
     if x.clocks:
         typed.set_clock = instance.address("SetClock")
@@ -192,36 +192,36 @@ def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> i
             return 1
         return 0
 
-    call = native.TEXTS(take)
+    call = structs.TEXTS(take)
     alive.append(call)
-    return native.address(call)
+    return structs.address(call)
 
 
-def late(unit: native.Unit) -> tuple[int, float]:
+def late(unit: structs.Unit) -> tuple[int, float]:
     """How often a clock of an FMU ticked after its time, and by how much at the most (s)."""
     if not unit.typed:
         return 0, 0.0
-    typed = native.Typed.from_address(unit.typed)
+    typed = structs.Typed.from_address(unit.typed)
     return typed.late, typed.latest
 
 
 def _move(
-    struct: native.Typed | native.Partition, name: str, instance: Instance, verb: str,
+    struct: structs.Typed | structs.Partition, name: str, instance: Instance, verb: str,
     moves: Sequence[Move], fmi: str, alive: list[Any],
 ) -> None:  # fmt: skip
     held = name == "discrete"
     accesses = [_access(instance, verb, m, fmi, held=held, alive=alive) for m in moves]
-    setattr(struct, name, _kept(native.Access, accesses, alive))
+    setattr(struct, name, _kept(structs.Access, accesses, alive))
     setattr(struct, f"n_{name}", len(accesses))
 
 
 def _access(
     instance: Instance, verb: str, move: Move, fmi: str, *, held: bool, alive: list[Any]
-) -> native.Access:
+) -> structs.Access:
     suffix, code, kind = (_CARRIED2 if fmi == "2.0" else _CARRIED3)[move.type]
     count = len(move.places)
     nothing = [float("nan")] * count
-    return native.Access(
+    return structs.Access(
         call=instance.address(verb + suffix),
         references=_kept(c.c_uint32, move.references, alive),
         places=_kept(c.c_int64, move.places, alive),

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from cosim import fmu_log
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
+from cosim.native import fmu_log
 
 #: A time event that never comes (s).
 NEVER = float("inf")

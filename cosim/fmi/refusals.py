@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from cosim.failures import refused
 from cosim.fmi.component import FmuComponent
-from cosim.native import Result
-from cosim.plan import Slot, Step
+from cosim.fmi.failures import refused
+from cosim.native.structs import Result
+from cosim.schedule.plan import Slot, Step
 
 if TYPE_CHECKING:
     import numpy as np

@@ -18,12 +18,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from cosim import fmu_log, native
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.layout import Layout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
 from cosim.fmi.options import PATIENCE, Options
 from cosim.fmi.worker import ANSWER, STEP
+from cosim.native import fmu_log, structs
 
 if TYPE_CHECKING:
     import numpy as np
@@ -268,7 +268,7 @@ class RemoteStep:
         self._remote, self._here = remote, here
         remote.bind(there)
 
-    def __call__(self, t: float, tick: int) -> tuple[native.Result, int, int]:
+    def __call__(self, t: float, tick: int) -> tuple[structs.Result, int, int]:
         """Step from `t` (s) in tick `tick`: (result, the FMU's status, signal here at fault)."""
         here = self._here
         self._inputs[:] = self._fed
@@ -278,7 +278,7 @@ class RemoteStep:
         self._given[:] = self._outputs
         fed = place < here.input_count
         at = here.input + place if fed else here.output + place - here.input_count
-        return native.Result(result), status, at
+        return structs.Result(result), status, at
 
 
 def _spawn(descriptor: int, size: int, offset: int) -> subprocess.Popen[bytes]:

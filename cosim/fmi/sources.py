@@ -6,7 +6,7 @@ import importlib
 from pathlib import Path
 from xml.etree import ElementTree
 
-from cosim.errors import CosimError, FmuError
+from cosim.base.errors import CosimError, FmuError
 from cosim.fmi.archive import Archive
 
 

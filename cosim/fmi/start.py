@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.library import Clocks, Instance
 from cosim.fmi.ports import Group
 from cosim.fmi.variables import TEXTS

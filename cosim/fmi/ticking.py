@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.library import NEVER, Calls, Clocks, uint32
 
 _UNKNOWN, _CHANGED = 0, 2

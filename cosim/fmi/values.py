@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
-from cosim.component import Parameter, Port
-from cosim.errors import FmuError
+from cosim.base.component import Parameter, Port
+from cosim.base.errors import FmuError
 from cosim.fmi.ports import Group
 from cosim.fmi.variables import NUMERIC, TEXTS, Variable, number
 

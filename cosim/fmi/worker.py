@@ -14,10 +14,10 @@ import struct
 import sys
 from typing import Any
 
-from cosim import fmu_log, native
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from cosim.fmi.layout import Layout, bind, late
 from cosim.fmi.library import Instance, Setup, instantiate
+from cosim.native import fmu_log, structs
 
 STEP, ANSWER = struct.Struct("<cdq"), struct.Struct("<cqqq")
 
@@ -30,9 +30,9 @@ class Worker:
         self._signals = c.addressof(c.c_char.from_buffer(memory, offset))
         self._instance: Instance | None = None
         self._alive: list[Any] = []
-        self._unit = native.Unit()
+        self._unit = structs.Unit()
         self._status, self._failed = c.c_int32(), c.c_int32()
-        self._step = native.library().engine_unit
+        self._step = structs.library().engine_unit
 
     def ready(self) -> None:
         """The process runs."""

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim import toml
-from cosim.errors import CosimError, ScenarioError
+from cosim.base import toml
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.links.graphs import Graph
 
 KEYS = ({"name", "weights"}, {"name", "robots", "edges"})

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import FloatArray
 from cosim.links.reach import BoolArray, closure
 

@@ -8,7 +8,7 @@ from math import ceil, gcd, isfinite
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import FloatArray, IntArray, exact
 
 TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61

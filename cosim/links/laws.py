@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
     from numpy.random import Generator

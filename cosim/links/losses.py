@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import Delays, FloatArray, Law
 from cosim.links.markov import Chain
 from cosim.links.reach import BoolArray

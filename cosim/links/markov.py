@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import Delays, FloatArray, IntArray, check_delay, held
 from cosim.links.reach import closure
 

@@ -20,7 +20,7 @@ from math import ceil, exp
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant, FloatArray, Law, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov

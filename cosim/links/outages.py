@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.grid import Cycle
 from cosim.links.laws import FloatArray, exact
 from cosim.links.losses import Losses

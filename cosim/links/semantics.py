@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.grid import TOLERANCE, Grid
 from cosim.links.laws import FloatArray, IntArray, Law
 

@@ -26,7 +26,8 @@ from typing import Any, Literal
 
 import msgspec
 
-from cosim.errors import CosimError, ScenarioError
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.units import quantity
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Law, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
@@ -38,7 +39,6 @@ from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.links.traces import read_trace
 from cosim.links.words import Semantics as Semantics
-from cosim.units import quantity
 
 Seconds = int | float | str
 Number = int | float | str  # without a dimension, or with the one that is said

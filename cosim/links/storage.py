@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.arrow import numpy
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import IntArray
 from cosim.links.table import TableStream, check_indices
+from cosim.record.arrow import numpy
 from cosim.record.folder import ROWS
 
 COLUMN = "sent"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Law
 from cosim.links.semantics import Rows, Rule

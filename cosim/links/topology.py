@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.errors import CosimError, RunError, ScenarioError
+from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.links.adjacency import read_graphs
 from cosim.links.graphs import PRESETS, Graph, check_robot, union
 from cosim.links.grid import Grid

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.arrow import numpy
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.links.laws import Delays, FloatArray
+from cosim.record.arrow import numpy
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.arrow import arrow
-from cosim.errors import RunError
+from cosim.base.errors import RunError
 from cosim.links.storage import COLUMN, FACTS, GROUP, read_facts, table_groups
 from cosim.links.table import TableSpec
+from cosim.record.arrow import arrow
 from cosim.record.folder import ROWS, link_files, reason
 
 

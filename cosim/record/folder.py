@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 
 TRAJECTORIES = "trajectories.parquet"
 #: While a run goes on: row groups without a footer yet, and what is still in memory.

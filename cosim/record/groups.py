@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.arrow import arrow
+from cosim.record.arrow import arrow
 from cosim.record.live import Column, Live, Rows
 
 #: How files of trajectories are written.

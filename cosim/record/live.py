@@ -22,7 +22,7 @@ from typing import Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 Rows = NDArray[np.float64]
 MAGIC, HEADER, PAGE = b"cosimlv1", 64, 4096

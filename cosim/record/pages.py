@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 #: Fields of a PageHeader, and of its DataPageHeader.
 _TYPE, _FULL, _PACKED, _DATA, _COUNT = 1, 2, 3, 5, 1

@@ -22,7 +22,7 @@ from types import TracebackType
 
 import numpy as np
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import LIVE, PART, TRAJECTORIES, reason
 from cosim.record.groups import GroupWriter, group_rows
 from cosim.record.live import Column, Layout, Live, Rows

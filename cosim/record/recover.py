@@ -3,7 +3,7 @@
 Nothing has to be asked of who wrote it: the row groups in ``trajectories.parquet.part``, the rows
 in ``trajectories.live`` and the rows of link tables are there whenever and however the process has
 ended. Ticks that are in two of the files are taken once. The trajectories and link tables of nodes
-are made of their journals, by :mod:`bridge.recovered`.
+are made of their journals, by :mod:`bridge.recording.recovered`.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import JOURNAL, LAST, LIVE, NODES, PART, TRAJECTORIES, link_files, reason
 from cosim.record.groups import SETTINGS, batch, schema
 from cosim.record.live import Column, Live, Rows, in_use
 from cosim.record.pages import groups
 
 #: Makes a recording of the journals of nodes, which this package does not know.
-COLLECTOR = "bridge.recovered"
+COLLECTOR = "bridge.recording.recovered"
 #: What is collected of the journals of a run that was cut short.
 SCRATCH = ".recovered"
 #: Folders with what was collected for readers; they go with this process.

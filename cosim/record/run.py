@@ -12,8 +12,8 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.arrow import numpy
-from cosim.errors import CutShort, RunError, ScenarioError
+from cosim.base.errors import CutShort, RunError, ScenarioError
+from cosim.record.arrow import numpy
 from cosim.record.folder import TRAJECTORIES, read_metadata, reason
 from cosim.record.recover import goes_on, in_memory, stored_tables, unfinished
 

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from warnings import warn
 
-from cosim.errors import RunError, ScenarioError, Unverified
+from cosim.base.errors import RunError, ScenarioError, Unverified
 from cosim.record.folder import METADATA, SUMS, reason
 
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")

@@ -10,12 +10,12 @@ import keyword
 import re
 from pathlib import Path
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 _COMPONENT = '''\
 """A controller of your own: see docs/own-component.md."""
 
-from cosim.component import Parameter, Port
+from cosim.base.component import Parameter, Port
 
 
 class {cls}:
@@ -76,8 +76,8 @@ from pathlib import Path
 import numpy as np
 
 from cosim.record import Run
-from cosim.scenario import load
-from cosim.simulate import simulate
+from cosim.scenario.spec import load
+from cosim.engine.simulate import simulate
 
 SCENARIO = Path(__file__).with_name("{name}.toml")
 

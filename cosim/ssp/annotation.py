@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.ssp.nodes import Node
 
 TYPE = "cosim-bridge.scenario"

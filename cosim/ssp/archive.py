@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from cosim import archive
-from cosim.errors import ScenarioError
+from cosim.base import archive
+from cosim.base.errors import ScenarioError
 
 #: The description every archive holds (SSP 1.0, clause 3).
 ROOT = "SystemStructure.ssd"
@@ -20,7 +20,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date a ZIP archive knows
 def unpack(path: str | Path) -> Path:
     """The folder an SSP is unpacked into, from the cache where it is there already.
 
-    Raises ScenarioError for one that cannot be unpacked: see :func:`cosim.archive.unpack`.
+    Raises ScenarioError for one that cannot be unpacked: see :func:`cosim.base.archive.unpack`.
     """
     try:
         return archive.unpack(Path(path), "SSP", ROOT, "ssp")[0]

@@ -17,10 +17,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import FmuError, ScenarioError
+from cosim.base.errors import FmuError, ScenarioError
 from cosim.fmi import FmuComponent
-from cosim.plan import Link, Plan, Slot, Step, Wire
-from cosim.scenario import Scenario
+from cosim.scenario.spec import Scenario
+from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
 from cosim.ssp.delays import build_delays
 from cosim.ssp.export import fmu_of, literal
 

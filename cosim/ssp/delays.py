@@ -9,9 +9,9 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
-from cosim.errors import ScenarioError
-from cosim.plan import Link, Plan
-from cosim.scenario import Scenario
+from cosim.base.errors import ScenarioError
+from cosim.scenario.spec import Scenario
+from cosim.schedule.plan import Link, Plan
 
 #: The module that makes them; models are named, not imported (see docs/design.md, section 3).
 _MODEL = "fmus.models.delay"

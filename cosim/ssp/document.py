@@ -8,19 +8,19 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from cosim.connect import unknown
-from cosim.errors import CosimError, ScenarioError, UnitError
+from cosim.base.errors import CosimError, ScenarioError, UnitError
+from cosim.base.settings import change
+from cosim.base.units import Unit, conversion
 from cosim.fmi import FmuComponent
 from cosim.fmi.ports import Group
 from cosim.fmi.values import item
 from cosim.fmi.variables import TEXTS
-from cosim.scenario import Scenario, build
-from cosim.settings import change
+from cosim.scenario.connect import unknown
+from cosim.scenario.spec import Scenario, build
 from cosim.ssp import annotation
 from cosim.ssp.archive import unpack
 from cosim.ssp.structure import Connector, Edge, Structure, read
 from cosim.ssp.values import Given
-from cosim.units import Unit, conversion
 
 #: Where an SSP says how long a step of the master is (local names of elements).
 _MASTERS = ("FixedStepMaster", "FixedStepSolver")

@@ -14,11 +14,11 @@ from typing import Any, Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.fmi.ports import Group
-from cosim.plan import Link, Plan, Slot, Step, Wire
-from cosim.scenario import Scenario, as_data
+from cosim.scenario.spec import Scenario, as_data
+from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
 from cosim.ssp import annotation
 from cosim.ssp.archive import ROOT, pack
 

@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 from xml.etree import ElementTree
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.ssp import nodes
 from cosim.ssp.archive import ROOT, inside
 from cosim.ssp.nodes import Node

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from cosim.errors import ScenarioError, UnitError
+from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.units import BASE, Unit, parse
 from cosim.ssp.archive import inside
 from cosim.ssp.nodes import Node, check, read
-from cosim.units import BASE, Unit, parse
 
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
 

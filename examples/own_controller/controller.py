@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cosim.component import Parameter, Port
+from cosim.base.component import Parameter, Port
 
 
 class PD:

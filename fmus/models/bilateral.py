@@ -139,7 +139,7 @@ def links(
     """What the controllers exchange, as links of a scenario: one channel each way.
 
     `delay` and `options` (semantics, playout, loss) are those of every link; see
-    :mod:`cosim.scenario`.
+    :mod:`cosim.scenario.spec`.
     """
     here, there = arms
     made = []

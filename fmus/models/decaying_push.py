@@ -14,7 +14,7 @@ Sampled: the push of t_k holds to the next step. Outputs at the start are those 
 
 from __future__ import annotations
 
-from cosim.errors import RunError
+from cosim.base.errors import RunError
 from fmus.model import Model, Terminal, Variable
 from fmus.models.arm import TORQUE, signal
 from fmus.reference import Values, derive

@@ -20,7 +20,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from cosim.component import Kind
+from cosim.base.component import Kind
 from fmus.build import Version, build
 from fmus.model import Model, Variable
 

@@ -41,7 +41,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
 from fmus.models.arm import DAMPING, RATE, STIFFNESS, TORQUE, signal
 from fmus.models.dynamics import coriolis, gravity, inertia

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from fmus.model import Model, Terminal, Variable
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive

@@ -29,13 +29,13 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from cosim.component import Kind, Parameter, Port
-from cosim.errors import ScenarioError
+from cosim.base.component import Kind, Parameter, Port
+from cosim.base.errors import ScenarioError
 from cosim.record import Run
 from fmus.numeric import Array
 
 if TYPE_CHECKING:
-    from cosim.component import Outputs, Values
+    from cosim.base.component import Outputs, Values
 
 _ENTRY = re.compile(r"(.*)\[(\d+(?:, *\d+)*)\]$")
 

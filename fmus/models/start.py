@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from math import nan
 from typing import TYPE_CHECKING
 
-from cosim.component import Port
-from cosim.errors import RunError, ScenarioError
+from cosim.base.component import Port
+from cosim.base.errors import RunError, ScenarioError
 from fmus.model import Model, Variable
 from fmus.numeric import Array, np
 

@@ -57,7 +57,7 @@ that a teleoperator reflects decays. (The paper's bounds "<= ∞" stay true; its
 
 from __future__ import annotations
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal
 from fmus.models.adaptive_variables import variables
 from fmus.models.dynamics import gravity_regressor, regressor

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf, isnan, nan
 from typing import Any
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 from cosim.record import Run
 
 

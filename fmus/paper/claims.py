@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from fmus.paper import network, robustness, teaching, teleoperation, theory
 from fmus.paper.claim import Claim
 from fmus.paper.experiments import Document

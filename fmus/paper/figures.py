@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.errors import RunError
+from cosim.base.errors import RunError
 from cosim.record import Run
-from cosim.report.figures import Figure, Panel, draw
+from cosim.reporting.figures import Figure, Panel, draw
 from fmus.paper.experiments import Q_H
 from fmus.paper.measure import Array, row
 

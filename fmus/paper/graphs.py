@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.links.graphs import PRESETS, Graph, union
-from cosim.report.figures import DPI, load
+from cosim.reporting.figures import DPI, load
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,10 +19,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
+from cosim.engine.simulate import simulate, versions
 from cosim.record import Run
-from cosim.scenario import build
-from cosim.simulate import simulate, versions
+from cosim.scenario.spec import build
 from fmus.paper.claim import Stop, judge
 from fmus.paper.claims import Selection, cases, select
 from fmus.paper.experiments import Document

@@ -11,7 +11,7 @@ import importlib.util
 from pathlib import Path
 from types import ModuleType
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 
 def load_module(path: Path) -> ModuleType:

@@ -19,9 +19,9 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cosim.component import Component, Parameter, Port
-from cosim.errors import CosimError, FmuError, ScenarioError
-from cosim.units import BASE, parse
+from cosim.base.component import Component, Parameter, Port
+from cosim.base.errors import CosimError, FmuError, ScenarioError
+from cosim.base.units import BASE, parse
 from fmus.model import annotation
 
 #: The script inside the FMU: what PythonFMU calls, and the component behind it.

@@ -11,8 +11,8 @@ from cosim.analysis.experiments import Bench
 from cosim.analysis.network import Network, network
 from cosim.analysis.quantity import Quantity
 from cosim.analysis.subject import Subject, find_port, record
-from cosim.assemble import assemble
-from cosim.scenario import build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from fmus.paper.experiments import single, teleoperator
 
 Document = dict[str, Any]

@@ -9,9 +9,9 @@ import pytest
 
 from cosim.analysis.port import Port
 from cosim.analysis.subject import find_port
-from cosim.assemble import assemble
-from cosim.errors import ScenarioError
-from cosim.scenario import build
+from cosim.base.errors import ScenarioError
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from tests.analysis.cases import DOCUMENTS, pointmass
 
 

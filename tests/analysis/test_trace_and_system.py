@@ -13,10 +13,10 @@ import pytest
 from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
 from cosim.analysis.system import System, age, system
 from cosim.analysis.trace import Change, changed, trace
-from cosim.assemble import assemble
-from cosim.errors import ScenarioError
-from cosim.plan import Plan
-from cosim.scenario import build
+from cosim.base.errors import ScenarioError
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
+from cosim.schedule.plan import Plan
 from fmus.models.facts import FACTS, planar2r
 from fmus.paper.experiments import network, single, teleoperator
 from tests.analysis.cases import DOCUMENTS, pointmass

@@ -8,15 +8,15 @@ import time
 
 import numpy as np
 
-from bridge.control import Control
+from bridge.deployment.system import load_system
 from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import State, Status
-from bridge.system import load_system
-from bridge.wiring import Wired
-from cosim.clock import monotonic_ns
+from bridge.node.control import Control
+from bridge.wiring.wiring import Wired
+from cosim.base.clock import monotonic_ns
 from tests.bridge.deployments import TELEOPERATION
 
 PATIENCE = 20.0  # s

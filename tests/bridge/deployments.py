@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bridge import replay, twin
-from bridge.deploy import load
-from bridge.lives import ByLife
-from bridge.system import System, load_system, make_system
-from bridge.wiring import Rows
+from bridge.deployment.spec import load
+from bridge.deployment.system import System, load_system, make_system
+from bridge.records.lives import ByLife
+from bridge.replay import replay, twin
+from bridge.wiring.wiring import Rows
+from cosim.engine.simulate import simulate
 from cosim.record import Run
-from cosim.scenario import load as load_scenario
-from cosim.simulate import simulate
+from cosim.scenario.spec import load as load_scenario
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TELEOPERATION = CONFIGS / "teleoperation.toml"

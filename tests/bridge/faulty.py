@@ -7,12 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from bridge.faults import build
-from bridge.lives import ByLife, Life
-from bridge.records import End, Statement
-from bridge.report import NodeReport
-from bridge.signs import Shown
-from bridge.wiring import row_dtype
+from bridge.faults.load import build
+from bridge.records.lives import ByLife, Life
+from bridge.records.records import End, Statement
+from bridge.results.report import NodeReport
+from bridge.results.symptoms import Shown
+from bridge.wiring.wiring import row_dtype
 from tests.bridge.rehearsing import ROOT
 
 SCENARIO = ROOT / "configs" / "teleoperation.toml"

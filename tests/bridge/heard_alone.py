@@ -13,7 +13,7 @@ from bridge.native.bus import Bus, Kind
 from bridge.native.frame import Ring
 from bridge.native.message import Header
 from bridge.native.safety import State, Status
-from bridge.wiring import Wired
+from bridge.wiring.wiring import Wired
 
 SAMPLE = State.ACTIVE | Status.SIMULATED
 

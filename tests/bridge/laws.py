@@ -6,7 +6,7 @@ import ctypes
 
 import numpy as np
 
-from cosim.component import Parameter, Port
+from cosim.base.component import Parameter, Port
 
 
 class Law:

@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bridge.listen import Listener
+from bridge.deployment.system import System, load_system
+from bridge.monitor.listener import Listener
 from bridge.native import message as native
 from bridge.native.frame import Frame
 from bridge.native.message import Header
 from bridge.native.safety import State
-from bridge.system import System, load_system
 from bridge.zenoh.channel import ZenohAttachment
-from cosim.clock import monotonic_ns
+from cosim.base.clock import monotonic_ns
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.bridge.zenoh.test_channel import until
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bridge import deploy
 from bridge.cli.options import bus_settings
-from bridge.outcome import complete
-from bridge.rehearse import Event, Rehearsal, Settings
-from bridge.system import load_system
+from bridge.deployment import spec
+from bridge.deployment.system import load_system
+from bridge.rehearsal.supervisor import Event, Rehearsal, Settings
+from bridge.results.outcome import complete
 from tests.bridge.rehearsing import CALM, SCENARIO
 
 ARM = ("slave", "slave_control")
@@ -37,8 +37,8 @@ EVENTS = (
 
 
 def main(folder):
-    path = deploy.find(SCENARIO, "can")
-    said = (*CALM, "run.stop=7", *bus_settings(deploy.load(path), "udp_multicast", [], *[None] * 3))
+    path = spec.find(SCENARIO, "can")
+    said = (*CALM, "run.stop=7", *bus_settings(spec.load(path), "udp_multicast", [], *[None] * 3))
     system = load_system(SCENARIO, str(path), said)
     with Rehearsal(system, Settings(SCENARIO, path, said, events=EVENTS), folder) as rehearsal:
         rehearsal.run()

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from bridge import replay
-from bridge.lives import Life
+from bridge.deployment.system import load_system
 from bridge.native.safety import State, Why
-from bridge.system import load_system
+from bridge.records.lives import Life
+from bridge.replay import replay
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"

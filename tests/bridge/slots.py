@@ -10,7 +10,7 @@ from bridge.native import node as native
 from bridge.native.bus import Bus, Kind
 from bridge.native.frame import Frame, Ring
 from bridge.native.safety import State
-from bridge.wiring import Wired
+from bridge.wiring.wiring import Wired
 
 SEEN = c.CFUNCTYPE(c.c_int64, c.POINTER(Frame), c.c_double, c.c_double)
 

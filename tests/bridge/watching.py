@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.journal import Journal
+from bridge.deployment.system import System
 from bridge.native.frame import Flags, frame_dtype
-from bridge.rehearse import NODES, STARTED
-from bridge.system import System
+from bridge.native.journal import Journal
+from bridge.rehearsal.supervisor import NODES, STARTED
 from tests.bridge.deployments import TELEOPERATION, named, run_twin
 
 SETTINGS = ("run.stop=2",)

@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cosim.assemble import assemble
-from cosim.check import Finding, check
-from cosim.scenario import build
+from cosim.checks import Finding, check
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from fmus.models.bilateral import PAIRS, controls, links
 from fmus.paper.experiments import STARTS, arm
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.component import Kind, Outputs, Port, Values
+from cosim.base.component import Kind, Outputs, Port, Values
 
 
 class Nothing:

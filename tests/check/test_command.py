@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import cosim.check
+import cosim.checks
 from tests.cli.command import CONFIG, Command
 
 TIGHT = ("--set", "components.master.parameters.k_p=200",
@@ -81,4 +81,4 @@ def test_a_check_that_fails_does_not_stop_a_run(
 
 def cosim_check() -> object:
     """The package, whose name the fixture hides."""
-    return cosim.check
+    return cosim.checks

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.check import Severity
-from cosim.check.preflight import NOTES, RULES
+from cosim.checks import Severity
+from cosim.checks.preflight import NOTES, RULES
 from fmus.paper.experiments import network, single, teleoperator
 from tests.check.cases import (
     CONSTANT,

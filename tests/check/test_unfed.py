@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from cosim.assemble import assemble
-from cosim.check.wiring import unfed
+from cosim.base.component import Port
+from cosim.checks.wiring import unfed
 from cosim.cli.commands import app
-from cosim.component import Port
-from cosim.scenario import load
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import load
 from fmus.models import planar2r, teleoperation
 from tests.cosim.fmi.exporter import export, strict2
 

@@ -8,7 +8,7 @@ import signal
 
 import numpy as np
 
-from cosim.component import Kind, Outputs, Parameter, Port, Values
+from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 
 
 class Half:

@@ -44,8 +44,8 @@ def readable(folder: Path) -> bool:
 
 def recorded(folder: Path) -> bool:
     """Whether a node, or the engine, came to its first tick."""
-    from bridge import replay
-    from cosim.errors import CosimError
+    from bridge.replay import replay
+    from cosim.base.errors import CosimError
 
     if (folder / "trajectories.live").exists():
         return True

@@ -13,7 +13,7 @@ from time import sleep
 import numpy as np
 import pytest
 
-from cosim.errors import CutShort
+from cosim.base.errors import CutShort
 from cosim.links.storage import load_table
 from cosim.record import Run
 from tests.cli.command import CONFIG, ROOT, Command, finished, started

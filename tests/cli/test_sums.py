@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.errors import ScenarioError, Unverified
+from cosim.base.errors import ScenarioError, Unverified
 from cosim.record import seal, verify
 from tests.cli.command import CONFIG, Command
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import pytest
 
-from bridge import twin
-from bridge.outcome import begin
-from bridge.system import load_system
+from bridge.deployment.system import load_system
+from bridge.replay import twin
+from bridge.results.outcome import begin
 from fmus.toolchain import compiler
 from tests.bridge.zenoh.rehearsed import sockets
 from tests.cli.command import CONFIG, ROOT, finished

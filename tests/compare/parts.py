@@ -6,12 +6,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from cosim.compare.comparison import Comparison, compare
-from cosim.compare.documents import Base, check, read_base
-from cosim.compare.variants import Variants
-from cosim.compare.variants_file import read
-from cosim.component import Parameter, Port
-from cosim.errors import ScenarioError
+from cosim.base.component import Parameter, Port
+from cosim.base.errors import ScenarioError
+from cosim.comparison.comparison import Comparison, compare
+from cosim.comparison.documents import Base, check, read_base
+from cosim.comparison.variants import Variants
+from cosim.comparison.variants_file import read
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "teleoperation.toml"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import typer
 
+from cosim.base.errors import ScenarioError
 from cosim.cli.compare import compare
-from cosim.errors import ScenarioError
 from tests.cli.command import Command
 from tests.compare.parts import CONFIG, SMALL, VARIANTS, written
 

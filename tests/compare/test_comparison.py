@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.assemble import assemble
-from cosim.compare.comparison import Comparison, compare
-from cosim.compare.documents import check, read_base
-from cosim.compare.measure import Outcome, Recorded
-from cosim.compare.rows import rows
-from cosim.compare.sameness import Tables
+from cosim.comparison.comparison import Comparison, compare
+from cosim.comparison.documents import check, read_base
+from cosim.comparison.measure import Outcome, Recorded
+from cosim.comparison.rows import rows
+from cosim.comparison.sameness import Tables
 from cosim.links.storage import load_table
-from cosim.scenario import build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from cosim.ssp.export import write
 from tests.compare.parts import SMALL, VARIANTS, compared, loaded, push, written
 

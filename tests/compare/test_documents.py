@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from cosim.compare.documents import Case, check, read_base, scenario
-from cosim.compare.variants_file import read
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
+from cosim.comparison.documents import Case, check, read_base, scenario
+from cosim.comparison.variants_file import read
 from fmus.models.bilateral import PAIRS, controls, links
 from tests.compare.parts import CONFIG, SMALL, VARIANTS, loaded, push, written
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.compare.variants_file import read
+from cosim.comparison.variants_file import read
 from tests.compare.parts import ROOT, VARIANTS
 from tests.compare.test_command import call
 

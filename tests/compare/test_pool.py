@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from cosim.compare.pool import spread
+from cosim.comparison.pool import spread
 
 CRASH, RAISE = -1, -2
 

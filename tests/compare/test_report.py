@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cosim.compare import report
-from cosim.compare.comparison import Comparison
-from cosim.compare.figure import _Cells, draw
-from cosim.compare.measure import Outcome
-from cosim.compare.rows import columns, rows, shown
-from cosim.errors import RunError, ScenarioError
-from cosim.report.figures import DPI
+from cosim.base.errors import RunError, ScenarioError
+from cosim.comparison import report
+from cosim.comparison.comparison import Comparison
+from cosim.comparison.figure import _Cells, draw
+from cosim.comparison.measure import Outcome
+from cosim.comparison.rows import columns, rows, shown
+from cosim.reporting.figures import DPI
 from tests.compare.parts import VARIANTS, compared
 
 COMMAND = "cosim compare configs/teleoperation.toml"

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis.metrics import Error
-from cosim.compare.variants import Variants, choose
-from cosim.compare.variants_file import beside, read
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
+from cosim.comparison.variants import Variants, choose
+from cosim.comparison.variants_file import beside, read
 from tests.compare.parts import CONFIG, SMALL, VARIANTS, written
 
 

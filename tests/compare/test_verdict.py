@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.compare.variants import Stability
-from cosim.compare.verdict import judge
-from cosim.errors import RunError
+from cosim.base.errors import RunError
+from cosim.comparison.variants import Stability
+from cosim.comparison.verdict import judge
 
 HOW = Stability(("q",), ("dq",), position_limit=50.0, velocity_limit=100.0, rest=0.01, window=5.0)
 T = np.arange(0.0, 60.0, 0.01)

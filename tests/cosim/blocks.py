@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.component import Parameter, Port
+from cosim.base.component import Parameter, Port
 
 
 class Gain:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from cosim.fmi import FmuComponent
-from cosim.native import Code
-from cosim.plan import Link, Plan, Player, Slot, Step
+from cosim.native.structs import Code
+from cosim.schedule.plan import Link, Plan, Player, Slot, Step
 
 
 def execute(plan: Plan) -> np.ndarray:

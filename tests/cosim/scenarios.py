@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.assemble import assemble
-from cosim.plan import Plan
-from cosim.scenario import Scenario, build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build
+from cosim.schedule.plan import Plan
 
 BLOCKS = "tests.cosim.blocks"
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cosim.component import Component
+from cosim.base.component import Component
 from fmus.models import planar2r
 from fmus.models.dynamics import inertia
 

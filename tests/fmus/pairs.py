@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.assemble import assemble
-from cosim.engine import Engine
-from cosim.errors import RunError
-from cosim.scenario import build
+from cosim.base.errors import RunError
+from cosim.engine.engine import Engine
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from fmus.models.bilateral import Pair, controls, links
 
 ARMS = ("master", "slave")

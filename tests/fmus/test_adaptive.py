@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from fmus.models import adaptive, teleoperation
 from fmus.models.dynamics import coriolis, gravity, gravity_regressor, inertia, regressor
 from fmus.models.teleoperation import ADAPTED, COMPENSATED, NONE, Teleoperation

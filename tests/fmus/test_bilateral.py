@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.assemble import assemble
-from cosim.scenario import build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from fmus.models.bilateral import PAIRS, Pair, controls, links
 from tests.fmus.pairs import ARMS, CONSTANT, JITTER, document, run
 

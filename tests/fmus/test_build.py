@@ -15,7 +15,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from cosim.errors import CosimError, FmuError
+from cosim.base.errors import CosimError, FmuError
 from fmus import build as building
 from fmus import kernel as kernels
 from fmus import toolchain

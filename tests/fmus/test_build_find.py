@@ -9,7 +9,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from cosim.errors import FmuError
+from cosim.base.errors import FmuError
 from fmus import build as building
 from fmus import kernel as kernels
 from fmus.build import VERSIONS, find, pack

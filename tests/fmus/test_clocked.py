@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from cosim.errors import CosimError, FmuError
+from cosim.base.errors import CosimError, FmuError
 from fmus.build import find, pack, shipped, versions
 from fmus.cli import app
 from fmus.description3 import describe

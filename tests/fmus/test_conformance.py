@@ -14,8 +14,8 @@ import pytest
 from fmpy.validation import validate_fmu
 from lxml import etree
 
+from cosim.base.units import BASE, parse
 from cosim.fmi.component import FmuComponent
-from cosim.units import BASE, parse
 from fmus import toolchain
 from fmus.build import Version, find, shipped
 from fmus.kernel import library

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import fmus
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from fmus import toolchain
 from fmus.models import planar2r
 from fmus.models.dynamics import inertia

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.component import Component
+from cosim.base.component import Component
 from fmus.models import damping, planar2r
 from fmus.models.damping import Damping
 from fmus.models.dynamics import gravity

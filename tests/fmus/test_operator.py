@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from fmus.models import operator, planar2r, xi
 from fmus.models.operator import Operator
 from fmus.models.planar2r import Planar2R

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from cosim.record import Column, Recorder
 from fmus.models import decaying_push, endpoint_operator, grasp, minimum_jerk, planar2r, push
 from fmus.models.decaying_push import DecayingPush

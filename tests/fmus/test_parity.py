@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from cosim.component import Component
+from cosim.base.component import Component
 from fmus import toolchain
 from fmus.library import compile_model
 from fmus.models import adaptive, damping, operator, planar2r, pointmass, teleoperation, xi

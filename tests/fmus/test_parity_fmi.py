@@ -15,7 +15,7 @@ from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.component import Component, Parameter, Port
+from cosim.base.component import Component, Parameter, Port
 from fmus.models import adaptive, damping, operator, planar2r, pointmass, teleoperation, xi
 
 Version = Literal["2.0", "3.0"]

@@ -9,8 +9,8 @@ from math import log2
 import numpy as np
 import pytest
 
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from fmus.models import planar2r
 from fmus.models.planar2r import PRESETS, Planar2R, gravity, inertia
 

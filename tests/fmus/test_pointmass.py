@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from fmus.models import pointmass
 from fmus.models.pointmass import PointMass, exponential
 from tests.fmus.loops import arrays

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from fmus.model import Model, Variable
 from fmus.models import lee_spong, operator, p_d, pd, tdpa_impedance, wave_admittance, xi
 from fmus.reference import Reference, Values, derive

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from cosim.component import Component
+from cosim.base.component import Component
 from fmus.models import (
     chopra,
     lee_spong,

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.component import Component, Outputs
-from cosim.errors import CosimError
+from cosim.base.component import Component, Outputs
+from cosim.base.errors import CosimError
 from fmus import toolchain
 from fmus.library import compile_model
 from fmus.models import (

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.engine import Engine
+from cosim.engine.engine import Engine
 from tests.cosim.scenarios import plan
 
 DELAY, H = 0.2, 5e-3  # s

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from cosim.component import Component
-from cosim.errors import CosimError
+from cosim.base.component import Component
+from cosim.base.errors import CosimError
 from fmus.models import teleoperation
 from fmus.models.dynamics import regressor
 from fmus.models.teleoperation import Teleoperation

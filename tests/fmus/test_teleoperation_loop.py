@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from cosim.component import Component
+from cosim.base.component import Component
 from fmus.models import planar2r, teleoperation
 from fmus.models.planar2r import inertia
 

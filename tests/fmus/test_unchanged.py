@@ -14,7 +14,7 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
-from cosim.component import Component
+from cosim.base.component import Component
 from fmus.models import operator, planar2r, teleoperation, xi
 
 H, STEPS = 5e-3, 2000

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 from tests.fuzz import sanitized
 from tests.fuzz.targets import TARGETS, Target
 

@@ -34,7 +34,7 @@ def use(path: str) -> None:
 
 
 def system_of(name: str):
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
 
     return load_system(CONFIGS / "teleoperation.toml", name, ["run.stop=2.0"])
 
@@ -114,10 +114,10 @@ def hear(random: np.random.Generator, over: Callable[[int], bool]) -> int:
 def _round(
     random: np.random.Generator, name: str, folder: Path, over: Callable[[int], bool]
 ) -> int:
-    from bridge import twin
     from bridge.native import node as native
     from bridge.native.frame import Frame
     from bridge.native.library import library
+    from bridge.replay import twin
 
     system = system_of(name)
     slot = library().node_slot

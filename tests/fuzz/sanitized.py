@@ -32,7 +32,7 @@ def missing() -> str:
 
 def library() -> Path:
     """The library, compiled where the sources are not those of last time."""
-    folders = (ROOT / "bridge" / "c", ROOT / "cosim")
+    folders = (ROOT / "bridge" / "c", ROOT / "cosim" / "c")
     sources = sorted(folders[0].glob("*.c"))
     headers = sorted(p for folder in folders for p in folder.glob("*.h"))
     parts = [p.read_bytes() for p in (*sources, *headers)] + [" ".join(FLAGS).encode()]

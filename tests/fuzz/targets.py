@@ -61,7 +61,7 @@ class Target:
 
 
 def _journal(path: Path) -> None:
-    from bridge.journal import Journal
+    from bridge.native.journal import Journal
 
     rows = Journal.open(path)
     rows.tobytes()
@@ -77,23 +77,23 @@ def _buslog(path: Path) -> None:
 
 
 def _scenario(path: Path) -> None:
-    from cosim.assemble import assemble
-    from cosim.scenario import load
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import load
 
     assemble(load(path))
 
 
 def _deployment(path: Path) -> None:
-    from bridge.preflight import check
-    from bridge.system import load_system
+    from bridge.deployment.system import load_system
+    from bridge.preflight.deployment import check
 
     check(load_system(CONFIGS / "teleoperation.toml", str(path)))
 
 
 def _faults(path: Path) -> None:
-    from bridge.faults import load
+    from bridge.deployment.system import Listened
+    from bridge.faults.load import load
     from bridge.native.bus import Accept
-    from bridge.system import Listened
 
     script = load(path)
     known = [Listened("left", "STATE_1", Accept(0x101)), Listened("left", "SYNC", Accept(0x80))]
@@ -119,8 +119,8 @@ def _fmu(path: Path) -> None:
 
 
 def _ssp(path: Path) -> None:
-    from cosim.assemble import assemble
-    from cosim.scenario import load
+    from cosim.scenario.assemble import assemble
+    from cosim.scenario.spec import load
 
     assemble(load(path))
 
@@ -148,8 +148,8 @@ def _run(path: Path) -> None:
 @lru_cache(maxsize=1)
 def _recorded_run() -> list[tuple[str, bytes]]:
     """A run of 50 ticks, packed: as today's code writes it."""
-    from cosim.scenario import load
-    from cosim.simulate import simulate
+    from cosim.engine.simulate import simulate
+    from cosim.scenario.spec import load
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"

@@ -6,12 +6,15 @@ import json
 from functools import partial
 from pathlib import Path
 
-from bridge import compressed, lockstep, replay, verdict
-from bridge.faults import build
-from bridge.system import System, load_system
+from bridge.campaign import compressed
+from bridge.deployment.system import System, load_system
+from bridge.faults.load import build
+from bridge.node import lockstep
+from bridge.replay import replay
+from bridge.results import verdict
 from cosim.record import seal
-from tests.bridge.test_fromlog import logged_twin
-from tests.bridge.test_fromlog import written as logs_written
+from tests.bridge.replay.test_fromlog import logged_twin
+from tests.bridge.replay.test_fromlog import written as logs_written
 from tests.bridge.zenoh import rehearsed
 from tests.golden.kept import ROOT, Record
 from tests.golden.offline import cosim, say

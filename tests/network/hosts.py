@@ -15,13 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from bridge.diff import Comparison, compare_runs
-from bridge.hosts import BOTH, PORT, listening
-from bridge.lives import lives_of
-from bridge.offline import run_offline
-from bridge.rehearse import Ended, Event, Node, Rehearsal
+from bridge.deployment.system import System
+from bridge.records.lives import lives_of
+from bridge.rehearsal.hosts import BOTH, PORT, listening
+from bridge.rehearsal.supervisor import Ended, Event, Node, Rehearsal
 from bridge.relay.network import Network
-from bridge.system import System
+from bridge.replay.diff import Comparison, compare_runs
+from bridge.results.offline import run_offline
 from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, together
 
 ARMS = ("master", "slave")

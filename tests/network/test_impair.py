@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.relay.impair import Impairment, LinkSpec
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.table import generator
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.cli.diff import lines
-from bridge.rehearse import Event
+from bridge.rehearsal.supervisor import Event
 from bridge.relay.router import UDP
 from cosim.record import Run
 from fmus.paper import teleoperation as paper

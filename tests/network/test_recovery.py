@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from bridge.cli.diff import lines
-from bridge.lives import Life
 from bridge.native.safety import State
-from bridge.rehearse import Event, Rehearsal
+from bridge.records.lives import Life
+from bridge.rehearsal.supervisor import Event, Rehearsal
 from tests.network.hosts import (
     ARMS,
     SHORT,

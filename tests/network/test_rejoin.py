@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge import replay
-from bridge.lives import ByLife, Life
+from bridge.deployment.system import load_system
+from bridge.records.lives import ByLife, Life
 from bridge.relay.network import Network
-from bridge.system import load_system
+from bridge.replay import replay
 from tests.network.hosts import ARMS, Case, Site, settings
 
 SCENARIO = Path(__file__).parents[2] / "configs" / "teleoperation.toml"

@@ -12,7 +12,7 @@ import pytest
 from bridge.relay import namespaces
 from bridge.relay.namespaces import NetworkError
 from bridge.relay.network import Network
-from cosim.clock import sleep
+from cosim.base.clock import sleep
 
 DELAY = {"law": "uniform", "low": "20 ms", "high": "30 ms"}
 

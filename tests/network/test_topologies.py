@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bridge.cli.diff import lines
-from bridge.rehearse import Event
-from bridge.replay import load
-from bridge.twin import simulate
+from bridge.rehearsal.supervisor import Event
+from bridge.replay.replay import load
+from bridge.replay.twin import simulate
 from tests.network.hosts import TCP, Case, Found, Site, bounded, exact, in_order, rehearse, settled
 
 ROBOTS = tuple(f"robot{i}" for i in range(1, 7))

@@ -11,13 +11,13 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
+from cosim.base.errors import ScenarioError
 from cosim.cli.export import export
 from cosim.cli.new import new
-from cosim.errors import ScenarioError
+from cosim.engine.simulate import simulate
 from cosim.record import Run
 from cosim.scaffold import write_controller
-from cosim.scenario import load
-from cosim.simulate import simulate
+from cosim.scenario.spec import load
 
 ROOT = Path(__file__).resolve().parents[2]
 _PATHS = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.errors import FmuError, ScenarioError
+from cosim.base.errors import FmuError, ScenarioError
 from cosim.fmi.validation import problems
 from cosim.scaffold import write_controller
-from cosim.scenario import build
+from cosim.scenario.spec import build
 from fmus.build import build as build_fmu
 from fmus.python import build_class, load_module
 from tests.ssp.parts import recorded

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pythonfmu.builder import FmuBuilder
 
-from cosim.assemble import assemble
-from cosim.scenario import build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from cosim.ssp import load
 from cosim.ssp.export import write
 from tests.ssp.parts import recorded

@@ -109,7 +109,7 @@ def test_what_is_up_to_date_is_left_alone(built: Path) -> None:
 
 @pytest.mark.slow
 def test_a_change_in_c_is_built(built: Path) -> None:
-    with (built / "cosim" / "engine.c").open("a") as source:
+    with (built / "cosim" / "c" / "engine.c").open("a") as source:
         source.write("/* changed */\n")
     assert make(built) == [ENGINE]
     assert make(built) == []
@@ -163,7 +163,7 @@ def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> Non
     fmus = {f"fmus/_built/{path.name}" for path in (built / "fmus" / "_built").glob("*.fmu")}
     typed = {f"{package}/py.typed" for package in ("cosim", "fmus", "bridge")}
     assert fmus
-    assert {ENGINE, "cosim/engine.c"} | python | c | fmus | typed <= found
+    assert {ENGINE, "cosim/c/engine.c"} | python | c | fmus | typed <= found
 
 
 @pytest.mark.slow

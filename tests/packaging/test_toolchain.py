@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 from fmus import toolchain
 from fmus.toolchain import (
     PLATFORMS,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from fmus.paper import claim as c
 from fmus.paper.claims import SECTIONS, cases, select, topics
 from fmus.paper.figures import FIGURES

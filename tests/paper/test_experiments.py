@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim.assemble import assemble
-from cosim.plan import Plan
-from cosim.scenario import build, load
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build, load
+from cosim.schedule.plan import Plan
 from fmus.paper import experiments as e
 from fmus.paper.claims import cases
 

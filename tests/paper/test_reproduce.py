@@ -11,8 +11,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from cosim.base.errors import RunError, ScenarioError
 from cosim.cli.reproduce import reproduce
-from cosim.errors import RunError, ScenarioError
 from cosim.record import Run
 from fmus.paper import claims, reproduction, teaching
 from fmus.paper.claim import never

@@ -14,4 +14,4 @@ __all__ = ["pytest_collection_modifyitems", "pytest_configure"]
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Systems of tests are not kept."""
-    monkeypatch.setattr("cosim.archive.cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr("cosim.base.archive.cache_folder", lambda: tmp_path / "cache")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.assemble import assemble
-from cosim.engine import Engine
-from cosim.scenario import Scenario
+from cosim.engine.engine import Engine
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario
 from fmus.models import pd, planar2r, xi
 
 SPACES = " ".join(

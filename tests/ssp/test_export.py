@@ -14,10 +14,10 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet
 from lxml import etree
 
-from cosim.assemble import assemble
-from cosim.errors import ScenarioError
-from cosim.scenario import Scenario, build
-from cosim.simulate import simulate
+from cosim.base.errors import ScenarioError
+from cosim.engine.simulate import simulate
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build
 from cosim.ssp import load
 from cosim.ssp.container import write as write_container
 from cosim.ssp.export import VALUES, Links, write

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cosim.assemble import assemble
-from cosim.errors import CosimError, ScenarioError
-from cosim.scenario import Scenario, build
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build
 from cosim.ssp import load
 from cosim.ssp.values import Given
 from tests.ssp.parts import (

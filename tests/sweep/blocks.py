@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from time import sleep
 
-from cosim.component import Parameter
+from cosim.base.component import Parameter
 from tests.cosim import blocks
 
 

@@ -47,7 +47,7 @@ def test_a_cluster_gives_what_this_machine_gives(cosim: Command, tmp_path: Path)
 def test_a_scheduler_that_does_not_answer(
     cosim: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cosim.sweep.workers.PATIENCE", 1.0)
+    monkeypatch.setattr("cosim.sweeps.workers.PATIENCE", 1.0)
     study = written(tmp_path, GRID)
     said = cosim.refused("sweep", study, "--scheduler", "tcp://127.0.0.1:9", code=1)
     assert said.startswith("no scheduler answers at tcp://127.0.0.1:9")

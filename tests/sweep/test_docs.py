@@ -9,11 +9,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cosim.sweep import figures, spec
-from cosim.sweep.design import count, points
-from cosim.sweep.drive import check
-from cosim.sweep.perform import job, perform
-from cosim.sweep.study import load_study
+from cosim.sweeps import figures, spec
+from cosim.sweeps.design import count, points
+from cosim.sweeps.drive import check
+from cosim.sweeps.perform import job, perform
+from cosim.sweeps.study import load_study
 from tests.sweep.studies import ROOT
 
 PAGE = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")

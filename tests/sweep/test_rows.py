@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.analysis.declared import metrics
-from cosim.assemble import assemble
-from cosim.errors import CosimError, ScenarioError
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.engine.simulate import columns, simulate
 from cosim.record import Run
-from cosim.simulate import columns, simulate
-from cosim.sweep import figures
-from cosim.sweep.design import points
-from cosim.sweep.drive import check
-from cosim.sweep.memory import record
-from cosim.sweep.perform import Job, Row, job, perform, scenario_of
-from cosim.sweep.study import load_study
+from cosim.scenario.assemble import assemble
+from cosim.sweeps import figures
+from cosim.sweeps.design import points
+from cosim.sweeps.drive import check
+from cosim.sweeps.memory import record
+from cosim.sweeps.perform import Job, Row, job, perform, scenario_of
+from cosim.sweeps.study import load_study
 from tests.cosim import scenarios
 from tests.sweep.studies import ROOT, STUDY, written
 

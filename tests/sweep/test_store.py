@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.errors import ScenarioError
-from cosim.sweep import store as stores
-from cosim.sweep.perform import Row
-from cosim.sweep.store import Store, locked, parts, rows
+from cosim.base.errors import ScenarioError
+from cosim.sweeps import store as stores
+from cosim.sweeps.perform import Row
+from cosim.sweeps.store import Store, locked, parts, rows
 
 
 def made(i: int, **measures: float) -> Row:

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.errors import ScenarioError
-from cosim.sweep.axes import Drawn, literal, shares, spaced
-from cosim.sweep.design import count, points
-from cosim.sweep.study import Study, load_study
+from cosim.base.errors import ScenarioError
+from cosim.sweeps.axes import Drawn, literal, shares, spaced
+from cosim.sweeps.design import count, points
+from cosim.sweeps.study import Study, load_study
 from tests.sweep.studies import STUDY, written
 
 GAIN = "components.gain.parameters.gain"

@@ -11,7 +11,7 @@ from time import sleep
 import pyarrow.parquet as pq
 import pytest
 
-from cosim.assemble import assemble
+from cosim.scenario.assemble import assemble
 from cosim.ssp.export import write
 from tests.cli.command import Command
 from tests.sweep.studies import SCENARIO, STUDY, journal, started, written

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from cosim.analysis.metrics import settle_time
-from cosim.assemble import assemble
-from cosim.engine import Engine
-from cosim.plan import Plan
+from cosim.engine.engine import Engine
+from cosim.engine.simulate import simulate
 from cosim.record import Run
-from cosim.scenario import Scenario, build
-from cosim.simulate import simulate
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build
+from cosim.schedule.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "teleoperation.toml"

@@ -10,9 +10,9 @@ from typing import get_args
 import msgspec
 import pytest
 
-from cosim import scenario as spec
 from cosim.links import spec as link_spec
 from cosim.record import Run
+from cosim.scenario import spec
 from tests.system.runs import ROOT, plan, run
 
 RUNNING = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")

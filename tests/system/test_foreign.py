@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.plan import Plan
+from cosim.schedule.plan import Plan
 from tests.system import foreign
 from tests.system.runs import plan, signals, teleoperation, without_delay
 

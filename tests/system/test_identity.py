@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cosim.simulate
+import cosim.engine.simulate
 from cosim.record import Run
 from tests.cosim.oracle import execute
 from tests.system.golden import make
@@ -89,7 +89,7 @@ def test_the_size_of_a_chunk_does_not_matter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ticks: int
 ) -> None:
     before = made(teleoperation(stop=STOP), tmp_path / "before")
-    monkeypatch.setattr(cosim.simulate, "CHUNK_TICKS", ticks)
+    monkeypatch.setattr(cosim.engine.simulate, "CHUNK_TICKS", ticks)
     assert made(teleoperation(stop=STOP), tmp_path / "after") == before
 
 

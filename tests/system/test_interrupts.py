@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import cosim.simulate
-from cosim.component import Kind, Outputs, Parameter, Port, Values
-from cosim.errors import Interrupted
-from cosim.interrupts import deferred
+import cosim.engine.simulate
+from cosim.base.component import Kind, Outputs, Parameter, Port, Values
+from cosim.base.errors import Interrupted
+from cosim.base.interrupts import deferred
+from cosim.engine.simulate import Outcome, simulate
 from cosim.record import Run
-from cosim.simulate import Outcome, simulate
 from tests.system.runs import Document, scenario
 
 DOCUMENT: Document = {
@@ -78,7 +78,7 @@ def test_in_the_last_tick_the_run_is_complete(tmp_path: Path) -> None:
 
 
 def test_between_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cosim.simulate, "CHUNK_TICKS", 101)
+    monkeypatch.setattr(cosim.engine.simulate, "CHUNK_TICKS", 101)
 
     def press(done: int, _: int) -> None:
         if done == 300:

@@ -13,7 +13,7 @@ RUN = """
 import json, resource, sys
 from pathlib import Path
 from tests.system.runs import scenario, teleoperation
-from cosim.simulate import simulate
+from cosim.engine.simulate import simulate
 document = teleoperation(stop=float(sys.argv[2]))
 document["run"]["record"] = {"every": int(sys.argv[3])}
 simulate(scenario(document), Path(sys.argv[1]))

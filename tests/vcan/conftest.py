@@ -1,7 +1,7 @@
 """Needs a kernel with CAN: ``python -m bridge.vcan run -- python -m pytest tests/vcan``.
 
-A run that does not name this folder leaves it out; ``tests/bridge/test_vcan_launcher.py`` (slow)
-runs all of it on such a kernel, and asserts that nothing was skipped.
+A run that does not name this folder leaves it out; ``tests/bridge/vcan/test_vcan_launcher.py``
+(slow) runs all of it on such a kernel, and asserts that nothing was skipped.
 """
 
 from __future__ import annotations

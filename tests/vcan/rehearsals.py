@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bridge.journal import Journal, JournalError
+from bridge.native.journal import Journal, JournalError
 from tests.vcan.peers import PATIENCE, call, listeners, tool
 
 ROOT = Path(__file__).resolve().parents[2]

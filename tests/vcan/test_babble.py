@@ -7,10 +7,10 @@ import subprocess
 
 import can
 
-from bridge.babble import command
 from bridge.can.interface import BusSpec, attach
 from bridge.can.repeat import repeat
-from bridge.fault_script import Event
+from bridge.faults.script import Event
+from bridge.rehearsal.babbler import command
 from tests.vcan.peers import PATIENCE, call
 
 

@@ -12,10 +12,10 @@ import pytest
 from bridge.can.interface import BusSpec, SocketAttachment, attach
 from bridge.can.log import FrameLog, read_log, rows_of, write_log
 from bridge.can.socket import BusError, open_socket
-from bridge.journal import Journal
 from bridge.native import pace
 from bridge.native.bus import Accept, Bus, State
 from bridge.native.frame import Flags, Frame, frame_dtype
+from bridge.native.journal import Journal
 from tests.bridge.can.bus_contract import (
     BURST,
     BusContract,

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from bridge.journal import Journal
+from bridge.native.journal import Journal
 from tests.vcan.rehearsals import CALM, SCENARIO, bring_up, cosim, settings
 
 GATEWAYS = ("left_gateway", "right_gateway")

@@ -15,7 +15,7 @@ import numpy as np
 from bridge.can.codec import Codec
 from bridge.can.dbc import load
 from bridge.can.layout import find
-from bridge.journal import Journal
+from bridge.native.journal import Journal
 from bridge.native.safety import State, Status
 from tests.vcan.peers import PATIENCE, call
 from tests.vcan.rehearsals import CALM, ROOT, SCENARIO, ended, running, said, settings, slots, until

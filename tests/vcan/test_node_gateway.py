@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.journal import Journal
+from bridge.deployment.system import load_system
+from bridge.native.journal import Journal
 from bridge.native.node import BURST
-from bridge.system import load_system
 from tests.vcan.peers import PATIENCE, call, gateway, queueing
 from tests.vcan.rehearsals import (
     ROOT,

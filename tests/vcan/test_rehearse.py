@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from bridge.can.log import read_log
-from bridge.journal import Journal
 from bridge.native.frame import Flags
+from bridge.native.journal import Journal
 from tests.vcan.peers import call
 from tests.vcan.rehearsals import (
     CALM,

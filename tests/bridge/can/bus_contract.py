@@ -13,11 +13,11 @@ import pytest
 from bridge.can.health import BusHealth
 from bridge.can.interface import Attachment
 from bridge.can.ringed import to_frame, to_message
-from bridge.journal import Journal
 from bridge.native import pace
 from bridge.native.bus import Accept, Bus, State
 from bridge.native.frame import Flags, Frame, frame_dtype
-from cosim.clock import sleep, stopwatch
+from bridge.native.journal import Journal
+from cosim.base.clock import sleep, stopwatch
 
 BURST = 5000
 PATIENCE = 20.0  # s; only a test that fails waits for so long

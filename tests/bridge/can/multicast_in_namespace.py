@@ -18,10 +18,10 @@ from bridge.can.health import interface_counters
 from bridge.can.interface import BusSpec, attach
 from bridge.can.multicast import open_group
 from bridge.can.socket import BusError
-from bridge.journal import Journal
 from bridge.native import pace
 from bridge.native.bus import Accept
 from bridge.native.frame import Frame
+from bridge.native.journal import Journal
 from tests.bridge.can.bus_contract import BusContract, collect, keys, numbered
 
 assert os.environ.get("COSIM_TEST_NAMESPACE") == "1", "only in the namespace of the test"

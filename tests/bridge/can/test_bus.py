@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from bridge.can.health import BusHealth, bus_health, interface_counters
 from bridge.can.interface import BusSpec, attach, configuration, parse_spec
 from bridge.can.socket import BusError
-from bridge.journal import Journal
 from bridge.native import bus as native
 from bridge.native import frame as frames
 from bridge.native.bus import Accept, Bus, Kind, State, Traffic, traffic_add
 from bridge.native.frame import Flags, Frame, Ring
-from cosim.clock import sleep, stopwatch
-from cosim.errors import CosimError
+from bridge.native.journal import Journal
+from cosim.base.clock import sleep, stopwatch
+from cosim.base.errors import CosimError
 from tests.bridge.can.bus_contract import (
     PATIENCE,
     BusContract,

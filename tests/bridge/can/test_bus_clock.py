@@ -46,7 +46,7 @@ API int clock_gettime(clockid_t id, struct timespec *t)
 LOOKS = """
 import ctypes, socket, struct, sys
 from bridge.native.bus import Bus
-from cosim.clock import monotonic_ns
+from cosim.base.clock import monotonic_ns
 path, before, *stalls = sys.argv[1:]
 lib = ctypes.CDLL(path)
 ctypes.c_int.in_dll(lib, "before").value = int(before)

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.can.arbitration import rank
 from bridge.can.load import kind_of, log_bits, log_times, measured, of_rows, planned
-from bridge.can.timing import Bits, BusTiming, Kind, TimingError, frame_bits
 from bridge.native import load as native
 from bridge.native.frame import Flags, Frame, frame_dtype
-from tests.bridge.can.test_timing import frames
+from cosim.bus.arbitration import rank
+from cosim.bus.timing import Bits, BusTiming, Kind, TimingError, frame_bits
+from tests.cosim.bus.test_timing import frames
 
 MEGABIT = BusTiming(1e6)
 FAST = BusTiming(1e6, 5e6, True)

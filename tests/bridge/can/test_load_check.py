@@ -11,9 +11,9 @@ import pytest
 from bridge.can.dbc import load
 from bridge.can.layout import LayoutError, find
 from bridge.can.messages import bus_responses, bus_share
-from bridge.check import BusMessage, BusTiming, SignalRange, Watchdog, check_buses
 from bridge.cli.check import load_rows, message_rows, rows
-from cosim.check.finding import Finding
+from bridge.preflight.bus_checks import BusMessage, BusTiming, SignalRange, Watchdog, check_buses
+from cosim.checks.finding import Finding
 from cosim.cli.show import aligned
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "can"

@@ -3,9 +3,9 @@
 from itertools import count
 from pathlib import Path
 
-from bridge.journal import Journal
+from bridge.deployment.zenoh_keys import Names
+from bridge.native.journal import Journal
 from bridge.zenoh.channel import Traffic, ZenohAttachment
-from bridge.zenoh.names import Names
 from bridge.zenoh.options import Options
 
 NAMES = Names("test")

@@ -8,15 +8,16 @@ from pathlib import Path
 from threading import Barrier, BrokenBarrierError
 from typing import Any
 
-from bridge import deploy, replay
-from bridge.collect import write_tables, write_trajectories
-from bridge.lives import ByLife
-from bridge.outcome import deployed
-from bridge.rehearse import NODES, Ended, Event, Rehearsal, Settings
-from bridge.system import System, load_system
-from bridge.wiring import Rows
+from bridge.deployment import spec
+from bridge.deployment.system import System, load_system
+from bridge.recording.run_folder import write_tables, write_trajectories
+from bridge.records.lives import ByLife
+from bridge.rehearsal.supervisor import NODES, Ended, Event, Rehearsal, Settings
+from bridge.replay import replay
+from bridge.results.outcome import deployed
+from bridge.wiring.wiring import Rows
+from cosim.engine.simulate import metadata
 from cosim.record import write_metadata
-from cosim.simulate import metadata
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -47,7 +48,7 @@ def prepared(
     events: Sequence[Event] = (),
 ) -> tuple[System, Rehearsal]:
     path = CONFIGS / f"{scenario}.toml"
-    given = deploy.find(path, deployment)
+    given = spec.find(path, deployment)
     system = load_system(path, str(given), changes)
     settings = Settings(path, given, tuple(changes), warm_up=0.0, events=events)
     return system, Rehearsal(system, settings, folder)

@@ -10,13 +10,13 @@ import pytest
 import zenoh
 
 from bridge.can.socket import BusError
-from bridge.journal import Journal
 from bridge.native import pace
 from bridge.native.frame import DATA, Frame
+from bridge.native.journal import Journal
 from bridge.zenoh import session
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.options import Options
-from cosim.clock import sleep, stopwatch
+from cosim.base.clock import sleep, stopwatch
 from tests.bridge.can.bus_contract import (
     PATIENCE,
     BusContract,

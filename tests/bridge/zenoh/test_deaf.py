@@ -12,7 +12,7 @@ import pytest
 
 from bridge.native.frame import Frame
 from bridge.zenoh.release import release
-from cosim.clock import sleep, stopwatch
+from cosim.base.clock import sleep, stopwatch
 from tests.bridge.zenoh.ends import IDENTIFIERS, opened
 from tests.bridge.zenoh.test_channel import free_ports
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge import replay, twin
-from bridge.system import load_system
+from bridge.deployment.system import load_system
+from bridge.replay import replay, twin
 from bridge.zenoh.certificates import make_keys
 from bridge.zenoh.options import ENCRYPTED
 from tests.bridge.zenoh.rehearsed import (

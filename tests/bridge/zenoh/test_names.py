@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.deployment import zenoh_keys
+from bridge.deployment.system import load_system
 from bridge.native.message import Decoded, Header, Profile
-from bridge.system import load_system
-from bridge.zenoh import names
 from bridge.zenoh.attach import traffic_of
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 KEY = "teleoperation/master/master_control/xi_master"
@@ -54,7 +54,7 @@ def read(data: bytes, key: str) -> tuple[int, int, int, list[float]]:
     t_us=st.integers(0, 2**32 - 1),
 )
 def test_bytes_are_as_documented(values: list[float], counter: int, status: int, t_us: int):
-    codec = names.codec(KEY, 0x1000, [f"v{i}" for i in range(len(values))])
+    codec = zenoh_keys.codec(KEY, 0x1000, [f"v{i}" for i in range(len(values))])
     data = codec.encode(values, status, t_us, counter)
     found = read(data, KEY)
     assert found[:3] == (counter, status, t_us)
@@ -63,14 +63,14 @@ def test_bytes_are_as_documented(values: list[float], counter: int, status: int,
 
 @given(place=st.integers(0, 39), bit=st.integers(0, 7))
 def test_one_wrong_bit_is_noticed(place: int, bit: int):
-    codec = names.codec(KEY, 0x1000, ["xi1", "xi2"])
+    codec = zenoh_keys.codec(KEY, 0x1000, ["xi1", "xi2"])
     data = bytearray(codec.encode([1.0, -2.0], 3, 4, 5))
     data[place] ^= 1 << bit
     assert codec.decode(bytes(data))[0] is not Decoded.OK
 
 
 def test_a_sample_on_the_key_of_another_is_noticed():
-    ours, theirs = (names.codec(key, 0x1000, ["x"]) for key in (KEY, KEY + "2"))
+    ours, theirs = (zenoh_keys.codec(key, 0x1000, ["x"]) for key in (KEY, KEY + "2"))
     assert theirs.decode(ours.frame([1.0], Header()).payload)[0] is Decoded.CRC
 
 

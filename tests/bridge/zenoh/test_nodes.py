@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from bridge import replay
-from bridge.lives import ByLife, Life
-from bridge.system import load_system
+from bridge.deployment.system import load_system
+from bridge.records.lives import ByLife, Life
+from bridge.replay import replay
 from bridge.zenoh.certificates import make_keys
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.bridge.zenoh.test_channel import free_ports

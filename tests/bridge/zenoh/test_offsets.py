@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.clocks import HostClock
-from bridge.system import load_system
+from bridge.deployment.system import load_system
+from bridge.deployment.zenoh_keys import Names
+from bridge.realtime.host_clock import HostClock
 from bridge.zenoh import offsets
-from bridge.zenoh.names import Names
 from bridge.zenoh.offsets import Offset, bearable, judge, lead, measure, measured_origin
-from cosim.clock import monotonic_ns, realtime_ns
-from cosim.errors import RunError
+from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.errors import RunError
 from tests.bridge.zenoh.rehearsed import CONFIGS
 
 OURS = HostClock("here", kept=True, error=0.001)

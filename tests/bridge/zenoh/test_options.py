@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from bridge import deploy
+from bridge.deployment import spec
 from bridge.zenoh.options import check_endpoint, is_loopback, options_of
 from bridge.zenoh.session import configure
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def options(*settings: str, node: str = "slave"):
-    found = deploy.load(CONFIGS / "deploy" / "zenoh.toml", settings)
+    found = spec.load(CONFIGS / "deploy" / "zenoh.toml", settings)
     return options_of(found, "net", node)
 
 

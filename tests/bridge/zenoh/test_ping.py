@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bridge.cli.ping import histogram, lines, links, links_with_laws
-from bridge.latency import delays_for, on_network
-from bridge.system import load_system
-from bridge.zenoh.names import Names
+from bridge.deployment.latency import delays_for, on_network
+from bridge.deployment.system import load_system
+from bridge.deployment.zenoh_keys import Names
 from bridge.zenoh.options import Options
 from bridge.zenoh.ping import Echo, Pinged, ping, pinged, write_trace
 from bridge.zenoh.session import configure, open_session
-from cosim.errors import RunError
+from cosim.base.errors import RunError
 from cosim.links.traces import read_trace
 from tests.bridge.zenoh.ends import endpoint
 from tests.bridge.zenoh.rehearsed import CONFIGS

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from bridge.attach import answer, attached
-from bridge.lives import Life
+from bridge.deployment.system import load_system
+from bridge.deployment.zenoh_keys import Names
 from bridge.native import node as native
 from bridge.native.safety import State
-from bridge.node import Control
-from bridge.system import load_system
-from bridge.wiring import Wired
-from bridge.zenoh.names import Names
+from bridge.node.buses import answer, attached
+from bridge.node.run import Control
+from bridge.records.lives import Life
+from bridge.wiring.wiring import Wired
 from bridge.zenoh.options import Options
 from bridge.zenoh.remote import ask, command
 from bridge.zenoh.session import configure, open_session
-from cosim.clock import monotonic_ns
-from cosim.errors import RunError
+from cosim.base.clock import monotonic_ns
+from cosim.base.errors import RunError
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
 from tests.bridge.zenoh.test_channel import until
 

@@ -13,8 +13,8 @@ from bridge.zenoh.certificates import make_keys
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.options import Options
 from bridge.zenoh.session import configure, open_session
-from cosim.clock import sleep
-from cosim.errors import CosimError, ScenarioError
+from cosim.base.clock import sleep
+from cosim.base.errors import CosimError, ScenarioError
 from tests.bridge.zenoh.ends import NAMES, key, traffic
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.bridge.zenoh.test_channel import exchange, free_ports, until

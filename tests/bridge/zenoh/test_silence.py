@@ -1,6 +1,6 @@
 """Who is there and silent."""
 
-from bridge.zenoh.names import Names
+from bridge.deployment.zenoh_keys import Names
 from bridge.zenoh.silence import Silence
 
 S = 1_000_000_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from cosim.engine import Engine
-from cosim.plan import Plan
+from cosim.engine.engine import Engine
+from cosim.schedule.plan import Plan
 
 NAMES = ("a", "b", "c", "d", "e")
 STEP = 0.25

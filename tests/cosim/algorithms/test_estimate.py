@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.cases import rings
+from cosim.base.errors import RunError
 from cosim.cli.commands import app
-from cosim.errors import RunError
-from cosim.estimate import estimate
+from cosim.estimate.local_error import estimate
 from cosim.record.folder import TRAJECTORIES
 from tests.cosim.algorithms.test_gauss_seidel import OSCILLATOR
 from tests.cosim.scenarios import plan

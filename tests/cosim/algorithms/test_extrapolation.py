@@ -6,10 +6,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.cases import rings
-from cosim.assemble import assemble
-from cosim.engine import Engine
-from cosim.errors import CosimError, PlanError
-from cosim.estimate import estimate
+from cosim.base.errors import CosimError, PlanError
+from cosim.engine.engine import Engine
+from cosim.estimate.local_error import estimate
+from cosim.scenario.assemble import assemble
 from tests.cosim.algorithms.networks import column, networks, record
 from tests.cosim.algorithms.test_gauss_seidel import OSCILLATOR
 from tests.cosim.oracle import execute

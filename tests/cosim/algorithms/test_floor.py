@@ -10,11 +10,11 @@ import pytest
 
 from benchmarks.cases import rings
 from benchmarks.scaling import document
-from cosim.assemble import assemble
-from cosim.engine import Engine
+from cosim.engine.engine import Engine
 from cosim.fmi.description import of_content
-from cosim.native import Code
-from cosim.plan import compile_plan
+from cosim.native.structs import Code
+from cosim.scenario.assemble import assemble
+from cosim.schedule.plan import compile_plan
 from tests.cosim.scenarios import plan, scenario
 
 
@@ -140,11 +140,11 @@ def test_an_fmu_in_the_cache_is_neither_unpacked_nor_parsed_twice(monkeypatch):
 
 
 def test_a_start_without_links_loads_no_law_and_no_recorder():
-    code = "import sys, cosim.assemble, cosim.engine; print(*sys.modules)"
+    code = "import sys, cosim.scenario.assemble, cosim.engine.engine; print(*sys.modules)"
     found = subprocess.run(
         [sys.executable, "-c", code], check=True, capture_output=True, text=True
     ).stdout.split()
-    assert "cosim.engine" in found
+    assert "cosim.engine.engine" in found
     links = {name for name in found if name.startswith("cosim.links.")}
     assert links == {"cosim.links.words"}
     assert not {"pyarrow", "matplotlib", "scipy", "fmpy", "typer", "cosim.record"} & set(found)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import PlanError
-from cosim.order import sequence
+from cosim.base.errors import PlanError
+from cosim.schedule.order import sequence
 from tests.cosim.algorithms.networks import column, networks, record
 from tests.cosim.oracle import execute, start
 from tests.cosim.scenarios import plan

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cosim.analysis.metrics import Error, Measure, Result, evaluate, metric, settle_time
 from cosim.analysis.signals import Array
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 
 T = np.linspace(0, 10, 10_001)
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.component import Kind
-from cosim.engine import Engine
+from cosim.base.component import Kind
+from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, Options
-from cosim.plan import Plan, Slot, Step, compile_plan
+from cosim.schedule.plan import Plan, Slot, Step, compile_plan
 from fmus.toolchain import compile_shared, shared_suffix
 
 SOURCES = Path(__file__).parent / "c"

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.engine import Engine
-from cosim.errors import CosimError, RunError
+from cosim.base.errors import CosimError, RunError
+from cosim.engine.engine import Engine
 from cosim.fmi import Options
 from fmus.models import planar2r
 from tests.cosim.fmi.exporter import column, export, nasty2, plan_of, run

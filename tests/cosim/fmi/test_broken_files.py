@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim import archive
-from cosim.errors import CosimError, FmuError
+from cosim.base import archive
+from cosim.base.errors import CosimError, FmuError
 from cosim.fmi import FmuComponent, Options
 from cosim.fmi.description import read
 from cosim.fmi.ports import groups

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.engine import End, Engine
-from cosim.errors import CosimError, RunError
+from cosim.base.errors import CosimError, RunError
+from cosim.engine.engine import End, Engine
 from cosim.fmi import FmuComponent, Options
-from cosim.plan import Plan, Slot, Step, compile_plan
+from cosim.schedule.plan import Plan, Slot, Step, compile_plan
 from tests.cosim.fmi.exporter import column, export, plan_of, run, strict2, strict3
 from tests.cosim.oracle import execute
 
@@ -115,7 +115,7 @@ class Follower:
     parameters: tuple = ()
 
     def __init__(self, kind: str) -> None:
-        from cosim.component import Port
+        from cosim.base.component import Port
 
         self.kind = kind
         self.inputs, self.outputs = (Port("u"),), (Port("y"),)
@@ -132,9 +132,9 @@ class Follower:
 
 def chain(path: Path, second: Path, isolate: bool, **of_a: float) -> Plan:
     """jumping FMU `a` -> sampled Python `b`; a -> (2 ticks late) -> FMU `d` -> Python `e`."""
-    from cosim.component import Port
+    from cosim.base.component import Port
     from cosim.links.spec import link_table
-    from cosim.plan import Link, Wire
+    from cosim.schedule.plan import Link, Wire
 
     options = Options(isolate=isolate)
     components = {

@@ -10,7 +10,7 @@ import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.errors import CosimError
+from cosim.base.errors import CosimError
 from cosim.fmi import Options
 from tests.cosim.fmi.exporter import clocked3, export, outputs, plan_of, run
 

@@ -9,13 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim.analysis.trace import trace
-from cosim.assemble import assemble
 from cosim.cli.commands import app
+from cosim.engine.simulate import columns
 from cosim.record import Run
 from cosim.record.folder import read_metadata
-from cosim.scenario import load
-from cosim.simulate import columns
-from cosim.sweep.memory import record
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import load
+from cosim.sweeps.memory import record
 from tests.cosim.fmi.exporter import export, strict2, strict3
 
 ENDS, EVENT = 6, 7

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.errors import RunError
+from cosim.base.errors import RunError
 from cosim.fmi import Options
 from tests.cosim.fmi.exporter import column, plan_of, run
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cosim.errors import CosimError, RunError, ScenarioError
+from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.engine.simulate import simulate
 from cosim.record import Run
-from cosim.scenario import build
-from cosim.simulate import simulate
+from cosim.scenario.spec import build
 from tests.cosim.fmi.exporter import export, nasty2, passing3
 
 

@@ -11,12 +11,12 @@ import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 
-from cosim.component import Port
-from cosim.engine import Engine
-from cosim.errors import CosimError
-from cosim.plan import Plan
-from cosim.scenario import build
-from cosim.simulate import simulate
+from cosim.base.component import Port
+from cosim.base.errors import CosimError
+from cosim.engine.engine import Engine
+from cosim.engine.simulate import simulate
+from cosim.scenario.spec import build
+from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import export, nasty2, sloped2
 from tests.cosim.scenarios import plan
 

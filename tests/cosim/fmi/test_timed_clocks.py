@@ -11,11 +11,11 @@ import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.assemble import assemble
-from cosim.engine import Engine
-from cosim.errors import CosimError, ScenarioError
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.engine.engine import Engine
 from cosim.fmi import Options
-from cosim.scenario import Scenario, build
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build
 from cosim.ssp.export import write
 from tests.cli.command import Command
 from tests.cosim.fmi.exporter import clocked3, column, export, outputs, plan_of, run, timed3

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import CosimError, FmuError, RunError
+from cosim.base.errors import CosimError, FmuError, RunError
+from cosim.base.units import conversion
 from cosim.fmi import FmuComponent, Options
-from cosim.units import conversion
 from tests.cosim.fmi.exporter import (
     FOLDER,
     TYPES3,

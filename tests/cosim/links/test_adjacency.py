@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.adjacency import read_graphs
 
 

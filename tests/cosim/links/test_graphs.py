@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.graphs import PRESETS, Graph, union
 
 ALL = frozenset(range(1, 7))

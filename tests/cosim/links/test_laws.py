@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.links.laws import Constant, Uniform, exact
 from cosim.links.table import generator
 from cosim.links.traces import Trace

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform, exact
 from cosim.links.losses import GilbertElliott, Independent, Lossy

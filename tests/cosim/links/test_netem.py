@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.markov import Markov

@@ -7,7 +7,7 @@ import tomllib
 import msgspec
 import pytest
 
-from cosim.errors import ScenarioError
+from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.semantics import Packets, Playout, Signal

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.links.graphs import PRESETS, Graph
 from cosim.links.laws import exact
 from cosim.links.switching import Random, Schedule, Static

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Recorder, claim_folder, link_file, read_metadata, write_metadata
 from cosim.record.folder import link_files
 

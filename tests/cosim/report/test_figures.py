@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cosim.errors import RunError, ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Column, Recorder, Run
-from cosim.report.figures import Figure, Panel, axis_label, draw
+from cosim.reporting.figures import Figure, Panel, axis_label, draw
 
 BLUE, VERMILLION, WHITE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (255, 255, 255)
 NAMES = {
@@ -161,7 +161,7 @@ def test_a_file_that_cannot_be_written(run: Run, tmp_path: Path) -> None:
 
 def test_imports_wait_until_they_are_needed() -> None:
     code = (
-        "import sys, cosim.record, cosim.analysis.metrics, cosim.report.figures as figures\n"
+        "import sys, cosim.record, cosim.analysis.metrics, cosim.reporting.figures as figures\n"
         "assert not {'pyarrow', 'matplotlib', 'pandas'} & set(sys.modules)\n"
         "figures.load(lean=True)\n"
         "from matplotlib.artist import kwdoc\n"

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.report.thinning import thin
+from cosim.reporting.thinning import thin
 
 
 @given(

@@ -1,0 +1,127 @@
+"""A campaign of many faults: its runs side by side, each once, whatever ends the process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from hashlib import sha256
+from itertools import count, permutations
+from pathlib import Path
+from typing import Any
+
+from bridge.campaign import compressed, judgement, soak
+from bridge.campaign.plan import Many, document
+from bridge.campaign.soak_driver import Record, drive
+from bridge.campaign.soak_judgement import RunDone
+from bridge.campaign.soak_spec import Table
+from bridge.campaign.spec import RunSpec
+from bridge.deployment.system import System, load_system
+from bridge.rehearsal.hosts import groups
+from cosim.sweeps.drive import Begun
+from cosim.sweeps.perform import Row
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What all runs of a campaign have in common.
+
+    `blind`: simulated receivers check neither CRC nor counter, so that the campaign has to fail.
+    `hosted`: there are network namespaces, so that runs can be rehearsed; else all are simulated.
+    """
+
+    many: Many
+    folder: Path
+    seed: int
+    hosted: bool
+    blind: bool = False
+    realtime: bool = True
+
+    def kind_of_run(self, k: int) -> tuple[str, bool]:
+        """(channel, rehearsed)."""
+        channel, rehearsed = self.many.kind_of_run(k)
+        return channel, rehearsed and self.hosted and not self.blind
+
+
+def runs_for(job: Job, faults: int) -> int:
+    """How many runs, from the first one on, have so many faults."""
+    total = 0
+    for k in count():
+        if total >= faults:
+            return k
+        channel, rehearsed = job.kind_of_run(k)
+        many, changes = job.many, job.many.changes(channel, rehearsed)
+        system = _loaded(many.scenario, many.deployment(channel), changes)
+        links = [f"{a}>{b}" for a, b in permutations(groups(system), 2)]
+        total += len(document(many, system, links, rehearsed, job.seed, k)["fault"])
+    raise AssertionError("not reached")
+
+
+def perform(job: Job, k: int) -> Row:
+    """Run `k`, simulated or rehearsed, judged."""
+    channel, rehearsed = job.kind_of_run(k)
+    many, system = job.many, _system(job.many, channel, rehearsed)
+    one = soak.Job(
+        many.scenario, many.deployment(channel), many.changes(channel, rehearsed), many.soak(),
+        job.folder, job.seed, True, len(groups(system)) > 1, job.realtime,
+    )  # fmt: skip
+
+    def drawn(system: System, links: tuple[str, ...]) -> Table:
+        return document(many, system, links, rehearsed, job.seed, k)
+
+    def run(folder: Path) -> RunDone:
+        if rehearsed:
+            return soak.rehearsed(one, k, folder, drawn)
+        return _simulated(system, drawn(system, ()), folder, one.changes, job.blind)
+
+    row = soak.performed(one, k, run)
+    how = "rehearsed" if rehearsed else "simulated"
+    return replace(row, cells={**row.cells, "channel": channel, "how": how})
+
+
+def _simulated(
+    system: System, drawn: Table, folder: Path, changes: tuple[str, ...], blind: bool
+) -> RunDone:
+    script = soak.script_of(drawn, folder)
+    outcome = compressed.run(system, script, folder, changes, blind=blind)
+    judged = judgement.judge(system, RunSpec(script=str(script.path)), outcome)
+    return RunDone(system, script, outcome, judged, ())
+
+
+@lru_cache(maxsize=16)
+def _loaded(scenario: Path, deployment: Path, changes: tuple[str, ...]) -> System:
+    return load_system(scenario, str(deployment), changes)
+
+
+def _system(many: Many, channel: str, rehearsed: bool) -> System:
+    changes = many.changes(channel, rehearsed)
+    if rehearsed:
+        return _loaded(many.scenario, many.deployment(channel), changes)
+    return load_system(many.scenario, str(many.deployment(channel)), changes)
+
+
+def campaign(
+    job: Job,
+    faults: int,
+    parallel: int,
+    retry: bool = False,
+    begun: Callable[[Begun], None] = lambda begun: None,
+    done: Callable[[Row], None] = lambda row: None,
+    stopping: Callable[[], None] = lambda: None,
+) -> list[Record]:
+    """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
+    return drive(
+        job.folder, job.many.spec.title, facts(job), partial(perform, job), runs_for(job, faults),
+        parallel, retry=retry, begun=begun, done=done, stopping=stopping,
+    )  # fmt: skip
+
+
+def facts(job: Job) -> Mapping[str, Any]:
+    """By which a folder is told from that of another campaign."""
+    many = job.many
+    files = (many.path, many.scenario, *(many.deployment(c) for c in many.spec.channels))
+    digest = sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()
+    return {
+        "campaign": str(many.path.resolve()), "seed": job.seed, "blind": job.blind,
+        "hosted": job.hosted, "fingerprint": digest,
+    }  # fmt: skip

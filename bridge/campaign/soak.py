@@ -1,0 +1,168 @@
+"""One run of a soak: real nodes, faults drawn from a seed, and whether all was as it has to be.
+
+Plain data goes in and comes out; it runs in a process of its own (:mod:`cosim.sweeps.workers`).
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge.campaign import judgement
+from bridge.campaign.soak_judgement import RunDone, judged, measured
+from bridge.campaign.soak_spec import Soak, Table, draw, text
+from bridge.campaign.spec import RunSpec
+from bridge.deployment.system import System, load_system
+from bridge.faults.load import build
+from bridge.faults.script import FaultScript
+from bridge.rehearsal import injector
+from bridge.rehearsal.hosts import Hosts, groups, settings
+from bridge.rehearsal.supervisor import Rehearsal, Settings
+from bridge.results import detection_links
+from bridge.results.outcome import begin, complete
+from bridge.results.verdict import Verdict, Word
+from cosim.base.clock import stopwatch
+from cosim.base.errors import CosimError
+from cosim.base.interrupts import terminated
+from cosim.fmi.failures import sentence
+from cosim.record import seal
+from cosim.record.recover import unfinished
+from cosim.sweeps.perform import Row
+
+RUNS, SCRIPT = "runs", "script.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What all runs of a soak have in common; `changes`: of scenario and deployment.
+
+    `hosted`: each run in network namespaces of its own, `network`: with faults of the network
+    between them. `keep`: run folders also of runs in which all was well.
+    """
+
+    scenario: Path
+    deployment: Path
+    changes: tuple[str, ...]
+    soak: Soak
+    folder: Path
+    seed: int
+    hosted: bool
+    network: bool
+    realtime: bool = True
+    keep: bool = False
+
+
+#: What a run's faults are drawn by: from the system and the links between its hosts.
+Drawn = Callable[[System, tuple[str, ...]], Table]
+
+
+def perform(job: Job, k: int) -> Row:
+    """Run `k`; what goes wrong becomes the reason of its row."""
+
+    def drawn(system: System, links: tuple[str, ...]) -> Table:
+        return draw(job.soak, system, links, job.seed, k)
+
+    return performed(job, k, lambda folder: rehearsed(job, k, folder, drawn))
+
+
+def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> Row:
+    """Judge what `run` makes in the folder of run `k`; what goes wrong becomes its row's reason."""
+    name, watch = f"{k:05d}", stopwatch()
+    folder = job.folder / RUNS / name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    cells: dict[str, Any] = {"faults": "", "zenoh": Path(job.soak.zenoh(job.seed, k)).stem}
+    measures: dict[str, float] = {}
+    try:
+        with terminated(), np.errstate(all="ignore"):
+            done = run(folder)
+            measures = measured(job.soak, done)
+            found = judged(job.soak, done, measures)
+        cells["faults"] = ", ".join(f.kind for f in done.outcome.faults)
+        cells["ended"] = "; ".join(f"{x}: {why}" for x, why in done.judged.ended.items())
+    except CosimError as error:
+        found = Verdict(Word.ERROR, (f"no run: {error}",))
+    except Exception as error:
+        found = Verdict(Word.ERROR, (f"no verdict: {sentence(error)}",))
+    well = found.word is Word.PASSED
+    if well and not job.keep:
+        shutil.rmtree(folder, ignore_errors=True)
+    else:
+        found = _sealed(folder, found)
+    cells["verdict"] = str(found.word)
+    return Row(
+        name, cells, job.changes, well, "; ".join(found.reasons), wall=watch(), measures=measures
+    )
+
+
+def _sealed(folder: Path, found: Verdict) -> Verdict:
+    """Sums of everything a run has left, also by its hosts; an error where that cannot be done."""
+    try:
+        if not unfinished(folder):
+            seal(folder, anew=True)
+    except CosimError as error:
+        return Verdict(Word.ERROR, (*found.reasons, str(error)))
+    return found
+
+
+def rehearsed(job: Job, k: int, folder: Path, drawn: Drawn) -> RunDone:
+    """Rehearse with what is drawn for this run, and make its folder."""
+    system = load_system(job.scenario, str(job.deployment), job.changes)
+    with ExitStack() as stack:
+        changes, hosts = job.changes, None
+        if job.hosted:
+            parts = groups(system) if job.network else {next(iter(system.nodes)): [*system.nodes]}
+            hosts = Hosts(parts, folder / "packets", job.seed * 100_003 + k)
+            if hosts.network is not None:
+                zenoh = job.soak.zenoh(job.seed, k)
+                changes += tuple(settings(system, parts, hosts.addresses, zenoh))
+            stack.enter_context(hosts)
+            system = load_system(job.scenario, str(job.deployment), changes)
+        script = script_of(drawn(system, _links(hosts)), folder)
+        return _rehearsed(job, system, changes, script, folder, hosts)
+
+
+def _links(hosts: Hosts | None) -> tuple[str, ...]:
+    network = hosts.network if hosts else None
+    return tuple(network.names) if network else ()
+
+
+def script_of(document: Table, folder: Path) -> FaultScript:
+    """The script of a run, written into its folder, too."""
+    (folder / SCRIPT).write_text(text(document), encoding="utf-8")
+    return build(document, folder / SCRIPT)
+
+
+def _rehearsed(
+    job: Job,
+    system: System,
+    changes: tuple[str, ...],
+    script: FaultScript,
+    folder: Path,
+    hosts: Hosts | None,
+) -> RunDone:
+    network = hosts.network if hosts else None
+    given = Settings(
+        job.scenario, job.deployment, changes, warm_up=0.0, realtime=job.realtime,
+        script=str(script.path), events=injector.events(script, system, network),
+    )  # fmt: skip
+    if hosts is not None:
+        given = replace(given, inside=hosts.inside)
+    facts = {"settings": list(changes), "faults": str(script.path), "real": False}
+    begin(system, folder, facts)
+    with Rehearsal(system, given, folder) as rehearsal:
+        rehearsal.run()
+        rehearsal.end()
+        ended = rehearsal.ended
+        there = network and detection_links.Network(network, hosts.hosts, ended.start_ns)  # type: ignore[union-attr]
+        outcome = complete(
+            system, folder, ended, facts, with_twin=False, formats=(), script=script, network=there
+        )
+    spec = RunSpec(script=str(script.path))
+    return RunDone(system, script, outcome, judgement.judge(system, spec, outcome), ended.lives)

@@ -1,0 +1,150 @@
+"""A soak: runs side by side until their time adds up, each once, whatever ends the process."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from hashlib import sha256
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+from bridge.campaign.soak import RUNS, Job, perform
+from bridge.relay import namespaces
+from bridge.results.verdict import Word
+from cosim.base.errors import ScenarioError
+from cosim.base.interrupts import deferred
+from cosim.engine.simulate import versions
+from cosim.sweeps import store as stores
+from cosim.sweeps import workers
+from cosim.sweeps.drive import Begun
+from cosim.sweeps.perform import Row
+from cosim.sweeps.store import Store
+
+#: Of the measures of a run, besides numbers of faults.
+UNITS: Mapping[str, str] = {"s": "s", "torque": "N.m", "late_p99_ms": "ms", "together": "rad"}
+TABLE, SUMMARY = "soak.parquet", "summary.md"
+Record = dict[str, Any]
+
+
+def count(hours: float, seconds: float) -> int:
+    """Runs of so many seconds that make so many hours."""
+    return max(1, ceil(hours * 3600.0 / seconds))
+
+
+def soak(
+    job: Job,
+    runs: int,
+    parallel: int,
+    retry: bool = False,
+    begun: Callable[[Begun], None] = lambda begun: None,
+    done: Callable[[Row], None] = lambda row: None,
+    stopping: Callable[[], None] = lambda: None,
+) -> list[Record]:
+    """All runs of a soak; see :func:`drive`."""
+    return drive(
+        job.folder, job.soak.spec.title, _facts(job), partial(perform, job), runs, parallel,
+        retry=retry, begun=begun, done=done, stopping=stopping,
+    )  # fmt: skip
+
+
+def drive(
+    folder: Path,
+    title: str,
+    facts: Mapping[str, Any],
+    perform: Callable[[int], Row],
+    runs: int,
+    parallel: int,
+    *,
+    retry: bool = False,
+    begun: Callable[[Begun], None] = lambda begun: None,
+    done: Callable[[Row], None] = lambda row: None,
+    stopping: Callable[[], None] = lambda: None,
+) -> list[Record]:
+    """Make the runs that the folder does not have yet; rows of all, in their order.
+
+    `perform`: makes and judges run k, in a process of its own; `facts`: what tells this folder
+    from others.
+
+    With `retry` also those again that were not as they had to be. `begun` is called once, `done`
+    with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs under
+    way have ended (at a second Ctrl-C, at once). Raises ScenarioError for a folder that was begun
+    with something else, never for a run that fails.
+    """
+    with stores.locked(folder):
+        _claim(folder, title, facts)
+        namespaces.sweep()
+        with Store(folder, UNITS) as store:
+            names = {f"{k:05d}": k for k in range(runs)}
+            again = store.failed & set(names) if retry else set[str]()
+            todo = [k for name, k in names.items() if name not in store.done - again]
+            there = len(store.done & set(names))
+            begun(Begun(runs, runs, there, len(todo), False, 0, len(again)))
+            try:
+                _run(perform, todo, parallel, store, done, stopping)
+            finally:
+                with deferred(lambda: None):
+                    namespaces.sweep()  # of workers that were killed
+        found = stores.rows(folder)
+        records = [found[name] for name in sorted(found)]
+        stores.write_table(folder / TABLE, records, UNITS)
+    return records
+
+
+def _run(
+    perform: Callable[[int], Row],
+    todo: Sequence[int],
+    parallel: int,
+    store: Store,
+    done: Callable[[Row], None],
+    stopping: Callable[[], None],
+) -> None:
+    pressed: list[bool] = []
+
+    def stop() -> None:
+        pressed.append(True)
+        stopping()
+
+    opened = partial(workers.processes, parallel)
+    with deferred(stop):
+        for k, result in workers.spread(opened, perform, todo, lambda: bool(pressed)):
+            if isinstance(result, str):
+                result = Row(
+                    f"{k:05d}", {"faults": "", "verdict": str(Word.ERROR)}, (), False, result
+                )
+            store.append(result)
+            done(result)
+
+
+def _facts(job: Job) -> dict[str, Any]:
+    """By which a folder is told from that of another soak."""
+    files = (job.scenario, job.deployment, job.soak.path)
+    return {
+        "scenario": str(job.scenario),
+        "deployment": str(job.deployment),
+        "settings": list(job.changes),
+        "seed": job.seed,
+        "network": job.network,
+        "fingerprint": sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest(),
+    }
+
+
+def _claim(folder: Path, title: str, facts: Mapping[str, Any]) -> None:
+    """Take the folder, which is empty or has runs of the same kind. Raises ScenarioError."""
+    state = stores.read_state(folder)
+    present = sorted(p.name for p in folder.iterdir() if p.name != stores.LOCK)
+    if present and not state:
+        raise ScenarioError(
+            f"the folder holds {present[0]} but no soak; expected an empty one", str(folder)
+        )
+    for key, value in facts.items():
+        if state and state.get(key) != value:
+            raise ScenarioError(
+                f"was begun with another {key}, {state.get(key)}; expected {value}, or another "
+                "folder",
+                str(folder),
+            )
+    if not state:
+        shutil.rmtree(folder / RUNS, ignore_errors=True)
+    stores.write_state(folder, {"title": title, **facts, "versions": versions()})

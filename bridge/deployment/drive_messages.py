@@ -1,0 +1,67 @@
+"""Messages of foreign drives: a profile's frames, carrying values at the joint in SI.
+
+Gear, direction, zero and the drive's units are folded into scale and offset of the signals, so
+encoding stays one table in C: value at the joint = scale · raw + offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bridge.can.codec import Codec, verify
+from bridge.can.layout import Layout, Signal
+from bridge.deployment.cut import Outlet
+from bridge.deployment.spec import Deployment
+from bridge.drives.profiles import PORTS, Joint, Part, Profile, load_profile
+from cosim.base.errors import ScenarioError
+from cosim.base.units import quantity
+
+
+def codec(outlet: Outlet, d: Deployment) -> Codec:
+    """The codec of a message that names a profile. Raises ScenarioError, LayoutError."""
+    spec, place = d.messages[outlet.message], d.place("messages", outlet.message)
+    profile = load_profile(d.file(spec.profile))
+    if d.buses[spec.bus].kind != "can":
+        raise ScenarioError(f"{spec.bus} is no CAN bus; a profile is of a CAN drive", place)
+    if spec.name or spec.signals:
+        raise ScenarioError("name and signals are the profile's; expected neither", place)
+    part, names = _part(profile, outlet, place)
+    zero = spec.zero if isinstance(spec.zero, int | float) else quantity(spec.zero, "rad")
+    joint = Joint(spec.gear, spec.direction, float(zero))
+    layout = profile.layout(part, spec.drive)
+    verify(Codec(layout, names))  # before the units are folded in
+    return Codec(_in_si(layout, profile, part, joint), names, exact=part is profile.command)
+
+
+def _part(profile: Profile, outlet: Outlet, place: str) -> tuple[Part, list[str]]:
+    """The message of the profile that has all these ports, and its signals in their order."""
+    ports = [part.port for part in outlet.parts for _ in range(part.size)]
+    odd = [port for port in ports if port not in PORTS]
+    if odd:
+        raise ScenarioError(f"port {odd[0]!r} is none of {', '.join(PORTS)}", f"{place}.carries")
+    parts = (profile.command,) if "tau" in ports else profile.feedback
+    for part in parts:
+        left = {port: list(getattr(part, port)) for port in PORTS}
+        if all(ports.count(port) <= len(left[port]) for port in PORTS):
+            return part, [left[port].pop(0) for port in ports]
+    sizes = "; ".join(
+        f"{p.message}: " + ", ".join(f"{len(getattr(p, n))} {n}" for n in PORTS) for p in parts
+    )
+    text = f"{profile.path} has no message for {', '.join(ports)}; it has {sizes}"
+    raise ScenarioError(text, f"{place}.carries")
+
+
+def _in_si(layout: Layout, profile: Profile, part: Part, joint: Joint) -> Layout:
+    """Signals of the part as values at the joint, in SI."""
+    carried = set(part.signals)
+    signals = tuple(
+        _converted(s, *profile.conversion(part, s.name, joint)) if s.name in carried else s
+        for s in layout.signals
+    )
+    return replace(layout, signals=signals)
+
+
+def _converted(s: Signal, gain: float, offset: float) -> Signal:
+    """The same bits, as gain · value + offset."""
+    low, high = sorted((gain * s.low + offset, gain * s.high + offset))
+    return replace(s, scale=gain * s.scale, offset=gain * s.offset + offset, low=low, high=high)

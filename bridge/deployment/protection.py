@@ -1,0 +1,185 @@
+"""What a deployment says of guards, drives and stale inputs, found in a node's plan.
+
+What names nothing is an error here, before a node is made: a guard that guards no message, or a
+drive behind which no torque arrives, would protect nobody without a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from bridge.deployment.cut import Inlet, NodePlan, Outlet
+from bridge.deployment.spec import Deployment, DriveSpec, GuardSpec, NodeSpec
+from bridge.drives import model
+from bridge.drives.profiles import load_profile
+from bridge.safety import limits as safety
+from bridge.safety.limits import in_si
+from cosim.base.errors import ScenarioError
+from cosim.schedule.plan import Slot
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Values `first` ... `first + size` of a message are entries `entry` ... of a port."""
+
+    first: int
+    entry: int
+    size: int
+
+
+def span(outlet: Outlet, port: Slot | None, place: str) -> Span | None:
+    """Where a message carries a port; None: not at all. Raises ScenarioError for pieces of it."""
+    if port is None:
+        return None
+    found: list[tuple[int, int]] = []
+    first = 0
+    for part in outlet.parts:
+        if (part.component, part.port) == (port.component, port.port):
+            found += [(first + i, part.start - port.start + i) for i in range(part.size)]
+        first += part.size
+    if not found:
+        return None
+    value, entry = found[0]
+    if found != [(value + i, entry + i) for i in range(len(found))]:
+        text = f"{outlet.message} carries {port.name} in pieces; expected entries in their order"
+        raise ScenarioError(text, place)
+    return Span(value, entry, len(found))
+
+
+def limits(spec: GuardSpec, at: Span | None = None) -> safety.GuardSpec:
+    """A deployment's guard as :mod:`bridge.safety.limits` takes it, for the entries `at` of its
+    port.
+    """
+    names = [f.name for f in fields(safety.GuardSpec) if f.name not in ("brake", "stops")]
+    return safety.GuardSpec(
+        **{name: _listed(getattr(spec, name), at) for name in names},
+        brake=spec.brake,
+        stops=spec.stops,
+    )
+
+
+def emulated(
+    spec: DriveSpec, deployment: Deployment | None = None, at: Span | None = None
+) -> model.DriveSpec:
+    """A drive as :mod:`bridge.drives.model` takes it: what is said, else its profile's, else
+    defaults.
+    """
+    known = model.DriveSpec()
+    if spec.profile and deployment is not None:
+        known = load_profile(deployment.file(spec.profile)).drive
+    names = ("tau_max", "lag", "watchdog", "damping", "q_lsb", "dq_lsb", "tau_lsb")
+    said = {n: _listed(getattr(spec, n), at) for n in names if getattr(spec, n) is not None}
+    return replace(known, **said)
+
+
+def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
+    """The greatest age of a torque that moves a drive, ns: what is said, else its watchdog.
+
+    Raises ScenarioError for an age that is not positive.
+    """
+    if spec.max_age is None:
+        return round(in_si(emulated(spec, d).watchdog, "s", f"{place}.watchdog") * 1e9)
+    said = in_si(spec.max_age, "s", f"{place}.max_age")
+    if not 0 < said < 1e6:
+        raise ScenarioError(f"is {said:g} s, expected more than 0", f"{place}.max_age")
+    return round(said * 1e9)
+
+
+def drives_by(plan: NodePlan, spec: NodeSpec, message: str) -> bool:
+    """Whether a message carries torques of the node's drive."""
+    port = spec.drive.port if spec.drive else None
+    return any(i.message == message and i.target.port == port for i in plan.inlets)
+
+
+def _listed(value: Any, at: Span | None) -> Any:
+    """A number for all joints as it is; one a joint: those of the span."""
+    if not isinstance(value, tuple):
+        return value
+    return list(value if at is None else value[at.entry : at.entry + at.size])
+
+
+def age_slot(plan: NodePlan, inlet: Inlet, text: str, place: str) -> int:
+    """The signal ``age[0]`` of an inlet's component. Raises ScenarioError."""
+    port, _, index = text.partition("[")
+    slot = input_of(plan, inlet.component, port, place)
+    number = index.removesuffix("]") or "0"
+    if not number.isdigit() or int(number) >= slot.size:
+        raise ScenarioError(f"{text!r} is none of the {slot.size} entries of {slot.name}", place)
+    return slot.start + int(number)
+
+
+def input_of(plan: NodePlan, component: str, port: str, place: str) -> Slot:
+    """A port of a component, input or output. Raises ScenarioError where there is none."""
+    slots = plan.plan.slots()
+    if f"{component}.{port}" not in slots:
+        ports = [s.port for s in slots.values() if s.component == component]
+        known = ", ".join(sorted(ports))
+        raise ScenarioError(f"{component} has no {port!r}; it has {known}", place)
+    return slots[f"{component}.{port}"]
+
+
+# ---- before a node is made --------------------------------------------------------------------
+
+
+def check(plans: Mapping[str, NodePlan], d: Deployment) -> None:
+    """Guards, drives and stale inputs name what is there. Raises ScenarioError."""
+    for name, plan in plans.items():
+        spec = d.nodes[name]
+        _check_guard(plan, spec, d.place("nodes", name, "guard"))
+        _check_drive(plan, spec, d, d.place("nodes", name, "drive"))
+        known = {f"{i.component}.{i.target.port}" for i in plan.inlets}
+        for key, stale in spec.stale.items():
+            place = d.place("nodes", name, "stale", key)
+            if key not in known:
+                there = ", ".join(sorted(known)) or "none"
+                text = f"no input {key!r} from another node; there are: {there}"
+                raise ScenarioError(text, place)
+            if stale.age:
+                inlet = next(i for i in plan.inlets if f"{i.component}.{i.target.port}" == key)
+                age_slot(plan, inlet, stale.age, f"{place}.age")
+
+
+def _check_guard(plan: NodePlan, spec: NodeSpec, place: str) -> None:
+    if spec.guard is None:
+        return
+    slots, port = plan.plan.slots(), spec.guard.port
+    sent = [o for o in plan.outlets if span(o, slots.get(f"{o.component}.{port}"), place)]
+    found = {o.component for o in sent} | {s.component for s in plan.guarded}
+    if not found:
+        text = f"no component of the node has an output {port!r} that goes anywhere"
+        raise ScenarioError(f"{text}; expected a torque to guard", place)
+    for component in sorted(found):
+        _check_measured(slots, component, spec.guard, place)
+
+
+def _check_measured(
+    slots: Mapping[str, Slot], component: str, guard: GuardSpec, place: str
+) -> None:
+    """Limits on position and velocity have both to look at, one a joint."""
+    joints = slots[f"{component}.{guard.port}"].size
+    for port, limits_ in ((guard.q, _POSITION), (guard.dq, _VELOCITY)):
+        slot = slots.get(f"{component}.{port}")
+        for name in limits_:
+            if getattr(guard, name) is not None and (slot is None or slot.size != joints):
+                there = f"{slot.size} {port}" if slot else f"no {port!r}"
+                text = f"{name} needs a position or velocity of {joints} joints"
+                raise ScenarioError(f"{text}; {component} has {there}", place)
+
+
+_POSITION = ("q_low", "q_high", "q_jump")
+_VELOCITY = ("dq_max", "power_max")
+
+
+def _check_drive(plan: NodePlan, spec: NodeSpec, d: Deployment, place: str) -> None:
+    if spec.drive is None:
+        return
+    torque_age(spec.drive, d, place)  # its profile is there, too
+    found = [i for i in plan.inlets if i.target.port == spec.drive.port]
+    if not found:
+        text = f"no torque {spec.drive.port!r} arrives from another node; expected one to drive"
+        raise ScenarioError(text, place)
+    for inlet in found:
+        for port in (spec.drive.q, spec.drive.dq):
+            input_of(plan, inlet.component, port, place)

@@ -1,0 +1,150 @@
+"""Services of a bus: what nodes say there besides the deployment's messages.
+
+NMT (commands), SYNC, ESTOP (stop, everybody), EPOCH (which run this is, and its t = 0) and
+heartbeats. Each bus has its own: a CAN bus those that its deployment lists, as the messages NMT,
+SYNC, ESTOP, EPOCH and HEARTBEAT_n of its DBC file with their identifiers (nothing listed: all that
+the file has); a bus with the frames of drives that have a protocol of their own has none; a Zenoh
+bus has all but SYNC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from bridge.can.codec import Codec
+from bridge.can.layout import Layout, find
+from bridge.deployment import zenoh_keys
+from bridge.deployment.spec import SERVICES, Deployment, ServiceName
+from bridge.drives.profiles import Profile, load_profile
+from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
+from bridge.native.message import Message
+from cosim.base.errors import ScenarioError
+
+#: Heartbeats of a host in the time-out of the drive that waits for them.
+BEATS = 4
+
+
+class Encoding(Protocol):
+    """What a message is made of bytes by: a :class:`bridge.can.codec.Codec`, or one of Zenoh."""
+
+    @property
+    def message(self) -> Message:
+        """The C struct, alive as long as this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A bus's messages besides the deployment's: heartbeats by number, SYNC, NMT, ESTOP, EPOCH.
+
+    What is missing does not exist on this bus: nobody sends it there, and nobody obeys it.
+    `host_heartbeats` by node number, `host_sync`: what drives of a profile need to hear on their
+    bus from the nodes that command them (CANopen); `timeout`: of the shortest watchdog so fed, s.
+    """
+
+    heartbeats: Mapping[int, Encoding] = field(default_factory=dict)
+    sync: Encoding | None = None
+    nmt: Encoding | None = None
+    estop: Encoding | None = None
+    epoch: Encoding | None = None
+    host_heartbeats: Mapping[int, Encoding] = field(default_factory=dict)
+    host_sync: Encoding | None = None
+    timeout: float = 0.0
+
+    def named(self) -> dict[str, Encoding]:
+        """All there are, by the name that messages of a DBC file have."""
+        shared = {"SYNC": self.sync, "NMT": self.nmt, "ESTOP": self.estop, "EPOCH": self.epoch}
+        found = {name: encoding for name, encoding in shared.items() if encoding is not None}
+        return found | {f"HEARTBEAT_{n}": beat for n, beat in self.heartbeats.items()}
+
+
+def services_on(d: Deployment, bus: str, layouts: Sequence[Layout]) -> Service:
+    """The services of a bus; `layouts`: of its DBC file. Raises ScenarioError."""
+    if d.buses[bus].kind == "can":
+        return _in_file(d, bus, layouts)
+    if d.buses[bus].services is not None:
+        text = "is of CAN buses; a Zenoh bus has all services but SYNC"
+        raise ScenarioError(text, d.place("buses", bus, "services"))
+    return _streamed(d, bus)
+
+
+def drives_on(d: Deployment, bus: str) -> tuple[str, ...]:
+    """Messages of drives with protocols of their own that are on a bus."""
+    return tuple(name for name, m in d.messages.items() if m.bus == bus and m.profile)
+
+
+def commanders(d: Deployment, bus: str) -> dict[str, Profile]:
+    """Nodes that send torques to drives of a profile on a bus, with the profile."""
+    homes = {component: name for name, node in d.nodes.items() for component in node.components}
+    found = {}
+    for name in drives_on(d, bus):
+        m = d.messages[name]
+        ports = {signal.partition(".")[2].partition("[")[0] for signal in m.carries}
+        home = homes.get(m.carries[0].partition(".")[0]) if m.carries else None
+        if "tau" in ports and home is not None:
+            found[home] = load_profile(d.file(m.profile))
+    return found
+
+
+def _of_drives(d: Deployment, bus: str) -> Service:
+    """What the drives on a bus need to hear from the nodes that command them."""
+    hosts = commanders(d, bus)
+    numbers = {node: d.nodes[node].number for node in hosts}
+    beats = {numbers[node]: p.host_heartbeat(numbers[node]) for node, p in hosts.items()}
+    syncs = [sync for p in hosts.values() if (sync := p.host_sync()) is not None]
+    return Service(
+        host_heartbeats={n: beat for n, beat in beats.items() if beat is not None},
+        host_sync=syncs[0] if syncs else None,
+        timeout=min((p.timeout for p in hosts.values() if p.host.heartbeat), default=0.0),
+    )
+
+
+def _wanted(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
+    """What a CAN bus is to have: what is listed, else all, but nothing where drives' frames are."""
+    said, drives = d.buses[bus].services, drives_on(d, bus)
+    if said and drives:
+        text = f"{', '.join(said)} on a bus with a drive's own frames ({drives[0]})"
+        place = d.place("buses", bus, "services")
+        raise ScenarioError(f"{text}; expected none: drives take them for something else", place)
+    if said is None:
+        return () if drives else SERVICES
+    return said
+
+
+def _in_file(d: Deployment, bus: str, layouts: Sequence[Layout]) -> Service:
+    """What a CAN bus has of the services its deployment wants there, as its DBC file has them."""
+    if not _wanted(d, bus):
+        return _of_drives(d, bus)
+    there, wanted = {layout.name for layout in layouts}, _wanted(d, bus)
+
+    def codec(service: ServiceName, name: str, *signals: str) -> Encoding | None:
+        if service not in wanted:
+            return None
+        if name not in there and d.buses[bus].services is not None:
+            text = f"no message {name} in {d.buses[bus].dbc or 'a DBC file'} for {service}"
+            raise ScenarioError(text, d.place("buses", bus, "services"))
+        return Codec(find(layouts, name), signals) if name in there else None
+
+    beats = {
+        spec.number: codec(
+            "heartbeat", f"HEARTBEAT_{spec.number}", "state", "reasons", "boots", "armed"
+        )
+        for spec in d.nodes.values()
+    }
+    return Service(
+        heartbeats={number: beat for number, beat in beats.items() if beat is not None},
+        sync=codec("sync", "SYNC", "counter"),
+        nmt=codec("nmt", "NMT", "command", "node"),
+        estop=codec("estop", "ESTOP", "node", "reasons"),
+        epoch=codec("epoch", "EPOCH", *EPOCH_SIGNALS),
+    )
+
+
+def _streamed(d: Deployment, bus: str) -> Service:
+    """Of a Zenoh bus: it has no SYNC."""
+    keys = zenoh_keys.names_of(d, bus)
+    beats = {spec.number: zenoh_keys.heartbeat(keys, node, spec) for node, spec in d.nodes.items()}
+    return Service(
+        beats, None, zenoh_keys.nmt(keys), zenoh_keys.estop(keys), zenoh_keys.epoch(keys)
+    )

@@ -1,0 +1,298 @@
+"""A deployment: which components live in which node, which message carries what crosses a cut.
+
+TOML read into frozen structs, as scenarios are (:mod:`cosim.scenario.spec`): numbers are SI or
+texts with a unit, a key that is no field is an error, and every error names file and place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+import msgspec
+
+from bridge.deployment.signal_spec import SignalSpec
+from cosim.base.convert import Number, convert, number
+from cosim.base.errors import ScenarioError
+from cosim.base.settings import as_toml, change
+from cosim.scenario.spec import read_document
+
+#: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
+FOLDER = "deploy"
+Numbers = Number | tuple[Number, ...]
+#: What nodes say besides the deployment's messages: commands, SYNC, stop, which run, who is there.
+ServiceName = Literal["nmt", "sync", "estop", "epoch", "heartbeat"]
+SERVICES: tuple[ServiceName, ...] = get_args(ServiceName)
+T = TypeVar("T")
+
+
+class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One network. `interface`, `channel`, `bitrate` (bit/s) ... as python-can users know them.
+
+    `dbc`: the file its messages are in, beside the deployment. `services`: which of them this CAN
+    bus has, messages of that file (:mod:`bridge.deployment.services`). `options`: further
+    arguments of the interface. `local`: keep ``udp_multicast`` on this machine. `zenoh`: a Zenoh
+    configuration file (JSON5) beside the deployment; `prefix`: of its keys.
+    """
+
+    kind: Literal["can", "zenoh"] = "can"
+    interface: str = "socketcan"
+    channel: str = ""
+    bitrate: Annotated[int, msgspec.Meta(gt=0)] = 1_000_000
+    data_bitrate: Annotated[int, msgspec.Meta(gt=0)] = 5_000_000
+    fd: bool = True
+    dbc: str = ""
+    services: tuple[ServiceName, ...] | None = None
+    local: bool = True
+    zenoh: str = ""
+    prefix: str = ""
+    options: dict[str, Any] = {}
+
+
+class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Limits between a controller and the codec, a joint each or one for all; see safety.h.
+
+    `port`: the component's torque output, by name; `q`, `dq`: its inputs of position and velocity.
+    `stops`: of ``finite torque rate position velocity power jump`` what stops the node.
+    """
+
+    port: str = "tau"
+    q: str = "q"
+    dq: str = "dq"
+    tau_max: Numbers | None = None
+    rate_max: Numbers | None = None
+    q_low: Numbers | None = None
+    q_high: Numbers | None = None
+    dq_max: Numbers | None = None
+    power_max: Numbers | None = None
+    q_jump: Numbers | None = None
+    brake: Number = 0.0
+    stops: tuple[str, ...] = ("finite", "jump")
+
+
+class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An emulated drive between the bus and a plant's torque input `port`.
+
+    `q`, `dq`: the plant's outputs its encoders measure. `watchdog`: time without a valid command
+    after which it latches a fault. `max_age`: a torque that is older when it arrives, or when it is
+    to act, is refused; default: as long as the watchdog waits. `damping`: N.m.s/rad in fault.
+    `profile`: a file that gives what is not said here, beside the deployment.
+    """
+
+    port: str = "tau"
+    q: str = "q"
+    dq: str = "dq"
+    profile: str = ""
+    tau_max: Numbers | None = None
+    lag: Number | None = None
+    watchdog: Number | None = None
+    max_age: Number | None = None
+    damping: Number | None = None
+    q_lsb: Number | None = None
+    dq_lsb: Number | None = None
+    tau_lsb: Number | None = None
+
+
+class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What becomes of an input whose messages stay away.
+
+    `age`: an input of the component that gets the time since the last one arrived (s).
+    `stop`: the node stops after so long without one; 0: never; not said: `silence` of the file.
+    """
+
+    age: str = ""
+    stop: Number | None = None
+
+
+class ApartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Outputs of two arms, ``component.port``, that must not differ by more at the start."""
+
+    of: str
+    other: str
+    within: Number
+
+
+class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One process: its components, its number on every bus, and what protects it.
+
+    Without components it is a gateway: messages say that they are forwarded `by` it, and its slots
+    are a `step` long (default: the base step). `phase`: of its deadlines; `heartbeat`: their
+    period; `requires`: nodes whose loss stops it, `within` so long; `apart`: refuses the start;
+    `stale`: by ``component.port``; `ramp`: torque to 0 when stopping; `priority`, `cpu`: see
+    :mod:`bridge.realtime.requests`.
+    """
+
+    number: Annotated[int, msgspec.Meta(ge=1, le=31)]
+    components: tuple[str, ...] = ()
+    step: Number | None = None
+    phase: Number = 0.0
+    heartbeat: Number = 0.05
+    requires: tuple[str, ...] = ()
+    within: Number = 0.15
+    guard: GuardSpec | None = None
+    drive: DriveSpec | None = None
+    apart: ApartSpec | None = None
+    stale: dict[str, StaleSpec] = {}
+    ramp: Number = 0.1
+    overrun: Number = 0.1
+    priority: Annotated[int, msgspec.Meta(ge=0, le=98)] = 50
+    cpu: int | None = None
+
+
+class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One message: outputs of one component, on one bus, every `period` (default: every hit).
+
+    `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1,
+    or as `signals` says. `name`: of the message in the DBC file, if it is not the key.
+    `max_age`: by its time stamp, older ones are dropped; 0: any. `forwards`: another message,
+    which the node `by` sends once more as this one, on another bus
+    (:mod:`bridge.deployment.gateways`).
+
+    `profile`: of a drive (``configs/drives``), beside the deployment: message, signals and units
+    are then the profile's, for the drive's own node number `drive`; ports are called tau, q, dq.
+    `gear`, `direction`, `zero`: between drive and joint (:class:`bridge.drives.profiles.Joint`).
+    """
+
+    bus: str
+    carries: tuple[str, ...] = ()
+    forwards: str = ""
+    by: str = ""
+    name: str = ""
+    signals: tuple[str, ...] = ()
+    period: Number | None = None
+    max_age: Number = 0.0
+    profile: str = ""
+    drive: Annotated[int, msgspec.Meta(ge=0, le=127)] = 0
+    gear: Annotated[float, msgspec.Meta(gt=0)] = 1.0
+    direction: Literal[1, -1] = 1
+    zero: Number = 0.0
+
+
+class Deployment(msgspec.Struct, frozen=True):
+    """A whole deployment, from :func:`load`. `set`: changes to the scenario it needs, path = value.
+
+    `latency`: whether the links' configured delays are added to the network's own. `sync`: the
+    node that sends SYNC, if one does. `enforce`: refuse to start where real time is not granted.
+    `patience` (s): all nodes have to be ready within it. `silence` (s): a node that hears nothing
+    of a message for so long stops, and the run with it; 0: never. `signals`: by ``component.port``,
+    or by port for all that are called so.
+    """
+
+    path: Path
+    title: str
+    clock: Literal["wall", "simulated"]
+    latency: bool
+    enforce: bool
+    sync: str
+    patience: float
+    silence: float
+    set: dict[str, Any]
+    buses: dict[str, BusSpec]
+    nodes: dict[str, NodeSpec]
+    messages: dict[str, MessageSpec]
+    signals: dict[str, SignalSpec] = {}
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+    def place(self, *path: str | int) -> str:
+        """Where something is said: ``FILE at nodes.master.phase``."""
+        return f"{self.path} at {'.'.join(map(str, path))}"
+
+    def seconds(self, value: Number, *path: str | int) -> float:
+        """A duration, s. Raises ScenarioError with its place."""
+        return number(value, "s", self.place(*path))
+
+    def file(self, name: str) -> Path:
+        """A file named in the deployment, beside it."""
+        return self.path.parent / name
+
+    def settings(self) -> list[str]:
+        """The changes to the scenario, as ``--set`` takes them."""
+        return [f"{path}={as_toml(value)}" for path, value in self.set.items()]
+
+
+_TABLES = Deployment.__struct_fields__[1:]
+
+
+def find(scenario: str | Path, given: str) -> Path:
+    """The deployment `given` as a file, or by its name in ``deploy/`` beside the scenario."""
+    path, folder = Path(given), Path(scenario).parent / FOLDER
+    if path.suffix == ".toml" or path.is_file():
+        return path
+    found = folder / f"{given}.toml"
+    if not found.is_file():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
+        raise ScenarioError(f"no deployment {given!r}; there are: {known}", str(folder))
+    return found
+
+
+def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
+    """Read a deployment and apply ``path=value`` settings. Raises ScenarioError."""
+    path = Path(path)
+    document = read_document(path)
+    for setting in settings:
+        change(document, setting)
+    for key in document:
+        if key not in _TABLES:
+            known = ", ".join(_TABLES)
+            raise ScenarioError(f"unknown key {key!r}; expected one of {known}", f"{path}")
+    for key in ("buses", "nodes", "messages"):
+        if not isinstance(document.get(key), dict):
+            raise ScenarioError(f"no [{key}.NAME] table", f"{path}")
+    d = Deployment(
+        path=path,
+        title=convert(document.get("title", path.stem), str, path, "title"),
+        clock=convert(document.get("clock", "wall"), Literal["wall", "simulated"], path, "clock"),  # type: ignore[arg-type]
+        latency=convert(document.get("latency", True), bool, path, "latency"),
+        enforce=convert(document.get("enforce", False), bool, path, "enforce"),
+        sync=convert(document.get("sync", ""), str, path, "sync"),
+        patience=_seconds(document, "patience", 60.0, path),
+        silence=_seconds(document, "silence", 10.0, path),
+        set=convert(document.get("set", {}), dict[str, Any], path, "set"),
+        buses=_each(document["buses"], BusSpec, path, "buses"),
+        nodes=_each(document["nodes"], NodeSpec, path, "nodes"),
+        messages=_each(document["messages"], MessageSpec, path, "messages"),
+        signals=convert(document.get("signals", {}), dict[str, SignalSpec], path, "signals"),
+    )
+    _check(d)
+    return d
+
+
+def _seconds(document: dict[str, Any], key: str, usual: float, path: Path) -> float:
+    found: Number = convert(document.get(key, usual), Number, path, key)  # type: ignore[arg-type]
+    return number(found, "s", f"{path} at {key}")
+
+
+def _each(table: dict[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+
+
+def _check(d: Deployment) -> None:
+    """Names that have to exist, numbers that have to differ. Raises ScenarioError."""
+    numbers: dict[int, str] = {}
+    homes: dict[str, str] = {}
+    for name, node in d.nodes.items():
+        if node.number in numbers:
+            text = f"number {node.number} is {numbers[node.number]}'s already"
+            raise ScenarioError(text, d.place("nodes", name, "number"))
+        numbers[node.number] = name
+        for component in node.components:
+            if component in homes:
+                text = f"{component} lives in {homes[component]} already"
+                raise ScenarioError(text, d.place("nodes", name, "components"))
+            homes[component] = name
+        for peer in node.requires:
+            _known(peer, d.nodes, "node", d.place("nodes", name, "requires"))
+    for name, message in d.messages.items():
+        _known(message.bus, d.buses, "bus", d.place("messages", name, "bus"))
+    if d.sync:
+        _known(d.sync, d.nodes, "node", d.place("sync"))
+
+
+def _known(name: str, table: dict[str, Any], what: str, place: str) -> None:
+    if name not in table:
+        raise ScenarioError(f"no {what} {name!r}; there are: {', '.join(sorted(table))}", place)

@@ -1,0 +1,79 @@
+"""Arms that are too far apart to be coupled: positions compared before the start.
+
+``nodes.X.apart = { of = "master.q", other = "slave.q", within = "0.1 rad" }``: both are outputs
+that messages carry; X hears both, and refuses to start (``WHY_APART``) while any entry differs by
+more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
+
+from bridge.deployment.spec import ApartSpec, Deployment
+from bridge.native import node as native
+from cosim.base.convert import number
+from cosim.base.errors import ScenarioError
+
+if TYPE_CHECKING:
+    from bridge.deployment.system import Carried
+
+
+def messages(
+    d: Deployment, node: str, carried: Mapping[str, Carried], buses: Collection[str]
+) -> set[str]:
+    """Messages a node has to hear to compare, if it can on one of its `buses`.
+
+    Raises ScenarioError where nothing carries a port.
+    """
+    spec = d.nodes[node].apart
+    if spec is None:
+        return set()
+    near = dict(sorted(carried.items(), key=lambda item: item[1].bus not in buses))
+    return {_find(d, node, near, port)[0] for port in (spec.of, spec.other)}
+
+
+def _find(
+    d: Deployment, node: str, carried: Mapping[str, Carried], port: str
+) -> tuple[str, int, int]:
+    """(message, first of its values, how many)."""
+    for name, message in carried.items():
+        first = 0
+        for part in message.outlet.parts:
+            if f"{part.component}.{part.port}" == port:
+                return name, first, part.size
+            first += part.size
+    raise ScenarioError(f"no message carries {port!r}", d.place("nodes", node, "apart"))
+
+
+def structs(
+    d: Deployment,
+    node: str,
+    carried: Mapping[str, Carried],
+    receptions: Mapping[str, native.Reception],
+) -> list[native.Apart]:
+    """What C compares. Raises ScenarioError where the two are no positions of one shape."""
+    spec = d.nodes[node].apart
+    return [] if spec is None else [_struct(d, node, spec, carried, receptions)]
+
+
+def _struct(
+    d: Deployment,
+    node: str,
+    spec: ApartSpec,
+    carried: Mapping[str, Carried],
+    receptions: Mapping[str, native.Reception],
+) -> native.Apart:
+    place = d.place("nodes", node, "apart")
+    heard = {name: message for name, message in carried.items() if name in receptions}
+    (a, first_a, n), (b, first_b, m) = (
+        _find(d, node, heard, port) for port in (spec.of, spec.other)
+    )
+    if n != m:
+        raise ScenarioError(f"{spec.of} has {n} values, {spec.other} {m}", place)
+    within = number(spec.within, "rad", f"{place}.within")
+    if not within > 0:
+        raise ScenarioError(f"is {within:g} rad, expected more than 0", f"{place}.within")
+    found = native.Apart(first_a=first_a, first_b=first_b, count=n, within=within)
+    found.a.contents, found.b.contents = receptions[a], receptions[b]
+    return found

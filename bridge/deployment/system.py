@@ -1,0 +1,247 @@
+"""A scenario under a deployment: the nodes' plans, and the messages between them with their codecs.
+
+Everybody who has to agree makes it from the same two files: each node, the twin, the replay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bridge.can import dbc
+from bridge.can.codec import Codec, verify
+from bridge.can.layout import Layout, find
+from bridge.deployment import drive_messages, drive_sequences, protection, start_positions
+from bridge.deployment import gateways as routes
+from bridge.deployment import spec as deploy
+from bridge.deployment import zenoh_keys as names
+from bridge.deployment.cut import NodePlan, Outlet, cut, start_values
+from bridge.deployment.gateways import Forward
+from bridge.deployment.services import Encoding, Service, services_on
+from bridge.deployment.spec import Deployment
+from bridge.native.bus import Accept
+from cosim.base.errors import ScenarioError
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario
+from cosim.scenario.spec import load as load_scenario
+from cosim.schedule.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """A message of the deployment: who sends it when, and how it is encoded.
+
+    `offset_ns`: the sender's phase; `period_ns`: between two samples. `forward`: what it is made
+    of, where a gateway sends it; numbers, phase and period are then its first sender's.
+    """
+
+    name: str
+    bus: str
+    node: str
+    outlet: Outlet
+    encoding: Encoding
+    period_ns: int
+    offset_ns: int
+    max_age_ns: int
+    forward: Forward | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Listened:
+    """A message or service that a node listens to on a bus, and which frames are it."""
+
+    bus: str
+    name: str
+    accept: Accept
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """Scenario, deployment, the whole plan and those of the nodes, messages and services by bus."""
+
+    scenario: Scenario
+    deployment: Deployment
+    plan: Plan
+    nodes: Mapping[str, NodePlan]
+    messages: Mapping[str, Carried]
+    services: Mapping[str, Service]
+
+    def buses_of(self, node: str) -> tuple[str, ...]:
+        """The buses a node sends or hears on, in the order of the deployment."""
+        plan = self.nodes[node]
+        used = {o.bus for o in plan.outlets} | {f.bus for f in plan.forwards}
+        used |= {self.messages[m].bus for m in self.heard_by(node)}
+        return tuple(name for name in self.deployment.buses if name in used)
+
+    def heard_by(self, node: str) -> tuple[str, ...]:
+        """Messages a node receives, sorted."""
+        plan = self.nodes[node]
+        heard = {i.message for i in plan.inlets} | {f.of for f in plan.forwards}
+        buses = {o.bus for o in plan.outlets} | {self.messages[m].bus for m in heard}
+        compared = start_positions.messages(self.deployment, node, self.messages, buses)
+        return tuple(sorted(heard | compared))
+
+    def forwards_of(self, origin: str) -> tuple[Carried, ...]:
+        """Messages that gateways make of one, also over others; each behind what it is made of."""
+        made = [m for m in self.messages.values() if m.forward and m.forward.origin == origin]
+        return tuple(made)
+
+    @property
+    def sync_ticks(self) -> int:
+        """Base ticks between two SYNC: a slot of the slowest node."""
+        return max(node.ticks for node in self.nodes.values() if node.plan.components)
+
+    def listened(self, node: str) -> tuple[Listened, ...]:
+        """Messages and services that a node listens to, with the bus and the format of each.
+
+        Everything else does not reach its decisions. An emergency stop may be of any length.
+        """
+        heard = [self.messages[name] for name in self.heard_by(node)]
+        found = [Listened(m.bus, m.name, Accept.of(m.encoding.message)) for m in heard]
+        for bus in self.buses_of(node):
+            for name, encoding in self.services[bus].named().items():
+                of = Accept.of_estop if name == "ESTOP" else Accept.of
+                found.append(Listened(bus, name, of(encoding.message)))
+        return tuple(found)
+
+    def accepts(self, node: str, bus: str) -> tuple[Accept, ...]:
+        """Frames that a node listens to on a bus."""
+        found = tuple(one.accept for one in self.listened(node) if one.bus == bus)
+        return found + drive_sequences.accepts(self.deployment, self.nodes[node], node, bus)
+
+    def peers_of(self, node: str) -> tuple[str, ...]:
+        """Nodes whose heartbeats it hears: they are on a bus of its own that has heartbeats."""
+        here, nodes = set(self.buses_of(node)), self.deployment.nodes
+        return tuple(
+            other
+            for other, spec in nodes.items()
+            if other != node
+            and any(
+                spec.number in self.services[bus].heartbeats
+                for bus in here & set(self.buses_of(other))
+            )
+        )
+
+
+def load_system(scenario: str | Path, deployment: str, settings: Sequence[str] = ()) -> System:
+    """Read both files, assemble and cut. Raises ScenarioError, FmuError, PlanError, CosimError.
+
+    `settings`: ``path=value``; those that begin with ``deploy.`` change the deployment.
+    """
+    scenario = Path(scenario)
+    ours = [s.removeprefix("deploy.") for s in settings if s.startswith("deploy.")]
+    theirs = [s for s in settings if not s.startswith("deploy.")]
+    found = deploy.load(deploy.find(scenario, deployment), ours)
+    return make_system(load_scenario(scenario, [*found.settings(), *theirs]), found)
+
+
+def make_system(scenario: Scenario, deployment: Deployment) -> System:
+    """Assemble and cut what has been read."""
+    start = start_values(assemble(scenario))
+    plan = assemble(scenario)
+    nodes = cut(plan, deployment, start)
+    protection.check(nodes, deployment)
+    layouts = {
+        name: dbc.load(deployment.file(bus.dbc)) if bus.dbc else ()
+        for name, bus in deployment.buses.items()
+        if bus.kind == "can"
+    }
+    services = {bus: services_on(deployment, bus, layouts.get(bus, ())) for bus in deployment.buses}
+    messages = {
+        outlet.message: _carried(outlet, name, plan, deployment, layouts)
+        for name in deployment.nodes
+        for outlet in nodes[name].outlets
+    }
+    forwarded = [f for node in nodes.values() for f in node.forwards]
+    for forward in sorted(forwarded, key=lambda f: f.hops):
+        first = messages[forward.origin]
+        messages[forward.message] = _forwarded(forward, first, plan, deployment, layouts)
+    system = System(scenario, deployment, plan, nodes, messages, services)
+    _joined(system)
+    return system
+
+
+def _joined(system: System) -> None:
+    """Buses hang together as they may. Raises ScenarioError."""
+    buses = {node: system.buses_of(node) for node in system.nodes}
+    numbers = {node: spec.number for node, spec in system.deployment.nodes.items()}
+    beating = {
+        node: [bus for bus in buses[node] if numbers[node] in system.services[bus].heartbeats]
+        for node in system.nodes
+    }
+    routes.within_reach(system.deployment, buses, beating)
+    gateways = sorted(routes.gateways(system.deployment))
+    routes.one_way(system.deployment, {node: buses[node] for node in gateways})
+
+
+def _forwarded(
+    forward: Forward,
+    first: Carried,
+    plan: Plan,
+    d: Deployment,
+    layouts: Mapping[str, Sequence[Layout]],
+) -> Carried:
+    outlet = replace(
+        first.outlet,
+        message=forward.message,
+        bus=forward.bus,
+        carries=forward.carries,
+        parts=forward.parts,
+    )
+    made = _carried(outlet, forward.by, plan, d, layouts)
+    return replace(made, offset_ns=first.offset_ns, forward=forward)
+
+
+def _carried(
+    outlet: Outlet,
+    node: str,
+    plan: Plan,
+    d: Deployment,
+    layouts: Mapping[str, Sequence[Layout]],
+) -> Carried:
+    spec = d.messages[outlet.message]
+    place = d.place("messages", outlet.message)
+    if spec.profile:
+        return _timed(outlet, node, drive_messages.codec(outlet, d), plan, d)
+    signals = spec.signals or _signals(outlet)
+    if len(signals) != outlet.width:
+        raise ScenarioError(f"{len(signals)} signals for {outlet.width} values", f"{place}.signals")
+    if spec.bus not in layouts:
+        return _timed(outlet, node, _streamed(outlet, node, d, signals), plan, d)
+    layout = find(layouts[spec.bus], spec.name or outlet.message)
+    codec = Codec(layout, signals)
+    verify(codec)
+    return _timed(outlet, node, codec, plan, d)
+
+
+def _streamed(outlet: Outlet, node: str, d: Deployment, signals: Sequence[str]) -> Encoding:
+    """Of a message on a Zenoh bus."""
+    key = names.names_of(d, outlet.bus).message(node, outlet.component, outlet.message)
+    return names.codec(key, names.numbers(d, outlet.bus)[outlet.message], signals)
+
+
+def _timed(outlet: Outlet, node: str, encoding: Encoding, plan: Plan, d: Deployment) -> Carried:
+    spec = d.messages[outlet.message]
+    return Carried(
+        name=outlet.message,
+        bus=spec.bus,
+        node=node,
+        outlet=outlet,
+        encoding=encoding,
+        period_ns=round(outlet.ticks * plan.h * 1e9),
+        offset_ns=round(d.seconds(d.nodes[node].phase, "nodes", node, "phase") * 1e9),
+        max_age_ns=round(d.seconds(spec.max_age, "messages", outlet.message, "max_age") * 1e9),
+    )
+
+
+def _signals(outlet: Outlet) -> list[str]:
+    """``q1, q2, dq1, dq2`` for the ports q and dq of two entries each; a scalar by its name."""
+    names: list[str] = []
+    for part in outlet.parts:
+        port, _, index = part.name.partition(".")[2].rstrip("]").partition("[")
+        if part.shape:
+            names += [f"{port}{i + 1}" for i in range(part.size)]
+        else:
+            names.append(f"{port}{int(index) + 1}" if index.isdigit() else port)
+    return names

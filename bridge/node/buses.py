@@ -1,0 +1,155 @@
+"""A node's buses, opened as its deployment says."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.can import interface
+from bridge.can.interface import Attachment
+from bridge.can.socket import BusError
+from bridge.deployment.spec import BusSpec, Deployment
+from bridge.deployment.system import System
+from bridge.native.frame import DATA, frame_dtype
+from bridge.native.journal import Journal
+from bridge.node.control import Control
+from bridge.node.hearing import unheard
+from bridge.records.lives import Life
+from bridge.wiring.wiring import Wired
+
+if TYPE_CHECKING:
+    from bridge.zenoh.remote import Stoppable
+
+
+#: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
+GROUP = "239.74.163.{}"
+#: Rows of a log at least: somebody may babble.
+LEAST = 50_000
+
+
+def can_spec(deployment: Deployment, name: str) -> interface.BusSpec:
+    """A CAN bus of the deployment as :mod:`bridge.can.interface` opens it."""
+    spec = deployment.buses[name]
+    channel = spec.channel
+    if spec.interface == "udp_multicast" and "." not in channel and ":" not in channel:
+        channel = GROUP.format(2 + list(deployment.buses).index(name))
+    return interface.BusSpec(
+        name,
+        interface=spec.interface,
+        channel=channel,
+        fd=spec.fd,
+        bitrate=spec.bitrate if _has_bitrate(spec) else None,
+        data_bitrate=spec.data_bitrate if spec.fd and _has_bitrate(spec) else None,
+        local=spec.local,
+        options=spec.options,
+    )
+
+
+def _has_bitrate(spec: BusSpec) -> bool:
+    """Whether the interface is told its bit rate: not those that have none, or the kernel's."""
+    return spec.interface not in ("socketcan", "virtual", "udp_multicast")
+
+
+def log_rows(system: System, bus: str) -> int:
+    """Rows of the log of a bus: twice what its messages are, and as much again for the rest.
+
+    Not more: pages of a log are written to the disk once, whether they hold frames or not.
+    """
+    seconds = system.plan.ticks * system.plan.h + 10.0
+    rate = sum(1e9 / m.period_ns for m in system.messages.values() if m.bus == bus)
+    nodes = sum(bus in system.buses_of(node) for node in system.nodes)
+    sync = 1.0 / (system.sync_ticks * system.plan.h)
+    return int(min(max(LEAST, 2.0 * (rate + sync + 20.0 * nodes) * seconds), 4e6))
+
+
+@contextmanager
+def attached(system: System, life: Life, folder: Path) -> Iterator[dict[str, Attachment]]:
+    """All buses of a life's node, frames logged in ``FOLDER/LIFE.BUS.frames``. Raises BusError."""
+    node = life.node
+    with ExitStack() as stack:
+        found: dict[str, Attachment] = {}
+        opened: Attachment
+        for number, name in enumerate(system.buses_of(node)):
+            zenoh = system.deployment.buses[name].kind == "zenoh"
+            size = DATA if zenoh else 64
+            path, rows = folder / life.frames(name), log_rows(system, name)
+            log = Journal.create(path, frame_dtype(size), rows)
+            stack.callback(log.close)
+            if zenoh:
+                opened = _zenoh(system, name, node, number, log)
+            else:
+                opened = interface.attach(can_spec(system.deployment, name), number=number, log=log)
+            if system.nodes[node].forwards:
+                stack.callback(_bell(opened))
+            stack.callback(opened.close)
+            found[name] = opened
+        yield found
+
+
+def _bell(end: Attachment) -> Callable[[], None]:
+    """What wakes a gateway for a frame that other threads bring; to be called at the end.
+
+    Only Linux has it: elsewhere a gateway looks at its rings every 0.5 ms (``bus_wait.c``).
+    """
+    if end.bus.rx is None or sys.platform != "linux":
+        return lambda: None
+    bell = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+    end.bus.rx.struct.bell = bell
+    return lambda: os.close(bell)
+
+
+def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> Attachment:
+    """A Zenoh bus, all peers there. Raises ScenarioError, BusError, also without Zenoh."""
+    try:
+        from bridge.zenoh.attach import open_bus
+    except ImportError as error:
+        raise BusError(
+            f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"
+        ) from error
+    opened = open_bus(system, bus, node, number=number, log=log)
+    try:
+        opened.wait_for_peers()
+    except BaseException:
+        opened.close()
+        raise
+    return opened
+
+
+def announce(buses: Mapping[str, Attachment]) -> None:
+    """Let it be seen on Zenoh buses that this node is ready."""
+    for end in buses.values():
+        if (ready := getattr(end, "ready", None)) is not None:
+            ready()
+
+
+def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) -> None:
+    """Let a node be asked and told over its Zenoh buses, as long as they are open."""
+    for name, end in buses.items():
+        if wired.system.deployment.buses[name].kind == "zenoh":
+            from bridge.zenoh import channel
+            from bridge.zenoh import remote as answering
+
+            assert isinstance(end, channel.ZenohAttachment)
+            answering.serve(end, wired, control, unheard)
+
+
+def joined(wired: Wired, buses: Mapping[str, Attachment], control: Control) -> bool:
+    """Let a node join a run on a host whose date it does not share: by offsets measured over Zenoh.
+
+    False: nobody could say when t = 0 was. Never where real drives are meant.
+    """
+    for name, end in buses.items():
+        if wired.system.deployment.buses[name].kind == "zenoh" and wired.struct.simulated:
+            from bridge.zenoh import channel, offsets
+
+            assert isinstance(end, channel.ZenohAttachment)
+            found = offsets.measured_origin(end.session, end.names, wired.system)
+            if found is not None:
+                wired.struct.epoch.told, wired.struct.epoch.origin_ns = found
+                control.start(found[1])
+                return True
+    return False

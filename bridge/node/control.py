@@ -1,0 +1,157 @@
+"""What others may tell a running node, and what of its answers is passed on.
+
+The node itself is C without the GIL (``bridge/c/run.c``); these are threads beside it.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import json
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from bridge.native import node as native
+from bridge.native.safety import Command
+from bridge.records.records import names_of, refusal
+from cosim.base.clock import monotonic_ns, sleep
+
+Say = Callable[[Mapping[str, Any]], None]
+#: ns for which an EPOCH that was heard counts.
+RECENT = 1_000_000_000
+#: s until a command has to be taken.
+TAKEN = 0.5
+
+
+class Control:
+    """Commands for a running node; callable from any thread."""
+
+    def __init__(self, struct: native.Node) -> None:
+        self._struct = struct
+        self._asked = False
+
+    def start(self, start_ns: int) -> None:
+        """Be at t = 0 at this time of the monotonic clock, or say why not."""
+        self._struct.asked_ns = start_ns
+        self._give(Command.START)
+
+    def begin(self, lead: float) -> None:
+        """START in `lead` s, or with the t = 0 of the EPOCH of the second before; none where a
+        START is held already.
+        """
+        struct, now = self._struct, monotonic_ns()
+        if struct.start_ns == 0:
+            fresh = now - struct.epoch.heard_ns < RECENT
+            self.start(struct.epoch.origin_ns if fresh else now + round(lead * 1e9))
+
+    def arm(self) -> None:
+        """Torque may follow START: needed where real drives are meant; a rehearsal arms itself."""
+        self._give(Command.ARM)
+
+    def reset(self) -> None:
+        """Forget why it has stopped; torque needs ARM and START again."""
+        self._asked = False
+        self._give(Command.RESET)
+
+    def again(self) -> None:
+        """ARM and START of a node that runs, after RESET."""
+        self.arm()
+        self._give(Command.START)
+
+    def estop(self) -> None:
+        """Emergency stop of everybody on this node's buses."""
+        self._struct.alarm = native.RAISED
+
+    def jump(self, by_ns: int) -> None:
+        """From now on this node takes it to be so much later: a clock that was set."""
+        self._struct.start_ns -= by_ns
+
+    def stop(self) -> None:
+        """Ramp down and stop; asked a second time, or before it runs, at once."""
+        if self._asked or not (self._struct.start_ns and self._struct.begun):
+            self._struct.quit = 1
+        self._asked = True
+        self._give(Command.STOP)
+
+    def quit(self) -> None:
+        """Stop at once, without a ramp: zero torque is the last that is sent."""
+        self._struct.quit = 1
+
+    def _give(self, command: Command) -> None:
+        """Add a command to those of the next slot, and wait until the node has taken them."""
+        native.functions().node_tell(c.byref(self._struct), command)
+        for _ in range(round(TAKEN / 0.001)):
+            if not self._struct.told or self._struct.quit:
+                return
+            sleep(0.001)
+
+
+@contextmanager
+def signals(control: Control) -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP stop the node, from a thread: the main one is in C.
+
+    Python's handler in C tells the thread, whichever thread of the process the kernel has chosen:
+    libraries have threads that block no signal. In a thread that is not the main one: nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    wanted = [n for n in signal.Signals if n.name in ("SIGINT", "SIGTERM", "SIGHUP")]
+    wanted = [n for n in wanted if n.name != "SIGHUP" or signal.getsignal(n) != signal.SIG_IGN]
+    told, tells = socket.socketpair()
+    tells.setblocking(False)
+
+    def wait() -> None:
+        while number := told.recv(1):
+            if number[0] in wanted:
+                control.stop()
+
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    thread.start()
+    before = {n: signal.signal(n, lambda *_: None) for n in wanted}
+    descriptor = signal.set_wakeup_fd(tells.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(descriptor)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        tells.close()
+        thread.join()
+        told.close()
+
+
+def why(struct: native.Node) -> str:
+    """Why the last ARM or START was refused, in words."""
+    return refusal(names_of(struct.refused), bool(struct.life.armed))
+
+
+def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:
+    """Commands from lines of JSON; when they end, whoever started this node is gone: it stops."""
+
+    def listen(control: Control) -> None:
+        for line in stream:
+            message = json.loads(line)
+            match message["command"]:
+                case "start":
+                    control.start(message["start_ns"])
+                case "stop":
+                    control.stop()
+                case "quit":
+                    control.quit()
+                case "arm":
+                    control.arm()
+                case "reset":
+                    control.reset()
+                case "again":
+                    control.again()
+                case "jump":
+                    control.jump(message["by_ns"])
+                case "estop":
+                    control.estop()
+        control.stop()
+
+    return listen

@@ -1,0 +1,76 @@
+"""Drives with protocols of their own: watchdog written and read back, enabled, at the end disabled.
+
+What a profile says in raw frames (``configs/drives``), sent by who supervises nodes that move real
+drives. A drive whose watchdog does not read back as written is not enabled, and nothing starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from bridge.can import interface
+from bridge.can.interface import Attachment
+from bridge.deployment.drive_sequences import Foreign, commanded
+from bridge.deployment.system import System
+from bridge.native.bus import FORMAT, Accept
+from bridge.native.frame import Frame
+from bridge.node.buses import can_spec
+from cosim.base.clock import monotonic_ns, sleep
+from cosim.base.errors import RunError
+
+#: s a drive may take to answer.
+PATIENCE = 0.5
+
+
+def foreign_drives(system: System, nodes: Iterable[str]) -> tuple[Foreign, ...]:
+    """The drives that these nodes send torques to by a profile, each once."""
+    return tuple(d for n in nodes for d in commanded(system.deployment, system.nodes[n]))
+
+
+@contextmanager
+def enabled(system: System, nodes: Iterable[str]) -> Iterator[tuple[Foreign, ...]]:
+    """All foreign drives of these nodes enabled, and disabled at the end whatever happens.
+
+    Raises RunError where a drive does not answer, ScenarioError where its watchdog is another one.
+    """
+    drives = foreign_drives(system, tuple(nodes))
+    with ExitStack() as stack:
+        ends: dict[str, Attachment] = {}
+        for bus in {drive.bus for drive in drives}:
+            ends[bus] = interface.attach(can_spec(system.deployment, bus))
+            stack.callback(ends[bus].close)
+        for drive in drives:
+            _watchdog(drive, ends[drive.bus])
+        for drive in drives:
+            stack.callback(_send, drive, ends[drive.bus], "disable")
+            _send(drive, ends[drive.bus], "clear")
+            _send(drive, ends[drive.bus], "enable")
+        yield drives
+
+
+def _send(drive: Foreign, end: Attachment, sequence: str) -> None:
+    for frame in drive.frames(sequence):
+        end.bus.send(frame)
+
+
+def _watchdog(drive: Foreign, end: Attachment) -> None:
+    """Write the time-out and read it back, where the profile knows how."""
+    own = drive.profile.watchdog
+    if own.write is not None:
+        end.bus.send(Frame.of(*own.write.at(drive.node, own.raw(drive.profile.timeout))))
+    if own.read is None or own.reply is None:
+        return
+    end.bus.drain()
+    end.bus.send(Frame.of(*own.read.at(drive.node)))
+    answer = Accept(own.reply.at(drive.node)[0], flag_mask=FORMAT)
+    until = monotonic_ns() + round(PATIENCE * 1e9)
+    while monotonic_ns() < until:
+        for frame in filter(answer.takes, end.bus.drain()):
+            if own.check(drive.profile.timeout, drive.node, frame.id, frame.payload):
+                return
+        sleep(0.005)
+    raise RunError(
+        f"drive {drive.node} on bus {drive.bus} does not say its {own.register} within "
+        f"{PATIENCE:g} s ({drive.profile.path}): it is not enabled"
+    )

@@ -1,0 +1,34 @@
+"""A fault script bound to a node that is wired: on the wall clock as in the twin."""
+
+from __future__ import annotations
+
+import ctypes as c
+from pathlib import Path
+
+from bridge.faults.script import FaultScript, NodeFaults
+from bridge.native.faults import INJECTED
+from bridge.native.journal import Journal
+from bridge.wiring.wiring import Wired
+
+#: Rows of the record of what was done to frames.
+ROWS = 100_000
+
+
+def inject(wired: Wired, script: FaultScript, path: Path) -> NodeFaults | None:
+    """Do to frames this node receives what the script says; None: nothing.
+
+    What was done is recorded in `path`, a journal of INJECTED rows that is closed with the node.
+    """
+    journal = Journal.create(path, INJECTED, ROWS)
+    wired.keep(journal)
+    system, name = wired.system, wired.name
+    faults = script.frames_for(
+        name,
+        system.listened(name),
+        {bus: i for i, bus in enumerate(system.buses_of(name))},
+        samples={m: system.messages[m].encoding.message for m in system.heard_by(name)},
+        journal=journal.address,
+    )
+    if faults is not None:
+        wired.struct.faults = c.pointer(faults.injector.struct)
+    return faults

@@ -1,0 +1,140 @@
+"""What a node has not heard before its start, and what it hears no more while it runs.
+
+A node is ready when it has heard a preview of every message that it needs and a heartbeat of every
+node that it requires: a connection that exists, a subscription that is declared or a token that is
+there do not show that samples arrive. A run whose nodes are all ready is one in which everybody is
+heard by everybody who needs it.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from bridge.native import node as native
+from bridge.native.safety import State
+from bridge.node.control import Say
+from bridge.records.records import names_of, refusal
+from bridge.wiring.wiring import Wired
+from cosim.base.clock import monotonic_ns, stopwatch
+
+#: s between two looks, and between two times a node says what it still waits for.
+LOOK, REPEAT = 0.02, 0.5
+#: Periods of a message in which a life that runs hears at least one.
+MANY = 20
+
+
+def unheard(wired: Wired) -> list[str]:
+    """What is missing before a start, a phrase each; empty: the node is ready."""
+    functions, struct, system = native.functions(), wired.struct, wired.system
+    node, now = c.byref(struct), monotonic_ns()
+    found = [
+        f"{message} from {system.messages[message].node}"
+        for i, message in enumerate(system.heard_by(wired.name))
+        if functions.node_unheard(node, i)
+    ]
+    found += [
+        f"a heartbeat of {peer}"
+        for i, peer in enumerate(wired.peers)
+        if functions.node_absent(node, i, now)
+    ]
+    return found
+
+
+def silent(wired: Wired) -> list[str]:
+    """What a running node has not heard for longer than it may, a phrase each.
+
+    Messages of nodes that have finished are not missed. Torques of a node in FAULT are heard,
+    although they feed no watchdog of a drive.
+    """
+    struct, d = wired.struct, wired.system.deployment
+    over = {p for p, peer in wired.peers.items() if peer.state == State.FINISHED}
+    found = {}
+    for i, inlet in enumerate(wired.plan.inlets):
+        sender = wired.system.messages[inlet.message].node
+        last = max(wired.receiving.inlets[i].heard_ns, wired.receivers[inlet.message].arrival_ns)
+        silence = (struct.slot * struct.h_ns - last) * 1e-9
+        limit = max(wired.receiving.inlets[i].stop_ns * 1e-9, d.silence)
+        if 0 < limit < silence and sender not in over:
+            found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s"
+    return list(found.values())
+
+
+def never(wired: Wired) -> list[str]:
+    """Messages of which a life that has ended has not heard one sample, a phrase each.
+
+    Only those it needs, and of which several were to come while it ran.
+    """
+    struct = wired.struct
+    ran = (struct.slot - struct.first) * struct.h_ns
+    return [
+        f"{message} from {wired.system.messages[message].node}"
+        for message, r in wired.receiving.receptions.items()
+        if r.awaited and r.newest < 0 and not r.of_fault and ran > MANY * r.period_ns
+    ]
+
+
+def _refusal(wired: Wired) -> Mapping[str, Any]:
+    struct = wired.struct
+    reasons, armed, missing = names_of(struct.refused), bool(struct.life.armed), unheard(wired)
+    why = refusal(reasons, armed, missing)
+    return {
+        "event": "refused", "reasons": reasons, "armed": armed, "missing": missing, "why": why,
+    }  # fmt: skip
+
+
+@contextmanager
+def watched(
+    wired: Wired,
+    say: Say,
+    ready: Callable[[], Mapping[str, Any]],
+    measured: Callable[[], bool] = lambda: False,
+) -> Iterator[None]:
+    """Say, from a thread, what a node's supervisor has to know while C runs the node.
+
+    ``ready`` once it has heard all it needs (`ready` gives the event), ``waiting`` with what is
+    missing until then, ``refused`` each time it refuses ARM or START, ``joined`` with the time t
+    (s) where it begins in the middle of a run, ``unshared`` where it hears of a run on a host whose
+    clock it does not share and `measured` does not find its t = 0 otherwise, ``deaf`` when it hears
+    something no more.
+    """
+    ended = threading.Event()
+
+    def look() -> None:
+        refusals, said, deaf, joined, unshared = 0, False, False, False, False
+        elapsed, next_ = stopwatch(), REPEAT
+        while not ended.wait(LOOK):
+            struct = wired.struct
+            if not said:
+                missing = unheard(wired)
+                if not missing or struct.begun:
+                    said = True
+                    say(ready())
+                elif elapsed() > next_:
+                    next_ = elapsed() + REPEAT
+                    say({"event": "waiting", "for": missing})
+            if struct.refusals != refusals:
+                refusals = struct.refusals
+                say(_refusal(wired))
+            if struct.begun and not joined:
+                joined = True
+                if struct.first > 0:
+                    say({"event": "joined", "t": struct.first * struct.h})
+            if struct.epoch.unshared and not unshared:
+                unshared = True
+                if not measured():
+                    say({"event": "unshared"})
+            if struct.begun and not deaf and (lost := silent(wired)):
+                deaf = True
+                say({"event": "deaf", "to": lost})
+
+    thread = threading.Thread(target=look, name="watch", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

@@ -1,0 +1,143 @@
+"""Nodes in lock-step: no clock, every node as fast as the samples it needs arrive.
+
+The same nodes, codecs and delay lines as on the wall clock; the result is the twin's to the last
+bit, however long the network takes and wherever the nodes are. A deployment asks for it with
+``options.lockstep = true`` of its Zenoh buses, and has no others: CAN may lose frames.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self, final
+
+from bridge.can.interface import Attachment
+from bridge.deployment.gateways import gateways
+from bridge.deployment.system import System
+from bridge.native import lockstep as native
+from bridge.native import node as nodes
+from bridge.native.bus import Bus, BusStruct, Kind
+from bridge.native.frame import Frame, Ring
+from bridge.wiring.wiring import Wired
+from cosim.base.errors import ScenarioError
+
+#: Frames of one slot, in and out: a message's whole start may come at once.
+RING = 4096
+#: s without a sample after which a node says what it waits for, if no option ``wait`` says.
+PATIENCE = 30.0
+
+
+def wanted(system: System) -> bool:
+    """Whether a deployment asks for lock-step. Raises ScenarioError where it cannot be."""
+    d = system.deployment
+    asked = [name for name, bus in d.buses.items() if bus.options.get("lockstep")]
+    others = [name for name in d.buses if name not in asked]
+    if asked and others:
+        raise ScenarioError(
+            f"lockstep on {', '.join(asked)}, but not on {', '.join(others)}; expected all buses "
+            "to be Zenoh with lockstep = true",
+            d.place("buses"),
+        )
+    if asked and (found := sorted(gateways(d))):
+        text = f"lock-step has no gateways, and {found[0]} is one; expected nodes with components"
+        raise ScenarioError(text, d.place("nodes", found[0]))
+    if asked and d.sync:
+        raise ScenarioError("lock-step has no SYNC", d.place("sync"))
+    return bool(asked)
+
+
+def _patience(system: System) -> float:
+    d = system.deployment
+    said = {
+        name: d.seconds(bus.options["wait"], "buses", name, "options", "wait")
+        for name, bus in d.buses.items()
+        if bus.options.get("wait")
+    }
+    return max(said.values(), default=PATIENCE)
+
+
+@final
+class Lockstep:
+    """One node in lock-step over its `ends`; use as a context manager. `wired` is the node."""
+
+    def __init__(
+        self,
+        system: System,
+        name: str,
+        ends: Mapping[str, Attachment],
+        journal: Path,
+    ) -> None:
+        self._system, self._name = system, name
+        self._patience = _patience(system)
+        inside = {
+            bus: Bus.of_rings(Ring(RING), Ring(RING), number, kind=Kind.MEMORY)
+            for number, bus in enumerate(system.buses_of(name))
+        }
+        self.wired = Wired(system, name, inside, journal, nodes.SIMULATED)
+        self.wired.struct.heartbeat_slots = self.wired.struct.n_peers = 0
+        heard = system.heard_by(name)
+        self._streams = (native.Stream * max(1, len(heard)))(*map(self._stream, heard))
+        structs = [end.bus.struct for end in ends.values()]
+        self._outside = (BusStruct * max(1, len(structs)))(*structs)
+        self._ends = [end.bus for end in ends.values()]
+        for i, bus in enumerate(self._ends):
+            bus.struct = self._outside[i]
+        self.struct = native.LockstepStruct(
+            node=c.pointer(self.wired.struct),
+            outside=self._outside,
+            streams=self._streams,
+            n_streams=len(heard),
+            awaited=-1,
+            patience_ns=round(self._patience * 1e9),
+        )
+
+    def __enter__(self) -> Self:
+        self.wired.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.wired.__exit__(kind, error, trace)
+
+    def _stream(self, message: str) -> native.Stream:
+        system = self._system
+        carried, order = system.messages[message], list(system.nodes)
+        capacity = -(-system.plan.ticks // carried.outlet.ticks)
+        return native.Stream(
+            message=c.pointer(carried.encoding.message),
+            bus=system.buses_of(self._name).index(carried.bus),
+            before=order.index(carried.node) < order.index(self._name),
+            period_ns=carried.period_ns,
+            offset_ns=carried.offset_ns,
+            capacity=capacity,
+            frames=(Frame * capacity)(),
+        )
+
+    def run(self) -> int:
+        """To the end; what :func:`bridge.native.lockstep.run` returns."""
+        return native.run(self.struct)
+
+    def error(self, result: int) -> str:
+        """Which sample did not come; "" where it ended for another reason."""
+        s = self.wired.struct
+        if result not in (native.STALLED, native.LOST):
+            return ""
+        stream = self._streams[self.struct.awaited]
+        message = self._system.heard_by(self._name)[self.struct.awaited]
+        sender = self._system.messages[message].node
+        at = f"slot {s.slot} (t = {s.slot * s.h:.6g} s)"
+        if result == native.LOST:
+            return (
+                f"{at}: sample {stream.received} of {message} from node {sender} is lost: number "
+                f"{self.struct.found} (modulo 65536) came; did {sender} start again?"
+            )
+        return (
+            f"{at}: waits for sample {stream.received} of {message} from node {sender}; nothing "
+            f"new for {self._patience:g} s: it stalls, or is gone"
+        )

@@ -1,0 +1,280 @@
+"""One node as a process: configure, wait for the start, tick in C, report.
+
+``python -m bridge.node.start`` is what a rehearsal starts; ``cosim node`` runs the same alone.
+Commands come as lines of JSON, ``{"command": "start", "start_ns": …}``, events go out the same way.
+What computes and sends is C without the GIL (``bridge/c/run.c``); Python's threads wait.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import json
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from math import lcm
+from pathlib import Path
+from typing import Any
+
+from bridge.can.interface import Attachment
+from bridge.deployment.system import System, load_system
+from bridge.faults.load import load
+from bridge.faults.script import FaultScript, NodeFaults
+from bridge.native import node as native
+from bridge.native.message import COUNTERS, Receiver
+from bridge.native.safety import State
+from bridge.node import lockstep
+from bridge.node.buses import announce, answer, attached, joined
+from bridge.node.control import Control, Say, listen_to, signals
+from bridge.node.fault_injection import inject
+from bridge.node.hearing import never, silent, watched
+from bridge.node.process import Start
+from bridge.realtime.host_clock import host_clock
+from bridge.realtime.os_grants import Realtime
+from bridge.realtime.requests import enter, verdict, warm_up
+from bridge.records.lives import Life
+from bridge.records.records import End, Statement, names_of
+from bridge.wiring.outlets import forwarded_facts
+from bridge.wiring.wiring import Wired
+from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.errors import CosimError
+
+ENDS = {
+    native.FINISHED: End.FINISHED,
+    native.STOPPED: End.STOPPED,
+    native.NEVER_STARTED: End.NEVER_STARTED,
+    native.FAULT: End.FAULT,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How a node is run: `life` names its files, `real`: it may move real drives.
+
+    `boots`: what its heartbeats say, 0: drawn from the time. `warm_up`: s of self-test before it is
+    ready; `script`: faults on purpose; `alone`: nobody supervises it, so it joins by itself a run
+    that it hears of.
+    """
+
+    life: Life
+    folder: Path
+    boots: int = 0
+    real: bool = False
+    warm_up: float = 0.2
+    realtime: bool = True
+    script: FaultScript | None = None
+    alone: bool = False
+
+
+def run_node(
+    system: System,
+    options: Options,
+    say: Say,
+    listen: Callable[[Control], None] = lambda control: None,
+) -> Statement:
+    """Run one node from configuring to its end, and return its report, which is ``LIFE.json`` too.
+
+    `say` gets events; `listen` is called in a thread of its own with the control of the node, and
+    tells it what others want. Raises CosimError where it cannot be configured.
+    """
+    journal = options.folder / options.life.file("journal")
+    if lockstep.wanted(system):
+        return _in_lockstep(system, options, journal, say, listen)
+    with attached(system, options.life, options.folder) as buses:
+        wired = Wired(
+            system,
+            options.life.node,
+            {name: a.bus for name, a in buses.items()},
+            journal,
+            native.WALL,
+            boots=options.boots or realtime_ns() // 10**9 % 4095 + 1,
+            real=options.real,
+        )
+        with wired:
+            return _configured(wired, buses, options, say, listen)
+
+
+def _in_lockstep(
+    system: System,
+    options: Options,
+    journal: Path,
+    say: Say,
+    listen: Callable[[Control], None],
+) -> Statement:
+    """As :func:`run_node`, without a clock."""
+    with (
+        attached(system, options.life, options.folder) as buses,
+        lockstep.Lockstep(system, options.life.node, buses, journal) as stepping,
+    ):
+        control = Control(stepping.wired.struct)
+        answer(stepping.wired, buses, control)
+        with signals(control):
+            say({"event": "ready", "refused": [], "warning": ""})
+            threading.Thread(target=listen, args=(control,), daemon=True).start()
+            result = stepping.run()
+            stalled = stepping.error(result)
+            report = stated(stepping.wired, buses, options, result, {}, "", None, stalled)
+            return _kept(options, report)
+
+
+def _configured(
+    wired: Wired,
+    buses: Mapping[str, Attachment],
+    options: Options,
+    say: Say,
+    listen: Callable[[Control], None],
+) -> Statement:
+    d, struct = wired.system.deployment, wired.struct
+    script, record = options.script, options.folder / options.life.file("faults")
+    faults = None if script is None else inject(wired, script, record)
+    struct.first = lcm(*(s.period for s in wired.plan.plan.components))
+    clock, epoch = host_clock(), struct.epoch
+    epoch.host, epoch.kept, epoch.follows = clock.number, clock.kept, options.alone
+    control = Control(struct)
+    answer(wired, buses, control)
+    mode = "enforce" if d.enforce else "ask"
+    wanted = Realtime(
+        mode=mode,  # type: ignore[arg-type]
+        priority=wired.spec.priority if options.realtime else 0,
+        cpus=() if wired.spec.cpu is None else (wired.spec.cpu,),
+    )
+    with signals(control), enter(wanted) as granted:
+        warm = warm_up(struct.h_ns, options.warm_up) if options.warm_up > 0 else None
+        warning = verdict(warm, wanted.mode) if warm else ""
+        refused = [f"{i.name}: {i.said}" for i in granted.refused]
+
+        def ready() -> Mapping[str, Any]:
+            announce(buses)
+            return {"event": "ready", "refused": refused, "warning": warning}
+
+        thread = threading.Thread(target=listen, args=(control,), name="control", daemon=True)
+        thread.start()
+
+        def measured() -> bool:
+            return options.alone and joined(wired, buses, control)
+
+        with watched(wired, say, ready, measured):
+            result = native.functions().node_live(c.byref(struct))
+        facts = granted.facts()
+        return _kept(options, stated(wired, buses, options, result, facts, warning, faults))
+
+
+def stated(
+    wired: Wired,
+    buses: Mapping[str, Attachment],
+    options: Options,
+    result: int,
+    granted: Mapping[str, Any],
+    warning: str,
+    faults: NodeFaults | None,
+    stalled: str = "",
+) -> Statement:
+    """What a node says of itself at its end; `result`: of node_live."""
+    s = wired.struct
+    end, error = _ended(wired, result)
+    return Statement(
+        life=options.life,
+        boots=options.boots,
+        end=end,
+        error=error or stalled,
+        state=State(s.life.state).name.lower(),
+        reasons=names_of(s.life.reasons),
+        refused=names_of(s.refused) if s.refusals else (),
+        first_slot=int(s.first),
+        slots=int(s.slot - s.first),
+        missed=int(s.missed),
+        start_ns=int(s.start_ns),
+        run=int(s.epoch.run),
+        clock=host_clock().words() if s.clock == native.WALL else "",
+        unshared=int(s.epoch.unshared),
+        granted=dict(granted),
+        warning=warning,
+        syncs={"received": int(s.syncs_received), "lost": int(s.syncs_lost)},
+        unknown_frames=int(s.unknown) + sum(int(a.bus.struct.foreign) for a in buses.values()),
+        messages={name: _counts(r) for name, r in wired.receivers.items()},
+        sent={
+            o.message: {"frames": int(e.sent), "saturated": int(e.saturated)}
+            for o, e in zip(wired.plan.outlets, wired.sending.outlets, strict=False)
+        },
+        forwards={name: forwarded_facts(f) for name, f in wired.forwards.items()},
+        guards={name: g.trips() for name, g in wired.guards.items()},
+        drive_faults=sum(int(drive.struct.faults) for drive in wired.drives),
+        buses={name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
+        journal_dropped=wired.journal.dropped,
+        heard_dropped=wired.heard.dropped if wired.heard else 0,
+        injected=faults.hits() if faults else {},
+    )
+
+
+def _ended(wired: Wired, result: int) -> tuple[End, str]:
+    """How it ended, and what went wrong in a sentence."""
+    s = wired.struct
+    if result > 0:
+        end = wired.engine.end(result)
+        if end is not None:
+            return End.ENDED, str(end)
+        return End.FAILED, str(wired.engine.failure(result))
+    if result == native.FINISHED and s.first >= s.slots:
+        return End.TOO_LATE, (
+            f"the run was over: {s.slots} slots to t = {s.slots * s.h:g} s, and this life would "
+            f"have begun with slot {s.first}"
+        )
+    if result == native.NOT_JOINED:
+        return End.FAILED, f"it could not join the run: {wired.failed}"
+    if result == native.FINISHED and (unheard := never(wired)):
+        return End.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
+    lost = silent(wired) if result != native.FINISHED else []
+    return ENDS.get(result, End.FAILED), f"hears nothing of {', '.join(lost)}" if lost else ""
+
+
+def _kept(options: Options, report: Statement) -> Statement:
+    """The report, written: while signals are still ours, so that a Ctrl-C does not take it."""
+    report.write(options.folder)
+    return report
+
+
+def _counts(receiver: Receiver) -> dict[str, int]:
+    return {name: int(getattr(receiver, name)) for name in COUNTERS}
+
+
+# ---- as a process ---------------------------------------------------------------------------
+
+
+def run_started(start: Start, say: Say, listen: Callable[[Control], None]) -> Statement:
+    """As :func:`run_node`, of what a supervisor says. Raises CosimError."""
+    system = load_system(start.scenario, str(start.deployment), start.settings)
+    options = Options(
+        life=start.life,
+        folder=start.folder,
+        boots=start.life.boot,
+        warm_up=start.warm_up,
+        realtime=start.realtime,
+        real=start.real,
+        script=load(Path(start.script)) if start.script else None,
+    )
+    return run_node(system, options, say, listen)
+
+
+def done(report: Statement) -> Mapping[str, Any]:
+    """The last event of a life: how it ended."""
+    return {"event": "done", "end": report.end, "state": report.state, "error": report.error}
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The process a rehearsal starts: one argument, JSON. Returns the exit code."""
+    stdout = sys.stdout
+
+    def say(event: Mapping[str, Any]) -> None:
+        with suppress(BrokenPipeError):  # whoever started this node is gone; it stops by itself
+            stdout.write(json.dumps(event) + "\n")
+            stdout.flush()
+
+    try:
+        report = run_started(Start.parse(arguments[0]), say, listen_to(sys.stdin))
+    except CosimError as error:
+        say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
+        return error.exit_code
+    say(done(report))
+    return 0

@@ -1,0 +1,21 @@
+"""Entry point of a node's process, before anything heavy is imported.
+
+python-can imports asammdf wherever that is installed, half a second that only who writes MF4 logs
+needs; a node does not.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Any, cast
+
+cast(dict[str, Any], sys.modules).setdefault("asammdf", None)
+
+from bridge.node.run import main  # noqa: E402
+
+if __name__ == "__main__":
+    code = main(sys.argv[1:])
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # all is written; threads of a library may hold a process at its end for seconds

@@ -1,0 +1,224 @@
+"""A deployment before it runs: what :mod:`bridge.preflight.bus_checks` finds on its buses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from bridge.can.codec import Codec
+from bridge.can.messages import BusMessage, Role
+from bridge.deployment import ranges
+from bridge.deployment.protection import emulated
+from bridge.deployment.services import BEATS, commanders
+from bridge.deployment.system import System
+from bridge.native.message import STAMP_TURNS, Profile
+from bridge.preflight.bus_checks import Watchdog, check_buses
+from bridge.preflight.identifiers import collisions
+from bridge.safety.limits import in_si, limits
+from cosim.bus.timing import BusTiming
+from cosim.checks.finding import Finding
+from cosim.checks.wiring import unfed
+
+#: s; what comes later over a network than this is nothing a controller wants.
+LATE = 10.0
+#: Parameter of a controller: the greatest torque that it may ask for.
+LIMIT = "tau_max"
+
+
+def timings(system: System) -> dict[str, BusTiming]:
+    """Bit rates of the CAN buses."""
+    return {
+        name: BusTiming(b.bitrate, b.data_bitrate if b.fd else None, b.fd)
+        for name, b in system.deployment.buses.items()
+        if b.kind == "can"
+    }
+
+
+def messages(system: System) -> list[BusMessage]:
+    """Everything that is sent on CAN buses: the deployment's messages, heartbeats, SYNC, NMT."""
+    found: list[BusMessage] = []
+    d = system.deployment
+    for bus in timings(system):
+        service = system.services[bus]
+        for name, m in system.messages.items():
+            if m.bus == bus:
+                assert isinstance(m.encoding, Codec)
+                layout = replace(m.encoding.layout, name=name)
+                role: Role = "drive" if d.messages[name].profile else "data"
+                period = m.period_ns * 1e-9
+                found.append(BusMessage.of(layout, node=m.node, bus=bus, period=period, role=role))
+        for node, spec in d.nodes.items():
+            if bus not in system.buses_of(node):
+                continue
+            beat = service.heartbeats.get(spec.number)
+            period = d.seconds(spec.heartbeat, "nodes", node, "heartbeat")
+            if isinstance(beat, Codec) and period > 0:
+                found.append(
+                    BusMessage.of(beat.layout, node=node, bus=bus, period=period, role="heartbeat")
+                )
+            if d.sync == node and isinstance(service.sync, Codec):
+                h, layout = system.sync_ticks * system.plan.h, service.sync.layout
+                found.append(BusMessage.of(layout, node=node, bus=bus, period=h, role="sync"))
+        found += _of_hosts(system, bus)
+    return found
+
+
+def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
+    """What drives hear from the nodes that command them, besides commands."""
+    service, nodes = system.services[bus], system.deployment.nodes
+    for node in commanders(system.deployment, bus):
+        beat, sync = service.host_heartbeats.get(nodes[node].number), service.host_sync
+        if isinstance(beat, Codec):
+            layout = replace(beat.layout, name=f"{beat.layout.name}_{nodes[node].number}")
+            period = service.timeout / BEATS
+            yield BusMessage.of(layout, node=node, bus=bus, period=period, role="heartbeat")
+        if isinstance(sync, Codec):
+            sent = [m.period_ns for m in system.messages.values() if (m.node, m.bus) == (node, bus)]
+            period = min(sent) * 1e-9
+            yield BusMessage.of(sync.layout, node=node, bus=bus, period=period, role="sync")
+
+
+def watchdogs(system: System) -> list[Watchdog]:
+    """Who stops without what: emulated drives, and inputs with a `stop`."""
+    d = system.deployment
+    found: list[Watchdog] = []
+    for name, plan in system.nodes.items():
+        spec = d.nodes[name]
+        for inlet in plan.inlets:
+            if spec.drive is not None and inlet.target.port == spec.drive.port:
+                place = d.place("nodes", name, "drive")
+                timeout = in_si(emulated(spec.drive, d).watchdog, "s", place)
+                found.append(Watchdog(f"drive of {name}", inlet.message, timeout))
+            stale = spec.stale.get(f"{inlet.component}.{inlet.target.port}")
+            if stale is not None and stale.stop:
+                timeout = d.seconds(stale.stop, "nodes", name, "stale")
+                found.append(Watchdog(f"{inlet.target.name} of {name}", inlet.message, timeout))
+    return found
+
+
+def overruns(system: System) -> list[Finding]:
+    """Nodes that may be later than a turn of a counter: their samples could be numbered wrongly.
+
+    Time stamps tell them apart, so only messages without one are looked at.
+    """
+    d = system.deployment
+    found: list[Finding] = []
+    for name, m in system.messages.items():
+        if m.forward is not None:
+            continue  # a gateway numbers nothing
+        if m.encoding.message.time >= 0:
+            continue
+        profile = Profile(m.encoding.message.e2e)
+        turn = (1 << profile.counter_bits) * m.period_ns * 1e-9
+        overrun = d.seconds(d.nodes[m.node].overrun, "nodes", m.node, "overrun")
+        if profile is Profile.NONE or 0 < overrun < turn:
+            continue
+        reason = f"may be {overrun * 1e3:g} ms late, and the counter of {name} turns in"
+        found.append(
+            Finding(
+                rule="overrun",
+                severity="warning",
+                where=m.node,
+                number=overrun,
+                unit="s",
+                reason=f"{reason} {turn * 1e3:g} ms: samples could be numbered wrongly",
+                advice=f'overrun = "{turn * 750:.3g} ms"',
+            )
+        )
+    return found
+
+
+def forwarded(system: System) -> list[Finding]:
+    """Forwarded messages whose numbers turn faster than a network may be slow."""
+    d = system.deployment
+    found: list[Finding] = []
+    for name, m in system.messages.items():
+        message = m.encoding.message
+        if m.forward is None or message.e2e == Profile.NONE:
+            continue
+        stamp = message.header[message.time].length if message.time >= 0 else 0
+        counter = (1 << Profile(message.e2e).counter_bits) * m.period_ns * 1e-9
+        latest = STAMP_TURNS * (1 << stamp) * 1e-6 if stamp else 0.75 * counter
+        allowed = system.messages[m.forward.of].max_age_ns * 1e-9
+        if latest > LATE or 0 < allowed <= latest:
+            continue
+        what = "time stamp" if stamp else "counter"
+        found.append(
+            Finding(
+                rule="forward",
+                severity="warning",
+                where=name,
+                number=latest,
+                unit="s",
+                reason=f"its {what} tells samples apart that are at most {latest * 1e3:.3g} ms old:"
+                " later ones would be numbered wrongly",
+                advice=f'messages.{m.forward.of}.max_age = "{latest * 1e3:.3g} ms" drops them,'
+                f" or another layout for {d.messages[name].bus}",
+            )
+        )
+    return found
+
+
+def unlimited(system: System) -> list[Finding]:
+    """Signals of which nothing says what they may be: whatever comes is believed."""
+    found: dict[str, Finding] = {}
+    for node in system.nodes:
+        for name in system.heard_by(node):
+            for signal in ranges.unlimited(system, node, system.messages[name]):
+                port = signal.partition(".")[2]
+                found[signal] = Finding(
+                    rule="no-range",
+                    severity="warning",
+                    where=signal,
+                    number=0.0,
+                    unit="",
+                    reason="has no range: any finite value with a right CRC is believed",
+                    advice=f'[signals] {port} = {{ range = "..." }} in the deployment, or min and'
+                    " max of the component",
+                )
+    return list(found.values())
+
+
+def windups(system: System) -> list[Finding]:
+    """Controllers that do not know the torque limit of their guard: their estimates wind up.
+
+    A controller with a parameter ``tau_max`` stops adapting while its torque is at that limit. One
+    whose limit is above that of its guard goes on adapting to a torque that never acts.
+    """
+    found: list[Finding] = []
+    for node, plan in system.nodes.items():
+        spec = system.deployment.nodes[node].guard
+        for step in plan.plan.components if spec is not None else ():
+            assert spec is not None
+            torque = next((o for o in step.outputs if o.port == spec.port), None)
+            own = next((p for p in step.component.parameters if p.name == LIMIT), None)
+            if torque is None or own is None:
+                continue
+            place = system.deployment.place("nodes", node, "guard", LIMIT)
+            allowed = limits(spec.tau_max, torque.size, "N.m", place)
+            known = max(step.values.get(LIMIT, own.default))
+            if allowed is None or known <= allowed.max():
+                continue
+            found.append(
+                Finding(
+                    rule="windup",
+                    severity="warning",
+                    where=step.name,
+                    number=known,
+                    unit="N.m",
+                    reason=f"takes {known:g} N.m for its limit ({LIMIT}), and the guard of {node}"
+                    f" lets {allowed.max():g} N.m through: beyond it its estimates wind up",
+                    advice=f'[set] "components.{step.name}.parameters.{LIMIT}" ='
+                    f' "{allowed.max():g} N.m" in the deployment',
+                )
+            )
+    return found
+
+
+def check(system: System) -> list[Finding]:
+    """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
+    plain = check_buses(messages(system), timings(system), watchdogs(system))
+    buses = [f for f in plain if f.rule != "identifier"]  # collisions() looks at all parties
+    found = [*unfed(system.plan), *buses]
+    found += [*collisions(system), *overruns(system), *forwarded(system)]
+    return [*found, *windups(system), *unlimited(system)]

@@ -1,0 +1,100 @@
+"""A journal that is being written, read by another process: no mapping, no lock, no trace.
+
+A writer that ends cuts its file; who has it mapped then dies of SIGBUS where it reads beyond the
+end. So this reads with ``pread``, and gets less instead.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.native.journal import HEADER, MAGIC, VERSION, JournalError, JournalStruct, row_of
+
+Rows = NDArray[np.void]
+
+
+@final
+class Tail:
+    """The rows of a journal so far. Raises JournalError for a file that is no journal (yet)."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError as error:
+            raise JournalError(
+                f"{path}: {os.strerror(error.errno or 0)}; expected a journal"
+            ) from error
+        try:
+            header = self._header()
+            end = HEADER + header.capacity * header.row_size
+            text = os.pread(self._file, header.description, end)
+            self.row: np.dtype[Any] = row_of(path, text, header.row_size)
+        except BaseException:
+            os.close(self._file)
+            raise
+
+    def _header(self) -> JournalStruct:
+        raw = os.pread(self._file, HEADER, 0)
+        if len(raw) < HEADER or raw[:8] != MAGIC:
+            raise JournalError(f"{self.path}: begins with {raw[:8]!r}; a journal with {MAGIC!r}")
+        header = JournalStruct.from_buffer_copy(raw)
+        if header.version != VERSION:
+            raise JournalError(
+                f"{self.path}: a journal of version {header.version}; expected {VERSION}"
+            )
+        return header
+
+    def __len__(self) -> int:
+        """Rows written so far; 0 where the file has been emptied meanwhile."""
+        raw = os.pread(self._file, HEADER, 0)
+        return int(JournalStruct.from_buffer_copy(raw).rows) if len(raw) == HEADER else 0
+
+    @property
+    def closed(self) -> bool:
+        """Whether its writer has ended in order; a journal that is full looks the same."""
+        header = self._header()
+        return bool(header.rows == header.capacity)
+
+    @property
+    def dropped(self) -> int:
+        """Rows that did not fit."""
+        return int(self._header().dropped)
+
+    def rows(self, first: int, last: int) -> Rows:
+        """Rows `first` to `last` (exclusive), as many of them as are there; (n,), a copy."""
+        first, size = max(first, 0), self.row.itemsize
+        n = max(0, min(last, len(self)) - first)
+        raw = os.pread(self._file, n * size, HEADER + first * size)
+        return np.frombuffer(raw[: len(raw) // size * size], self.row)
+
+    def newest(self, n: int) -> Rows:
+        """The last `n` rows, or all; (n,)."""
+        count = len(self)
+        return self.rows(count - n, count)
+
+    def since(self, field: str, span: int) -> Rows:
+        """The rows whose `field` is within `span` of the last one's; `field` ascends."""
+        n = 1024
+        while True:
+            found = self.newest(n)
+            if not len(found) or n > len(found) or found[field][0] <= found[field][-1] - span:
+                return found[found[field] > found[field][-1] - span] if len(found) else found
+            n *= 2
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,232 @@
+"""What nodes and their supervisor report: typed records, written as JSON and read back.
+
+Everything that decides something reads fields. The sentences that people read are made of the
+fields by ``text()`` here, and nobody parses them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Self, TypeAlias
+
+import msgspec
+
+from bridge.faults.script import Action, Event
+from bridge.native.safety import Why
+from bridge.records.lives import Life
+from bridge.safety.limits import explain, names
+
+Counts: TypeAlias = Mapping[str, int]
+
+
+class End(StrEnum):
+    """How a life of a node ended."""
+
+    FINISHED = "finished"
+    STOPPED = "stopped"
+    NEVER_STARTED = "never started"
+    FAULT = "fault"
+    FAILED = "failed"
+    TOO_LATE = "too late"
+    """It was ready when the run was over."""
+    DEAF = "deaf"
+    """It came to the end, and has heard not one sample of a message that it needs."""
+    ENDED = "ended"
+    """An FMU of it ended the simulation."""
+    KILLED = "killed"
+    """It left no report."""
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True):
+    """Something that is written as JSON."""
+
+    def facts(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+        found: dict[str, Any] = msgspec.to_builtins(self)
+        return found
+
+
+class Statement(Record, frozen=True, kw_only=True):
+    """What a life says of itself at its end: the file ``LIFE.json``.
+
+    `reasons`: names of the bits of ``Why`` that are latched; `refused`: why ARM or START was
+    refused last. `run`: the number of the run by EPOCH, 0: started without; `clock`: of the host;
+    `unshared`: EPOCHs of hosts whose clock is not known to be this one's.
+
+    `messages`: counters of each message's receiver; `sent`: of each outlet. Times are
+    ns of the monotonic clock.
+    """
+
+    life: Life
+    boots: int = 0
+    end: End
+    error: str = ""
+    state: str = ""
+    reasons: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+    first_slot: int = 0
+    slots: int = 0
+    missed: int = 0
+    start_ns: int = 0
+    run: int = 0
+    clock: str = ""
+    unshared: int = 0
+    granted: Mapping[str, Any] = {}
+    warning: str = ""
+    syncs: Counts = {}
+    unknown_frames: int = 0
+    messages: Mapping[str, Counts] = {}
+    sent: Mapping[str, Counts] = {}
+    forwards: Mapping[str, Mapping[str, Any]] = {}
+    guards: Mapping[str, Counts] = {}
+    drive_faults: int = 0
+    buses: Mapping[str, Mapping[str, Any]] = {}
+    journal_dropped: int = 0
+    heard_dropped: int = 0
+    injected: Mapping[int, int] = {}
+
+    def write(self, folder: Path) -> None:
+        """Into ``FOLDER/LIFE.json``."""
+        data = msgspec.json.format(msgspec.json.encode(self, enc_hook=str), indent=2)
+        (folder / self.life.file("json")).write_bytes(data + b"\n")
+
+    @classmethod
+    def read(cls, folder: Path, life: Life) -> Self | None:
+        """Of a life; None: it did not live to write one."""
+        path = folder / life.file("json")
+        if not path.is_file():
+            return None
+        return msgspec.json.decode(path.read_bytes(), type=cls)
+
+    @property
+    def why(self) -> str:
+        """The latched reasons in words; "": none."""
+        return in_words(self.reasons)
+
+
+def in_words(reasons: Sequence[str]) -> str:
+    """Names of bits of ``Why`` as a sentence; "": none."""
+    bits = Why(0)
+    for name in reasons:
+        bits |= Why[name.upper()]
+    return explain(int(bits)) if bits else ""
+
+
+# ---- what a supervisor notes ---------------------------------------------------------------------
+
+
+class _Note(Record, frozen=True, kw_only=True, tag_field="kind"):
+    """Something noticed while a rehearsal runs, `t` s after its start."""
+
+    t: float
+
+    def words(self) -> str:
+        """What happened."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        """For people: ``t = 2.001 s: kill slave``."""
+        return f"t = {self.t:.3f} s: {self.words()}"
+
+
+class Done(_Note, frozen=True, kw_only=True, tag="done"):
+    """An event of a fault script was carried out; `index`: of its table, `by`: s, of a clock."""
+
+    action: Action
+    target: str
+    index: int = -1
+    by: float = 0.0
+
+    def words(self) -> str:
+        """``kill slave``."""
+        return f"{self.action} {self.target}"
+
+
+class Remark(_Note, frozen=True, kw_only=True, tag="remark"):
+    """What somebody did who runs a rehearsal from Python, in words that nobody reads but people."""
+
+    remark: str
+
+    def words(self) -> str:
+        """As it was said."""
+        return self.remark
+
+
+class Gone(_Note, frozen=True, kw_only=True, tag="gone"):
+    """A life ended although nobody had planned it; `signal`: that killed it, 0: none."""
+
+    life: Life
+    end: End
+    code: int = 0
+    detail: str = ""
+
+    def words(self) -> str:
+        """``node slave has ended: killed by SIGKILL``."""
+        return f"node {self.life} has ended: {self.detail or self.end}"
+
+
+class Missed(_Note, frozen=True, kw_only=True, tag="missed"):
+    """A later life was not ready before the end of the run."""
+
+    life: Life
+    detail: str = ""
+
+    def words(self) -> str:
+        """``node slave@2 was not ready before the end``."""
+        return f"node {self.life} was not ready before the end" + (
+            self.detail and f": {self.detail}"
+        )
+
+
+class Refused(_Note, frozen=True, kw_only=True, tag="refused"):
+    """A life refused to arm or to start; `reasons`: names of the bits of ``Why``; `missing`: what
+    it had not heard.
+    """
+
+    life: Life
+    reasons: tuple[str, ...]
+    armed: bool = True
+    missing: tuple[str, ...] = ()
+
+    def words(self) -> str:
+        """``node slave@2 refuses to start: the arms are too far apart to start``."""
+        why = refusal(self.reasons, self.armed, self.missing)
+        return f"node {self.life} refuses to start: {why}"
+
+
+class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
+    """A life heard nothing of a message for longer than it may; all were stopped. `to`: phrases."""
+
+    life: Life
+    to: tuple[str, ...]
+
+    def words(self) -> str:
+        """``node slave hears nothing of xi_master from master for 10 s: all were stopped``."""
+        return f"node {self.life} hears nothing of {', '.join(self.to)}: all were stopped"
+
+
+Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf
+
+
+def noted(what: str | Event, t: float) -> Note:
+    """Of something done to a rehearsal at `t` (s)."""
+    if isinstance(what, str):
+        return Remark(t=t, remark=what)
+    return Done(t=t, action=what.action, target=what.target, index=what.index, by=what.by)
+
+
+def refusal(reasons: Sequence[str], armed: bool, missing: Sequence[str] = ()) -> str:
+    """Why ARM or START was refused, in words; `missing`: what was not heard."""
+    if missing:
+        return f"{refusal(reasons, armed)} (not heard: {', '.join(missing)})"
+    others = [name for name in reasons if name != "command"]
+    if not others:
+        return "not in this state" if armed else "not armed"
+    return in_words(others)
+
+
+def names_of(bits: int) -> tuple[str, ...]:
+    """Names of the bits of ``Why`` that are set; those it does not have are left out."""
+    return names(Why(bits & sum(Why)))

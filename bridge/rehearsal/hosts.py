@@ -1,0 +1,146 @@
+"""Nodes of a deployment on hosts of their own: network namespaces, with a network between them.
+
+Nodes that share a CAN bus are on one host; each host is called by the first of its nodes, and so
+are the links between hosts: ``FROM>TO``. A CAN bus stays within its host, over loopback.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from itertools import count
+from pathlib import Path
+from typing import Self, final
+
+from bridge.deployment.system import System
+from bridge.relay import namespaces
+from bridge.relay.network import Network
+from cosim.base.errors import ScenarioError
+from cosim.base.interrupts import deferred
+
+PORT = 7461
+#: TCP, and UDP for samples. Who connects goes on to UDP when TCP stands: declarations that go two
+#: ways may get lost.
+BOTH = ("tcp/{}?rel=1#exit_on_failure=true", "udp/{}?rel=0")
+_NUMBER = count()
+
+
+def groups(system: System) -> dict[str, tuple[str, ...]]:
+    """Nodes of each host, by the host's name, in the order of the deployment."""
+    buses = {
+        node: {b for b in system.buses_of(node) if system.deployment.buses[b].kind == "can"}
+        for node in system.nodes
+    }
+    found: list[set[str]] = []
+    for node in system.nodes:
+        near = [g for g in found if any(buses[node] & buses[other] for other in g)]
+        found = [g for g in found if g not in near] + [{node}.union(*near)]
+    order = list(system.nodes)
+    hosts = sorted((sorted(g, key=order.index) for g in found), key=lambda g: order.index(g[0]))
+    return {nodes[0]: tuple(nodes) for nodes in hosts}
+
+
+def settings(
+    system: System, hosts: Mapping[str, Sequence[str]], addresses: Mapping[str, str], zenoh: str
+) -> list[str]:
+    """Changes of the deployment with which its nodes find each other: TCP, and UDP for samples.
+
+    `zenoh`: the configuration file of all Zenoh buses, "": as the deployment says. Raises
+    ScenarioError for a bus whose nodes connect to something else.
+    """
+    found: list[str] = []
+    for name, bus in system.deployment.buses.items():
+        if bus.kind != "zenoh":
+            continue
+        at = f"deploy.buses.{name}"
+        if "connect" in bus.options:
+            raise ScenarioError(
+                "connects to an address of its own; expected nodes that listen, to be put on hosts",
+                system.deployment.place("buses", name, "options", "connect"),
+            )
+        found += [f"{at}.zenoh={_text(zenoh)}"] if zenoh else []
+        found.append(f"{at}.options.insecure=true")
+        for host, nodes in hosts.items():
+            for i, node in enumerate(n for n in nodes if name in system.buses_of(n)):
+                found.append(listening(name, node, f"{addresses[host]}:{PORT + i}"))
+    return found
+
+
+def listening(bus: str, node: str, to: str, endpoints: Sequence[str] = BOTH) -> str:
+    """The setting by which a node listens on ``ADDRESS:PORT``, on each of `endpoints`."""
+    there = ", ".join(f'"{e.format(to)}"' for e in endpoints)
+    return f"deploy.buses.{bus}.options.listen.{node}=[{there}]"
+
+
+def _text(path: str) -> str:
+    return "'" + str(Path(path).resolve()) + "'"
+
+
+@final
+class Hosts:
+    """Hosts for as long as a ``with`` lasts; more than one: with `network` between them.
+
+    `record`: gets a row a packet. Raises NetworkError where there are no namespaces.
+    """
+
+    def __init__(self, hosts: Mapping[str, Sequence[str]], record: Path, seed: int = 0) -> None:
+        self.hosts = dict(hosts)
+        self._of = {node: host for host, nodes in hosts.items() for node in nodes}
+        self.network = Network(list(hosts), record, seed=seed) if len(hosts) > 1 else None
+        self._only = f"{namespaces.PREFIX}{os.getpid()}-only{next(_NUMBER)}"
+        self._stack = ExitStack()
+
+    @property
+    def addresses(self) -> Mapping[str, str]:
+        """Of each host; of the only one: loopback."""
+        if self.network is not None:
+            return self.network.addresses
+        return dict.fromkeys(self.hosts, "127.0.0.1")
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            with deferred(lambda: None):  # a signal comes when everything made is known
+                if self.network is not None:
+                    stack.enter_context(self.network)
+                else:
+                    namespaces.add(self._only)
+                    stack.callback(namespaces.delete, self._only)
+                for host in self.hosts:
+                    namespaces.multicast(self._namespace(host))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with deferred(lambda: None):  # a signal does not leave half of it behind
+            self._stack.close()
+
+    def inside(self, node: str) -> AbstractContextManager[None]:
+        """The calling thread on the host of a node: what it starts belongs there."""
+        return namespaces.inside(self._namespace(self._of[node]))
+
+    def _namespace(self, host: str) -> str:
+        return self._only if self.network is None else self.network.namespaces[host]
+
+
+def missing() -> str:
+    """What this machine lacks for hosts, as an error says it; "": nothing."""
+    try:
+        with _tried() as name:
+            namespaces.multicast(name)
+            with namespaces.inside(name):
+                os.close(os.open("/dev/net/tun", os.O_RDWR))
+    except OSError as error:
+        return str(error)
+    return ""
+
+
+@contextmanager
+def _tried() -> Iterator[str]:
+    name = f"{namespaces.PREFIX}{os.getpid()}-tried{next(_NUMBER)}"
+    with deferred(lambda: None):
+        namespaces.add(name)
+        try:
+            yield name
+        finally:
+            namespaces.delete(name)

@@ -1,0 +1,170 @@
+"""What a fault script does to processes and buses while a rehearsal runs."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+from bridge.deployment.system import System
+from bridge.faults.script import Event as Planned
+from bridge.faults.script import FaultScript
+from bridge.node.buses import can_spec
+from bridge.rehearsal import babbler
+from bridge.rehearsal.supervisor import Event, Rehearsal
+from bridge.relay.network import Network
+from cosim.base.errors import RunError, ScenarioError
+
+
+def events(
+    script: FaultScript, system: System, network: Network | None = None
+) -> tuple[Event, ...]:
+    """The events of a script, to be done by :meth:`Rehearsal.run`.
+
+    `network`: between the hosts its nodes are on. Raises ScenarioError for names the deployment
+    does not have, and for faults of a network without one.
+    """
+    d = system.deployment
+    messages = {m.name for node in system.nodes for m in system.listened(node)}
+    script.check(list(d.nodes), list(d.buses), sorted(messages))
+    planned = script.process_events(list(d.nodes), list(d.buses))
+    babblers = {(e.target, e.index): Babbler(e, system) for e in planned if e.action == "babble"}
+    links = _Links(network)
+    return tuple(
+        Event(
+            e.t,
+            e,
+            _deed(e, system, babblers, links, script),
+            e.action == "start",
+            babblers[e.target, e.index].prepare if e.action == "babble" else None,
+        )
+        for e in planned
+    )
+
+
+def _deed(
+    event: Planned,
+    system: System,
+    babblers: Mapping[tuple[str, int], Babbler],
+    links: _Links,
+    script: FaultScript,
+) -> Callable[[Rehearsal], None]:
+    target = event.target
+    match event.action:
+        case "kill":
+            return lambda r: r.kill(target)
+        case "start":
+            return lambda r: r.restart(target)
+        case "freeze":
+            return lambda r: r.freeze(target)
+        case "thaw":
+            return lambda r: r.thaw(target)
+        case "clock-jump":
+            return lambda r: r.current[target].tell("jump", by_ns=round(event.by * 1e9))
+        case "bus-down" | "bus-up":
+            state = event.action.removeprefix("bus-")
+            return lambda r: set_link(system, target, state)
+        case "babble":
+            return lambda r: babblers[target, event.index].begin()
+        case "hush":
+            return lambda r: babblers[target, event.index].hush()
+        case _:
+            links.check(event, script)
+            return lambda r: links.change(event)
+
+
+@final
+class _Links:
+    """What is wrong with each link of a network now: of several faults at once, all of it."""
+
+    def __init__(self, network: Network | None) -> None:
+        self._network = network
+        self._wrong: dict[str, dict[int, Mapping[str, Any]]] = {}
+
+    def check(self, event: Planned, script: FaultScript) -> None:
+        """Raise ScenarioError where there is no such link."""
+        if self._network is None:
+            raise ScenarioError(
+                f"{event.action} needs nodes on hosts of their own, with a network between them: "
+                "cosim soak",
+                script.place(event.index, "kind"),
+            )
+        if event.target != "*" and event.target not in self._network.names:
+            raise ScenarioError(
+                f"no link {event.target!r}; there are: {', '.join(self._network.names)}",
+                script.place(event.index, "link"),
+            )
+
+    def change(self, event: Planned) -> None:
+        """A fault begins, or is over."""
+        assert self._network is not None
+        for link in self._network.names if event.target == "*" else (event.target,):
+            wrong = self._wrong.setdefault(link, {})
+            if event.action == "net-over":
+                wrong.pop(event.index, None)
+            else:
+                wrong[event.index] = event.spec
+            whole: dict[str, Any] = {}
+            for spec in wrong.values():
+                whole |= spec
+            self._network.set(link, **whole)
+
+
+def set_link(system: System, bus: str, state: str) -> None:
+    """``ip link set CHANNEL up|down`` of a SocketCAN bus. Raises RunError where it fails."""
+    spec = system.deployment.buses[bus]
+    if spec.interface != "socketcan":
+        raise RunError(f"bus {bus} is {spec.interface}; only socketcan can be set {state}")
+    found = subprocess.run(
+        ["ip", "link", "set", spec.channel, state], capture_output=True, text=True, check=False
+    )
+    if found.returncode:
+        raise RunError(f"ip link set {spec.channel} {state}: {found.stderr.strip()}")
+
+
+@final
+class Babbler:
+    """The process of a babbling peer. It is ready before the run, so that it begins at its time."""
+
+    def __init__(self, event: Planned, system: System) -> None:
+        spec = system.deployment.buses[event.target]
+        channel = can_spec(system.deployment, event.target).channel
+        self._command = babbler.command(event, spec.interface, channel, fd=spec.fd)
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def prepare(self, r: Rehearsal) -> Callable[[], None]:
+        """Start it. What is returned waits until it has its bus, and raises RunError if it ends."""
+        self._process = process = subprocess.Popen(
+            [*self._command, "--hold"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        r.closing(self.hush)
+
+        def wait() -> None:
+            assert process.stdout is not None and process.stderr is not None
+            if not process.stdout.readline():
+                said = process.stderr.read().decode(errors="replace").strip()
+                raise RunError(f"the babbling peer has ended before the run: {said}")
+
+        return wait
+
+    def begin(self) -> None:
+        """Let it send. Raises RunError where it has ended."""
+        assert self._process is not None and self._process.stdin is not None
+        try:
+            self._process.stdin.write(b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise RunError("the babbling peer has ended before its time") from None
+
+    def hush(self) -> None:
+        """End it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.terminate()
+        try:
+            process.communicate(timeout=3.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()

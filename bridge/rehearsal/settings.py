@@ -1,0 +1,64 @@
+"""What a rehearsal is told, and what came of it; :mod:`bridge.rehearsal.supervisor` runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.faults.script import Event as Planned
+from bridge.node.process import Process
+from bridge.node.thread import Thread
+from bridge.records.records import Note
+
+if TYPE_CHECKING:
+    from bridge.rehearsal.supervisor import Rehearsal
+
+Inside = Callable[[str], AbstractContextManager[None]]
+#: A node as its supervisor sees it; threads where a bus does not leave the process.
+Node = Process | Thread
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something done to a rehearsal at `t` (s); `what`: for its notes, see
+    :mod:`bridge.faults.load`.
+
+    `revives`: it starts a node again, for which a run waits of which nobody is left. `prepare`:
+    starts, while the nodes start, what takes a while to begin; what it returns waits until that is
+    ready.
+    """
+
+    t: float
+    what: str | Planned
+    do: Callable[[Rehearsal], None]
+    revives: bool = False
+    prepare: Callable[[Rehearsal], Callable[[], None]] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a rehearsal is run; `real`: its nodes may move real drives."""
+
+    scenario: Path
+    deployment: Path
+    changes: tuple[str, ...] = ()
+    warm_up: float = 0.2
+    realtime: bool = True
+    real: bool = False
+    script: str = ""
+    events: Sequence[Event] = ()
+    nodes: tuple[str, ...] = ()  # those started here; empty: all
+    inside: Inside = lambda node: nullcontext()  # the host a node's process is started on
+
+
+@dataclass(slots=True)
+class Ended:
+    """What came of a rehearsal: lives in the order they were started, and what was noticed."""
+
+    lives: list[Node] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    start_ns: int = 0
+    interrupted: bool = False

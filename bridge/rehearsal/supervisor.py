@@ -1,0 +1,295 @@
+"""A rehearsal: one process a node on the wall clock, started together, watched, and collected.
+
+What is left behind is in the run folder whatever happens: journals survive the death of who writes
+them, and a node that is killed is a line of the report.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import final
+
+from bridge.deployment.system import System
+from bridge.node.drive_enable import enabled
+from bridge.node.lockstep import wanted
+from bridge.node.process import Process, Start, unready
+from bridge.node.thread import Thread
+from bridge.records.lives import Life
+from bridge.records.records import Deaf, End, Gone, Missed, Refused, noted
+from bridge.rehearsal.settings import Ended as Ended
+from bridge.rehearsal.settings import Event as Event
+from bridge.rehearsal.settings import Node as Node
+from bridge.rehearsal.settings import Settings as Settings
+from cosim.base.clock import monotonic_ns, realtime_ns, sleep
+from cosim.base.errors import Interrupted, RunError
+from cosim.base.interrupts import terminated
+from cosim.record.folder import NODES
+
+#: A file in a run folder.
+STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
+IN_PROCESS = "virtual"
+#: s between two looks at the nodes.
+LOOK = 0.05
+#: s; an event that comes later than that puts off those after it.
+LATE = 0.1
+#: s after the end; Zenoh stands by a connection that nobody answers any more for 10 s.
+ENDING = 30.0
+#: s from the last node's being ready to t = 0.
+LEAD = 0.5
+
+
+@final
+class Rehearsal:
+    """The processes of a rehearsal. Use as a context manager: nothing is left running."""
+
+    def __init__(self, system: System, settings: Settings, folder: Path) -> None:
+        self.system, self.settings, self.folder = system, settings, folder
+        self.ended = Ended()
+        self.current: dict[str, Node] = {}
+        self.expected: set[str] = set()  # nodes whose end is part of the plan
+        self._stopped = False  # all were told to stop
+        buses = system.deployment.buses.values()
+        alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
+        self._timed = not wanted(system)  # in lock-step nothing says when the end is
+        self._kind: type[Process] | type[Thread] = Thread if alone else Process
+        self._stack, self._drives = ExitStack(), ExitStack()
+        (folder / NODES).mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Rehearsal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def closing(self, do: Callable[[], None]) -> None:
+        """Do this when the rehearsal is left, whatever happens."""
+        self._stack.callback(do)
+
+    def start_node(self, name: str) -> Node:
+        """Start a node's process, of its next life."""
+        life = Life(name, 1 + sum(p.start.life.node == name for p in self.ended.lives))
+        s = self.settings
+        start = Start(
+            s.scenario,
+            s.deployment,
+            s.changes,
+            life,
+            self.folder / NODES,
+            warm_up=s.warm_up if life.boot == 1 else 0.0,
+            realtime=s.realtime,
+            real=s.real,
+            script=s.script,
+        )
+        with s.inside(name):
+            process = self._kind(start)
+        self._stack.callback(process.end)
+        self.ended.lives.append(process)
+        self.current[name] = process
+        return process
+
+    # ---- the run -----------------------------------------------------------------------------
+
+    def run(self, progress: Callable[[float, float], None] = lambda t, end: None) -> Ended:
+        """Start all nodes, wait for their end, and return what came of it.
+
+        `progress` is called with (t, end), s. Raises RunError where a node cannot be configured or
+        ends on its own; Ctrl-C and SIGTERM stop all nodes safely and become Interrupted.
+        """
+        for name in self.settings.nodes or tuple(self.system.nodes):
+            self.start_node(name)
+        prepared = [e.prepare(self) for e in self.settings.events if e.prepare is not None]
+        self._all_ready()
+        for wait in prepared:
+            wait()
+        if self.settings.real:
+            sleep(LEAD)  # heartbeats and first positions have been heard
+            self._drives.enter_context(enabled(self.system, self.current))
+            for process in self.current.values():
+                process.tell("arm")
+        self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
+        self._announce()
+        for process in self.current.values():
+            process.tell("start", start_ns=self.ended.start_ns)
+        try:
+            with terminated():
+                self._watch(progress)
+        except KeyboardInterrupt:
+            self.stop()
+            self.ended.interrupted = True
+            raise Interrupted(self.t, str(self.folder)) from None
+        return self.ended
+
+    def end(self) -> None:
+        """End all processes, none after the other; their journals are complete then.
+
+        Drives are disabled behind the last torque of their nodes, which some of them would take for
+        a request to be enabled.
+        """
+        for process in self.ended.lives:
+            process.tell("quit")
+        with self._drives:
+            self._stack.close()
+
+    @property
+    def t(self) -> float:
+        """Time of the run, s."""
+        return (monotonic_ns() - self.ended.start_ns) * 1e-9
+
+    @property
+    def length(self) -> float:
+        """Of the run, s."""
+        return self.system.plan.ticks * self.system.plan.h
+
+    def _announce(self) -> None:
+        facts = {
+            "scenario": str(self.settings.scenario.resolve()),
+            "deployment": str(self.settings.deployment.resolve()),
+            "settings": list(self.settings.changes),
+            "pid": os.getpid(),
+            "nodes": {name: process.pid for name, process in self.current.items()},
+            "start_ns": self.ended.start_ns,
+            "wall_ns": self.ended.start_ns + realtime_ns() - monotonic_ns(),
+        }
+        text = json.dumps(facts, indent=2) + "\n"
+        (self.folder / STARTED).write_text(text, encoding="utf-8")
+
+    def _all_ready(self) -> None:
+        patience = self.system.deployment.patience
+        end = monotonic_ns() + round(patience * 1e9)
+        waiting = dict(self.current)
+        while waiting:
+            for name, process in list(waiting.items()):
+                process.check()
+                if process.ready:
+                    del waiting[name]
+            if monotonic_ns() > end:
+                said = "; ".join(f"{n}: {unready(p.waiting)}" for n, p in waiting.items())
+                raise RunError(f"not ready after {patience:g} s (patience): {said}")
+            sleep(LOOK)
+
+    def _watch(self, progress: Callable[[float, float], None]) -> None:
+        length = self.length
+        events = sorted(self.settings.events, key=lambda e: e.t)
+        while any(p.code is None for p in self.current.values()) or _revived(events, length):
+            while events and events[0].t <= self.t:
+                event = events.pop(0)
+                self.ended.notes.append(noted(event.what, self.t))
+                event.do(self)
+                late = self.t - event.t
+                if late > LATE:  # what is to last keeps its length
+                    events = [replace(e, t=e.t + late) for e in events]
+            self._look()
+            progress(min(max(self.t, 0.0), length), length)
+            if self._timed and self.t > length + ENDING and not self._missed():
+                raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
+            next_ = events[0].t - self.t if events else LOOK
+            sleep(min(LOOK, max(next_, 0.001)))
+        self._look()
+
+    def _look(self) -> None:
+        """Notice nodes that have ended; one whose end nobody planned stops the others."""
+        for name, process in list(self.current.items()):
+            process.poll()
+            self._refused(process)
+            self._deaf(process)
+            if process.code is None or name in self.expected:
+                continue
+            end = End(process.done["end"]) if process.done else End.KILLED
+            if end in (End.FINISHED, End.FAULT):
+                continue
+            self.expected.add(name)
+            life, why = process.start.life, process.done["error"] if process.done else ""
+            detail = why or (end if process.done else process.reason())
+            # Whoever was to join and could not before the end, because nobody was there any more.
+            late = life.boot > 1 and not process.done and not process.ready and self.t > self.length
+            if end is End.TOO_LATE or late:
+                self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
+                continue
+            gone = Gone(t=self.t, life=life, end=end, code=process.code, detail=detail)
+            self.ended.notes.append(gone)
+            self._stop_others(process)
+
+    def _deaf(self, process: Node) -> None:
+        """A node that hears no more what it needs ends the run."""
+        if not process.deaf or self._stopped:
+            return
+        note = Deaf(t=self.t, life=process.start.life, to=process.deaf)
+        self.ended.notes.append(note)
+        process.tell("stop")
+        self.expected.add(process.start.life.node)
+        self._stop_others(process)
+
+    def _stop_others(self, process: Node) -> None:
+        self._stopped = True
+        for other in self.current.values():
+            if other is not process:
+                life = other.start.life
+                if life.boot > 1 and not other.ready and other.code is None:
+                    detail = unready(other.waiting)
+                    self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
+                self.expected.add(life.node)
+                other.tell("stop")
+
+    def _missed(self) -> bool:
+        """Later lives that are not ready long after the end are ended: whether nobody else runs."""
+        running = [p for p in self.current.values() if p.code is None]
+        missed = [p for p in running if not p.ready and p.start.life.boot > 1]
+        for process in missed:
+            self.ended.notes.append(Missed(t=self.t, life=process.start.life))
+            self.expected.add(process.start.life.node)
+            process.send_signal(signal.SIGKILL)
+            process.wait(1.0)
+        return missed == running
+
+    def _refused(self, process: Node) -> None:
+        """A node that refuses to start ends the run; one that was to rejoin stays away."""
+        if not process.refused:
+            return
+        said, life = process.refused.pop(), process.start.life
+        why, missing = tuple(said["reasons"]), tuple(said["missing"])
+        note = Refused(t=self.t, life=life, reasons=why, armed=said["armed"], missing=missing)
+        if life.boot == 1:
+            self.stop()
+            raise RunError(note.words())
+        self.ended.notes.append(note)
+        self.expected.add(process.start.life.node)
+        process.tell("quit")
+
+    def stop(self) -> None:
+        """Safe stop of all nodes, and wait for it."""
+        for process in self.current.values():
+            process.tell("stop")
+        for process in self.current.values():
+            process.wait(3.0)
+
+    # ---- what a script may do to it ----------------------------------------------------------
+
+    def kill(self, name: str) -> None:
+        """SIGKILL, which is part of the plan."""
+        self.expected.add(name)
+        self.current[name].send_signal(signal.SIGKILL)
+
+    def freeze(self, name: str) -> None:
+        """SIGSTOP."""
+        self.current[name].send_signal(signal.SIGSTOP)
+
+    def thaw(self, name: str) -> None:
+        """SIGCONT."""
+        self.current[name].send_signal(signal.SIGCONT)
+
+    def restart(self, name: str) -> None:
+        """A new life of a node that has ended, which joins the run."""
+        self.expected.discard(name)
+        process = self.start_node(name)
+        process.tell("start", start_ns=self.ended.start_ns)
+
+
+def _revived(events: Sequence[Event], length: float) -> bool:
+    """Whether a node is still to be started, in time."""
+    return any(e.revives and e.t < length for e in events)

@@ -1,0 +1,165 @@
+"""Frames of a bus log as a deployment sees them: buses, samples by sequence number, t = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.can.codec import Codec
+from bridge.can.log import FrameLog, frame_of, read_log
+from bridge.deployment.spec import BusSpec
+from bridge.deployment.system import Carried, System
+from bridge.native.bus import Accept
+from bridge.native.load import frame_time_ns
+from bridge.native.message import Decoded
+from bridge.native.safety import State
+from cosim.base.errors import ScenarioError
+from cosim.bus.timing import BusTiming
+
+#: Bits of a status byte that say in which state its sender is.
+LIFE = 7
+#: Frames of a message that have to fit a guess of t = 0, and how many guesses there are: counters
+#: of 4 bits at 200 Hz and stamps of 16 bits begin again together after 41 s.
+ASKED, GUESSES = 50, 625
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A frame of a message that passed its checks; times in ns, `t_ns` as logged.
+
+    `wire_ns`: what its bits take on the bus.
+    """
+
+    t_ns: int
+    wire_ns: int
+    counter: int
+    stamp_us: int
+    life: int  # of its sender; -1: the message does not tell
+    values: NDArray[np.float64]
+
+    @property
+    def running(self) -> bool:
+        """Whether its sender was in the run, as far as it says."""
+        return self.life not in (State.UNCONFIGURED, State.INACTIVE)
+
+
+def read_buses(system: System, logs: Sequence[Path]) -> dict[str, NDArray[np.void]]:
+    """Rows of frames by bus of the deployment, in order of time.
+
+    A log's bus is that of this channel or name, or the one its file is called by. Raises
+    ScenarioError for a log of none of them, LogError for a file that is no log.
+    """
+    found: dict[str, list[NDArray[np.void]]] = {}
+    for path in logs:
+        log = read_log(path)
+        for number, name in enumerate(log.buses):
+            bus = _bus(system, name, path, log)
+            found.setdefault(bus, []).append(log.rows[log.rows["bus"] == number])
+    joined = {name: np.concatenate(parts) for name, parts in found.items()}
+    return {name: rows[np.argsort(rows["t_ns"], kind="stable")] for name, rows in joined.items()}
+
+
+def _bus(system: System, name: str, path: Path, log: FrameLog) -> str:
+    buses = {n: b for n, b in system.deployment.buses.items() if b.kind == "can"}
+    for bus, spec in buses.items():
+        if name in (bus, spec.channel):
+            return bus
+    if path.stem in buses and len(log.buses) == 1:
+        return path.stem
+    if len(buses) == 1:
+        return next(iter(buses))
+    known = ", ".join(f"{n} ({b.channel})" for n, b in buses.items())
+    raise ScenarioError(f"bus {name!r} is none of the deployment; it has {known}", str(path))
+
+
+def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[Sample]:
+    """What a message said, frame by frame."""
+    codec = carried.encoding
+    assert isinstance(codec, Codec)
+    timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
+    tells = codec.layout.status_mask & LIFE == LIFE
+    for row in rows[Accept.of(codec.message).among(rows)]:
+        frame = frame_of(row)
+        result, values, header = codec.decode(frame.payload)
+        if result is Decoded.OK:
+            life = header.status & LIFE if tells else -1
+            wire = frame_time_ns(frame, timing)
+            yield Sample(frame.t_ns, wire, header.counter, header.t_us, life, values)
+
+
+def start_of(system: System, heard: Mapping[str, Sequence[Sample]]) -> int:
+    """When t = 0 was on the log's clock, ns, from the time stamps in the frames.
+
+    A stamp of 16 bits says it only modulo 65.5 ms; then counters decide, which is unique for 41 s
+    at 200 Hz. Raises ScenarioError where no message has a time stamp.
+    """
+    bits = max((_time_bits(system.messages[n]) for n, s in heard.items() if s), default=0)
+    if not bits:
+        raise ScenarioError("no message with a time stamp in the log; say when t = 0 was")
+    stamped = {n: s for n, s in heard.items() if s and _time_bits(system.messages[n]) == bits}
+    running = [s for frames in stamped.values() for s in frames if s.running]
+    if not running:
+        raise ScenarioError(f"no {', '.join(stamped)} of a node that was running in the log")
+    span = 1000 << bits
+    first = _origin(running[0])
+    start = first + min((_origin(s) - first + span // 2) % span - span // 2 for s in running)
+    if bits >= 32:
+        return start
+    start += (min(s.t_ns for s in running) - start) // span * span
+    for guess in range(start, start - GUESSES * span, -span):
+        if all(_fits(system.messages[n], s, guess) for n, s in stamped.items()):
+            return guess
+    raise ScenarioError(f"counters of {', '.join(stamped)} fit no common t = 0")
+
+
+def _origin(sample: Sample) -> int:
+    """Where t = 0 would be if the frame was not held up: as early as it can be; ns."""
+    return sample.t_ns - sample.wire_ns - 1000 * sample.stamp_us
+
+
+def _time_bits(carried: Carried) -> int:
+    codec = carried.encoding
+    assert isinstance(codec, Codec)
+    return codec.layout.time_bits
+
+
+def _fits(carried: Carried, heard: Sequence[Sample], start: int) -> bool:
+    """Whether the first frames have the counters they would have then; one in ten may be late."""
+    asked = heard[:ASKED]
+    bits = counter_bits(carried)
+    wrong = sum(sequence(carried, s, start) & (1 << bits) - 1 != s.counter for s in asked)
+    return wrong <= len(asked) // 10 and all(s.t_ns >= start for s in asked[:1])
+
+
+def counter_bits(carried: Carried) -> int:
+    """Of a message's counter; 0: it has none."""
+    codec = carried.encoding
+    assert isinstance(codec, Codec)
+    return codec.layout.counter.length if codec.layout.counter else 0
+
+
+def sent_ns(carried: Carried, sample: Sample, start: int) -> int:
+    """When it was sent since `start`, by its stamp, else by the log; ns."""
+    arrival = sample.t_ns - start
+    bits = _time_bits(carried)
+    if not bits:
+        return arrival
+    span = 1 << bits
+    behind = (sample.stamp_us - arrival // 1000 - span // 4) % span - span * 3 // 4
+    return (arrival // 1000 + behind) * 1000
+
+
+def sequence(carried: Carried, sample: Sample, start: int) -> int:
+    """Number of the sample: the slot of its sender in which it was sent, by hits of the message."""
+    t = sent_ns(carried, sample, start) - carried.offset_ns
+    number = (t + 1000) // carried.period_ns  # a stamp is cut to us
+    bits = counter_bits(carried)
+    if not bits:
+        return number
+    # Late by whole periods: the counter is right, the time only near.
+    behind = (number - sample.counter + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
+    return number - behind if abs(behind) <= (1 << bits) // 4 else number

@@ -1,0 +1,250 @@
+"""Two runs side by side: offline, twin, rehearsal or hardware; how far apart, where, and a verdict.
+
+Runs are compared on the rows of the one that was recorded more coarsely, over the time both have;
+the other holds its last value. Two runs of one scenario are *equal* where they are no further apart
+than one of them is from itself a period later, and a step of the quantisation::
+
+    d(t) = b(t) - a(t),   v(t) = x(t + T) - x(t) for x = a, b
+    RMS(d) <= RMS(v) + LSB   and   max |d| <= max |v| + LSB
+
+T is the slowest component's period (s), LSB that of the message that carries the signal, if one is
+there. What nobody is sent (a controller's estimates and states) is shown, but not judged: it
+integrates every difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.replay.run_facts import judged, period, quanta, stored
+from cosim.analysis import declared
+from cosim.analysis.metrics import evaluate
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.record import Run
+
+Array = NDArray[np.float64]
+Verdict = Literal["identical", "equal", "different"]
+#: Times of rows that are closer than this are one, s.
+CLOSE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SignalDifference:
+    """How far apart two runs are in one scalar; `at`: time of the largest difference, s.
+
+    `bound_rms`, `bound`: what RMS and maximum may be for runs that are equal. `judged`: whether
+    that counts.
+    """
+
+    name: str
+    unit: str
+    rms: float
+    largest: float
+    at: float
+    bound_rms: float
+    bound: float
+    judged: bool = True
+
+    @property
+    def within(self) -> bool:
+        """Whether it is within its bounds, or need not be."""
+        near = self.rms <= self.bound_rms and self.largest <= self.bound
+        return near or not self.judged
+
+
+@dataclass(frozen=True, slots=True)
+class MetricDifference:
+    """A number of the summary in both runs; settle times are metrics of their own, in s."""
+
+    label: str
+    unit: str
+    a: float
+    b: float
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What two runs have in common: `signals`, the largest differences by their bounds first.
+
+    `period`: T of the bounds, s; `tolerance`: in place of all bounds, in each signal's unit;
+    `only`: signals that one of them lacks, (a, b).
+    """
+
+    a: Path
+    b: Path
+    rows: int
+    t_end: float
+    period: float
+    tolerance: float | None
+    signals: tuple[SignalDifference, ...]
+    metrics: tuple[MetricDifference, ...]
+    only: tuple[tuple[str, ...], tuple[str, ...]]
+    remarks: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Identical to the bit, equal within the bounds, or different."""
+        if all(s.largest == 0.0 for s in self.signals):
+            return "identical"
+        return "equal" if all(s.within for s in self.signals) else "different"
+
+    @property
+    def exit_code(self) -> int:
+        """0, or 1 where they are different."""
+        return int(self.verdict == "different")
+
+    def sentence(self) -> str:
+        """The verdict, with the bound it stands on."""
+        if self.verdict == "identical":
+            return f"identical to the bit in {len(self.signals)} signals, {self.rows} rows"
+        bound = f"quantisation and one period ({self.period * 1e3:g} ms)"
+        if self.tolerance is not None:
+            bound = f"{self.tolerance:g} of each signal's unit"
+        if self.verdict == "equal":
+            return f"equal within {bound}"
+        beyond = [s.name for s in self.signals if not s.within]
+        judged = sum(s.judged for s in self.signals)
+        return (
+            f"different: {len(beyond)} of {judged} signals are further apart than "
+            f"{bound}, most of all {beyond[0]}"
+        )
+
+    def as_data(self) -> dict[str, Any]:
+        """For JSON."""
+        data = asdict(self) | {"a": str(self.a), "b": str(self.b)}
+        return data | {"verdict": self.verdict, "sentence": self.sentence()}
+
+
+def compare_runs(
+    a: Path, b: Path, signals: Sequence[str] = (), tolerance: float | None = None
+) -> Comparison:
+    """Compare two run folders.
+
+    `signals`: only these, by name or by what their names begin with. Raises ScenarioError for a
+    folder that is no run, and where the two have no signal or no time in common.
+    """
+    first, second = Run.open(a), Run.open(b)
+    judges = [judged(run) for run in (first, second)]
+    names = [n for n in first.names if n in second.units and _wanted(n, signals)]
+    if not names:
+        raise ScenarioError("the runs have no such signal in common", f"{a}, {b}")
+    rows, remarks = _rows(first, second), list[str]()
+    T = max(period(first, remarks), period(second, remarks))
+    steps = quanta(first, remarks) | quanta(second, remarks)
+    t = first.t[rows[0]]
+    found = [
+        replace(
+            _difference(first, second, name, rows, t, T, steps.get(name, 0.0), tolerance),
+            judged=tolerance is not None or all(judge(name) for judge in judges),
+        )
+        for name in names
+    ]
+    return Comparison(
+        a, b, len(t), float(t[-1]), T, tolerance,
+        tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
+        _metrics(first, second), (_lacking(first, second), _lacking(second, first)),
+        tuple(dict.fromkeys(remarks)),
+    )  # fmt: skip
+
+
+def _wanted(name: str, signals: Sequence[str]) -> bool:
+    """Whether a scalar is one of these, an entry of one, or a port of one."""
+    return not signals or any(
+        name == s
+        or name.startswith((f"{s}[", f"{s}."))
+        or (s and s[-1] in ".[" and name.startswith(s))
+        for s in signals
+    )
+
+
+def _lacking(run: Run, other: Run) -> tuple[str, ...]:
+    return tuple(n for n in run.names if n not in other.units)
+
+
+def _share(s: SignalDifference) -> float:
+    """Of its bound."""
+    if s.bound_rms > 0.0:
+        return s.rms / s.bound_rms
+    return inf if s.rms > 0.0 else 0.0
+
+
+# ---- rows ---------------------------------------------------------------------------------------
+
+
+def _rows(a: Run, b: Run) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of a and b that belong together, on the coarser of the two. Raises ScenarioError."""
+    ta, tb = a.t, b.t
+    if not len(ta) or not len(tb):
+        raise ScenarioError("a run without rows", f"{a.path}, {b.path}")
+    begin, end = max(ta[0], tb[0]) - CLOSE, min(ta[-1], tb[-1]) + CLOSE
+    inside = [t[(t >= begin) & (t <= end)] for t in (ta, tb)]
+    grid = min(inside, key=len)
+    if not len(grid):
+        raise ScenarioError("the runs have no time in common", f"{a.path}, {b.path}")
+    held = [np.searchsorted(t, grid + CLOSE, side="right") - 1 for t in (ta, tb)]
+    return held[0], held[1]
+
+
+def _difference(
+    a: Run,
+    b: Run,
+    name: str,
+    rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+    t: Array,
+    period: float,
+    quantum: float,
+    tolerance: float | None,
+) -> SignalDifference:
+    x, y = a.column(name)[rows[0]], b.column(name)[rows[1]]
+    d = np.abs(y - x)
+    d[(x == y) | (np.isnan(x) & np.isnan(y))] = 0.0
+    d[np.isnan(d)] = inf
+    worst = int(np.argmax(d))
+    rms, most = (tolerance, tolerance) if tolerance is not None else _change(t, (x, y), period)
+    extra = quantum if tolerance is None else 0.0
+    return SignalDifference(
+        name, a.units[name], _rms(d), float(d[worst]), float(t[worst]), rms + extra, most + extra
+    )
+
+
+def _rms(d: Array) -> float:
+    return float(np.sqrt(np.mean(d * d))) if np.isfinite(d).all() else inf
+
+
+def _change(t: Array, signals: Iterable[Array], period: float) -> tuple[float, float]:
+    """RMS and maximum of what a signal changes by within a period."""
+    step = (t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else inf
+    n = max(1, round(period / step)) if isfinite(step) else 1
+    changes = [np.abs(x[n:] - x[:-n]) for x in signals]
+    changes = [v[np.isfinite(v)] for v in changes]
+    changes = [v for v in changes if v.size]
+    if not changes:
+        return 0.0, 0.0
+    return max(_rms(v) for v in changes), max(float(v.max()) for v in changes)
+
+
+def _metrics(a: Run, b: Run) -> tuple[MetricDifference, ...]:
+    """Metrics both scenarios declare alike; none where a run does not say what it is of."""
+    try:
+        scenarios = [stored(run) for run in (a, b)]
+        if scenarios[0].metrics != scenarios[1].metrics:
+            return ()
+        results = [
+            evaluate(declared.metrics(s), run) for s, run in zip(scenarios, (a, b), strict=True)
+        ]
+    except CosimError:
+        return ()
+    found = []
+    for x, y in zip(*results, strict=True):
+        found.append(MetricDifference(x.label, x.unit, x.value, y.value))
+        if "settle_s" in x.parts and "settle_s" in y.parts:
+            settled = (x.parts["settle_s"], y.parts["settle_s"])
+            found.append(MetricDifference(f"{x.label}, settles", "s", *settled))
+    return tuple(found)

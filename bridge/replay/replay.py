@@ -1,0 +1,248 @@
+"""A recorded run again, offline: every node computes its slots from what its journals say.
+
+Nothing but the samples heard, the sequence numbers held and the events of the life cycle is taken
+from the recording: so every signal of every node comes out the same to the last bit, whoever its
+peers were, or something was altered. Whether what was heard is what its sender sent is another
+question (:mod:`bridge.replay.heard_and_sent`).
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.deployment.system import System, make_system
+from bridge.native import node as native
+from bridge.native.journal import Journal
+from bridge.native.safety import State
+from bridge.records.lives import ByLife, Life, files
+from bridge.replay import heard_and_sent
+from bridge.replay.heard_and_sent import Altered, History
+from bridge.wiring.outlets import Forwarding
+from bridge.wiring.wiring import HEARD, Rows, Wired, heard_dtype
+from cosim.base.errors import ScenarioError
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first place where a replay is not its recording: `found` here, `recorded` there."""
+
+    life: Life
+    slot: int
+    t: float
+    signal: str
+    recorded: float
+    found: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.life}, slot {self.slot} (t = {self.t:.6g} s): {self.signal} = "
+            f"{self.found!r}, recorded {self.recorded!r}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a replay found: slots by life, the greatest difference, and the first one if any.
+
+    `altered`: samples that are not those of their sender; `alone`: messages some of whose samples
+    could not be held against their sender, which was not recorded or does not count them, or are
+    not in the journal of what was heard, which was full: their inputs are taken as recorded.
+    """
+
+    slots: Mapping[Life, int]
+    greatest: float
+    first: Difference | None
+    alone: tuple[str, ...] = ()
+    altered: tuple[Altered, ...] = ()
+
+
+def replay(
+    system: System, recorded: Mapping[Life, Rows], heard: Mapping[Life, Rows], folder: Path
+) -> Replay:
+    """Compute the recorded lives again, into journals in `folder`, and compare every bit.
+
+    Each life hears what it heard, whoever sent it: no other node is needed. What it heard is then
+    held against what its sender computed, where that was recorded. Gateways compute nothing.
+
+    `recorded`: rows by life; `heard`: of :func:`heard_of`. Raises ScenarioError where they are not
+    of this system.
+    """
+    lives = {life: r for life, r in recorded.items() if system.nodes[life.node].plan.components}
+    there = {life: rows for life, rows in heard.items() if life in recorded}
+    sent = heard_and_sent.sent_histories(system, lives)
+    unheard: set[str] = set()
+    with ExitStack() as stack:
+        found: dict[Life, Rows] = {}
+        histories = {}  # C reads them until the end
+        for life, rows in lives.items():
+            node = _wire(stack, _fresh(system, life), life, rows, folder)
+            histories[life] = _hear(node, life, there, sent)
+            unheard.update(heard_and_sent.unheard(system, life, rows, histories[life]))
+            _run(node, life)
+            found[life] = node.journal.rows
+        differences = [d for x, rows in lives.items() for d in _compare(system, x, rows, found[x])]
+        greatest = max((_greatest(lives[life], found[life]) for life in lives), default=0.0)
+        found.clear()
+    first = min(differences, key=lambda d: d.t, default=None)
+    slots = ByLife({life: len(rows) for life, rows in lives.items()})
+    altered, alone = heard_and_sent.against_senders(system, lives, there, sent)
+    return Replay(slots, greatest, first, tuple(sorted(alone | unheard)), altered)
+
+
+def load(folder: Path) -> ByLife[Rows]:
+    """The journals of a run folder by life. Raises ScenarioError where there are none."""
+    found = {life: Journal.open(path) for life, path in files(folder, "journal").items()}
+    if not found:
+        raise ScenarioError("no journals (*.journal) of nodes", str(folder))
+    return ByLife({life: rows for life, rows in found.items() if len(rows)})
+
+
+def heard_of(folder: Path) -> ByLife[Rows]:
+    """What each life of a run folder heard (:func:`bridge.wiring.wiring.heard_dtype`)."""
+    return ByLife({life: Journal.open(path) for life, path in files(folder, HEARD).items()})
+
+
+def _fresh(system: System, life: Life) -> System:
+    """Each life of a node has its own components."""
+    return system if life.boot == 1 else make_system(system.scenario, system.deployment)
+
+
+def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path) -> Wired:
+    node = Wired(system, life.node, {}, folder / life.file("journal"), native.REPLAY)
+    if rows.dtype != node.journal.rows.dtype:
+        node.journal.close()
+        raise ScenarioError(
+            f"{life} was recorded with other signals than this scenario and deployment have",
+            str(system.deployment.path),
+        )
+    stack.enter_context(node)
+    _check_slots(rows, f"{system.deployment.path}: {life}")
+    s = node.struct
+    s.replayed, s.replayed_rows = rows.ctypes.data, len(rows)
+    s.slot = s.first = int(rows["slot"][0])
+    if s.slot > 0:
+        node.begin(s.slot)
+    s.life.state, s.life.armed = State.ACTIVE, 1
+    _begin(node, rows)
+    native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
+    return node
+
+
+def _hear(
+    node: Wired, life: Life, heard: Mapping[Life, Rows], sent: Mapping[str, History]
+) -> dict[str, History]:
+    """What was heard of each message, for its reception; what is sent again goes to `sent`."""
+    rows = heard.get(life)
+    if rows is None or rows.dtype != heard_dtype(node.system, life.node):
+        found = "nothing" if rows is None else "other messages"
+        raise ScenarioError(
+            f"{found} recorded of what {life} heard; expected {life.file(HEARD)} of it",
+            str(node.system.deployment.path),
+        )
+    histories: dict[str, History] = {}
+    for number, (message, reception) in enumerate(node.receiving.receptions.items()):
+        mine, carried = rows[rows["message"] == number], node.system.messages[message]
+        history = heard_and_sent.heard_history(mine, carried, node.system.plan)
+        reception.history = c.pointer(history.struct)
+        histories[message] = history
+    for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):
+        if outlet.message in sent:
+            _remember(node, outlet.message, entry, sent)
+    return histories
+
+
+def _remember(
+    node: Wired, message: str, outlet: native.Outlet, histories: Mapping[str, History]
+) -> None:
+    """What an outlet sends, and what gateways make of it, is kept for its receivers."""
+    outlet.history = c.pointer(histories[message].struct)
+    forwarded = Forwarding(node.system.forwards_of(message))
+    for made in node.system.forwards_of(message):
+        assert made.forward is not None
+        entry = forwarded.made[made.name]
+        entry.of = c.pointer(histories[made.forward.of].struct)
+        entry.to = c.pointer(histories[made.name].struct)
+    forwarded.bind(outlet)
+    node.sending.keep(forwarded)
+
+
+def _check_slots(rows: Rows, place: str) -> None:
+    """A slot a row, none left out. Raises ScenarioError."""
+    gaps = np.flatnonzero(np.diff(rows["slot"]) != 1)
+    if gaps.size:
+        before, after = rows["slot"][gaps[0] : gaps[0] + 2]
+        text = f"slot {after} comes after slot {before}; rows of its journal are missing"
+        raise ScenarioError(text, place)
+
+
+def _begin(node: Wired, rows: Rows) -> None:
+    """Inputs from other nodes hold at the start what they held when it was recorded."""
+    signals: NDArray[np.float64] = rows["signals"][0]
+    for i, inlet in enumerate(node.plan.inlets):
+        entry = node.receiving.inlets[i]
+        entry.heard_ns = node.struct.slot * node.struct.h_ns
+        if not entry.drive:
+            part = slice(inlet.target.start, inlet.target.start + inlet.target.size)
+            node.engine.signals[part] = signals[part]
+
+
+def _run(node: Wired, life: Life) -> None:
+    result = native.functions().node_replay(c.byref(node.struct))
+    if result:
+        error = node.engine.failure(result)
+        error.add_note(f"in the replay of {life}")
+        raise error
+
+
+# ---- comparison -----------------------------------------------------------------------------
+
+
+def _columns(system: System, node: str) -> list[tuple[str, str, int]]:
+    """(name, field, index) of everything that is compared."""
+    plan = system.nodes[node]
+    signals = [
+        (name, "signals", s.start + i)
+        for step in plan.plan.components
+        for s in (*step.inputs, *step.outputs)
+        for i, name in enumerate(s.scalars())
+    ]
+    sent = [name for o in plan.outlets for p in o.parts for name in p.scalars()]
+    return [*signals, *((f"sent {name}", "sent", i) for i, name in enumerate(sent))]
+
+
+def _compare(system: System, life: Life, recorded: Rows, found: Rows) -> list[Difference]:
+    """The first difference of a life, if there is one."""
+    n = min(len(recorded), len(found))
+    first: tuple[int, Difference] | None = None
+    h = system.nodes[life.node].h
+    for name, field, i in _columns(system, life.node):
+        a, b = recorded[field][:n, i], found[field][:n, i]
+        other = np.flatnonzero(_bits(a) != _bits(b))
+        if other.size and (first is None or other[0] < first[0]):
+            k = int(other[0])
+            slot = int(recorded["slot"][k])
+            d = Difference(life, slot, slot * h, name, float(a[k]), float(b[k]))
+            first = (k, d)
+    return [] if first is None else [first[1]]
+
+
+def _bits(values: NDArray[Any]) -> NDArray[np.int64]:
+    found: NDArray[np.int64] = np.ascontiguousarray(values).view(np.int64)
+    return found
+
+
+def _greatest(recorded: Rows, found: Rows) -> float:
+    n = min(len(recorded), len(found))
+    parts: Sequence[float] = [
+        float(np.nanmax(np.abs(recorded[f][:n] - found[f][:n]), initial=0.0))
+        for f in ("signals", "sent")
+    ]
+    return max(parts)

@@ -1,0 +1,108 @@
+"""The twin: a deployment on a simulated clock, in one process, before anything real is touched.
+
+The nodes, codecs, guards, drives and delay lines are those of the rehearsal; only the clock and the
+buses are not: the next deadline is always on time, and a frame takes what its bits take.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from bridge.deployment.system import System
+from bridge.native import node as native
+from bridge.native.bus import Bus, Kind
+from bridge.native.frame import Ring
+from bridge.native.safety import State
+from bridge.records.lives import Life
+from bridge.wiring.wiring import Wired
+from cosim.base.errors import RunError
+from cosim.base.interrupts import deferred
+
+#: Frames that may wait at a node between two of its slots.
+RING = 1024
+#: Simulated time between two looks at whether the run is to stop, ns.
+LOOK_NS = 1_000_000_000
+
+
+def simulate(system: System, folder: Path) -> dict[str, Path]:
+    """Run the twin into journals ``FOLDER/LIFE.journal``; returns them by node.
+
+    Raises RunError where a component fails or a guard stops the run.
+    """
+    with wired(system, folder) as nodes:
+        run(system, nodes)
+    return {name: folder / Life(name).file("journal") for name in system.nodes}
+
+
+@contextmanager
+def wired(
+    system: System, folder: Path, prepare: Callable[[Wired], None] = lambda node: None
+) -> Iterator[dict[str, Wired]]:
+    """All nodes, enabled; `prepare` may change each before."""
+    with ExitStack() as stack:
+        nodes = {
+            name: stack.enter_context(
+                Wired(
+                    system,
+                    name,
+                    _buses(system, name),
+                    folder / Life(name).file("journal"),
+                    native.SIMULATED,
+                )
+            )
+            for name in system.nodes
+        }
+        for node in nodes.values():
+            prepare(node)
+            node.struct.life.state, node.struct.life.armed = State.ACTIVE, 1
+            native.functions().node_enable(c.byref(node.struct), 0)
+        yield nodes
+
+
+def _buses(system: System, node: str) -> dict[str, Bus]:
+    return {
+        name: Bus.of_rings(Ring(RING), Ring(RING), number, kind=Kind.MEMORY)
+        for number, name in enumerate(system.buses_of(node))
+    }
+
+
+def run(system: System, nodes: Mapping[str, Wired]) -> None:
+    """All nodes to the end. Raises RunError, and KeyboardInterrupt where a signal ends the run."""
+    networks = list(system.deployment.buses)
+    width = max(len(system.buses_of(node.name)) for node in nodes.values())
+    routes = np.full((len(nodes), width), -1, dtype=np.int32)
+    for i, node in enumerate(nodes.values()):
+        for b, bus in enumerate(system.buses_of(node.name)):
+            routes[i, b] = networks.index(bus)
+    rates = np.array(
+        [[b.bitrate, b.data_bitrate] for b in system.deployment.buses.values()], dtype=np.float64
+    )
+    pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes.values()))
+    busy = np.zeros(len(networks), dtype=np.int64)
+    end = 1 + max(n.struct.slots * n.struct.h_ns + n.struct.phase_ns for n in nodes.values())
+    pressed: list[bool] = []
+    with deferred(lambda: pressed.append(True)):
+        for until in range(LOOK_NS, end + LOOK_NS, LOOK_NS):
+            result = native.functions().nodes_simulate(
+                pointers, len(nodes), native.address("frame_time_ns"), rates.ctypes.data,
+                busy.ctypes.data, routes.ctypes.data, width, until,
+            )  # fmt: skip
+            if result or pressed:
+                break
+    if result and not any(w.engine.end(w.struct.result) for w in nodes.values()):
+        raise _failed(nodes, result)
+
+
+def _failed(wired: Mapping[str, Wired], result: int) -> BaseException:
+    """The error of the node that stopped."""
+    for name, node in wired.items():
+        if node.struct.result:
+            error = node.engine.failure(node.struct.result)
+            error.add_note(f"in node {name}")
+            return error
+    return RunError(f"the twin stopped with {result}")

@@ -1,0 +1,243 @@
+"""Every fault of a script, held against what the report of the run shows of it.
+
+A fault is *seen* where the report has a sign of it (:data:`SIGNS`), *unseen* where it has none,
+and *idle* where there was nothing to act on: no frame came while it held, or none that another
+fault had left, or nobody was there to receive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+from bridge.can.codec import Codec
+from bridge.deployment.system import System
+from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
+from bridge.records.lives import Life
+from bridge.records.records import Done, Missed, Refused
+from bridge.rehearsal.babbler import accept
+from bridge.results.detection_links import Network, of_links
+from bridge.results.findings import Evidence, Place, Sign, Signs
+from bridge.results.symptoms import COUNTERS, SIGNS, Shown
+from bridge.results.undetected import of_run
+from bridge.wiring.wiring import Rows
+
+
+def find(script: FaultScript, shown: Shown, network: Network | None = None) -> list[Evidence]:
+    """What the report shows of each table of a script, in their order."""
+    system = shown.system
+    end = system.plan.ticks * system.plan.h
+    found = []
+    for fault in script.frames:
+        places = list(_of_frames(fault, script.frames, shown))
+        found.append(
+            Evidence(
+                index=fault.index,
+                kind=fault.kind,
+                targets=fault.nodes,
+                messages=fault.messages,
+                t0=fault.t0,
+                t1=min(fault.t1, end),
+                places=places,
+            )
+        )
+    tables: dict[int, list[Event]] = {}
+    d = system.deployment
+    for event in script.process_events(list(d.nodes), list(d.buses)):
+        tables.setdefault(event.index, []).append(event)
+    for index, events in tables.items():
+        found.append(
+            Evidence(
+                index=index,
+                kind=_kind(events),
+                targets=sorted({e.target for e in events}),
+                t0=events[0].t,
+                t1=min(events[-1].t, end),
+                places=list(_of_events(events, shown, network)),
+            )
+        )
+    return sorted(found, key=lambda e: e.index)
+
+
+# ---- faults of frames -----------------------------------------------------------------------
+
+
+def _of_frames(fault: FrameFault, every: Sequence[FrameFault], shown: Shown) -> Iterator[Place]:
+    """A place each life and message. A life that did not live to tell cannot show anything.
+
+    Faults of one message that show in the same counters have to show all together.
+    """
+    for node in shown.system.nodes:
+        if "*" not in fault.nodes and node not in fault.nodes:
+            continue
+        for life in shown.lives(node):
+            record = shown.record(life)
+            if record is None or shown.said(life) is None:
+                continue
+            listened = shown.system.listened(node)
+            for name, there in _hit(record, fault, shown.system, node).items():
+                rows = _effective(record[there], fault)
+                span = shown.span(life, fault.t0, fault.t1 + fault.b)
+                if SIGNS[fault.kind] == ("age",) and not shown.arrives(life, name, *span):
+                    rows = rows[:0]  # of a gateway: nobody was there who would know how old it is
+                alike = [f for f in every if _counted_as(fault, f, node)]
+                alike = [f for f in alike if name in {one.name for one in f.about(listened)}]
+                total = sum(len(_effective(record[there], f)) for f in alike)
+                signs = _frame_signs(fault, shown, life, name, rows, max(total, len(rows)))
+                yield Place(target=str(life), message=name, done=len(rows), signs=signs)
+
+
+def _counted_as(fault: FrameFault, other: FrameFault, node: str) -> bool:
+    """Whether another fault at this node shows in the same counters, and in nothing else."""
+    signs = set(SIGNS[other.kind])
+    there = "*" in other.nodes or node in other.nodes
+    return there and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])
+
+
+def _hit(record: Rows, fault: FrameFault, system: System, node: str) -> dict[str, Rows]:
+    """Rows of each message a fault is about, by name, as far as a receiver counts them."""
+    counted = ("SYNC",) if fault.kind == "sync-loss" else system.heard_by(node)
+    buses = system.buses_of(node)
+    found: dict[str, Rows] = {}
+    for one in fault.about(system.listened(node)):
+        if one.name in counted:
+            rows = (record["bus"] == buses.index(one.bus)) & one.accept.among(record)
+            if one.name in system.messages:
+                encoding = system.messages[one.name].encoding
+                assert isinstance(encoding, Codec)
+                rows[rows] = of_run(record[rows], encoding)
+            found[one.name] = rows | found.get(one.name, False)
+    return found
+
+
+def _effective(record: Rows, fault: FrameFault) -> Rows:
+    """Frames a fault did something to that no other fault has hidden."""
+    kind = KINDS[fault.kind]
+    t = record["t_ns"] * 1e-9
+    rows = record[(t >= fault.t0) & (t < fault.t1)]
+    rows = rows[rows["kinds"] >> kind & 1 == 1]
+    gone, changed = rows["copies"] == 0, rows["crc"] != rows["crc_after"]
+    wanted = gone
+    if fault.kind not in ("drop", "burst", "sync-loss"):
+        wanted = ~gone & (changed if fault.kind in ("corrupt", "absurd") else ~changed)
+    found: Rows = rows[wanted]
+    return found
+
+
+def _frame_signs(
+    fault: FrameFault, shown: Shown, life: Life, message: str, rows: Rows, total: int
+) -> Signs:
+    if not len(rows):
+        return ()
+    signs = SIGNS[fault.kind]
+    if "syncs" in signs:
+        said = shown.said(life)
+        lost = said.syncs.get("lost", 0) if said else 0
+        return (Sign(what="syncs", number=lost),) if lost else ()
+    if fault.kind in HOSTILE:
+        return _hostile_signs(signs, shown, life, message)
+    counters = [name for name in signs if name in COUNTERS]
+    found = shown.counted(life, message, counters, total) if counters else ()
+    if "age" in signs:
+        least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
+        span = shown.span(life, fault.t0, fault.t1 + fault.b)
+        found = (*found, *shown.age(life, message, *span, least))
+    return found
+
+
+def _hostile_signs(signs: Sequence[str], shown: Shown, life: Life, message: str) -> Signs:
+    """One sign is enough: a frame that is refused may be refused for another's sake."""
+    counters = [name for name in signs if name in COUNTERS]
+    found = shown.counted(life, message, counters, 1) if counters else ()
+    if "surplus" in signs:
+        found = (*found, *shown.surplus(life, message))
+    return (*found, *shown.unlike(life, message)) if "altered" in signs else found
+
+
+# ---- faults of processes, buses and networks ------------------------------------------------
+
+
+def _kind(events: Sequence[Event]) -> str:
+    """The kind of the table that these events are of."""
+    if any(e.action == "start" for e in events):
+        return "restart"
+    return events[0].action
+
+
+def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -> Iterator[Place]:
+    """A place each target whose beginning the run has noted, unless its node was over by then."""
+    first, last = events[0], events[-1]
+    done = {
+        (n.action, n.target): n.t
+        for n in shown.notes
+        if isinstance(n, Done) and n.index in (first.index, -1)
+    }
+    for target in sorted({e.target for e in events}):
+        begun = done.get((first.action, target))
+        if begun is None or (target in shown.system.nodes and shown.over(target, begun)):
+            continue
+        actual = replace(first, t=begun)  # when it was done, which a busy machine does later
+        over = done.get((last.action, target), last.t)
+        if first.action in OF_LINKS and network is not None:
+            yield from of_links(actual, over, shown, network)
+            continue
+        look = _EVENT_SIGNS.get(_kind(events))
+        signs = look(shown, target, actual, over) if look else ()
+        yield Place(target=target, done=1, signs=signs)
+
+
+def _restarted(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    h = shown.system.nodes[node].h
+    later = [life for life in shown.lives(node) if shown.rows[life]["slot"][0] * h > first.t]
+    if later:
+        return (Sign(what="life", life=later[0]),)
+    stayed = (n for n in shown.notes if isinstance(n, Missed | Refused) and n.life.node == node)
+    return tuple(Sign(what="refusal", life=n.life, note=n) for n in stayed)[:1]
+
+
+def _killed(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    return shown.ended(node, first.t, t1)
+
+
+def _stopped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    return shown.late(node, first.t, t1) or shown.ended(node, first.t, t1)
+
+
+def _jumped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+    """A clock set forward makes its node late; one set back makes it silent to the others."""
+    by = abs(first.by)
+    found = shown.late(node, first.t, first.t + by) or shown.stopped(node, first.t)
+    silent = (
+        sign
+        for message, carried in shown.system.messages.items()
+        if carried.node == node
+        for other in shown.system.nodes
+        if message in shown.system.heard_by(other)
+        for life in shown.alive(other, first.t, first.t + by)
+        for sign in shown.silence(life, message, first.t, first.t + by)
+    )
+    return found or tuple(silent)[:1]
+
+
+def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
+    for report in shown.reports:
+        health = report.said.buses.get(bus, {}) if report.said else {}
+        if any(health.get(k) for k in ("restarts", "peers_left", "error_frames", "send_failed")):
+            return (Sign(what="health", life=report.life),)
+    return ()
+
+
+def _frames(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
+    """Frames in the logs of the bus that have the peer's identifier and that no node has sent."""
+    found = shown.strangers(bus, accept(first))
+    return (Sign(what="frames", number=found),) if found else ()
+
+
+_EVENT_SIGNS: Mapping[str, Callable[[Shown, str, Event, float], Signs]] = {
+    "kill": _killed,
+    "restart": _restarted,
+    "freeze": _stopped,
+    "clock-jump": _jumped,
+    "bus-down": _health,
+    "babble": _frames,
+}

@@ -1,0 +1,277 @@
+"""A rehearsal's run folder, completed: trajectories, tables, logs, twin, replay, numbers.
+
+::
+
+    RUN/run.json               scenario, deployment, settings, versions, verdict
+    RUN/trajectories.parquet   signals on the base tick, as an offline run has them
+    RUN/links/*.parquet        which sent sample each link's receiver held
+    RUN/nodes/LIFE.journal     a row a slot; LIFE.heard a row a sample that it heard;
+                               LIFE.json its report; LIFE.BUS.frames every frame;
+                               LIFE is NODE, or NODE@2 where it was started again
+    RUN/buses/BUS.log          candump
+    RUN/twin/                  the same on a simulated clock
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from bridge.deployment.system import System
+from bridge.faults.script import FaultScript
+from bridge.recording import run_folder
+from bridge.records.lives import Life
+from bridge.records.records import End, Note
+from bridge.rehearsal.supervisor import STARTED, Ended
+from bridge.replay import replay, twin
+from bridge.results import detection, report, verdict
+from bridge.results.detection_links import Network
+from bridge.results.findings import Evidence
+from bridge.results.report import NodeReport
+from bridge.results.symptoms import Shown
+from bridge.wiring.wiring import Rows
+from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.errors import CosimError, Interrupted, RunError
+from cosim.engine.simulate import metadata, stopped
+from cosim.links.statistics import LinkStatistics
+from cosim.record import Run, seal, write_metadata
+from cosim.record.folder import FINISHED, NODES, STOPPED
+
+TWIN = "twin"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared."""
+
+    folder: Path
+    ticks: int
+    rows: Mapping[Life, Rows]
+    reports: Sequence[NodeReport]
+    ages: Mapping[str, LinkStatistics]
+    replayed: replay.Replay | None
+    replay_error: str
+    twin_rms: float
+    buses: Sequence[str]
+    notes: Sequence[Note]
+    faults: Sequence[Evidence] = ()
+
+    @property
+    def finished(self) -> bool:
+        """Whether every node came to the end of the run without a stop.
+
+        Where an FMU ended the simulation, that is the end, and all others stop for it.
+        """
+        ends = {r.end for r in self.reports}
+        whole = {End.ENDED, End.FINISHED, End.STOPPED} if End.ENDED in ends else {End.FINISHED}
+        return bool(ends) and ends <= whole
+
+
+def clear(folder: Path) -> None:
+    """Delete what an earlier rehearsal has left in a folder that is to be used again.
+
+    A folder that holds something else as well is left alone: :func:`claim_folder` refuses it.
+    """
+    if not (folder / NODES).is_dir():
+        return
+    for name in (NODES, run_folder.BUSES, TWIN):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / STARTED).unlink(missing_ok=True)
+
+
+def complete(
+    system: System,
+    folder: Path,
+    ended: Ended,
+    facts: Mapping[str, Any],
+    *,
+    with_twin: bool = True,
+    formats: tuple[str, ...] = ("log",),
+    script: FaultScript | None = None,
+    network: Network | None = None,
+) -> Outcome:
+    """Make the run folder out of what the nodes have left. Raises CosimError.
+
+    `script`: the faults that were injected, each to be found in the report; `network`: of those
+    between hosts.
+    """
+    nodes = folder / NODES
+    rows, heard = replay.load(nodes), replay.heard_of(nodes)
+    if not rows:
+        why = "; ".join(map(str, ended.notes)) or "nobody said why"
+        raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
+    offset = realtime_ns() - monotonic_ns()
+    found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
+    reports = report.node_reports(system, rows, nodes)
+    replayed, error = _replayed(system, rows, heard)
+    rms = float("nan")
+    if with_twin:
+        other = run_twin(system, folder / TWIN, facts["settings"])
+        rms = positions_rms(system, folder, other, found.ticks)
+    faults: Sequence[Evidence] = ()
+    if script is not None:
+        strange = replayed.altered if replayed else ()
+        altered = {(a.life, a.message): a.count for a in strange}
+        shown = Shown(system, rows, reports, nodes, ended.notes, altered)
+        faults = detection.find(script, shown, network)
+    outcome = Outcome(
+        folder, found.ticks, rows, reports, found.ages, replayed, error, rms,
+        report.bus_lines(system, found.logs), ended.notes, faults,
+    )  # fmt: skip
+    write_metadata(folder, _metadata(system, outcome, facts))
+    seal(folder)
+    return outcome
+
+
+def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Say in ``run.json`` what is about to run, so that it can be replayed however it ends."""
+    found = metadata(system.scenario, system.plan) | deployed(system, facts)
+    write_metadata(folder, found)
+    return found
+
+
+def _replayed(
+    system: System, rows: Mapping[Life, Rows], heard: Mapping[Life, Rows]
+) -> tuple[replay.Replay | None, str]:
+    with TemporaryDirectory() as scratch:
+        try:
+            return replay.replay(system, rows, heard, Path(scratch)), ""
+        except CosimError as error:
+            return None, str(error)
+
+
+def run_twin(system: System, folder: Path, settings: Sequence[str] = ()) -> Path:
+    """The twin's run folder; its journals are kept only where it had to stop.
+
+    `settings`: those that `system` was made with, for ``run.json``. Raises RunError where a
+    component fails, Interrupted for Ctrl-C; what was recorded until then is in the folder.
+    """
+    nodes = folder / NODES
+    nodes.mkdir(parents=True, exist_ok=True)
+    facts = begin(system, folder, {"settings": list(settings)})
+    error: RunError | KeyboardInterrupt | None = None
+    try:
+        twin.simulate(system, nodes)
+    except (RunError, KeyboardInterrupt) as found:
+        error = found
+    rows = replay.load(nodes)
+    ticks = run_folder.collect(system, rows, nodes, folder, wall_ns=0).ticks if rows else 0
+    if error is None:
+        shutil.rmtree(nodes)
+    elif isinstance(error, RunError):
+        error.saved = str(folder)
+    else:
+        error = Interrupted(max(ticks - 1, 0) * system.plan.h, str(folder))
+    how = {"status": FINISHED} if error is None else stopped(error)
+    write_metadata(folder, facts | how)
+    seal(folder)
+    if error is not None:
+        raise error
+    return folder
+
+
+def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
+    """RMS difference of all recorded angles (rad) of two runs, over their common time."""
+    names = [
+        name
+        for step in system.plan.components
+        if step.kind == "continuous"
+        for slot in step.outputs
+        if slot.unit == "rad"
+        for name in slot.scalars()
+    ]
+    first, second = Run.open(a), Run.open(b)
+    n = min(len(first), len(second))
+    squares = [
+        float(np.mean((first.column(name)[:n] - second.column(name)[:n]) ** 2))
+        for name in names
+        if name in first.units and name in second.units
+    ]
+    return float(np.sqrt(np.mean(squares))) if squares else float("nan")
+
+
+def deployed(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``run.json`` says of the deployment: enough to replay it."""
+    return {
+        "deployment": {
+            "path": str(system.deployment.path.resolve()),
+            "scenario": str(system.scenario.path.resolve()),
+            "nodes": {n: list(s.components) for n, s in system.deployment.nodes.items()},
+            "latency": system.deployment.latency,
+            **facts,
+        }
+    }
+
+
+def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dict[str, Any]:
+    replayed, judged = outcome.replayed, verdict.of(system, outcome)
+    return {
+        **metadata(system.scenario, system.plan),
+        **deployed(system, facts),
+        "status": FINISHED if outcome.finished else STOPPED,
+        "rehearsal": {
+            "finished": outcome.finished,
+            "verdict": str(judged.word),
+            "reasons": list(judged.reasons),
+            "notes": [note.facts() for note in outcome.notes],
+            "faults": [fault.facts() for fault in outcome.faults],
+            "nodes": {
+                str(r.life): {
+                    "lateness": r.lateness.facts(),
+                    "state": r.state,
+                    "reasons": list(r.reasons),
+                    "end": r.end,
+                    "said": r.said.facts() if r.said else {},
+                }
+                for r in outcome.reports
+            },
+            "twin_rms": outcome.twin_rms,
+            "replay": None if replayed is None else replayed.greatest,
+            "replay_error": outcome.replay_error,
+            "altered": [asdict(a) for a in replayed.altered] if replayed else [],
+        },
+    }
+
+
+def lines(system: System, outcome: Outcome) -> list[str]:
+    """The summary of a rehearsal, without the metrics of the scenario."""
+    said = [report.line("note", str(note)) for note in outcome.notes]
+    said += [report.line(str(r.life), r.text()) for r in outcome.reports]
+    said += [report.line("  slots (us)", f"{r.life}: {r.parts()}") for r in outcome.reports]
+    said += [
+        report.line("not granted", f"{r.life}: {i['name']}: {i['said']}")
+        for r in outcome.reports
+        if r.said
+        for i in r.said.granted.get("items", ())
+        if not i["granted"]
+    ]
+    said += report.age_lines(system, outcome.rows)
+    said += outcome.buses
+    said += report.forward_lines(outcome.reports)
+    said += report.fault_lines(outcome.reports)
+    said += [report.line(f"fault {f.index}", f.text()) for f in outcome.faults]
+    if outcome.twin_rms == outcome.twin_rms:
+        said.append(
+            report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS")
+        )
+    said.append(report.line("replay", replay_text(outcome)))
+    found = outcome.replayed.altered if outcome.replayed else ()
+    said += [report.line("altered", str(altered)) for altered in found]
+    return said
+
+
+def replay_text(outcome: Outcome) -> str:
+    """Whether everything could be computed again."""
+    found = outcome.replayed
+    if found is None:
+        return f"failed: {outcome.replay_error}"
+    slots = sum(found.slots.values())
+    if found.first is None:
+        return f"{slots} slots of {len(found.slots)} nodes computed again: difference exactly 0"
+    return f"differs by up to {found.greatest:.3g}; first: {found.first}"

@@ -1,0 +1,219 @@
+"""What a rehearsal says at its end: lines of text, and the same as data for ``run.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge.can.health import WRONG
+from bridge.can.load import of_rows
+from bridge.can.log import FrameLog
+from bridge.deployment.system import System
+from bridge.native.bus import State as BusState
+from bridge.native.safety import State
+from bridge.realtime.lateness import Lateness, of_journal
+from bridge.records.lives import Life, lives_of
+from bridge.records.records import End, Statement, in_words, names_of
+from bridge.wiring.wiring import Rows
+from cosim.bus.timing import BusTiming
+
+WIDTH = 16
+
+
+def line(label: str, text: str) -> str:
+    """A line of a summary."""
+    return f"{label:<{WIDTH}} {text}"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeReport:
+    """One life of a node: how late it was, how it ended, and what it said of itself if it did."""
+
+    life: Life
+    slots: int
+    lateness: Lateness
+    state: str
+    reasons: Sequence[str]  # names of bits of Why
+    said: Statement | None
+
+    @property
+    def end(self) -> End:
+        """How it ended; without a statement it was killed."""
+        return self.said.end if self.said else End.KILLED
+
+    @property
+    def why(self) -> str:
+        """Why it stopped, in words; "": it did not."""
+        return in_words(self.reasons)
+
+    def text(self) -> str:
+        """Lateness and end."""
+        late = self.lateness.late
+        values = (late.minimum, late.mean, late.p50, late.p99, late.p999, late.maximum)
+        us = [f"{v / 1e3:.0f}" for v in values]
+        end = "" if self.state in ("active", "finished") else f"; {self.state}: {self.why}"
+        missed = f", {self.lateness.missed} missed" if self.lateness.missed else ""
+        return (
+            f"late min {us[0]}, avg {us[1]}, p50 {us[2]}, p99 {us[3]}, p99.9 {us[4]}, "
+            f"max {us[5]} us in {self.slots} slots{missed}{end}"
+        )
+
+    def parts(self) -> str:
+        """What its slots took, median and p99 in us, and the period that was measured."""
+        said = [
+            f"{name} {part.p50 / 1e3:.0f} / {part.p99 / 1e3:.0f}"
+            for name, part in self.lateness.parts.items()
+        ]
+        period = self.lateness.period
+        if period is not None:
+            nominal = self.lateness.period_ns / 1e6
+            said.append(
+                f"period {nominal:g} ms nominal, {period.mean / 1e6:.4f} measured "
+                f"(std {period.std / 1e3:.0f} us)"
+            )
+        return ", ".join(said)
+
+
+def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list[NodeReport]:
+    """One a life, in the order of the deployment."""
+    found = []
+    for name, plan in system.nodes.items():
+        for life in lives_of(rows, name):
+            r = rows[life]
+            late = of_journal(r, round(plan.h * 1e9))
+            found.append(
+                NodeReport(
+                    life,
+                    len(r),
+                    late,
+                    State(int(r["state"][-1])).name.lower(),
+                    names_of(int(r["reasons"][-1])),
+                    Statement.read(nodes, life),
+                )
+            )
+    return found
+
+
+# ---- ages -----------------------------------------------------------------------------------
+
+
+def age_lines(system: System, rows: Mapping[Life, Rows]) -> list[str]:
+    """Configured, real and total age of everything that crosses a cut."""
+    lines = []
+    for name, plan in system.nodes.items():
+        for i, inlet in enumerate(plan.inlets):
+            parts = [rows[life]["inlets"][:, i] for life in lives_of(rows, name)]
+            if not parts:
+                continue
+            r = np.concatenate(parts)
+            heard = r[r["held"] >= 0]
+            if not len(heard):
+                lines.append(
+                    line("age", f"never anything  {inlet.source.name} -> {inlet.target.name}")
+                )
+                continue
+            real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
+            p50, p99, worst = np.median(real), np.percentile(real, 99), real.max()
+            configured = "none"
+            if inlet.link is not None and system.deployment.latency:
+                configured = f"{(total - real).mean():.0f} ms"
+            lines.append(
+                line(
+                    "age",
+                    f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} "
+                    f"ms, total mean {total.mean():.1f} ms  "
+                    f"{inlet.source.name} -> {inlet.target.name}",
+                )
+            )
+    return lines
+
+
+# ---- buses ----------------------------------------------------------------------------------
+
+
+def bus_lines(system: System, logs: Mapping[str, FrameLog]) -> list[str]:
+    """Frames and load of each CAN bus, from the bits of every frame that was logged."""
+    lines = []
+    for name, log in logs.items():
+        if not len(log.rows):
+            continue
+        bus = system.deployment.buses[name]
+        timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
+        load = of_rows(log.rows, timing, window_ns=10**9)
+        data_rate = timing.data_bitrate or timing.bitrate
+        rate = f"{timing.bitrate / 1e6:g}" + (f"/{data_rate / 1e6:g}" if bus.fd else "")
+        lines.append(
+            line(
+                f"bus {name}",
+                f"{len(log.rows)} frames, load {load.mean:.1%} (busiest second {load.peak:.1%}) of "
+                f"{rate} Mbit/s",
+            )
+        )
+    return lines
+
+
+# ---- gateways -------------------------------------------------------------------------------
+
+
+def forward_lines(reports: Sequence[NodeReport]) -> list[str]:
+    """What each gateway passed on, and how long after it came."""
+    return [
+        line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
+        for report in reports
+        if report.said
+        for message, facts in report.said.forwards.items()
+    ]
+
+
+def _forwarded(facts: Mapping[str, Any]) -> str:
+    us = ", ".join(f"{name} {value:.0f}" for name, value in facts["transit_us"].items())
+    said = [f"{facts['sent']} frames", *([f"{us} us after they came"] if us else [])]
+    return ", ".join([*said, *([f"{facts['failed']} not sent"] if facts["failed"] else [])])
+
+
+# ---- faults ---------------------------------------------------------------------------------
+
+
+def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
+    """What receivers refused and guards did, where anything was."""
+    lines = []
+    for report in reports:
+        said = report.said
+        if said is None:
+            continue
+        for message, counts in said.messages.items():
+            wrong = {k: v for k, v in counts.items() if v and k != "ok"}
+            if wrong:
+                text = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in wrong.items())
+                lines.append(line("received", f"{report.life}: {message}: {text}"))
+        for message, counts in said.sent.items():
+            if counts["saturated"]:
+                text = f"{counts['saturated']} of {counts['frames']} with values that did not fit"
+                lines.append(line("sent", f"{report.life}: {message}: {text}"))
+        for message, trips in said.guards.items():
+            acted = {k: v for k, v in trips.items() if v}
+            if acted:
+                text = ", ".join(f"{k} in {v} ticks" for k, v in acted.items())
+                lines.append(line("guard", f"{report.life}: {message}: {text}"))
+        for bus, health in said.buses.items():
+            if text := _health(health):
+                lines.append(line("bus health", f"{report.life}: {bus}: {text}"))
+        for count, what in ((said.journal_dropped, "slots"), (said.heard_dropped, "samples heard")):
+            if count:
+                lines.append(line("journal full", f"{report.life}: {count} {what} not recorded"))
+        if said.drive_faults:
+            lines.append(line("drive", f"{report.life}: {said.drive_faults} faults"))
+    return lines
+
+
+def _health(health: Mapping[str, Any]) -> str:
+    """What was wrong with a bus, in words; nothing: ""."""
+    said = [f"{health[key]} {text}" for key, text in WRONG.items() if health.get(key)]
+    state = int(health.get("state", 0))
+    if state:
+        said.insert(0, f"at the end {BusState(state).name.lower()}")
+    return ", ".join(said)

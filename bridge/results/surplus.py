@@ -1,0 +1,89 @@
+"""Who else sends: messages of which a node heard more frames than their sender sent.
+
+So a flood of valid frames shows, a recording that is played again, and a second sender, whatever
+is in their frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.deployment.system import Carried, System
+from bridge.records.lives import Life, lives_of
+from bridge.results.report import NodeReport
+from bridge.wiring.wiring import Rows
+
+#: Counters of a receiver that are each of another frame. Repeated ones are left out: a network may
+#: duplicate, and they are never accepted.
+FRAMES = (
+    "ok",
+    "reordered",
+    "wrong_sequence",
+    "crc",
+    "length",
+    "invalid",
+    "range",
+    "rate",
+    "simulated",
+)
+#: Part of what was sent, and frames, that may be heard beyond it: duplicated, then overtaken.
+BEYOND, FEW = 0.02, 5
+
+
+@dataclass(frozen=True, slots=True)
+class Surplus:
+    """A message of which a life heard more samples than were sent."""
+
+    life: Life
+    message: str
+    heard: int
+    sent: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.life} heard {self.heard} frames of {self.message}, of which {self.sent} were "
+            "sent: somebody else sends it, too"
+        )
+
+
+def surpluses(
+    system: System, rows: Mapping[Life, Rows], reports: Sequence[NodeReport]
+) -> Iterator[Surplus]:
+    """Messages of which more was heard than sent: a flood, a recording, a second sender."""
+    for report in reports:
+        for message, counts in (report.said.messages if report.said else {}).items():
+            heard = sum(counts.get(name, 0) for name in FRAMES)
+            sent = _sent(system, rows, reports, system.messages[message])
+            if heard > sent * (1 + BEYOND) + FEW:
+                yield Surplus(report.life, message, heard, sent)
+
+
+def _sent(
+    system: System,
+    rows: Mapping[Life, Rows],
+    reports: Sequence[NodeReport],
+    carried: Carried,
+) -> int:
+    """Frames of a message that its sender has sent; of a killed one: had to send in its slots.
+
+    A gateway that was killed does not say what it forwarded: then as many as there were to forward.
+    """
+    if carried.forward is not None:
+        of_gateway = [r for r in reports if r.life.node == carried.node]
+        said = [r.said.forwards.get(carried.name, {}) for r in of_gateway if r.said]
+        if said and len(said) == len(of_gateway):
+            return sum(int(facts.get("sent", 0)) for facts in said)
+        return _sent(system, rows, reports, system.messages[carried.forward.of])
+    ticks = system.nodes[carried.node].ticks
+    total = 0
+    for life in lives_of(rows, carried.node):
+        statement = next((r.said for r in reports if r.life == life), None)
+        if statement and carried.name in statement.sent:
+            total += statement.sent[carried.name].get("frames", 0)
+        else:
+            due = rows[life]["slot"] * ticks % carried.outlet.ticks == 0
+            total += int(np.count_nonzero(due))
+    return total

@@ -1,0 +1,301 @@
+"""What a rehearsal's journals and reports show of faults: the signs of
+:mod:`bridge.results.detection`.
+
+Times are s since the start of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.deployment.system import Carried, System
+from bridge.native.bus import Accept
+from bridge.native.frame import Flags
+from bridge.native.journal import Journal
+from bridge.records.lives import Life, frame_files, lives_of
+from bridge.records.records import Done, End, Note, Statement
+from bridge.results.findings import Sign, Signs
+from bridge.results.report import NodeReport
+from bridge.results.surplus import surpluses
+from bridge.wiring.wiring import HEARD, Rows
+
+#: What a report has to show of each kind, one of these at least: counters of receivers, or signs.
+SIGNS: Mapping[str, tuple[str, ...]] = {
+    "drop": ("lost",),
+    "burst": ("lost",),
+    "sync-loss": ("syncs",),
+    "corrupt": ("crc", "length", "invalid", "range"),
+    "duplicate": ("repeated", "reordered"),
+    "reorder": ("reordered",),
+    "delay": ("age",),
+    "jitter": ("age", "reordered"),
+    "kill": ("ended",),
+    "restart": ("life", "refusal"),
+    "freeze": ("late", "ended"),
+    "clock-jump": ("late", "stopped", "silence"),
+    "bus-down": ("health",),
+    "forge": (
+        *("wrong_sequence", "reordered", "repeated", "range", "rate", "invalid", "resyncs"),
+        *("surplus", "altered"),
+    ),
+    "replay": ("wrong_sequence", "reordered", "repeated", "stale", "surplus", "altered"),
+    "absurd": ("range", "rate", "invalid", "altered"),
+    "flood": ("wrong_sequence", "reordered", "repeated", "resyncs", "surplus"),
+    "babble": ("frames",),
+    "net-down": ("silence", "lost"),
+    "net-delay": ("age", "silence"),
+    "net-loss": ("lost",),
+    "net-rate": ("age", "silence", "lost"),
+}
+COUNTERS = (
+    *("lost", "crc", "length", "invalid", "range", "rate", "repeated", "reordered", "stale"),
+    *("wrong_sequence", "resyncs"),
+)
+#: Share of what was done that has to show, in numbers and in time.
+ENOUGH, LONG = 0.5, 0.8
+#: s after the end of a fault within which what it did may show.
+AFTER = 3.0
+#: s before a fault in which samples show how far the clocks of two nodes differ.
+BEFORE = 0.2
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`.
+
+    `altered`: samples that a life heard otherwise than they were sent, by life and message.
+    """
+
+    system: System
+    rows: Mapping[Life, Rows]
+    reports: Sequence[NodeReport]
+    nodes: Path
+    notes: Sequence[Note]
+    altered: Mapping[tuple[Life, str], int] = field(default_factory=dict)
+
+    def said(self, life: Life) -> Statement | None:
+        """The report of a life; None where it did not live to tell."""
+        return next((r.said for r in self.reports if r.life == life), None)
+
+    def lives(self, node: str) -> list[Life]:
+        """Of a node, the first one first."""
+        return lives_of(self.rows, node)
+
+    def record(self, life: Life) -> Rows | None:
+        """What was done to frames as a life received them (INJECTED); None: no script."""
+        path = self.nodes / life.file("faults")
+        return Journal.open(path) if path.is_file() else None
+
+    # ---- counters ----------------------------------------------------------------------------
+
+    def counted(self, life: Life, message: str, names: Sequence[str], done: int) -> Signs:
+        """Counters of a receiver, if they are enough for `done` frames."""
+        said = self.said(life)
+        counts = said.messages.get(message, {}) if said else {}
+        found = {name: counts.get(name, 0) for name in names}
+        if sum(found.values()) < max(1.0, ENOUGH * done):
+            return ()
+        return tuple(Sign(what=name, number=n) for name, n in found.items() if n)
+
+    def surplus(self, life: Life, message: str) -> Signs:
+        """How many frames of a message were heard beyond those that were sent."""
+        found = surpluses(self.system, self.rows, self.reports)
+        more = (s.heard - s.sent for s in found if (s.life, s.message) == (life, message))
+        return tuple(Sign(what="surplus", number=n) for n in more)
+
+    def unlike(self, life: Life, message: str) -> Signs:
+        """How many samples were heard otherwise than they were sent."""
+        n = self.altered.get((life, message), 0)
+        return (Sign(what="altered", number=n),) if n else ()
+
+    def strangers(self, bus: str, accept: Accept) -> int:
+        """Frames of a kind that a life heard on a bus and no other life sent there; the most."""
+        logs = {life: Journal.open(p) for life, p in frame_files(self.nodes, bus).items()}
+        rows = {
+            life: log[accept.among(log)]["flags"] & Flags.SENT != 0 for life, log in logs.items()
+        }
+        sent = {life: int(np.count_nonzero(own)) for life, own in rows.items()}
+        return max((len(own) - sum(sent.values()) for own in rows.values()), default=0)
+
+    # ---- times -------------------------------------------------------------------------------
+
+    def age(self, life: Life, message: str, t0: float, t1: float, least: float) -> Signs:
+        """How long a sample of this time was on the way, if that is nearly `least` s.
+
+        Where clocks differ, by how much longer than before. What a gateway hears is seen where it
+        arrives that the gateway makes of it.
+        """
+        worst = 0.0
+        for place, name in self._ends(life, message):
+            for t, rows in self._inlets(place, name):
+                heard = rows["newest"] >= 0
+                taken = rows["transit_ns"] * 1e-9 + self._apart(place, name, rows)
+                during = taken[heard & (t >= t0) & (t <= t1 + AFTER)]
+                before = taken[heard & (t >= t0 - BEFORE) & (t < t0)]
+                if len(during):  # before it they arrive before they are sent: clocks differ
+                    ahead = -float(before.max()) if len(before) and before.max() < 0 else 0.0
+                    worst = max(worst, float(during.max()) + ahead)
+        return (Sign(what="age", number=worst),) if worst >= LONG * least > 0 else ()
+
+    def silence(self, life: Life, message: str, t0: float, t1: float) -> Signs:
+        """For how long nothing new came, if that is nearly all of the time.
+
+        Samples that are held up leave such a gap before they come, also where they are seen no more
+        because faster ones overtake them, and where clocks differ, so that their age says nothing.
+        """
+        t, longest = self._t(life), 0.0
+        for new in self.news(life, message):
+            at = np.concatenate([t[:1], new, t[-1:]])
+            over = (at[:-1] < t1) & (at[1:] > t0)
+            longest = max(longest, float(np.diff(at)[over].max(initial=0.0)))
+        return (Sign(what="silence", number=longest),) if longest >= LONG * (t1 - t0) else ()
+
+    def news(self, life: Life, message: str) -> Iterator[NDArray[np.float64]]:
+        """When new samples came, for each input; of a gateway, which has none: as it heard them."""
+        t, indices = self._t(life), self._indices(life, message)
+        for i in indices:
+            newest = self.rows[life]["inlets"]["newest"][:, i]
+            yield t[np.flatnonzero(np.diff(newest)) + 1]
+        path = self.nodes / life.file(HEARD)
+        if not indices and path.is_file():
+            rows = Journal.open(path)
+            number = self.system.heard_by(life.node).index(message)
+            yield np.sort(rows["arrival_ns"][rows["message"] == number]) * 1e-9
+
+    def late(self, node: str, t0: float, t1: float) -> Signs:
+        """How late a slot of this time was, if that is nearly as long."""
+        worst = 0.0
+        for life in self.lives(node):
+            rows = self.rows[life]
+            t = self._t(life)
+            there = rows[(t >= t0 - 0.2) & (t <= t1 + AFTER)]
+            late = (there["woke_ns"] - there["deadline_ns"]).max(initial=0)
+            worst = max(worst, float(late) * 1e-9)
+        return (Sign(what="late", number=worst),) if worst >= LONG * (t1 - t0) > 0 else ()
+
+    def ended(self, node: str, t0: float, t1: float) -> Signs:
+        """Whether a life of the node was ended in this time."""
+        for life in self.lives(node):
+            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self.said(life) is None:
+                return (Sign(what="ended", life=life),)
+        return ()
+
+    def over(self, node: str, t: float) -> bool:
+        """Whether every life of the node had come to its last slot before `t`, and has reported."""
+        lives = self.lives(node)
+        return bool(lives) and all(
+            self.said(life) is not None and float(self._t(life)[-1]) < t for life in lives
+        )
+
+    def stopped(self, node: str, t0: float) -> Signs:
+        """Whether a life of the node stopped itself after this time."""
+        for report in self.reports:
+            late = report.life.node == node and self._t(report.life)[-1] >= t0
+            if late and report.end is End.FAULT:
+                return (Sign(what="stopped", life=report.life),)
+        return ()
+
+    def alive(self, node: str, t0: float, t1: float) -> list[Life]:
+        """Lives of a node with slots in this time that have lived to tell."""
+        return [
+            life
+            for life in self.lives(node)
+            if self.said(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
+        ]
+
+    def sends(self, message: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """At which times, (n,), the first sender of a message ran: else it sent previews."""
+        ran = np.zeros(len(t), dtype=np.bool_)
+        for life in self.lives(self._sender(message).node):
+            slots = self._t(life)
+            ran |= (t >= slots[0]) & (t <= slots[-1])
+        return ran
+
+    def arrives(self, life: Life, message: str, t0: float, t1: float) -> bool:
+        """Whether its age can be seen: it is an input here, or of somebody it is forwarded to.
+
+        All on the way have slots in this time.
+        """
+        if not ((self._t(life) >= t0) & (self._t(life) <= t1)).any():
+            return False
+        onwards = self._onwards(life, message)
+        return bool(self._indices(life, message)) or any(
+            self.arrives(other, name, t0, t1) for other, name in onwards
+        )
+
+    def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
+        """Lives of a node with slots from before this time until after it."""
+        return [x for x in self.lives(node) if self._t(x)[0] <= t0 and self._t(x)[-1] >= t1]
+
+    def _sender(self, message: str) -> Carried:
+        """The message as its first sender gives it, where gateways forward it."""
+        carried = self.system.messages[message]
+        while carried.forward is not None:
+            carried = self.system.messages[carried.forward.of]
+        return carried
+
+    def _apart(self, life: Life, message: str, rows: Rows) -> NDArray[np.float64]:
+        """By how much clocks that were set make each newest sample of an inlet look younger, s.
+
+        The samples a sender catches up with when its clock is set forward are sent at once.
+        """
+        carried = self._sender(message)
+        sampled = (rows["newest"] * carried.period_ns + carried.offset_ns) * 1e-9
+        arrived = sampled + rows["transit_ns"] * 1e-9
+        found = np.zeros(len(rows))
+        for note in (n for n in self.notes if isinstance(n, Done) and n.action == "clock-jump"):
+            if note.target == carried.node:
+                passed = sampled - note.t
+                ahead = np.clip(passed, 0.0, note.by) if note.by > 0 else note.by * (passed >= 0)
+                found += ahead
+            if note.target == life.node:
+                found -= note.by * (arrived >= note.t + max(note.by, 0.0))
+        return found
+
+    def _ends(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
+        """Where a message goes from here: to this life's inputs, and over what it forwards."""
+        yield life, message
+        for other, name in self._onwards(life, message):
+            yield from self._ends(other, name)
+
+    def _onwards(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
+        """Who hears what this life, of a gateway, forwards of a message, and as which message."""
+        for name, made in self.system.messages.items():
+            if made.forward is None or (made.forward.of, made.node) != (message, life.node):
+                continue
+            for node in self.system.nodes:
+                if name in self.system.heard_by(node):
+                    yield from ((other, name) for other in self.lives(node))
+
+    def span(self, life: Life, t0: float, t1: float) -> tuple[float, float]:
+        """Two times of a life's own clock, by which frames meet faults, on the clock of the run."""
+        low, high = np.interp([t0, t1], self._own(life), self._t(life)).tolist()
+        return low, high
+
+    def _own(self, life: Life) -> NDArray[np.float64]:
+        h = self.system.nodes[life.node].h
+        return np.asarray(self.rows[life]["slot"] * h, dtype=np.float64)
+
+    def _t(self, life: Life) -> NDArray[np.float64]:
+        """When each slot was due, (rows,), s, by the clock of the run, although its own was set."""
+        t = self._own(life)
+        for note in (n for n in self.notes if isinstance(n, Done)):
+            if (note.action, note.target) == ("clock-jump", life.node) and t[0] <= note.t <= t[-1]:
+                after = t >= note.t + max(note.by, 0.0)
+                t = np.where(after, t - note.by, np.minimum(t, note.t))
+        return t
+
+    def _inlets(self, life: Life, message: str) -> Iterator[tuple[NDArray[np.float64], Rows]]:
+        for i in self._indices(life, message):
+            yield self._t(life), self.rows[life]["inlets"][:, i]
+
+    def _indices(self, life: Life, message: str) -> list[int]:
+        inlets = self.system.nodes[life.node].inlets
+        return [i for i, inlet in enumerate(inlets) if inlet.message == message]

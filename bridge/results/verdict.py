@@ -1,0 +1,147 @@
+"""What is said of a rehearsal in one word: passed, failed or inconclusive; and why.
+
+*Failed*: a node did not come to the end, the replay is not the run, more samples were heard than
+their senders sent, or others, values were out of their range, or a fault on purpose is not in the
+report. *Inconclusive*: only what a machine that stands still causes as well, and a node was that
+late although no fault made it so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.deployment.protection import drives_by
+from bridge.deployment.system import System
+from bridge.records.records import End
+from bridge.results.report import NodeReport
+from bridge.results.surplus import surpluses
+
+if TYPE_CHECKING:
+    from bridge.results.outcome import Outcome
+
+
+class Word(StrEnum):
+    """The verdicts there are; `ERROR`: there is nothing to judge."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    INCONCLUSIVE = "inconclusive"
+    ERROR = "error"
+
+
+#: Exit statuses of commands.
+EXIT: Mapping[Word, int] = {Word.PASSED: 0, Word.FAILED: 1, Word.ERROR: 2, Word.INCONCLUSIVE: 3}
+#: Why a node stops where it, or one that it hears, was late.
+OF_TIME = frozenset({"overrun", "stale", "peer", "watchdog", "sync", "jump"})
+#: Faults that make a node late on purpose, and s for which that may last beyond them.
+LATE_FAULTS, AFTER = ("freeze", "clock-jump", "restart", "kill"), 1.0
+#: s; where a deployment has no time limit of its own.
+LIMIT = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A word and its reasons; none: passed."""
+
+    word: Word
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """Of a command."""
+        return EXIT[self.word]
+
+    def text(self, well: str = "") -> str:
+        """``failed: slave (overrun)``; `well`: what is said where it passed."""
+        said = "; ".join(self.reasons) or well
+        return f"{self.word}: {said}" if said else str(self.word)
+
+
+def of(system: System, outcome: Outcome) -> Verdict:
+    """Judge a run that has come to its end, by its journals and reports."""
+    timed = [*_of_time(outcome), *_old_torques(system, outcome)]
+    found = list(_always(system, outcome))
+    if found:
+        return Verdict(Word.FAILED, (*found, *timed))
+    late = unasked_lateness(system, outcome)
+    if timed and late >= limit(system) / 2:
+        why = f"this machine let a node wait for {late * 1e3:.0f} ms"
+        return Verdict(Word.INCONCLUSIVE, (why, *timed))
+    return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
+
+
+def _stopped(outcome: Outcome, report: NodeReport) -> bool:
+    """Whether a life of a node ended otherwise than it should."""
+    return not outcome.finished and report.end is not End.FINISHED
+
+
+def _always(system: System, outcome: Outcome) -> Iterator[str]:
+    """What no lateness explains."""
+    for report in outcome.reports:
+        if _stopped(outcome, report) and not set(report.reasons) & OF_TIME:
+            yield f"{report.life}: {report.why or report.end}"
+    if outcome.replayed is None:
+        yield f"cannot be replayed: {outcome.replay_error}"
+    elif outcome.replayed.first is not None:
+        yield f"the replay is not the run: {outcome.replayed.first}"
+    if outcome.replayed is not None:
+        yield from map(str, outcome.replayed.altered)
+    for report in outcome.reports:
+        for message, counts in (report.said.messages if report.said else {}).items():
+            if counts.get("range"):
+                yield f"{report.life}: {message}: {counts['range']} samples out of range"
+    yield from map(str, surpluses(system, outcome.rows, outcome.reports))
+
+
+def _of_time(outcome: Outcome) -> Iterator[str]:
+    """What a machine that stands still can cause as well."""
+    for report in outcome.reports:
+        if _stopped(outcome, report) and set(report.reasons) & OF_TIME:
+            yield f"{report.life}: {report.why}"
+    for fault in outcome.faults:
+        if fault.missing:
+            yield f"not in the report: {fault.text()}"
+
+
+def _old_torques(system: System, outcome: Outcome) -> Iterator[str]:
+    """Torques that drives have refused because of their age."""
+    for report in outcome.reports:
+        node, spec = system.nodes[report.life.node], system.deployment.nodes[report.life.node]
+        for message, counts in (report.said.messages if report.said else {}).items():
+            if counts.get("stale") and drives_by(node, spec, message):
+                text = f"{report.life} refused {counts['stale']} torques of {message}"
+                yield f"{text}, which were older than its drive allows"
+
+
+# ---- how late -------------------------------------------------------------------------------
+
+
+def limit(system: System) -> float:
+    """The shortest lateness that stops a node of the deployment, s."""
+    d = system.deployment
+    found = [
+        d.seconds(spec.overrun, "nodes", name, "overrun")
+        for name, spec in d.nodes.items()
+        if spec.components
+    ]
+    return min((x for x in found if x > 0), default=LIMIT)
+
+
+def unasked_lateness(system: System, outcome: Outcome) -> float:
+    """How late a slot began at most where no fault was meant to make it late, s."""
+    worst = 0.0
+    for report in outcome.reports:
+        rows, node = outcome.rows[report.life], report.life.node
+        t = rows["deadline_ns"] * 1e-9
+        meant = np.zeros(len(rows), bool)
+        for fault in outcome.faults:
+            if fault.kind in LATE_FAULTS and node in fault.targets:
+                meant |= (t >= fault.t0 - AFTER) & (t <= fault.t1 + AFTER)
+        late = np.where(meant, 0, rows["woke_ns"] - rows["deadline_ns"])
+        worst = max(worst, float(late.max(initial=0)) * 1e-9)
+    return worst

@@ -1,0 +1,187 @@
+"""What a node hears, as C takes it: receptions of messages, and the inlets behind them."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping
+from typing import Any, final
+
+import numpy as np
+
+from bridge.deployment import drive_sequences, ranges, start_positions
+from bridge.deployment.cut import Inlet
+from bridge.deployment.latency import delays_for, newest_for
+from bridge.deployment.protection import Span, age_slot, drives_by, emulated, input_of, torque_age
+from bridge.deployment.spec import StaleSpec
+from bridge.deployment.system import Carried, System
+from bridge.drives import model
+from bridge.native import message as messages
+from bridge.native import node as native
+from bridge.native.delay import DelayLine
+from cosim.schedule.plan import Wire
+
+#: A node waits at least so many periods of a message, however short the deployment's `silence`.
+PERIODS = 4
+
+
+@final
+class Receiving:
+    """Binds them to `struct`, and keeps alive what it points to.
+
+    By message: `receptions`, `receivers`; by target: `lines`; by gate: `gates`, function and
+    context; `inlets` in the plan's order. `real`: simulated samples are refused.
+    """
+
+    def __init__(self, system: System, name: str, struct: native.Node, *, real: bool) -> None:
+        self._system, self._name, self._struct, self._real = system, name, struct, real
+        self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
+        self._buses = system.buses_of(name)
+        self._alive: list[Any] = []
+        self.receivers: dict[str, messages.Receiver] = {}
+        self.lines: dict[str, DelayLine] = {}
+        self.drives: list[model.Drive] = []
+        self.gates: dict[str, tuple[int, int]] = {}
+        self.receptions = self._receptions()
+        self._aparts()
+        self.inlets = self._inlets()
+
+    def _receptions(self) -> Mapping[str, native.Reception]:
+        heard = self._system.heard_by(self._name)
+        made = (native.Reception * max(1, len(heard)))()
+        for i, name in enumerate(heard):
+            self._reception(made[i], self._system.messages[name])
+        self._struct.receptions, self._struct.n_receptions = c.addressof(made), len(heard)
+        self._alive.append(made)
+        return dict(zip(heard, made, strict=False))
+
+    def _reception(self, r: native.Reception, carried: Carried) -> None:
+        message = carried.encoding.message
+        receiver = messages.receiver(
+            carried.period_ns,
+            messages.Profile(message.e2e),
+            carried.offset_ns,
+            message.header[message.time].length if message.time >= 0 else 0,
+        )
+        values = np.zeros(carried.outlet.width)
+        r.message, r.receiver = c.pointer(message), c.pointer(receiver)
+        r.values, r.width = values.ctypes.data, values.size
+        r.bus = self._buses.index(carried.bus)
+        r.period_ns, r.offset_ns = carried.period_ns, carried.offset_ns
+        r.max_age_ns = self._max_age(carried)
+        limits = ranges.limits(self._system, self._name, carried)
+        r.limits = (messages.Limit * len(limits))(*limits)
+        r.newest = r.arrival_ns = -1
+        r.accept_simulated = not self._real
+        r.sender = self._system.deployment.nodes[carried.node].number
+        self.receivers[carried.name] = receiver
+        self._alive += [receiver, values]
+
+    def _max_age(self, carried: Carried) -> int:
+        """What the message says, or the drive it moves, if that is less; ns, 0: any."""
+        spec, d = self._spec.drive, self._system.deployment
+        ages = [carried.max_age_ns]
+        if spec is not None and drives_by(self._plan, self._spec, carried.name):
+            ages.append(torque_age(spec, d, d.place("nodes", self._name, "drive")))
+        return min((age for age in ages if age), default=0)
+
+    def _aparts(self) -> None:
+        """Positions that are compared before the start."""
+        system = self._system
+        found = start_positions.structs(
+            system.deployment, self._name, system.messages, self.receptions
+        )
+        aparts = (native.Apart * max(1, len(found)))(*found)
+        self._struct.aparts, self._struct.n_aparts = c.addressof(aparts), len(found)
+        self._alive.append(aparts)
+
+    def _inlets(self) -> c.Array[native.Inlet]:
+        inlets = (native.Inlet * max(1, len(self._plan.inlets)))()
+        for i, inlet in enumerate(self._plan.inlets):
+            inlets[i] = self._inlet(inlet)
+            self.gates[inlet.gate] = (
+                native.address("inlet_pass"),
+                c.addressof(inlets) + i * c.sizeof(native.Inlet),
+            )
+        self._struct.inlets = c.addressof(inlets)
+        self._struct.n_inlets = len(self._plan.inlets)
+        return inlets
+
+    def _inlet(self, inlet: Inlet) -> native.Inlet:
+        line = self._line(inlet, self._system.messages[inlet.message])
+        self.lines[inlet.target.name] = line
+        initial = np.zeros(inlet.target.size)
+        entry = native.Inlet(
+            node=c.addressof(self._struct),
+            reception=c.pointer(self.receptions[inlet.message]),
+            delay=c.pointer(line.struct),
+            first=inlet.first,
+            count=inlet.target.size,
+            target=inlet.target.start,
+            gain=inlet.gain,
+            offset=inlet.offset,
+            period=inlet.ticks // self._plan.ticks,
+            held=-1,
+            newest=-1,
+            last_newest=-1,
+            link_age=-1 if inlet.age is None else inlet.age.start,
+            initial=initial.ctypes.data,
+            later=self._plan.plan.component(inlet.component).kind == "continuous",
+        )
+        self._alive.append(initial)
+        self._stale(entry, inlet)
+        self._drive(entry, inlet)
+        return entry
+
+    def _line(self, inlet: Inlet, carried: Carried) -> DelayLine:
+        plan, sent = self._system.plan, carried.outlet.ticks
+        if inlet.link is not None and self._system.deployment.latency:
+            spec = delays_for(inlet.link, plan.ticks, carried.outlet.period)
+        else:
+            edge = inlet.link or Wire(inlet.source, inlet.target)
+            spec = newest_for(edge, sent, inlet.ticks, plan.h)
+        return spec.line(self._struct.phase_ns - carried.offset_ns)
+
+    def _stale(self, entry: native.Inlet, inlet: Inlet) -> None:
+        d = self._system.deployment
+        name = f"{inlet.component}.{inlet.target.port}"
+        spec = self._spec.stale.get(name, StaleSpec())
+        place = ("nodes", self._name, "stale", name)
+        entry.age = -1
+        period = self._system.messages[inlet.message].period_ns * 1e-9
+        usual = max(d.silence, PERIODS * period) if d.silence > 0 else 0.0
+        stop = usual if spec.stop is None else d.seconds(spec.stop, *place, "stop")
+        entry.stop_ns = round(stop * 1e9)
+        if entry.stop_ns > 0:
+            self.receptions[inlet.message].awaited = 1
+        if spec.age:
+            entry.age = age_slot(self._plan, inlet, spec.age, d.place(*place, "age"))
+
+    def _drive(self, entry: native.Inlet, inlet: Inlet) -> None:
+        spec, d = self._spec.drive, self._system.deployment
+        entry.q = entry.dq = -1
+        if spec is None or inlet.target.port != spec.port:
+            return
+        place = d.place("nodes", self._name, "drive")
+        joints, component = inlet.target.size, inlet.component
+        q, dq, tau = (
+            input_of(self._plan, component, port, place).start
+            for port in (spec.q, spec.dq, spec.port)
+        )
+        at = Span(0, inlet.target.start - tau, joints)
+        drive = emulated(spec, d, at).build(joints, inlet.ticks * self._system.plan.h, place)
+        self.drives.append(drive)
+        command = np.zeros(joints)
+        entry.drive, entry.max_age_ns = c.pointer(drive.struct), torque_age(spec, d, place)
+        entry.command = command.ctypes.data
+        entry.q, entry.dq = q + at.entry, dq + at.entry
+        self._alive.append(command)
+        self._follow(entry, inlet)
+
+    def _follow(self, entry: native.Inlet, inlet: Inlet) -> None:
+        """The frames of its own protocol that the drive behind an inlet follows."""
+        drive = drive_sequences.emulated(self._system.deployment, self._name, inlet)
+        if drive is None:
+            return
+        found, alive = drive_sequences.followed(drive, self._buses)
+        entry.sequences, entry.n_sequences = found, len(found)
+        self._alive += alive

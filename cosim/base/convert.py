@@ -1,0 +1,72 @@
+"""What was read, as structs and as numbers in their units; every error names its place."""
+
+from __future__ import annotations
+
+from math import prod
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+import msgspec
+
+from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.units import Unit, named, quantity
+
+Number = int | float | str
+Value = Any  # number, boolean, text with a unit, or nested lists of these
+T = TypeVar("T")
+
+
+def convert(value: Any, kind: type[T], path: Path, place: str) -> T:
+    """Plain data as a struct of `kind`. Raises ScenarioError naming the file and the place."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        message, _, inside = str(error).partition(" - at `$")
+        if not inside and "unknown field" in message:
+            message += f"; expected one of {', '.join(_keys(kind))}"
+        if words := _words(kind, inside.strip(".`")) if "enum" in message else ():
+            message += f"; expected one of {', '.join(words)}"
+        raise ScenarioError(message, f"{path} at {place}{inside.rstrip('`')}") from None
+
+
+def _keys(kind: type[Any]) -> list[str]:
+    """The keys a table may have."""
+    return [field.encode_name for field in msgspec.structs.fields(kind)]
+
+
+def _words(kind: Any, key: str) -> tuple[str, ...]:
+    """The words a table's key may have, or, without a key, a value: where it is one of some."""
+    tables = [t for t in (kind, *get_args(kind)) if isinstance(t, type)]
+    fields = [f for t in tables if issubclass(t, msgspec.Struct) for f in msgspec.structs.fields(t)]
+    types = [f.type for f in fields if f.encode_name == key] if key else [kind]
+    types = [t for found in types for t in (found, *get_args(found))]
+    return tuple(word for t in types if get_origin(t) is Literal for word in get_args(t))
+
+
+def number(value: Number, unit: str | Unit, place: str) -> float:
+    """A value in `unit`: a number as it is, or a text with a unit that fits."""
+    if isinstance(value, str):
+        try:
+            return quantity(value, unit)
+        except UnitError as error:
+            raise ScenarioError(f"{error} (expected [{named(unit)}])", place) from None
+    return float(value)
+
+
+def numbers(
+    value: Value, shape: tuple[int, ...], unit: str | Unit, place: str
+) -> tuple[float, ...]:
+    """Flattened values for a signal of `shape`; one value alone stands for every entry.
+
+    Raises ScenarioError when the nesting does not match the shape, or an entry is no number.
+    """
+    if not isinstance(value, list | tuple):
+        if isinstance(value, bool | int | float | str):
+            return (number(value, unit, place),) * prod(shape)
+        raise ScenarioError(f"expected a number, found {value!r}", place)
+    if not shape or len(value) != shape[0]:
+        expected = f"{list(shape)}" if shape else "a single number"
+        raise ScenarioError(f"expected shape {expected}, found {len(value)} entries", place)
+    return tuple(
+        x for i, item in enumerate(value) for x in numbers(item, shape[1:], unit, f"{place}[{i}]")
+    )

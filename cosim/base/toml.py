@@ -1,0 +1,70 @@
+"""TOML as it is read everywhere: scenarios, deployments, studies, fault scripts, ``--set``.
+
+The only place that decides which numbers are numbers. None may be infinite or "not a number", nor
+so large or small that computing with it leaves the range of float64; whole numbers have 64 bits, as
+TOML has it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from cosim.base.errors import ScenarioError
+
+#: Magnitudes of numbers other than 0: their products with others still are float64.
+LEAST, MOST = 1e-150, 1e150
+EXPECTED = f"a finite number, 0 or of a magnitude from {LEAST:g} to {MOST:g}"
+
+
+def read(path: Path, what: str = "a file (.toml)") -> dict[str, Any]:
+    """A TOML file as plain data; `what` it is expected to be. Raises ScenarioError."""
+    return parse(read_text(path, what), str(path))
+
+
+def read_text(path: Path, what: str = "a file (.toml)") -> str:
+    """The text of a file. Raises ScenarioError."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ScenarioError(f"{path}: no such file; expected {what}") from None
+    except IsADirectoryError:
+        raise ScenarioError(f"{path}: is a folder; expected {what}") from None
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or no path
+        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+
+
+def parse(text: str, place: str) -> dict[str, Any]:
+    """TOML as plain data; `place`: where it comes from. Raises ScenarioError."""
+    try:
+        found = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of 5000 digits
+        raise ScenarioError(f"{place}: not valid TOML: {error}") from None
+    check_numbers(found, place)
+    return found
+
+
+def check_numbers(data: Any, place: str, path: str = "") -> None:
+    """Refuse numbers in plain data that are none to compute with. Raises ScenarioError."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            check_numbers(value, place, f"{path}.{key}" if path else str(key))
+    elif isinstance(data, list):
+        for i, value in enumerate(data):
+            check_numbers(value, place, f"{path}[{i}]")
+    elif isinstance(data, int | float) and not isinstance(data, bool):
+        check_number(data, f"{place} at {path}" if path else place)
+
+
+def check_number(value: float, place: str) -> None:
+    """Refuse a number that is none to compute with. Raises ScenarioError."""
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ScenarioError("found a whole number of more than 64 bits", place)
+    if not usable(value):
+        raise ScenarioError(f"found {value!r}; expected {EXPECTED}", place)
+
+
+def usable(value: float) -> bool:
+    """Whether a number is one to compute with."""
+    return value == 0 or LEAST <= abs(value) <= MOST  # neither is NaN

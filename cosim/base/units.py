@@ -1,0 +1,134 @@
+"""Units: every port has one, and every wire is checked.
+
+A unit is a product of powers of known symbols: ``"N.m"``, ``"rad/s"``, ``"N.m.s/rad"``,
+``"kg.m2"``, ``"1/s"``, ``"deg"``. ``.`` or ``*`` or ``·`` multiply, everything after ``/`` divides
+(each ``/`` its own next factor), a trailing integer or ``^n`` is a power. ``""`` and ``"1"`` are
+dimensionless. `rad` is a dimension of its own, as in FMI's ``BaseUnit``, but two units that
+differ only by powers of rad still connect: N·m/rad is N·m.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from math import pi
+
+from cosim.base.errors import UnitError
+from cosim.base.toml import EXPECTED, usable
+
+#: Exponents in the order of FMI's BaseUnit.
+BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """`value in SI = factor * value + offset`, with the exponents of :data:`BASE`."""
+
+    exponents: tuple[int, ...]
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+def _unit(factor: float = 1.0, offset: float = 0.0, **powers: int) -> Unit:
+    return Unit(tuple(powers.get(base, 0) for base in BASE), factor, offset)
+
+
+_SYMBOLS = {
+    "1": _unit(),
+    "%": _unit(0.01),
+    "rad": _unit(rad=1),
+    "deg": _unit(pi / 180, rad=1),
+    "rev": _unit(2 * pi, rad=1),
+    "s": _unit(s=1),
+    "min": _unit(60.0, s=1),
+    "h": _unit(3600.0, s=1),
+    "m": _unit(m=1),
+    "g": _unit(1e-3, kg=1),
+    "kg": _unit(kg=1),
+    "A": _unit(A=1),
+    "K": _unit(K=1),
+    "degC": _unit(1.0, 273.15, K=1),
+    "mol": _unit(mol=1),
+    "cd": _unit(cd=1),
+    "Hz": _unit(s=-1),
+    "rpm": _unit(2 * pi / 60, rad=1, s=-1),
+    "N": _unit(kg=1, m=1, s=-2),
+    "J": _unit(kg=1, m=2, s=-2),
+    "W": _unit(kg=1, m=2, s=-3),
+    "Pa": _unit(kg=1, m=-1, s=-2),
+    "bar": _unit(1e5, kg=1, m=-1, s=-2),
+    "V": _unit(kg=1, m=2, s=-3, A=-1),
+    "Ohm": _unit(kg=1, m=2, s=-3, A=-2),
+    "C": _unit(A=1, s=1),
+}
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
+_NOT_PREFIXED = {"1", "%", "min", "h", "deg", "rev", "rpm", "kg", "degC", "bar"}
+_FACTOR = re.compile(r"([A-Za-zµ%]+|1)\^?(-?\d+)?$")
+
+
+@lru_cache(maxsize=512)
+def parse(text: str) -> Unit:
+    """The unit a text stands for. Raises UnitError naming the text and the unknown part."""
+    exponents = [0] * len(BASE)
+    factor, offset = 1.0, 0.0
+    pieces = re.split(r"([./*·])", text.strip().replace(" ", "") or "1")
+    for place, piece in enumerate(pieces[::2]):
+        sign = -1 if place and pieces[2 * place - 1] == "/" else 1
+        match = _FACTOR.match(piece.strip("()"))
+        if match is None:
+            raise UnitError(f"unit {text!r} cannot be read at {piece!r}; expected e.g. 'N.m/rad'")
+        symbol, power = _symbol(match[1], text), sign * int(match[2] or 1)
+        factor *= symbol.factor**power
+        offset = symbol.offset if len(pieces) == 1 else 0.0
+        exponents = [e + power * x for e, x in zip(exponents, symbol.exponents, strict=True)]
+    return Unit(tuple(exponents), factor, offset)
+
+
+def _symbol(name: str, text: str) -> Unit:
+    if name in _SYMBOLS:
+        return _SYMBOLS[name]
+    prefix, rest = name[0], name[1:]
+    if prefix in _PREFIXES and rest in _SYMBOLS and rest not in _NOT_PREFIXED:
+        unit = _SYMBOLS[rest]
+        return Unit(unit.exponents, unit.factor * _PREFIXES[prefix])
+    raise UnitError(f"unknown unit {name!r} in {text!r}")
+
+
+def conversion(source: str | Unit, target: str | Unit) -> tuple[float, float]:
+    """(gain, offset) so that `gain * x + offset` carries x from `source` to `target`.
+
+    Raises UnitError where the two measure different things (powers of rad apart).
+    """
+    a = parse(source) if isinstance(source, str) else source
+    b = parse(target) if isinstance(target, str) else target
+    if a.exponents[:-1] != b.exponents[:-1]:
+        raise UnitError(f"[{named(source)}] cannot feed [{named(target)}]")
+    return a.factor / b.factor, (a.offset - b.offset) / b.factor
+
+
+def quantity(text: str, unit: str | Unit) -> float:
+    """The value of a text such as ``"5 ms"`` in `unit`. Raises UnitError."""
+    number, _, suffix = text.strip().partition(" ")
+    try:
+        value = float(number)
+    except ValueError:
+        raise UnitError(f"{text!r} is not a number with a unit, like '5 ms'") from None
+    if not suffix:
+        raise UnitError(
+            f"{text!r} has no unit; expected one that fits [{named(unit)}], or a plain number"
+        )
+    gain, offset = conversion(suffix, unit)
+    if not (usable(value) and usable(gain * value + offset)):
+        raise UnitError(f"{text!r}: expected {EXPECTED}")
+    return gain * value + offset
+
+
+def named(unit: str | Unit) -> str:
+    """A unit as text: its name, or its powers of :data:`BASE`."""
+    if isinstance(unit, str):
+        return unit or "1"
+    powers = zip(BASE, unit.exponents, strict=True)
+    return (
+        ".".join(f"{base}{power if power != 1 else ''}" for base, power in powers if power) or "1"
+    )

@@ -1,0 +1,138 @@
+"""Worst-case response times on a CAN bus: fixed priorities, frames are not interrupted.
+
+R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
+analysis: Refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272. For message m, with
+C transmission time, T period, J jitter of queueing, B = max C of lower priorities, τ_bit:
+
+    busy period   t  = B + E(t) + Σ_{hep(m)} ceil((t + J_k) / T_k) C_k        (15), (14)
+    instances     Q  = ceil((t + J_m) / T_m)                                  (16)
+    queueing      w  = B + E(w + C_m) + q C_m + Σ_{hp(m)} ceil((w + J_k + τ_bit) / T_k) C_k
+    response      R  = max_{q < Q} J_m + w(q) - q T_m + C_m                   (20), (21)
+
+E(t) is what errors cost: each an error frame of at most 31 bits and the frame again (section 5).
+Every node is taken to send its most urgent frame first; a node that sends in the order of
+queueing (many USB adapters, the default queue of Linux) can take longer. Instances of a message are
+queued in their order. Offsets are not used: any two messages may be queued at the same instant.
+All numbers are integers, ns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from cosim.bus.timing import TimingError
+
+#: Bits of an error frame with everything that may come before the next frame.
+ERROR_BITS = 31
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Frames of one identifier: ns each; `rank` as in :func:`cosim.bus.arbitration.rank`."""
+
+    name: str
+    rank: int
+    period: int
+    duration: int
+    jitter: int = 0
+    deadline: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.period <= 0 or self.duration <= 0 or self.jitter < 0:
+            raise TimingError(
+                f"{self.name}: found period {self.period}, duration {self.duration} and jitter"
+                f" {self.jitter} ns, expected more than 0, more than 0 and at least 0"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """At most `burst` errors at once and one more in every `interval` ns (0: none more)."""
+
+    burst: int = 0
+    interval: int = 0
+
+    def within(self, t: int) -> int:
+        """How many there can be in `t` ns."""
+        return self.burst + (-(-t // self.interval) if self.interval else 0)
+
+
+NO_ERRORS = Errors()
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What a stream can come to: `worst` ns from its event to its end, None: no bound."""
+
+    stream: Stream
+    worst: int | None
+    instances: int
+
+    @property
+    def deadline(self) -> int:
+        """What it is compared to: the period where no deadline was given, ns."""
+        return self.stream.period if self.stream.deadline is None else self.stream.deadline
+
+    @property
+    def met(self) -> bool:
+        """Whether it is always there in time."""
+        return self.worst is not None and self.worst <= self.deadline
+
+
+def responses(
+    streams: Sequence[Stream], bit_ns: int, errors: Errors = NO_ERRORS
+) -> tuple[Response, ...]:
+    """The worst-case response time of every stream, in order of priority.
+
+    Raises TimingError where two streams have the same rank: nothing then decides between them.
+    """
+    ordered = sorted(streams, key=lambda s: s.rank)
+    for a, b in pairwise(ordered):
+        if a.rank == b.rank:
+            raise TimingError(f"found the priority of {a.name} at {b.name}, expected different")
+    return tuple(_response(ordered, i, bit_ns, errors) for i in range(len(ordered)))
+
+
+def _response(ordered: Sequence[Stream], i: int, bit_ns: int, errors: Errors) -> Response:
+    own, above = ordered[i], ordered[:i]
+    blocking = max((s.duration for s in ordered[i + 1 :]), default=0)
+    cost = ERROR_BITS * bit_ns + max(s.duration for s in ordered[: i + 1])
+    if _diverges(ordered[: i + 1], cost, errors):
+        return Response(own, None, 0)
+
+    def lost(t: int) -> int:
+        return errors.within(t) * cost
+
+    busy, before = own.duration, -1
+    while busy != before:
+        before = busy
+        busy = blocking + lost(busy) + _queued(ordered[: i + 1], busy)
+    instances = -(-(busy + own.jitter) // own.period)
+    worst, w = 0, blocking
+    for q in range(instances):
+        before = -1
+        while w != before:
+            before = w
+            w = blocking + lost(w + own.duration) + q * own.duration
+            w += _queued(above, before + bit_ns)
+        worst = max(worst, own.jitter + w - q * own.period + own.duration)
+        w += own.duration
+    return Response(own, worst, instances)
+
+
+def _queued(streams: Sequence[Stream], t: int) -> int:
+    """What streams can ask of the bus in `t` ns."""
+    return sum(-(-(t + s.jitter) // s.period) * s.duration for s in streams)
+
+
+def _diverges(streams: Sequence[Stream], cost: int, errors: Errors) -> bool:
+    """Whether they, and errors, ask for all of the bus or more; in integers."""
+    shares = [(s.duration, s.period) for s in streams]
+    if errors.interval:
+        shares.append((cost, errors.interval))
+    whole, asked = 1, 0
+    for part, period in shares:
+        asked, whole = asked * period + part * whole, whole * period
+    return asked >= whole

@@ -1,0 +1,180 @@
+/* engine.h: what a plan is in memory, and what engine.c has of FMI. cosim/native/structs.py says the same. */
+#ifndef COSIM_ENGINE_H
+#define COSIM_ENGINE_H
+
+#include <float.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#if defined(_WIN32)
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+/* The common steps are part of the loop, though a lonely FMU's process calls them as well. */
+#if defined(__GNUC__)
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
+
+/* Store a count after everything that was written before it. */
+INLINE void publish(int64_t *place, int64_t count)
+{
+#if defined(__GNUC__)
+    __atomic_store_n(place, count, __ATOMIC_RELEASE);
+#else
+    *(volatile int64_t *)place = count;
+#endif
+}
+
+#define ENGINE_ABI 10
+
+enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
+       OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
+enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
+enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
+       RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
+       RUN_ENDED };             /* an FMU ended the simulation before its step */
+enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
+       TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
+enum { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
+
+typedef struct {
+    int32_t code;
+    int32_t index;          /* of the unit or link; of what was there last time, in signals */
+    int64_t period, next;   /* ticks */
+    int64_t source, target; /* into signals */
+    int64_t count;
+    double gain, offset;
+} operation_t;
+
+typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
+typedef int (*set2_t)(void *, const uint32_t *, size_t, const double *);
+typedef int (*get2_t)(void *, const uint32_t *, size_t, double *);
+typedef int (*step2_t)(void *, double, double, int);
+typedef int (*set3_t)(void *, const uint32_t *, size_t, const double *, size_t);
+typedef int (*get3_t)(void *, const uint32_t *, size_t, double *, size_t);
+typedef int (*step3_t)(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
+
+typedef int (*access2_t)(void *, const uint32_t *, size_t, void *);
+typedef int (*access3_t)(void *, const uint32_t *, size_t, void *, size_t);
+typedef int (*mode_t3)(void *);
+typedef int (*update_t)(void *, _Bool *, _Bool *, _Bool *, _Bool *, _Bool *, double *);
+typedef int (*set_clock_t3)(void *, const uint32_t *, size_t, const _Bool *);
+typedef int (*get_clock_t3)(void *, const uint32_t *, size_t, _Bool *);
+typedef int (*get_interval_t3)(void *, const uint32_t *, size_t, double *, int *);
+typedef int (*slopes2_t)(void *, const uint32_t *, size_t, const int32_t *, const double *);
+
+/* All variables of one FMI type: one call moves them, by way of a buffer of that type. */
+typedef struct {
+    void *call;
+    const uint32_t *references;
+    const int64_t *places;  /* into signals, one a scalar */
+    void *buffer;
+    double *held;           /* what was set last, where only changes are; else NULL */
+    int64_t n_references, count;
+    int32_t type, fmi;
+} access_t;
+
+/* An input clock: what ticks it depends on its kind. */
+typedef struct {
+    uint32_t reference;
+    int32_t kind;
+    int64_t period, shift;  /* periodic: every `period` steps of its FMU, first in step `shift` */
+    double next;            /* s; changing, counting down: its next tick, or infinity */
+    int64_t place;          /* wired: it ticks when the signal there is more than it was, */
+    double held;            /* which was this */
+} ticker_t;
+
+/* A clock the FMU ticks itself; `clocks`: those it belongs to, as indices of typed_t's `active`. */
+typedef struct {
+    uint32_t reference;
+    int32_t n_clocks;
+    const int32_t *clocks;
+    int64_t place;          /* into signals: how often it has ticked */
+} triggered_t;
+
+/* Variables of the same clocks: set and got while one of them is active. */
+typedef struct {
+    const access_t *inputs, *outputs;
+    const int32_t *clocks;  /* indices of `active` */
+    int32_t (*texts)(void); /* takes the texts among the outputs, not 0: it could not; or NULL */
+    int64_t n_inputs, n_outputs;
+    int32_t n_clocks, fed;  /* fed: its inputs were set in this instant */
+} partition_t;
+
+/* An FMU with other types than float64, with event mode, with slopes of inputs, or all of it. */
+typedef struct {
+    const access_t *inputs, *outputs;
+    const access_t *discrete;   /* inputs set in Event Mode, on change */
+    ticker_t *clocks;
+    const triggered_t *triggered;
+    partition_t *partitions;
+    _Bool *active;              /* which tick now: of `clocks`, then of `triggered` */
+    const access_t *slopes;     /* or NULL */
+    const int32_t *orders;      /* of `slopes`: all 1 */
+    void *enter_event, *update, *enter_step, *set_clock, *get_clock; /* NULL: no event mode */
+    void *get_interval;     /* NULL: no clock is changing or counts down */
+    int64_t n_inputs, n_outputs, n_discrete, n_clocks, n_triggered, n_partitions;
+    double next_event;      /* s, the time event it announced, or infinity */
+    double latest;          /* s, the most that a clock ticked after its time, */
+    int64_t late;           /* and how often one did: within a step that could not be cut */
+    int32_t fmi, variable;  /* variable: steps may be cut at that time */
+} typed_t;
+
+typedef struct {
+    int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
+    double h;               /* s, length of a step */
+    void *instance;
+    void *set, *step, *get; /* FMI functions, or the call-back in `step` */
+    const uint32_t *inputs, *outputs;   /* value references */
+    int64_t n_inputs, n_outputs;        /* value references */
+    int64_t input, input_count;         /* signals */
+    int64_t output, output_count;
+    typed_t *typed;
+    int64_t period;         /* ticks */
+    double reached;         /* s, where the FMU was when it ended the simulation */
+} unit_t;
+
+typedef struct {
+    double *history;        /* capacity rows of `width`, in the receiver's unit */
+    const int32_t *table;   /* held sample at each hit of the receiver, for this chunk */
+    const double *initial;  /* pre-history */
+    int64_t width, capacity, sent, row, rows, held;
+    int64_t before;         /* samples sent before this began: it holds none of them */
+} link_t;
+
+typedef struct {
+    const double *values;   /* one a hit of the receiver, for this chunk */
+    int64_t row, rows;
+} player_t;
+
+/* Where signals leave the plan or enter it; what happens there is not the engine's business. */
+typedef struct {
+    int32_t (*pass)(void *context, int64_t tick, double *signals); /* not 0: the run stops */
+    void *context;
+} gate_t;
+
+typedef struct {
+    operation_t *operations;
+    unit_t *units;
+    link_t *links;
+    player_t *players;
+    gate_t *gates;
+    double *signals;
+    double *record;         /* rows of n_signals, or NULL */
+    int64_t *recorded;      /* the number of rows in `record`, for who reads them meanwhile; NULL */
+    int64_t n_operations, n_signals;
+    int64_t row, tick;
+    double h;
+    int32_t stop;           /* set from outside */
+    int32_t failed_index, failed_status;
+    int32_t failed_signal;
+} engine_t;
+
+#endif

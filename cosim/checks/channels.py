@@ -1,0 +1,120 @@
+"""Links: what their laws bound, lose and reorder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf, isinf
+
+import numpy as np
+
+from cosim.analysis.system import System, age
+from cosim.checks.couplings import is_constant, longest_delay
+from cosim.checks.finding import Finding, Severity
+from cosim.links.losses import GilbertElliott, Independent, Lossy
+from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.table import DrawnTable
+from cosim.schedule.plan import Link
+
+#: Gaps in what arrives that are shorter than this on average are no more than a note, s.
+GAP = 0.5
+#: Delays drawn to count those that a buffer is too short for.
+_DRAWS = 4000
+
+
+def bounded(system: System) -> Iterator[Finding]:
+    """Theorems 4 and 5 need delays with a bound: losses at random have none."""
+    stop = system.plan.ticks * system.plan.h
+    for link in system.plan.links:
+        bound = age(link).bound
+        table = link.table
+        if not isinstance(table, DrawnTable) or not (isinf(bound) or bound > stop):
+            continue
+        if isinstance(table.rule, Playout) and not table.law.loses:
+            continue  # a rule of its own
+        gap = _gap(link)
+        severity: Severity = "warning" if bound > stop and gap > GAP else "note"
+        until = "no bound" if isinf(bound) else f"a bound of {bound:.3g} s, longer than the run"
+        often = f"; gaps are {gap:.2g} s long on average" if 0 < gap < inf else ""
+        yield Finding(
+            rule="bounded",
+            severity=severity,
+            where=f"links.{link.name}",
+            number=bound,
+            unit="s",
+            reason=f"the age of what is held has {until} (Theorems 4 and 5 need one){often}",
+            advice="let the controller drop what is too old (age and age_max)"
+            if severity == "warning" else "",
+        )  # fmt: skip
+
+
+def _gap(link: Link) -> float:
+    """Mean length of what is missing in a row, s; 0 without losses, inf where it is not known."""
+    table = link.table
+    assert isinstance(table, DrawnTable)
+    if not table.law.loses:
+        return 0.0
+    loss = table.law.loss if isinstance(table.law, Lossy) else None
+    if isinstance(loss, Independent | GilbertElliott):
+        return loss.burst * table.grid.n_s * table.grid.h
+    return inf
+
+
+def buffer(system: System) -> Iterator[Finding]:
+    """A playout buffer that is shorter than the longest delay: what is late is never played."""
+    for link in system.plan.links:
+        table = link.table
+        if not isinstance(table, DrawnTable) or not isinstance(table.rule, Playout):
+            continue
+        law, b = table.law, table.rule.buffer
+        if law.maximum <= b:
+            continue
+        drawn = law.stream(table.grid.sending, np.random.default_rng(0)).take(
+            min(_DRAWS, law.limit(table.grid.sending) or _DRAWS)
+        )
+        late = float((drawn > b).mean())
+        yield Finding(
+            rule="buffer",
+            severity="warning",
+            where=f"links.{link.name}",
+            number=late * 100,
+            unit="%",
+            reason=f"playout = {b:g} s, but delays are up to {law.maximum:.3g} s: about"
+            f" {late * 100:.2g} % come too late, and the delay is not constant",
+            advice=f"playout = {law.maximum:.3g}",
+        )
+
+
+def backwards(system: System) -> Iterator[Finding]:
+    """Rules that let an older sample follow a newer one."""
+    for link in system.plan.links:
+        table = link.table
+        if not isinstance(table, DrawnTable) or is_constant(link):
+            continue
+        last = isinstance(table.rule, Packets) and table.rule.order == "last-arrival"
+        if last or isinstance(table.rule, Signal):
+            name = table.rule.facts()["semantics"]
+            mean = age(link).mean
+            yield Finding(
+                rule="backwards",
+                severity="note",
+                where=f"links.{link.name}",
+                number=mean,
+                unit="s",
+                reason=f'semantics = "{name}" goes back in time when a delay grows (mean age'
+                f" {mean:.2g} s, up to {longest_delay(link):.3g} s)",
+                advice='a real network is better served by "newest-stamp", which is fresher',
+            )
+
+
+def like_a_wire(system: System) -> Iterator[Finding]:
+    """A least delay of 0 orders components like a wire."""
+    for link in system.plan.links:
+        if link.table.minimum_delay_ticks == 0:
+            yield Finding(
+                rule="like-a-wire",
+                severity="note",
+                where=f"links.{link.name}",
+                number=0.0,
+                unit="s",
+                reason="its least delay is 0: sender and receiver are ordered as by a wire",
+            )

@@ -1,0 +1,212 @@
+"""The dynamic feedback: passivity, gains that degenerate, gravity, and what follows from gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf, isfinite, log
+
+import numpy as np
+
+from cosim.analysis import closed_form as closed
+from cosim.analysis.facts import Arm, DynamicFeedback
+from cosim.analysis.network import Network, network
+from cosim.analysis.system import System
+from cosim.checks.finding import Finding, Severity
+from cosim.checks.sampling import laws
+
+
+def dynamic(system: System) -> Iterator[tuple[str, DynamicFeedback, Arm]]:
+    """Controllers of this law, with their arms."""
+    for name, law, arm in laws(system):
+        if isinstance(law, DynamicFeedback):
+            yield name, law, arm
+
+
+def passivity(system: System) -> Iterator[Finding]:
+    """O9: lambda_M <= alpha + lambda_min(K M⁻¹), in the heaviest posture; alpha + lambda_c."""
+    for name, law, arm in dynamic(system):
+        M = arm.inertia(arm.parameters, arm.heaviest)
+        limit = closed.passive_limit(law, M, law.K)
+        margin = limit - law.lambda_M
+        if margin >= 0:
+            continue
+        yield Finding(
+            rule="passivity",
+            severity="warning",
+            where=name,
+            number=margin,
+            unit="1/s",
+            reason=f"lambda_M = {law.lambda_M:g} 1/s is above the passive limit {limit:.3g} 1/s"
+            " (estimate right, heaviest posture): a stiff grip or contact can swing up",
+            advice=f"lower lambda_M to {limit:.3g}, raise K, or use lambda_c (Remark 3)"
+            if not law.lambda_c else f"lower lambda_M to alpha + lambda_c = {limit:.3g}",
+        )  # fmt: skip
+
+
+def grip(system: System) -> Iterator[Finding]:
+    """The scenario's own grip, theta known: where det(1 + (k_p + k_d jω) G) would reach 0.
+
+    Only looked into where one arm alone fails by Routh. An error at the start, a warning elsewhere.
+    """
+    for start in system.held():
+        net = network(system, start)
+        if net is None or net.law.lambda_c or not min(net.arms[net.port].grip.stiffness):
+            continue
+        arm, law = net.arms[net.port], net.law
+        k_p, k_d = max(arm.grip.stiffness), min(arm.grip.damping)
+        failing = [
+            q for q in (arm.q, arm.heaviest)
+            if not all(closed.grip_stable(law, float(M), min(law.K), k_p, k_d)
+                       for M in np.linalg.eigvalsh(arm.inertia(arm.parameters, q)))
+            and closed.stiffest_network_grip(net, q, k_d / k_p, 300) < k_p
+        ]  # fmt: skip
+        if not failing:
+            continue
+        starts = failing[0] == arm.q
+        where = "where it starts" if starts else "in the heaviest posture"
+        severity: Severity = "error" if starts else "warning"
+        yield Finding(
+            rule="grip",
+            severity=severity,
+            where=start,
+            number=k_p,
+            unit="N.m/rad",
+            reason=f"with lambda_M = {law.lambda_M:g} 1/s a grip of {k_p:g} N.m/rad and {k_d:g}"
+            f" N.m.s/rad swings up {where}, once the estimate is right",
+            advice="lower lambda_M, raise K, or hold it less tightly (more k_d)",
+        )
+
+
+def degenerate(system: System) -> Iterator[Finding]:
+    """lambda_M = alpha and z(0) = 0 without neighbours: z stays 0, nothing adapts (finding 1)."""
+    for name, law, _ in dynamic(system):
+        hears = law.lambda_ > 0 and any(e.receiver == name and e.lasting for e in system.edges)
+        if law.lambda_M == law.alpha != 0 and not any(law.z) and not hears:
+            yield Finding(
+                rule="degenerate",
+                severity="warning",
+                where=name,
+                number=law.lambda_M,
+                unit="1/s",
+                reason=f"lambda_M = alpha = {law.alpha:g} 1/s and z(0) = 0: z stays 0, nothing is"
+                " ever adapted, and the law is exactly tau = -K dq",
+                advice="choose lambda_M above alpha (the paper's captions: 6)",
+            )
+
+
+def no_integral(system: System) -> Iterator[Finding]:
+    """lambda_M = 0: no integral, a force that has to be held for ever."""
+    for name, law, _ in dynamic(system):
+        if law.lambda_M == 0 and law.alpha > 0:
+            gain = 1 / (law.alpha * min(law.K)) if not law.lambda_c else inf
+            yield Finding(
+                rule="no-integral",
+                severity="warning",
+                where=name,
+                number=0.0,
+                unit="1/s",
+                reason="lambda_M = 0: degree 0, manipulability is finite"
+                + (
+                    f" (at most 1/(αK) = {gain:.3g} rad/(N.m) for one arm)"
+                    if isfinite(gain)
+                    else ""
+                )
+                + ", and whoever moves the arm has to hold it",
+                advice="choose lambda_M > 0 (Theorem 2)",
+            )
+
+
+def gravity(system: System) -> Iterator[Finding]:
+    """Gravity that is adapted takes the manipulability away; gravity unknown makes arms sag."""
+    for name, law, arm in laws(system):
+        weight = max((abs(g) for g in arm.gravity), default=0.0)
+        if isinstance(law, DynamicFeedback) and law.gravity == "adapted":
+            yield Finding(
+                rule="gravity",
+                severity="warning",
+                where=name,
+                number=max(law.Gamma[3:], default=max(law.Gamma)),
+                unit="1",
+                reason="gravity is adapted: a constant push ends up in its estimate, the arm stops"
+                " although it is pushed, and reflected torques decay",
+                advice="compensate it (gravity = 1, theta_g as the platform knows it)",
+            )
+            continue
+        adapts = isinstance(law, DynamicFeedback)
+        knows = law.theta_g if not adapts or law.gravity == "compensated" else ()  # type: ignore[union-attr]
+        if weight and tuple(knows) != tuple(arm.gravity):
+            found = f"compensates {list(knows)}" if any(knows) else "compensates nothing"
+            yield Finding(
+                rule="gravity",
+                severity="warning",
+                where=name,
+                number=weight,
+                unit="N.m",
+                reason=f"the arm has gravity {list(arm.gravity)} N.m, the controller {found}: the"
+                " arm sags",
+                advice="compensate the arm's theta_g",
+            )
+
+
+# ---- what follows from the gains ----------------------------------------------------------------
+
+
+def prediction(system: System) -> Iterator[Finding]:
+    """O3, O4, O5 of whoever is held: felt damping, stiffness, slowest pole."""
+    for start in system.held():
+        net = network(system, start)
+        if net is None or net.law.lambda_c:
+            continue
+        K, where = min(net.law.K), start
+        damping = closed.felt_damping(net, K)
+        if isfinite(damping):
+            yield _note(
+                "felt-damping",
+                where,
+                damping,
+                "N.m.s/rad",
+                f"a hand that moves it slowly will feel {damping:.3g} N.m.s/rad (O4)",
+            )
+        else:
+            stiffness = closed.felt_stiffness(net, K)
+            yield _note(
+                "felt-stiffness",
+                where,
+                stiffness,
+                "N.m/rad",
+                f"a hand will feel a spring of {stiffness:.3g} N.m/rad (O2)",
+            )
+        yield from _coupling(net, where, K)
+        yield from _pole(net, where)
+
+
+def _coupling(net: Network, where: str, K: float) -> Iterator[Finding]:
+    weight = net.coupling[net.port].sum() / net.law.lambda_ if net.law.lambda_ else 0.0
+    if len(net.laws) == 2 and weight and net.law.lambda_M:
+        kappa = closed.static_stiffness(net.law, weight, K)
+        yield _note(
+            "stiffness", where, kappa, "N.m/rad",
+            f"at rest the arms are coupled by a spring of {kappa:.3g} N.m/rad (O5): a larger"
+            " lambda_M is easier to move, and softer",
+        )  # fmt: skip
+
+
+def _pole(net: Network, where: str) -> Iterator[Finding]:
+    arm = net.arms[net.port]
+    if not any(arm.grip.stiffness) or not net.law.lambda_M:
+        return
+    place = arm.grip.place
+    roots = closed.poles(net, place, net.known(), arm.grip.stiffness, arm.grip.damping)
+    if not len(roots) or roots[0].real >= 0:
+        return
+    rate = float(roots[0].real)
+    away = float(np.abs(np.asarray(place) - np.asarray(arm.q)).max())
+    text = f"the slowest pole in the hand is {rate:.3g} 1/s, estimate right (O3)"
+    if away > 0.05:
+        soonest = log(away / 0.05) / -rate
+        text += f"; closer than 0.05 rad to where the hand wants it not before {soonest:.2g} s"
+    yield _note("slow-pole", where, rate, "1/s", text)
+
+
+def _note(rule: str, where: str, number: float, unit: str, reason: str) -> Finding:
+    return Finding(rule=rule, severity="note", where=where, number=number, unit=unit, reason=reason)

@@ -1,0 +1,160 @@
+"""Who is reached from the operator's arm, and who hears nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from cosim.analysis.facts import DynamicFeedback
+from cosim.analysis.system import System, values_of
+from cosim.checks.finding import Finding
+from cosim.scenario.connect import topology
+
+
+def held(system: System) -> tuple[str, ...]:
+    """The arms where somebody acts: as [analysis] says, or those that are held or pushed."""
+    named = system.scenario.analysis.force.split(".")[0]
+    return (named,) if named in system.arms else system.held()
+
+
+def reached(system: System, start: Sequence[str]) -> frozenset[str]:
+    """Components that what `start` does gets to, along wires, links and edges that last."""
+    silent = {
+        e.link.name for e in system.edges if e.link is not None and not e.lasting
+    }  # links of edges whose weight is 0 for ever
+    dead = {(e.receiver, e.sender) for e in system.edges if e.link is None and not e.lasting}
+    edges: dict[str, set[str]] = {}
+    for wire in system.plan.wires:
+        ends = (wire.target.component, wire.source.component)
+        if ends not in dead and not _muted(system, *ends):
+            edges.setdefault(wire.source.component, set()).add(wire.target.component)
+    for link in system.plan.links:
+        if link.name not in silent:
+            edges.setdefault(link.source.component, set()).add(link.target.component)
+    return _closure(edges, start)
+
+
+def _muted(system: System, target: str, source: str) -> bool:
+    """Whether a wire only carries rows whose weight is 0 for ever."""
+    law = system.of(DynamicFeedback).get(target)
+    if law is None or not law.received:
+        return False
+    wires = [w for w in system.plan.wires
+             if (w.target.component, w.source.component) == (target, source)]  # fmt: skip
+    rows = {e.row: e.lasting for e in system.edges if e.receiver == target and e.link is None}
+    slot = next(s for s in system.plan.component(target).inputs if s.port == law.received)
+    width = slot.size // slot.shape[0]
+    return all(
+        w.target.port == law.received
+        and not any(
+            rows.get(row, True)
+            for row in range(
+                (w.target.start - slot.start) // width,
+                (w.target.start + w.target.size - slot.start - 1) // width + 1,
+            )
+        )
+        for w in wires
+    )
+
+
+def _closure(edges: Mapping[str, set[str]], start: Sequence[str]) -> frozenset[str]:
+    found, waiting = set(start), list(start)
+    while waiting:
+        for other in sorted(edges.get(waiting.pop(), set()) - found):
+            found.add(other)
+            waiting.append(other)
+    return frozenset(found)
+
+
+# ---- rules --------------------------------------------------------------------------------------
+
+
+def unreached(system: System) -> Iterator[Finding]:
+    """Theorems 3 to 5: who is held must be a root, or the others never learn of it."""
+    start = held(system)
+    if not start:
+        return
+    found = reached(system, start)
+    exchanging = _exchanging(system)
+    missed = sorted(c for c in set(system.controls.values()) - found if c in exchanging)
+    if not missed:
+        return
+    roots = _roots(system)
+    yield Finding(
+        rule="root",
+        severity="error",
+        where=", ".join(start),
+        number=float(len(missed)),
+        unit="1",
+        reason=f"what is done here never gets to {', '.join(missed)}: not a root of who hears whom",
+        advice=f"hold {' or '.join(roots)}, which all hear, or add a link" if roots
+        else "add links: no arm is heard by all",
+    )  # fmt: skip
+
+
+def _exchanging(system: System) -> set[str]:
+    """Controllers that exchange signals with others."""
+    ends = {name for e in system.edges for name in (e.receiver, e.sender)}
+    linked = {name for x in system.plan.links for name in (x.source.component, x.target.component)}
+    arms = {system.controls[a] for a in linked if a in system.controls}
+    return (ends | linked | arms) & set(system.controls.values())
+
+
+def _roots(system: System) -> list[str]:
+    wanted = _exchanging(system)
+    return [arm for arm in sorted(system.arms) if wanted <= reached(system, [arm])]
+
+
+def spanning_tree(system: System) -> Iterator[Finding]:
+    """Theorems 3 and 4: the graphs that last have a spanning tree together."""
+    try:
+        graphs = topology(system.scenario)
+    except ValueError:  # what the plan was made of is not there any more
+        return
+    if graphs is not None and not graphs.has_joint_spanning_tree:
+        yield Finding(
+            rule="spanning-tree",
+            severity="warning",
+            where="topology",
+            number=0.0,
+            unit="1",
+            reason="the graphs that last have no spanning tree together: no agreement (Theorem 3)",
+            advice="add edges, or let the schedule repeat",
+        )
+
+
+def unheard(system: System) -> Iterator[Finding]:
+    """A row that nothing feeds, with a weight: the controller is tied to the number it holds."""
+    for e in system.edges:
+        law = system.of(DynamicFeedback)[e.receiver]
+        if not e.fed and e.lasting and law.lambda_ > 0:
+            yield Finding(
+                rule="unheard",
+                severity="warning",
+                where=f"{e.receiver}.{law.received}[{e.row}]",
+                number=e.weight,
+                unit="1",
+                reason=f"nothing feeds this row, but its weight is {e.weight:g}: the arm is drawn"
+                " to where xi is what the row holds",
+                advice=f"link it, or set {law.weights}[{e.row}] = 0",
+            )
+
+
+def stale(system: System) -> Iterator[Finding]:
+    """An age limit without an age never finds anything stale."""
+    fed = {x.age.name.split("[")[0] for x in system.plan.links if x.age is not None}
+    fed |= {w.target.name.split("[")[0] for w in system.plan.wires}
+    for name, law in system.of(DynamicFeedback).items():
+        age = f"{name}.{law.age}"
+        if law.age and law.age_max < 1e8 and age not in fed:
+            held_age = values_of(system.plan.component(name)).get(law.age, ())
+            if not any(held_age):
+                yield Finding(
+                    rule="stale",
+                    severity="warning",
+                    where=age,
+                    number=law.age_max,
+                    unit="s",
+                    reason=f"age_max is {law.age_max:g} s, but nothing feeds the age: nothing is"
+                    " ever stale",
+                    advice='give the link age = "' + age + '[0]"',
+                )

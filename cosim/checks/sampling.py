@@ -1,0 +1,158 @@
+"""Sampled data: is the period short enough for what the feedback, the estimate and hands do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
+from cosim.analysis.network import network
+from cosim.analysis.system import System
+from cosim.checks.finding import Finding, Severity
+from cosim.checks.peaks import peaks
+
+#: Stability limit of the classical Runge-Kutta method: h times a frequency, h times a decay.
+RK4 = 2.8
+#: Share of a bound from which on it is worth a warning.
+CLOSE = 0.7
+
+
+def laws(system: System) -> Iterator[tuple[str, Law, Arm]]:
+    """Every controller whose law and arm are known."""
+    for arm, name in sorted(system.controls.items()):
+        law = system.facts.get(name)
+        if isinstance(law, DynamicFeedback | SpringDamper):
+            yield name, law, system.arms[arm]
+
+
+def feedback(system: System) -> Iterator[Finding]:
+    """T_s lambda_max(K) < 2 lambda_min(M): a held torque -K dq must not overshoot.
+
+    From M (dq⁺ - dq) = -T_s K dq; half of that where everybody sees the tick before (jacobi). An
+    error where it fails at the start or where the hand pulls, a warning where it fails elsewhere.
+    """
+    share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
+    for name, law, arm in laws(system):
+        T = system.period(name)
+        remark3 = isinstance(law, DynamicFeedback) and law.lambda_c > 0
+        gain = law.lambda_c if remark3 else max(law.feedback)  # type: ignore[union-attr]
+        if not gain:
+            continue
+        least = 1.0 if remark3 else arm.inertia_range[0]
+        ratio = T * gain / (share * least)
+        visited = [1.0] if remark3 else [_least(arm, q) for q in _postures(arm)]
+        fails = any(T * gain > share * M for M in visited)
+        severity: Severity = "error" if fails else "warning" if ratio > CLOSE else "note"
+        what = "lambda_c" if remark3 else "K"
+        bound = "2" if remark3 else f"{share:g} λ_min(M) = {share * least:.3g} kg.m2"
+        posture = "" if remark3 else " in the lightest posture"
+        yield Finding(
+            rule="sampling",
+            severity=severity,
+            where=name,
+            number=ratio,
+            unit="1",
+            reason=f"T_s {what} = {T:g} s · {gain:g} is {ratio * 100:.0f} % of {bound}{posture}"
+            + (", and too much in a posture it starts from or goes to" if fails else ""),
+            advice="" if severity == "note"
+            else f"sample every {0.5 * share * least / gain * 1e3:.2g} ms, or lower {what}",
+        )  # fmt: skip
+
+
+def _postures(arm: Arm) -> list[Sequence[float]]:
+    """Where an arm will be: where it starts, and where its hand wants it."""
+    return [arm.q, arm.grip.place] if any(arm.grip.stiffness) else [arm.q]
+
+
+def _least(arm: Arm, q: Sequence[float]) -> float:
+    return float(np.linalg.eigvalsh(arm.inertia(arm.parameters, q))[0])
+
+
+def adaptation(system: System) -> Iterator[Finding]:
+    """T_s Γ ‖Y‖² < lambda_min(K): the estimate must not outrun the damping of s.
+
+    From s⁺ = s - T_s/M (K s + Y θ̃), θ̃⁺ = θ̃ + T_s Γ Yᵀ s with Y frozen: stable iff
+    T_s Γ ‖Y‖² < K (and T_s K < 2 M). ‖Y‖ is estimated from how fast z will change.
+    """
+    done: set[str] = set()
+    for start in system.held():
+        net = network(system, start)
+        if net is None or net.law.lambda_c or done.issuperset(net.names):
+            continue
+        found = peaks(net)
+        done.update(net.names)
+        for i, (name, law) in enumerate(zip(net.names, net.laws, strict=True)):
+            T, Y = system.period(name), law.regressor * found.dz[i]
+            ratio = T * max(law.Gamma) * Y**2 / min(law.K)
+            severity: Severity = "warning" if ratio > 1 else "note"
+            if ratio < 0.25:
+                continue
+            yield Finding(
+                rule="adaptation",
+                severity=severity,
+                where=name,
+                number=float(ratio),
+                unit="1",
+                reason=f"T_s Γ ‖Y‖² is about {ratio * 100:.0f} % of λ_min(K) = {min(law.K):g}, with"
+                f" ‖Y‖ about {Y:.2g} while it moves fastest (an estimate, to a factor of 2)",
+                advice="" if severity == "note"
+                else f"lower {law.adaptation} to {max(law.Gamma) / ratio / 2:.2g} or sample faster",
+            )  # fmt: skip
+
+
+def contact(system: System) -> Iterator[Finding]:
+    """Grips and walls inside an arm against the step of its integrator."""
+    for name, arm in sorted(system.arms.items()):
+        h = system.period(name) * arm.h_max
+        least = arm.inertia_range[0]
+        for what, spring in (("grip", arm.grip), ("wall", arm.wall)):
+            if not spring.there:
+                continue
+            k, b = max(spring.stiffness), max(spring.damping)
+            number = max(h * max(k / least, 0.0) ** 0.5, h * b / least)
+            if number <= 1.0:
+                continue
+            severity: Severity = "error" if number > RK4 else "warning"
+            yield Finding(
+                rule="contact",
+                severity=severity,
+                where=name,
+                number=number,
+                unit="1",
+                reason=f"{what} of {k:g} N.m/rad, {b:g} N.m.s/rad on {least:.3g} kg.m2: h ω ="
+                f" {number:.2g} for steps of {h:g} s (inaccurate above 1, unstable above {RK4:g})",
+                advice=f"give {name} {int(np.ceil(number / arm.h_max / 0.5))} substeps",
+            )
+
+
+def hand(system: System) -> Iterator[Finding]:
+    """A sampled hand: its spring makes energy that damping must take, k_p T/2 < k_d + K."""
+    for wire in system.plan.wires:
+        spring = system.facts.get(wire.source.component)
+        arm = system.arms.get(wire.target.component)
+        if not isinstance(spring, Hand) or arm is None or wire.target.port != arm.external:
+            continue
+        T = system.period(wire.source.component)
+        law = system.facts.get(system.controls.get(wire.target.component, ""))
+        known = isinstance(law, DynamicFeedback | SpringDamper)
+        damping = min(law.feedback) if known else 0.0  # type: ignore[union-attr]
+        k_p, k_d = max(spring.stiffness), max(spring.damping)
+        makes, takes = k_p * T / 2, min(spring.damping) + damping
+        overshoots = T * k_d > 2 * arm.inertia_range[0]
+        if makes < takes and not overshoots:
+            continue
+        reason = f"k_p T/2 = {makes:.3g} N.m.s/rad is not below the damping there is, {takes:.3g}"
+        if overshoots:
+            reason = (
+                f"T k_d = {T * k_d:.3g} kg.m2 is above 2 λ_min(M) = {2 * arm.inertia_range[0]:.3g}"
+            )
+        yield Finding(
+            rule="hand",
+            severity="error" if overshoots else "warning",
+            where=wire.source.component,
+            number=makes,
+            unit="N.m.s/rad",
+            reason=f"sampled every {T:g} s, {reason}",
+            advice="hold the arm by its own grip, which is solved inside, or sample faster",
+        )

@@ -1,0 +1,123 @@
+"""Inputs, limits, and how much a run will write."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cosim.analysis.network import network
+from cosim.analysis.system import System
+from cosim.checks.finding import Finding, Severity
+from cosim.checks.peaks import peaks
+from cosim.schedule.plan import Plan, Slot
+
+#: A recording of more bytes is worth a warning.
+LARGE = 2e9
+
+
+def unfed(plan: Plan) -> Iterator[Finding]:
+    """Inputs that nothing feeds and the scenario does not set: a wire may have been forgotten.
+
+    Not those that their model declares optional (:class:`cosim.base.component.Port`).
+    """
+    fed = {i for slot in _fed(plan) for i in range(slot.start, slot.start + slot.size)}
+    for step in plan.components:
+        for slot, port in zip(step.inputs, step.component.inputs, strict=True):
+            idle = [name for i, name in enumerate(slot.scalars()) if slot.start + i not in fed]
+            if not idle or port.optional or port.name in step.start:
+                continue
+            which = slot.name if len(idle) == slot.size else ", ".join(idle)
+            yield Finding(
+                rule="unfed",
+                severity="warning",
+                where=which,
+                number=float(len(idle)),
+                unit="1",
+                reason="nothing feeds this input, and the scenario sets no start value for it",
+                advice=f'components.{step.name}.inputs.{port.name} = "COMPONENT.OUTPUT", or '
+                f"components.{step.name}.start.{port.name} = ... where it is meant to stay there",
+            )
+
+
+def _fed(plan: Plan) -> list[Slot]:
+    found = [w.target for w in plan.wires] + [x.target for x in plan.links]
+    found += [x.age for x in plan.links if x.age is not None]
+    return found + [p.target for p in plan.players]
+
+
+def saturation(system: System) -> Iterator[Finding]:
+    """tau_max against the torque that the linear behaviour from the start will want."""
+    for start in system.held():
+        net = network(system, start)
+        if net is None or net.law.lambda_c:
+            continue
+        found = peaks(net)
+        for name, law, tau in zip(net.names, net.laws, found.tau, strict=True):
+            limit = min(law.tau_max)
+            if tau <= limit:
+                continue
+            yield Finding(
+                rule="saturation",
+                severity="warning",
+                where=name,
+                number=float(tau),
+                unit="N.m",
+                reason=f"about {tau:.2g} N.m are wanted on a joint, tau_max is {limit:g}: it"
+                " saturates, and nothing adapts meanwhile",
+                advice="raise tau_max, or pull more gently",
+            )
+
+
+def size(system: System) -> Iterator[Finding]:
+    """How much is recorded, uncompressed."""
+    from cosim.engine.simulate import columns
+
+    spec, plan = system.scenario.run.record, system.plan
+    count = len(columns(plan, spec.signals, system.scenario.place("run.record.signals")))
+    total = 8.0 * (count + 1) * (plan.ticks // spec.every + 1)
+    severity: Severity = "warning" if total > LARGE else "note"
+    yield Finding(
+        rule="size",
+        severity=severity,
+        where="run.record",
+        number=total / 1e6,
+        unit="MB",
+        reason=f"{total / 1e6:.3g} MB of numbers will be recorded ({count} columns,"
+        f" {plan.ticks // spec.every + 1} rows)",
+        advice="record fewer signals, or every so many ticks (run.record.every)"
+        if severity == "warning" else "",
+    )  # fmt: skip
+
+
+def jacobi(system: System) -> Iterator[Finding]:
+    """Everybody sees the tick before: one more sample of delay in each loop."""
+    if system.plan.algorithm == "jacobi":
+        yield Finding(
+            rule="jacobi",
+            severity="note",
+            where="run.algorithm",
+            number=system.plan.h,
+            unit="s",
+            reason="everybody sees the tick before: a sample more of delay between arm and torque",
+            advice='algorithm = "sampled", unless for comparison with other masters',
+        )
+
+
+def unknown(system: System) -> Iterator[Finding]:
+    """Components of which nothing is known: what was not checked."""
+    for step in system.plan.components:
+        if step.name in system.silent:
+            why = f"its facts cannot be had: {system.silent[step.name]}"
+        elif step.name in system.controls.values() and step.name not in system.facts:
+            why = "its model offers no facts"
+        elif system.scenario.components[step.name].model.endswith(".fmu"):
+            why = "an FMU file offers no facts"
+        else:
+            continue
+        yield Finding(
+            rule="unknown",
+            severity="note",
+            where=step.name,
+            number=float("nan"),
+            unit="",
+            reason=f"{why}: its law, inertia and limits are not checked",
+        )

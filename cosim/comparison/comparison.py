@@ -1,0 +1,83 @@
+"""All cases of a comparison: made, run in parallel, and gathered into one result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+from cosim.comparison.documents import Base, Case, scenario
+from cosim.comparison.measure import Outcome, Task, lost, run_case
+from cosim.comparison.pool import spread
+from cosim.comparison.sameness import Tables
+from cosim.comparison.variants import Selection, Variants
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What was compared and what came out, in the order of the table."""
+
+    base: Base
+    variants: Variants
+    chosen: Selection
+    seeds: tuple[int, ...]
+    outcomes: tuple[Outcome, ...]
+    tables: Tables
+
+    def of(self, link: str, operator: str, controller: str) -> tuple[Outcome, ...]:
+        """The outcomes of one row of the table, a seed each."""
+        wanted = (link, operator, controller)
+        return tuple(
+            o for o in self.outcomes
+            if (o.case.link, o.case.operator, o.case.controller) == wanted
+        )  # fmt: skip
+
+
+def cases(chosen: Selection, seeds: Sequence[int]) -> list[Case]:
+    """Every combination: by link law, operator, controller, seed."""
+    return [
+        Case(controller, operator, link, seed)
+        for link, operator, controller, seed in product(
+            chosen.links, chosen.operators, chosen.controllers, seeds
+        )
+    ]
+
+
+def compare(
+    base: Base,
+    variants: Variants,
+    chosen: Selection,
+    seeds: Sequence[int],
+    *,
+    jobs: int = 1,
+    keep: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+) -> Comparison:
+    """Run every case of `chosen` with every seed. `keep`: where run folders stay, if anywhere.
+
+    What fails is an outcome with its reason: what cannot be assembled at all is found beforehand by
+    :func:`cosim.comparison.documents.check`. `progress` is called with (done, all) runs.
+    """
+    tasks = [
+        Task(
+            case,
+            scenario(base, variants, case),
+            tuple(c for c in variants.columns if c.applies(variants.operators[case.operator])),
+            variants.stability,
+            variants.picture,
+            None if keep is None else keep / case.name,
+        )
+        for case in cases(chosen, seeds)
+    ]
+    tables, found, told = Tables(), dict[Case, Outcome](), 0
+    for task, result in spread(run_case, tasks, jobs):
+        found[task.case] = result or lost(task.case, "its process died: a component crashed")
+        while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
+            outcome = found[tasks[told].case]
+            tables.add(outcome.case, outcome.tables)
+            found[outcome.case] = outcome.without_tables()
+            told += 1
+        progress(len(found), len(tasks))
+    outcomes = tuple(found[task.case] for task in tasks)
+    return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)

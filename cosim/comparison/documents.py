@@ -1,0 +1,211 @@
+"""Scenario documents made from one: its controllers, operator and links replaced.
+
+What stays is everything else: the arms, what surrounds them, step, length and seed of the run.
+Links that end at a replaced controller, or start at one, go with it. Both ways of an exchange are
+channels called after the roles, ``master->slave``, whatever is sent: the same seed and channel
+give the same delays whichever controller uses them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cosim.base import toml
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.settings import change
+from cosim.comparison.toml import Section
+from cosim.comparison.variants import Controller, LinkLaw, Operator, Role, Selection, Variants
+from cosim.scenario.assemble import assemble
+from cosim.scenario.connect import unknown
+from cosim.scenario.spec import Scenario, build, read_document
+from cosim.schedule.plan import Plan
+
+Document = dict[str, Any]
+#: Keys of a delay law that name files.
+_FILES = ("file",)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run: names of variants, and the seed of the links."""
+
+    controller: str
+    operator: str
+    link: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """``paper/light/pd-seed0``: by link law and operator."""
+        return f"{self.link}/{self.operator}/{self.controller}-seed{self.seed}"
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """The scenario that cases are made of: its file, and what it says after all settings."""
+
+    path: Path
+    document: Mapping[str, Any]
+
+    @property
+    def seed(self) -> int:
+        """Seed of the run, default 0."""
+        return int(self.document["run"].get("seed", 0))
+
+
+def read_base(path: str | Path, variants: Variants, settings: Sequence[str] = ()) -> Base:
+    """Read a scenario; changed by the variants file, then by `settings` (``path=value``).
+
+    Raises ScenarioError, also where a role names a component that the scenario has not.
+    """
+    path = Path(path)
+    ssp = path.suffix == ".ssp"
+    document = read_document(path) if ssp else toml.read(path, "a scenario file")
+    for number, setting in enumerate(variants.settings):
+        try:
+            change(document, setting)
+        except ScenarioError as error:
+            place = f"{variants.path} at set[{number}]"
+            raise ScenarioError(str(error).removeprefix("--set "), place) from None
+    for setting in settings:
+        change(document, setting)
+    known = build(document, path).components
+    for name, role in variants.roles.items():
+        for key, component in (("arm", role.arm), ("controller", role.controller)):
+            if component not in known:
+                where = Section({}, variants.path, ("roles", name)).place(key)
+                raise ScenarioError(f"{path} has {unknown(component, known, 'component')}", where)
+    return Base(path, document)
+
+
+def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
+    """The scenario of a case. Raises ScenarioError for what makes none."""
+    document = deepcopy(dict(base.document))
+    for key in ("metrics", "figures"):
+        document.pop(key, None)
+    signals = sorted({signal for signal, _ in read_by(variants)})
+    document["run"] |= {"seed": case.seed, "record": {"signals": signals}}
+    controller = variants.controllers[case.controller]
+    _hold(document, variants.operators[case.operator], variants.roles)
+    _control(document, controller, variants)
+    replaced = tuple(f"{role.controller}." for role in variants.roles.values())
+    kept = [x for x in document.get("links", []) if not _touches(x, replaced)]
+    made = _links(controller, variants.links[case.link], variants)
+    document["links"] = [*kept, *made]
+    return build(document, base.path)
+
+
+def read_by(variants: Variants) -> Iterator[tuple[str, str]]:
+    """(signal, place in the variants file) of all that columns, verdict and figure read, whole."""
+    s = variants.stability
+    for place, names in (
+        *((f"columns.{c.name}", c.metric.signals) for c in variants.columns),
+        ("stable.position", s.position),
+        ("stable.velocity", s.velocity),
+        ("figure.y", variants.picture.y),
+    ):
+        for name in names:
+            yield name.partition("[")[0], f"{variants.path} at {place}"
+
+
+def check(base: Base, variants: Variants, chosen: Selection) -> list[Plan]:
+    """Refuse what cannot be assembled, before anything runs: each variant once; their plans.
+
+    Raises ScenarioError that starts with the place of the variant, or of all that were tried
+    together where it may be any of them.
+    """
+    first = Case(chosen.controllers[0], chosen.operators[0], chosen.links[0], base.seed)
+    together = f"controllers.{first.controller}, operators.{first.operator}, links.{first.link}"
+    cases = {together: first}
+    cases |= {f"controllers.{x}": replace(first, controller=x) for x in chosen.controllers[1:]}
+    cases |= {f"operators.{x}": replace(first, operator=x) for x in chosen.operators[1:]}
+    cases |= {f"links.{x}": replace(first, link=x) for x in chosen.links[1:]}
+    plans = []
+    for name, case in cases.items():
+        plans.append(_assembled(base, variants, case, name))
+        slots = plans[-1].slots()
+        for signal, place in read_by(variants):
+            if signal not in slots:
+                sentence = f"with {name}, {unknown(signal, slots, 'signal')}"
+                raise ScenarioError(sentence, place)
+    return plans
+
+
+def _assembled(base: Base, variants: Variants, case: Case, name: str) -> Plan:
+    """The plan of a case; what cannot be is said to be about `name`."""
+    try:
+        return assemble(scenario(base, variants, case))
+    except CosimError as error:
+        text = f"does not fit into the scenario: {error}"
+        raise ScenarioError(text, f"{variants.path} at {name}") from None
+
+
+# ---- what is replaced ---------------------------------------------------------------------------
+
+
+def _hold(document: Document, operator: Operator, roles: Mapping[str, Role]) -> None:
+    """Give the arms the operator's values, whichever table of theirs has had them before."""
+    for name, values in operator.values.items():
+        arm = document["components"][roles[name].arm]
+        for table in ("parameters", "start"):
+            arm[table] = {k: v for k, v in arm.get(table, {}).items() if k not in values}
+        arm["parameters"] |= values
+
+
+def _control(document: Document, controller: Controller, variants: Variants) -> None:
+    components = document["components"]
+    for name, side in controller.sides.items():
+        role = variants.roles[name]
+        made = {**side.component, "model": _model(side.component["model"], variants.path.parent)}
+        made.setdefault("period", components[role.controller].get("period"))
+        made["inputs"] = {port: _end(role, source) for port, source in side.inputs.items()}
+        components[role.controller] = {k: v for k, v in made.items() if v is not None}
+        driven = {port: _end(role, source) for port, source in side.drives.items()}
+        wired = components[role.arm].get("inputs", {}).items()  # by port, or entry by entry
+        kept = {port: wire for port, wire in wired if port.partition("[")[0] not in driven}
+        components[role.arm]["inputs"] = kept | driven
+
+
+def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Document]:
+    """What each side receives from the other, in one channel a way."""
+    first, second = variants.roles
+    made = []
+    for here, there in ((first, second), (second, first)):
+        for port, source in controller.sides[here].receives.items():
+            ends = {
+                "from": _end(variants.roles[there], source),
+                "to": f"{variants.roles[here].controller}.{port}",
+                "channel": f"{there}->{here}",
+            }
+            made.append({**ends, **_beside(law.options, variants.path.parent)})
+    return made
+
+
+def _end(role: Role, port: tuple[str, str]) -> str:
+    owner, name = port
+    return f"{role.arm if owner == 'arm' else role.controller}.{name}"
+
+
+def _touches(link: Any, replaced: tuple[str, ...]) -> bool:
+    """Whether a link of the scenario has an end at a replaced controller."""
+    return isinstance(link, dict) and any(
+        str(link.get(key, "")).startswith(replaced) for key in ("from", "to")
+    )
+
+
+def _model(model: str, folder: Path) -> str:
+    """A model's name; the path of an FMU is relative to the variants file."""
+    return str((folder / model).absolute()) if model.endswith(".fmu") else model
+
+
+def _beside(options: Mapping[str, Any], folder: Path) -> Document:
+    """The options of a link; files of its law are relative to the variants file."""
+    delay = options["delay"]
+    if not isinstance(delay, dict):
+        return dict(options)
+    files = {key: str((folder / str(delay[key])).absolute()) for key in _FILES if key in delay}
+    return {**options, "delay": delay | files}

@@ -1,0 +1,158 @@
+"""One case, run and measured: in a worker process, so what goes in and comes out is plain data."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.analysis.metrics import Result
+from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
+from cosim.comparison.documents import Case
+from cosim.comparison.variants import Column, Picture, Stability
+from cosim.comparison.verdict import Verdict, judge
+from cosim.engine.simulate import simulate
+from cosim.links.grid import Grid
+from cosim.links.storage import load_table
+from cosim.record import Run
+from cosim.reporting.thinning import thin
+from cosim.scenario.spec import Scenario
+
+#: Points of a curve that come back from a worker.
+POINTS = 400
+
+_CANNOT = (ScenarioError, FmuError, PlanError, RunError)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A case and what to make of it; `folder`: where its run folder stays, None: nowhere."""
+
+    case: Case
+    scenario: Scenario
+    columns: tuple[Column, ...]
+    stability: Stability
+    picture: Picture
+    folder: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """The table that links of one channel and grid recorded: its facts, and a row a look, (n,)."""
+
+    channel: str
+    facts: Mapping[str, Any]
+    rows: NDArray[np.int32]
+
+    @property
+    def grid(self) -> Grid:
+        """When samples were sent and looked at."""
+        sender, receiver = self.facts["sender_period"], self.facts["receiver_period"]
+        return Grid(int(sender), int(receiver), float(self.facts["h"]))
+
+    def agrees(self, other: Recorded) -> bool:
+        """Whether both are of one channel, and hold the same as far as both go."""
+        n = min(len(self.rows), len(other.rows))
+        return (
+            self.channel == other.channel
+            and self.grid == other.grid
+            and np.array_equal(self.rows[:n], other.rows[:n])
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A signal's entry for the figure: `t` (s) and `y`, (n,), thinned."""
+
+    name: str
+    t: NDArray[np.float32]
+    y: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a case: numbers by column, each (value, unit); NaN where there is none."""
+
+    case: Case
+    verdict: Verdict
+    numbers: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    tables: tuple[Recorded, ...] = ()
+    curves: tuple[Curve, ...] = ()
+
+    def without_tables(self) -> Outcome:
+        """The same, but for its tables."""
+        return replace(self, tables=())
+
+
+def lost(case: Case, reason: str) -> Outcome:
+    """The outcome of a case that left nothing behind."""
+    return Outcome(case, Verdict("stopped", nan, reason=reason))
+
+
+def run_case(task: Task) -> Outcome:
+    """Run and measure a case. A case that fails is an outcome with its reason, not an error.
+
+    What no case is to blame for, such as an engine of another version, is raised: CosimError.
+    """
+    with _folder(task.folder) as folder:
+        failure = None
+        try:
+            simulate(task.scenario, Path(folder), force=True)
+        except RunError as error:
+            failure = error
+        except _CANNOT as error:
+            return lost(task.case, str(error))
+        try:
+            return _measured(task, Run.open(folder), failure)
+        except _CANNOT as error:
+            return lost(task.case, str(failure or error))
+
+
+def _folder(folder: Path | None) -> AbstractContextManager[str | Path]:
+    return tempfile.TemporaryDirectory(prefix="cosim-") if folder is None else nullcontext(folder)
+
+
+def _measured(task: Task, run: Run, failure: RunError | None) -> Outcome:
+    verdict = judge(run, task.stability, failure)
+    numbers = {}
+    if verdict.ended:
+        numbers = {c.name: _number(c.metric.evaluate(run), c.part) for c in task.columns}
+    curves = _curves(run, task.picture)
+    return Outcome(task.case, verdict, numbers, _tables(run), curves)
+
+
+def _number(result: Result, part: str) -> tuple[float, str]:
+    """The value of a metric, or the named part of it."""
+    if not part:
+        return result.value, result.unit
+    return result.parts.get(part, nan), "s" if part.endswith("_s") else result.unit
+
+
+def _curves(run: Run, picture: Picture) -> tuple[Curve, ...]:
+    within = run.t <= picture.until
+    found = []
+    for signal in picture.y:
+        for name in run.entries(signal):
+            t, y = run.t[within], run.column(name)[within]
+            index = thin(y, POINTS)
+            with np.errstate(over="ignore"):
+                found.append(Curve(name, t[index].astype("f4"), y[index].astype("f4")))
+    return tuple(found)
+
+
+def _tables(run: Run) -> tuple[Recorded, ...]:
+    """The recorded tables: one for all links of a channel, where these agree, as they should."""
+    found: list[Recorded] = []
+    for path in run.link_tables.values():
+        facts, rows = load_table(path)
+        table = Recorded(str(facts["name"]), facts, rows)
+        if not any(table.agrees(other) for other in found):
+            found.append(table)
+    return tuple(found)

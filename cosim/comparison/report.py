@@ -1,0 +1,166 @@
+"""What a comparison writes: the table as text, Markdown, CSV and JSON, and the link tables.
+
+::
+
+    table.md  table.csv  table.json     the comparison; CSV and JSON hold every run
+    comparison.png                      the figure
+    links/LINK-seedN/CHANNEL.parquet    the recorded tables, as files that a scenario can replay
+    runs/                               run folders, if they are kept
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+
+from cosim.base.errors import RunError, ScenarioError
+from cosim.comparison.comparison import Comparison
+from cosim.comparison.rows import Row, columns, header, notes, rows, runs_as_data
+from cosim.comparison.variants import Controller
+from cosim.engine.simulate import versions
+from cosim.record.folder import SUMS, reason
+
+RESULT, FIGURE, RUNS = "table.json", "comparison.png", "runs"
+_OWN = {RESULT, "table.md", "table.csv", FIGURE, "links", RUNS, SUMS}
+
+
+def text(comparison: Comparison) -> list[str]:
+    """The table for a terminal: a block a link law and operator, a line a controller."""
+    v, shown = comparison.variants, columns(comparison)
+    heads = ["controller", *(header(c, unit) for c, unit in shown), "stable?"]
+    table = [[row.label, *(row.cell(c, unit) for c, unit in shown), row.stable]
+             for row in rows(comparison)]  # fmt: skip
+    widths = [max(len(line[i]) for line in [heads, *table]) for i in range(len(heads))]
+    lines: list[str] = []
+    before = ""
+    for (link, operator), block in groupby(
+        zip(rows(comparison), table, strict=True), key=lambda pair: (pair[0].link, pair[0].operator)
+    ):
+        if link != before:
+            lines += ["", f"link {link}: {v.links[link].title}"]
+        before = link
+        lines += ["", f"{operator}: {v.operators[operator].title}", _aligned(heads, widths)]
+        lines += [_aligned(cells, widths) for _, cells in block]
+    return [*lines, "", *_below(comparison)]
+
+
+def _aligned(cells: Sequence[str], widths: Sequence[int]) -> str:
+    first, *middle = (f"{cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
+    middle[-1] = cells[-1]
+    return f"  {first.strip():<{widths[0]}}  {'  '.join(middle)}"
+
+
+def _below(comparison: Comparison) -> list[str]:
+    """Notes, and what was recorded of the links."""
+    tables = comparison.tables.sentences(comparison.chosen.links)
+    title = "link tables: the same for every controller" if comparison.tables.same else "links:"
+    return [*notes(comparison), title, *(f"  {line}" for line in tables)]
+
+
+def markdown(comparison: Comparison, command: str) -> str:
+    """The table as Markdown, with what it was made by."""
+    c, shown = comparison, columns(comparison)
+    heads = ["link", "operator", "controller", *(header(x, unit) for x, unit in shown), "stable?"]
+    right = ["---"] * 3 + ["---:"] * len(shown) + ["---"]
+    lines = [f"# {c.variants.title}", "", f"`{command}`", "", _line(heads), _line(right)]
+    lines += [_line(_cells(row, c)) for row in rows(c)]
+    lines += ["", *(f"- link **{x}**: {c.variants.links[x].title}" for x in c.chosen.links)]
+    lines += [f"- operator **{x}**: {c.variants.operators[x].title}" for x in c.chosen.operators]
+    lines += [f"- controller {_described(c.variants.controllers[x])}" for x in c.chosen.controllers]
+    return "\n".join([*lines, "", *(f"- {line.strip()}" for line in _below(c))]) + "\n"
+
+
+def _described(controller: Controller) -> str:
+    condition = f"; condition: {controller.condition}" if controller.condition else ""
+    sends = ", ".join(controller.sends)
+    return f"**{controller.name}**: {controller.title}; sends {sends}{condition}"
+
+
+def _cells(row: Row, comparison: Comparison) -> list[str]:
+    numbers = [row.cell(c, unit) for c, unit in columns(comparison)]
+    return [row.link, row.operator, row.label, *numbers, row.stable]
+
+
+def _line(cells: Sequence[str]) -> str:
+    escaped = [cell.replace("|", "\\|") for cell in cells]
+    return f"| {' | '.join(escaped)} |"
+
+
+def table_csv(comparison: Comparison) -> str:
+    """One line a run; numbers read back exactly, what is not there is empty."""
+    shown, found = columns(comparison), runs_as_data(comparison)
+    fixed = [key for key in found[0] if key != "numbers"]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([*fixed, *(f"{c.name} [{unit}]" for c, unit in shown)])
+    for run in found:
+        numbers = [run["numbers"].get(c.name) for c, _ in shown]
+        writer.writerow([*(run[key] for key in fixed), *numbers])
+    return out.getvalue()
+
+
+def as_json(comparison: Comparison, command: str) -> str:
+    """Everything: runs, columns with units, link tables, variants, versions."""
+    c = comparison
+    data = {
+        "title": c.variants.title,
+        "command": command,
+        "scenario": str(c.base.path),
+        "variants": str(c.variants.path),
+        "seeds": list(c.seeds),
+        "columns": {x.name: {"label": x.label, "unit": unit} for x, unit in columns(c)},
+        "controllers": {x: c.variants.controllers[x].title for x in c.chosen.controllers},
+        "operators": {x: c.variants.operators[x].title for x in c.chosen.operators},
+        "links": {x: c.variants.links[x].title for x in c.chosen.links},
+        "link_tables": c.tables.facts(),
+        "versions": versions(),
+        "runs": runs_as_data(c),
+    }
+    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def claim(folder: Path, *, force: bool = False) -> None:
+    """Make the folder, or take one that is empty or, with `force`, holds a comparison only.
+
+    Its table, figure and link tables are deleted then; run folders stay until they are written
+    anew. Raises ScenarioError.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        present = {path.name for path in folder.iterdir()}
+    except OSError as error:
+        raise ScenarioError(f"cannot be used: {reason(error)}", str(folder)) from error
+    if present and not (force and RESULT in present and present <= _OWN):
+        expected = "an empty one, or --force to replace a comparison"
+        raise ScenarioError(f"the folder is not empty; expected {expected}", str(folder))
+    old = (*folder.glob("table.*"), *folder.glob("links/*/*.parquet"))
+    for path in (*old, folder / FIGURE, folder / SUMS):
+        path.unlink(missing_ok=True)
+
+
+def write(comparison: Comparison, folder: Path, command: str) -> Iterator[Path]:
+    """Write the table in its three forms, and the link tables; the paths written.
+
+    Raises RunError with the path that cannot be written.
+    """
+    for name, content in (
+        ("table.md", markdown(comparison, command)),
+        ("table.csv", table_csv(comparison)),
+        (RESULT, as_json(comparison, command)),
+    ):
+        path = folder / name
+        try:
+            path.write_text(content, encoding="utf-8")
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+        yield path
+    comparison.tables.save(folder / "links")
+    yield folder / "links"

@@ -1,0 +1,139 @@
+"""A comparison as rows of texts: what the terminal, Markdown and CSV show, and JSON holds.
+
+With several seeds a number is the median, with the least and the largest behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, isnan, nan
+from statistics import median
+from typing import Any
+
+from cosim.comparison.comparison import Comparison
+from cosim.comparison.measure import Outcome
+from cosim.comparison.variants import Column
+
+#: What stands where there is no number.
+NOTHING = "–"
+#: Behind a controller whose law needs a constant delay, on links whose delay varied.
+MARK = "†"
+#: Numbers below are shown as being so; times are told apart by 0.1 s.
+SMALL = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A controller under an operator over a link law: one outcome a seed."""
+
+    link: str
+    operator: str
+    controller: str
+    marked: bool
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def label(self) -> str:
+        """The controller's name, marked where its condition does not hold."""
+        return f"{self.controller} {MARK}" if self.marked else self.controller
+
+    def values(self, column: Column) -> list[float]:
+        """The numbers of a column, one a seed; empty where a run has none."""
+        if not all(o.verdict.ended for o in self.outcomes):
+            return []
+        values = [o.numbers.get(column.name, (nan, ""))[0] for o in self.outcomes]
+        return [] if any(isnan(v) for v in values) else values
+
+    def cell(self, column: Column, unit: str) -> str:
+        """What a column shows."""
+        values = self.values(column)
+        if not values:
+            return NOTHING
+        middle, low, high = (shown(f(values), unit) for f in (median, min, max))
+        return middle if low == high else f"{middle} [{low}, {high}]"
+
+    @property
+    def stable(self) -> str:
+        """The column "stable?"."""
+        verdicts = [o.verdict for o in self.outcomes]
+        bad = [v for v in verdicts if not v.stable]
+        if len(verdicts) == 1 or not bad:
+            return next((v for v in verdicts if v.kind != "at rest"), verdicts[0]).text
+        return bad[0].text + (f" ({len(bad)} of {len(verdicts)} seeds)")
+
+
+def rows(comparison: Comparison) -> Iterator[Row]:
+    """The rows: by link law, operator, controller."""
+    c = comparison
+    for link in c.chosen.links:
+        varies = c.tables.varies(link)
+        for operator in c.chosen.operators:
+            for name in c.chosen.controllers:
+                marked = varies and c.variants.controllers[name].constant_delay
+                yield Row(link, operator, name, marked, c.of(link, operator, name))
+
+
+def columns(comparison: Comparison) -> list[tuple[Column, str]]:
+    """The columns that say something for an operator that was chosen, each with its unit."""
+    c = comparison
+    operators = [c.variants.operators[name] for name in c.chosen.operators]
+    shown_ = [x for x in c.variants.columns if any(x.applies(o) for o in operators)]
+    return [(column, _unit(column, c.outcomes)) for column in shown_]
+
+
+def shown(value: float, unit: str) -> str:
+    """A number as the table shows it; an infinite time is ``never``."""
+    if value == inf:
+        return "never" if unit == "s" else "∞"
+    if unit == "s":
+        return f"{value:.1f}"
+    if 0 < abs(value) < SMALL:
+        return f"<{SMALL:g}"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def header(column: Column, unit: str) -> str:
+    """A column's label with its unit."""
+    return column.label if unit in ("", "1") else f"{column.label} [{unit.replace('.', '·')}]"
+
+
+def notes(comparison: Comparison) -> list[str]:
+    """What stands below the table: why a run ended early, and what the mark says."""
+    every = list(rows(comparison))
+    lines = []
+    if any(row.marked for row in every):
+        lines.append(f"{MARK} the law needs a constant delay, and the delay of this link varies")
+    for row in every:
+        reasons = [o.verdict.reason for o in row.outcomes if o.verdict.reason]
+        if reasons:
+            lines.append(f"{row.controller}, {row.operator}, {row.link}: {reasons[0]}")
+    return lines
+
+
+def runs_as_data(comparison: Comparison) -> list[dict[str, Any]]:
+    """A mapping a run, for CSV and JSON: numbers in their units, NaN as None."""
+    found = []
+    for o in comparison.outcomes:
+        v = o.verdict
+        found.append(
+            {
+                "link": o.case.link, "operator": o.case.operator,
+                "controller": o.case.controller, "seed": o.case.seed,
+                "stable": v.stable, "verdict": v.kind, "ended_at_s": _plain(v.time),
+                "speed_rad_s": _plain(v.speed), "reason": v.reason,
+                "numbers": {name: _plain(x) for name, (x, _) in o.numbers.items()},
+            }
+        )  # fmt: skip
+    return found
+
+
+def _plain(value: float) -> float | str | None:
+    if isnan(value):
+        return None
+    return value if isfinite(value) else str(value)
+
+
+def _unit(column: Column, outcomes: Sequence[Outcome]) -> str:
+    units = [o.numbers[column.name][1] for o in outcomes if column.name in o.numbers]
+    return units[0] if units else ""

@@ -1,0 +1,158 @@
+"""What is put in the place of a scenario's controllers, operator and links, as frozen data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cosim.analysis.metrics import Metric
+from cosim.base.errors import ScenarioError
+from cosim.scenario.connect import unknown
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """A side: which components of the scenario are its arm and its controller."""
+
+    arm: str
+    controller: str
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A controller on one side: its component's keys, and wires as input -> (owner, port).
+
+    The owner is ``arm`` or ``controller``: of the own side in `inputs` and `drives`, of the other
+    side in `receives`.
+    """
+
+    component: Mapping[str, Any]
+    inputs: Mapping[str, tuple[str, str]]
+    drives: Mapping[str, tuple[str, str]]
+    receives: Mapping[str, tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """A pair of controllers; `constant_delay`: its law needs delays that do not vary."""
+
+    name: str
+    title: str
+    condition: str
+    constant_delay: bool
+    sides: Mapping[str, Side]
+
+    @property
+    def sends(self) -> tuple[str, ...]:
+        """The ports that go over the links, either way."""
+        ports = [port for side in self.sides.values() for _, port in side.receives.values()]
+        return tuple(dict.fromkeys(ports))
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """Values of the arms by role, and the columns that say nothing then."""
+
+    name: str
+    title: str
+    values: Mapping[str, Mapping[str, Any]]
+    without: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLaw:
+    """What a scenario says of a link: delay, semantics, loss; the same both ways."""
+
+    name: str
+    title: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A metric, or the number `part` of it; `only` for some operators."""
+
+    name: str
+    label: str
+    part: str
+    metric: Metric
+    only: tuple[str, ...]
+
+    def applies(self, operator: Operator) -> bool:
+        """Whether it says something under an operator."""
+        return self.name not in operator.without and (not self.only or operator.name in self.only)
+
+
+@dataclass(frozen=True, slots=True)
+class Stability:
+    """What :func:`cosim.comparison.verdict.judge` looks at, SI."""
+
+    position: tuple[str, ...]
+    velocity: tuple[str, ...]
+    position_limit: float
+    velocity_limit: float
+    rest: float
+    window: float
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What the figure draws of each run: signals `y`, and where they should be; `until`: s."""
+
+    y: tuple[str, ...]
+    reference: tuple[float, ...]
+    until: float
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Names of what is compared, in order."""
+
+    controllers: tuple[str, ...]
+    operators: tuple[str, ...]
+    links: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Variants:
+    """A whole variants file, as read."""
+
+    path: Path
+    title: str
+    settings: tuple[str, ...]
+    roles: Mapping[str, Role]
+    controllers: Mapping[str, Controller]
+    operators: Mapping[str, Operator]
+    links: Mapping[str, LinkLaw]
+    columns: tuple[Column, ...]
+    stability: Stability
+    picture: Picture
+    default: Selection
+
+    def select(
+        self, controllers: Sequence[str], operators: Sequence[str], links: Sequence[str]
+    ) -> Selection:
+        """What is asked for; nothing is the default, ``all`` is all. Raises ScenarioError."""
+        return Selection(
+            choose(controllers, self.controllers, self.default.controllers, "controller"),
+            choose(operators, self.operators, self.default.operators, "operator"),
+            choose(links, self.links, self.default.links, "link"),
+        )
+
+
+def choose(
+    wanted: Sequence[str],
+    known: Mapping[str, Any],
+    default: tuple[str, ...],
+    what: str,
+    place: str = "",
+) -> tuple[str, ...]:
+    """Names in the order they are asked for, each once. Raises ScenarioError."""
+    if list(wanted) == ["all"]:
+        return tuple(known)
+    for name in wanted:
+        if name not in known:
+            raise ScenarioError(unknown(name, known, what), place or f"--{what}s")
+    return tuple(dict.fromkeys(wanted)) or default

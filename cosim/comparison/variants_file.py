@@ -1,0 +1,257 @@
+"""A variants file: what is put in the place of a scenario's controllers, operator and links.
+
+::
+
+    set = ["run.step=5 ms"]                 # changes to the scenario before anything else
+
+    [roles.master]                          # two roles: which components of the scenario they are
+    arm = "master"
+    controller = "master_control"
+
+    [wiring]                                # of every controller, unless it says otherwise
+    inputs = { q = "arm.q", dq = "arm.dq" } # its inputs, from its own arm
+    drives = { tau = "controller.tau" }     # inputs of its arm
+
+    [controllers.pd]                        # a component, and what it gets from the other side
+    title = "Plain PD"
+    model = "fmus.models.pd"
+    preset = "PD(10,4)"
+    receives = { q_j = "arm.q", dq_j = "arm.dq" }
+    [controllers.wave.master]               # a role's own keys, where the two sides differ
+
+    [operators.tight]                       # values of a role's arm
+    master = { k_p = 200.0, k_d = 2.0 }
+
+    [links.constant]                        # both ways, each way one channel
+    delay = { law = "constant", delay = "750 ms" }
+
+    [columns.effort]                        # a metric (cosim.analysis.metrics), or a part of one
+    kind = "norm"
+    of = ["master.tau_h"]
+
+    [stable]                                # see cosim.comparison.verdict
+    [figure]                                # see cosim.comparison.figure
+    [default]                               # what is compared if nobody says
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast, get_args
+
+from cosim.analysis.metrics import Distance, metric
+from cosim.base import toml
+from cosim.base.errors import ScenarioError
+from cosim.comparison.toml import Section
+from cosim.comparison.variants import (
+    Column,
+    Controller,
+    LinkLaw,
+    Operator,
+    Picture,
+    Role,
+    Selection,
+    Side,
+    Stability,
+    Variants,
+    choose,
+)
+from cosim.scenario.connect import unknown
+
+_NAME = re.compile(r"[\w.+-]+$")
+_ENDPOINT = re.compile(r"(arm|controller)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
+_TOP = ("title", "set", "roles", "wiring", "controllers", "operators", "links", "columns",
+        "stable", "figure", "default")  # fmt: skip
+_COMPONENT = ("model", "fmi", "sizes", "preset", "period", "parameters", "start")
+_WIRING = ("inputs", "drives", "receives")
+_LINK = ("delay", "semantics", "playout", "loss")
+_METRIC = ("kind", "of", "target", "within", "window", "norm", "label")
+
+
+def beside(scenario: str | Path) -> Path:
+    """The variants file of a scenario: the one in the folder ``compare`` beside it.
+
+    Raises ScenarioError if there is none, or several.
+    """
+    scenario = Path(scenario)
+    folder = scenario.parent / "compare"
+    found = sorted(folder.glob("*.toml"))
+    if len(found) == 1:
+        return found[0]
+    what = f"found {', '.join(p.name for p in found)}" if found else "there is none"
+    raise ScenarioError(
+        f"expected one variants file, {what}; say which with --variants FILE", str(folder)
+    )
+
+
+def read(path: str | Path) -> Variants:
+    """Read a variants file. Raises ScenarioError with the place of what is wrong."""
+    path = Path(path)
+    top = Section(toml.read(path, "a variants file"), path)
+    top.only(*_TOP)
+    _check_names(top)
+    roles = _roles(top)
+    controllers = {name: _controller(name, t, top, roles) for name, t in top.tables("controllers")}
+    operators = {name: _operator(name, t, roles) for name, t in top.tables("operators")}
+    links = {name: _link(name, t) for name, t in top.tables("links")}
+    columns = tuple(_column(name, t, operators) for name, t in top.tables("columns"))
+    _check_without(top, operators, columns)
+    given = top.table("default")
+    given.only("controllers", "operators", "links")
+    default = Selection(
+        _known(given, "controllers", controllers, "controller"),
+        _known(given, "operators", operators, "operator"),
+        _known(given, "links", links, "link"),
+    )
+    return Variants(
+        path, top.text("title", path.stem), top.texts("set", ()), roles, controllers, operators,
+        links, columns, _stability(top.table("stable")), _picture(top.table("figure")), default,
+    )  # fmt: skip
+
+
+# ---- parts of the file --------------------------------------------------------------------------
+
+
+def _check_names(top: Section) -> None:
+    """Names end up in lists between commas and in paths."""
+    for key in ("controllers", "operators", "links"):
+        for name in top.table(key).data:
+            if not _NAME.match(name):
+                expected = "letters, digits and any of . + - _"
+                raise ScenarioError(f"the name {name!r}: expected {expected}", top.place(key))
+
+
+def _roles(top: Section) -> dict[str, Role]:
+    found = {}
+    for name, table in top.tables("roles"):
+        table.only("arm", "controller")
+        found[name] = Role(table.text("arm"), table.text("controller"))
+    if len(found) != 2:
+        raise ScenarioError(
+            f"expected two roles, found {', '.join(found)}", top.place("roles")
+        )  # what a side receives, the other one sends
+    return found
+
+
+def _controller(name: str, table: Section, top: Section, roles: Mapping[str, Role]) -> Controller:
+    own = ("title", "condition", "constant_delay")
+    table.only(*own, *_COMPONENT, *_WIRING, *roles)
+    wiring = top.table("wiring")
+    wiring.only("inputs", "drives")
+    return Controller(
+        name,
+        table.text("title", name),
+        table.text("condition", ""),
+        table.flag("constant_delay"),
+        {role: _side(table, table.table(role), wiring) for role in roles},
+    )
+
+
+def _side(shared: Section, own: Section, wiring: Section) -> Side:
+    """A role's own keys before those of both sides; parameters and start values are joined."""
+    own.only(*_COMPONENT, *_WIRING)
+    component = {key: (own if key in own else shared).data.get(key) for key in _COMPONENT}
+    for key in ("sizes", "parameters", "start"):
+        component[key] = shared.mapping(key) | own.mapping(key)
+    component["model"] = (own if "model" in own else shared).text("model")
+    wires = []
+    for key in _WIRING:
+        table = next((t for t in (own, shared, wiring) if key in t), shared)
+        wires.append(_wires(table.table(key)))
+    return Side({k: v for k, v in component.items() if v not in (None, {})}, *wires)
+
+
+def _wires(table: Section) -> dict[str, tuple[str, str]]:
+    found = {}
+    for port in table.data:
+        match = _ENDPOINT.match(table.text(port))
+        if match is None:
+            raise ScenarioError(
+                f"{table.text(port)!r}: expected 'arm.PORT' or 'controller.PORT'",
+                table.place(port),
+            )
+        found[port] = (match[1], match[2])
+    return found
+
+
+def _operator(name: str, table: Section, roles: Mapping[str, Role]) -> Operator:
+    table.only("title", "without", *roles)
+    values = {role: table.mapping(role) for role in roles if role in table}
+    return Operator(name, table.text("title", name), values, table.texts("without", ()))
+
+
+def _link(name: str, table: Section) -> LinkLaw:
+    table.only("title", *_LINK)
+    if "delay" not in table:
+        raise ScenarioError("no 'delay' here", table.place())
+    options = {key: table.data[key] for key in _LINK if key in table}
+    return LinkLaw(name, table.text("title", name), options)
+
+
+def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> Column:
+    table.only("part", "only", *_METRIC)
+    label = table.text("label", name)
+    found = metric(
+        name,
+        table.text("kind"),
+        table.texts("of"),
+        target=_target(table),
+        within=None if "within" not in table else table.quantity("within", "1"),
+        window=None if "window" not in table else table.quantity("window", "s"),
+        norm=_norm(table),
+        label=label,
+        place=table.place(),
+    )
+    only = _known(table, "only", operators, "operator") if "only" in table else ()
+    return Column(name, label, table.text("part", ""), found, only)
+
+
+def _target(table: Section) -> str | tuple[float, ...] | None:
+    """A signal, or a number per entry."""
+    if "target" not in table:
+        return None
+    found = table.data["target"]
+    return found if isinstance(found, str) else table.numbers("target")
+
+
+def _norm(table: Section) -> Distance:
+    found, known = table.text("norm", "max"), get_args(Distance)
+    if found not in known:
+        raise ScenarioError(f"expected {' or '.join(known)}, found {found!r}", table.place("norm"))
+    return cast(Distance, found)
+
+
+def _stability(table: Section) -> Stability:
+    table.only("position", "velocity", "position_limit", "velocity_limit", "rest", "window")
+    return Stability(
+        table.texts("position"),
+        table.texts("velocity"),
+        table.quantity("position_limit", "rad"),
+        table.quantity("velocity_limit", "rad/s"),
+        table.quantity("rest", "rad/s"),
+        table.quantity("window", "s"),
+    )
+
+
+def _picture(table: Section) -> Picture:
+    table.only("y", "reference", "until")
+    until = table.quantity("until", "s", float("inf"))
+    return Picture(table.texts("y"), table.numbers("reference", ()), until)
+
+
+def _check_without(
+    top: Section, operators: Mapping[str, Operator], columns: Sequence[Column]
+) -> None:
+    names = [column.name for column in columns]
+    for operator in operators.values():
+        for name in operator.without:
+            if name not in names:
+                place = top.place("operators", operator.name, "without")
+                raise ScenarioError(unknown(name, names, "column"), place)
+
+
+def _known(table: Section, key: str, known: Mapping[str, Any], what: str) -> tuple[str, ...]:
+    """The names a list gives, all of them there; all if there is no list."""
+    return choose(table.texts(key, ()), known, tuple(known), what, table.place(key))

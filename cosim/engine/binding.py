@@ -1,0 +1,216 @@
+"""A plan as ``engine.c`` sees it: its operations, units, links and players, as structs in memory.
+
+FMUs become units with the addresses of their functions; Python components, and FMUs in processes of
+their own, become call-backs.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.errors import RunError
+from cosim.fmi import FmuComponent, moves
+from cosim.fmi.failures import starting
+from cosim.fmi.layout import Layout, bind, late
+from cosim.fmi.library import DISCARD
+from cosim.fmi.refusals import step_refused
+from cosim.fmi.remote import RemoteInstance, RemoteStep
+from cosim.native import structs
+from cosim.native.structs import MEANS, SLOPES, Result
+from cosim.schedule.plan import Plan, Slot, Step
+
+#: Results by which an FMU ends the simulation: after its step, and before it.
+ENDS = (Result.TERMINATED, Result.ENDED)
+Vector = NDArray[np.float64]
+Views = dict[str, Vector]
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """An FMU that ended the simulation at `time` (s)."""
+
+    component: str
+    time: float
+
+    def __str__(self) -> str:
+        return f"ended by {self.component} at t = {self.time:.6g} s"
+
+
+class Binding:
+    """What the engine runs: `state`, and what it points to, which lives as long as this does.
+
+    `inputs`, `outputs`: the signals of each component, as it sees them. `failure`: what a call-back
+    raised last.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        signals: Vector,
+        inputs: Sequence[Views],
+        outputs: Sequence[Views],
+        gates: Mapping[str, tuple[int, int]],
+    ) -> None:
+        self.plan, self.signals = plan, signals
+        self.state = structs.EngineState()
+        self.failure: BaseException | None = None
+        self._inputs, self._outputs, self._gates = inputs, outputs, gates
+        self._sampled = frozenset(plan.order)
+        self._alive: list[Any] = []  # what C points to
+
+    def bind(self, tick: int = 0) -> None:
+        """Fill in :attr:`state`, once all components have started; `tick`: the next to run. Raises
+        ScenarioError.
+        """
+        plan, state = self.plan, self.state
+        operations = (structs.Operation * len(plan.operations))()
+        for i, o in enumerate(plan.operations):
+            operations[i] = structs.Operation(
+                *(o.code, o.index, o.period, o.first + tick, o.source, o.target, o.count),
+                *(o.gain, o.offset),
+            )
+        self.units = (structs.Unit * len(plan.components))()
+        for i, step in enumerate(plan.components):
+            with starting(step.name):
+                self.units[i] = self._unit(i, step)
+        self.links = (structs.Link * len(plan.links))(
+            *(self._link(i) for i in range(len(plan.links)))
+        )
+        self.players = (structs.Player * len(plan.players))()
+        through = (structs.Gate * len(plan.gates))(
+            *(structs.Gate(*self._gates[g.name]) for g in plan.gates)
+        )
+        state.gates = c.addressof(through)
+        self._alive += [operations, through]
+        state.operations, state.units = c.addressof(operations), c.addressof(self.units)
+        state.links = c.addressof(self.links)
+        state.players = c.addressof(self.players)
+        state.signals = self.signals.ctypes.data
+        state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
+        state.h, state.tick = plan.h, tick
+        for o in plan.operations:  # what there was before the start is what there is at the start
+            if o.code in MEANS | SLOPES:
+                self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
+
+    def _unit(self, index: int, step: Step) -> structs.Unit:
+        late = step.name not in self._sampled
+        lag, h = step.period - 1 if late else 0, step.period * self.plan.h
+        unit = structs.Unit(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
+        unit.input, unit.input_count = _extent(step.inputs)
+        unit.output, unit.output_count = _extent(step.outputs)
+        if isinstance(step.component, FmuComponent):
+            layout = moves.layout(
+                step.component, h, lag, step.period, unit.input, unit.output, self._slopes(step)
+            )
+            if step.component.remote is None:
+                return bind(step.component.instance, layout, self._alive)
+            function = self._remote_call_back(index, step, layout, step.component.remote)
+        else:
+            function = self._call_back(index, step)
+        call = structs.CALL(function)
+        self._alive.append(call)
+        unit.step = structs.address(call)
+        return unit
+
+    def _slopes(self, step: Step) -> dict[int, int]:
+        """Where slopes of inputs are in the signals, by where the inputs are."""
+        return {
+            o.target + i: o.index + o.count + i
+            for o in (self.plan.operations if step.sloped else ())
+            if o.code in SLOPES and any(s.start <= o.target < s.start + s.size for s in step.inputs)
+            for i in range(o.count)
+        }
+
+    def _remote_call_back(
+        self, index: int, step: Step, layout: Layout, remote: RemoteInstance
+    ) -> Callable[[int, float, float], int]:
+        assert isinstance(step.component, FmuComponent)
+        there = moves.isolated(step.component, layout)
+        stepped = RemoteStep(remote, layout, there, self.signals)
+        remote.stopping = lambda: bool(self.state.stop)
+
+        def call(_: int, t: float, h: float) -> int:
+            try:
+                result, status, place = stepped(t, self.state.tick)
+                if result in ENDS:
+                    self.units[index].reached = remote.reached()
+                elif result is Result.STEP and status == DISCARD:
+                    at = remote.terminated()
+                    if at is not None:
+                        result, self.units[index].reached = Result.ENDED, at
+                if result is not Result.OK and result not in ENDS:
+                    raise RunError(step_refused(step, self.signals, result, status, place))
+            except BaseException as error:
+                self.failure = error
+                return Result.STEP
+            return result
+
+        return call
+
+    def ended(self, index: int, result: Result) -> End | None:
+        """How the FMU of component `index` ended the simulation, if `result` means that."""
+        at = None
+        if result in ENDS:
+            at = self.units[index].reached
+        elif result is Result.STEP and self.state.failed_status == DISCARD:
+            component = self.plan.components[index].component
+            assert isinstance(component, FmuComponent)
+            at = component.instance.terminated()
+        return None if at is None else End(self.plan.components[index].name, at)
+
+    def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
+        inputs, outputs, component = self._inputs[index], self._outputs[index], step.component
+
+        def call(_: int, t: float, h: float) -> int:
+            try:
+                store(outputs, component.step(t, h, inputs))
+            except BaseException as error:
+                self.failure = error
+                return Result.STEP
+            return Result.OK
+
+        return call
+
+    def _link(self, index: int) -> structs.Link:
+        link = self.plan.links[index]
+        width = link.source.size
+        history = np.zeros((link.table.history, width))
+        at = link.target.start
+        initial = self.signals[at : at + width].copy()
+        self._alive += [history, initial]
+        return structs.Link(
+            history=history.ctypes.data, initial=initial.ctypes.data, width=width,
+            capacity=len(history), held=-1,
+        )  # fmt: skip
+
+    def late(self) -> dict[str, tuple[int, float]]:
+        """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
+        found = {}
+        for step, unit in zip(self.plan.components, self.units, strict=True):
+            if isinstance(step.component, FmuComponent):
+                remote = step.component.remote
+                count, most = late(unit) if remote is None else remote.late()
+                if count:
+                    found[step.name] = count, most
+        return found
+
+
+def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
+    return (slots[0].start if slots else 0), sum(s.size for s in slots)
+
+
+def store(views: Views, outputs: Mapping[str, Any]) -> None:
+    """Write what a component returned; every output must be there and of its shape."""
+    for port, view in views.items():
+        try:
+            view[...] = outputs[port]
+        except KeyError:
+            raise RunError(f"returned no {port!r}") from None
+        except (TypeError, ValueError) as error:
+            raise RunError(f"returned {port!r}: {error}") from None

@@ -1,0 +1,229 @@
+"""Executes a plan: native components through their FMI functions, Python ones as call-backs.
+
+The loop itself is ``engine.c``, called in chunks of ticks with the GIL released. What Python does
+between chunks: hand over the next rows of the link tables, and a buffer to record into.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.errors import RunError
+from cosim.base.interrupts import deferred
+from cosim.engine.binding import Binding, End, Vector, Views
+from cosim.engine.initialization import initialize, part
+from cosim.fmi import FmuComponent
+from cosim.fmi.failures import not_finite, sentence
+from cosim.fmi.library import FATAL, OK, WARNING
+from cosim.fmi.refusals import step_refused
+from cosim.native import structs
+from cosim.native.structs import Result
+from cosim.schedule.plan import Plan, Slot, Step
+
+
+class Engine:
+    """One execution of a plan, from :meth:`initialize` on. Use as a context manager.
+
+    `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
+    link's table as they are used, if `keep_tables` is given: called with (link name, rows).
+    `gates`: (address of the function, of its context) of each gate of the plan, by its name.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None,
+        gates: Mapping[str, tuple[int, int]] | None = None,
+    ) -> None:
+        self.plan = plan
+        self.signals: Vector = np.zeros(plan.n_signals)
+        self.ended: End | None = None
+        self._keep_tables = keep_tables
+        self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
+        self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
+        self._rows: dict[str, NDArray[Any]] = {}
+        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates or {})
+        self._state = self._bound.state
+        self._library = structs.library()
+
+    def __enter__(self) -> Engine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def tick(self) -> int:
+        """The next tick to run; after a failure, the tick that failed."""
+        return int(self._state.tick)
+
+    def initialize(self, tick: int = 0) -> None:
+        """Start all components; initial outputs travel along wires until nothing changes.
+
+        The signals are then those of `tick`, the next one to run: what an FMU gives after
+        Initialization Mode, and after the events at the start. A `tick` other than 0 has to be one
+        in which all are due; tables are handed over from their first row all the same. Raises
+        ScenarioError.
+        """
+        self._streams = [link.table.stream() for link in self.plan.links]
+        self._played = [player.source.stream() for player in self.plan.players]
+        for step in self.plan.components:
+            if isinstance(step.component, FmuComponent):
+                step.component.begin = tick * self.plan.h
+        self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
+        self._bound.bind(tick)
+
+    # ---- running -----------------------------------------------------------------------------
+
+    def run(self, ticks: int, record: Vector | None = None, recorded: int = 0) -> int:
+        """Run `ticks` ticks, recording one row a tick into `record` (rows, n_signals).
+
+        `recorded`: address of an int64 that counts these rows as they come; 0: nobody looks.
+        Returns the number of rows written. Where an FMU ends the simulation, it stops there, and
+        :attr:`ended` says so; nothing is run after that. Raises RunError where a component fails or
+        gives a value that is not finite, KeyboardInterrupt after the tick in which Ctrl-C was
+        pressed; rows recorded until then are in `record`.
+        """
+        state = self._state
+        if self.ended is not None:
+            ticks = 0
+        state.row = 0  # before anything can interrupt: `rows` is then about this run
+        self._next_tables(ticks)
+        state.record = None if record is None else record.ctypes.data
+        state.recorded = recorded or None
+        with deferred(self.stop):
+            result = Result(self._library.engine_run(c.byref(state), ticks))
+        if result not in (Result.OK, Result.STOPPED):
+            self.ended = self.end(result)
+            if self.ended is None:
+                raise self._error(result)
+        return int(state.row)
+
+    @property
+    def rows(self) -> int:
+        """Rows recorded by the last :meth:`run`, also when it failed."""
+        return int(self._state.row)
+
+    @property
+    def state(self) -> structs.EngineState:
+        """The C engine's own state, for who calls ``engine_run`` natively; see :meth:`prepare`."""
+        return self._state
+
+    def prepare(self, ticks: int) -> None:
+        """Hand over the tables of the next `ticks` ticks to a loop that is run from C."""
+        self._next_tables(ticks)
+
+    def failure(self, result: int) -> BaseException:
+        """What a result of ``engine_run`` other than OK and STOPPED means, as an error."""
+        return self._error(Result(result))
+
+    def end(self, result: int) -> End | None:
+        """Which FMU ended the simulation, if that is what a result of ``engine_run`` means."""
+        return self._bound.ended(self._state.failed_index, Result(result))
+
+    def stop(self) -> None:
+        """Ask a running loop to stop after the current tick; callable from any thread."""
+        self._state.stop = 1
+
+    def _next_tables(self, ticks: int) -> None:
+        for link, bound, stream in zip(
+            self.plan.links, self._bound.links, self._streams, strict=True
+        ):
+            hits = self._hits(link.target.component, ticks)
+            rows = np.ascontiguousarray(stream.rows(hits), dtype=np.int32)
+            bound.table, bound.row, bound.rows = rows.ctypes.data, 0, hits
+            self._rows[link.name] = rows
+            if self._keep_tables:
+                self._keep_tables(link.name, rows)
+        for player, played, values in zip(
+            self.plan.players, self._bound.players, self._played, strict=True
+        ):
+            hits = self._hits(player.target.component, ticks)
+            chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
+            played.values, played.row, played.rows = chunk.ctypes.data, 0, hits
+            self._rows[player.target.name] = chunk
+
+    def _hits(self, name: str, ticks: int) -> int:
+        """How often a component is due in the next `ticks` ticks."""
+        period = self.plan.component(name).period
+        return -(-(self.tick + ticks) // period) - -(-self.tick // period)
+
+    def _error(self, result: Result) -> BaseException:
+        failure, self._bound.failure = self._bound.failure, None
+        if isinstance(failure, KeyboardInterrupt | SystemExit):
+            return failure
+        tick, index = self.tick, self._state.failed_index
+        time = tick * self.plan.h
+        where = f"at tick {tick} (t = {time:.6g} s)"
+        if result is Result.HISTORY:
+            name = self.plan.links[index].name
+            return RunError(f"link {name}: no such sample {where}", tick=tick, time=time)
+        if result is Result.GATE:
+            gate = self.plan.gates[index]
+            text = f"{gate.component}: {gate.name} stopped it {where}"
+            return RunError(text, component=gate.component, tick=tick, time=time)
+        step = self.plan.components[index]
+        text = f"{step.name}: {self._reason(result, step, failure)} {where}"
+        error = RunError(text, component=step.name, tick=tick, time=time)
+        error.__cause__ = failure
+        return error
+
+    def _reason(self, result: Result, step: Step, failure: BaseException | None) -> str:
+        if failure is not None:
+            return sentence(failure, step.name)
+        if result is Result.NOT_FINITE:
+            return not_finite(step.outputs, self.signals)
+        state = self._state
+        return step_refused(step, self.signals, result, state.failed_status, state.failed_signal)
+
+    def texts(self) -> dict[str, list[str]]:
+        """String and Binary outputs of all FMUs as they stand, by ``component.port``."""
+        return {
+            f"{step.name}.{port}": found
+            for step in self.plan.components
+            if isinstance(step.component, FmuComponent)
+            for port, found in step.component.results().items()
+        }
+
+    def late(self) -> dict[str, tuple[int, float]]:
+        """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
+        return self._bound.late()
+
+    def logs(self) -> dict[str, str]:
+        """What FMUs whose logging is on have said, by component; also after :meth:`close`."""
+        return {
+            step.name: text
+            for step in self.plan.components
+            if isinstance(step.component, FmuComponent) and (text := step.component.log_text())
+        }
+
+    def save_logs(self, folder: Path) -> None:
+        """Write what FMUs whose logging is on have said so far into ``folder/NAME.fmu.log``."""
+        for name, text in self.logs().items():
+            (folder / f"{name}.fmu.log").write_text(text, encoding="utf-8")
+
+    def close(self) -> None:
+        """Free the FMUs; may be called twice.
+
+        After a fatal status the standard forbids every call to any instance of that FMU.
+        """
+        fmus = [s.component for s in self.plan.components if isinstance(s.component, FmuComponent)]
+        status, failed = self._state.failed_status, self._state.failed_index
+        if status not in (OK, WARNING):  # of a step, by an FMU
+            self.plan.components[failed].component.instance.returned(status)
+        fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}
+        for x in fmus:
+            x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
+
+
+def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:
+    views = {s.port: part(signals, s).reshape(s.shape) for s in slots}
+    for view in views.values():
+        view.flags.writeable = writable
+    return views

@@ -1,0 +1,106 @@
+"""From components to the signals of t = 0: all start, and outputs travel until nothing changes."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from cosim.base.errors import RunError
+from cosim.engine.binding import End, Vector, Views, store
+from cosim.fmi import FmuComponent
+from cosim.fmi.failures import starting
+from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
+
+
+def initialize(
+    plan: Plan, signals: Vector, inputs: Sequence[Views], outputs: Sequence[Views]
+) -> End | None:
+    """Start all components, and fill in `signals` (n_signals,).
+
+    Initial outputs travel along wires and links until nothing changes, FMUs being in Initialization
+    Mode. Then each FMU leaves it, with the events at its start, and its outputs are read again:
+    they may differ, and travel on. `inputs`, `outputs`: the signals of each component. Returns how
+    an FMU ended the simulation in these events. Raises ScenarioError where a component does not
+    start, RunError where an output is no finite number.
+    """
+    fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
+    edges: list[Wire | Link] = [*plan.wires, *plan.links]
+    for edge in edges:
+        fed[edge.target.component].append(edge)
+    for step in plan.components:
+        _start(step, signals)
+
+    def settle(unsettled: Collection[int]) -> None:
+        for _ in range(len(plan.components) + 1):
+            before = signals.tobytes()
+            for i, step in enumerate(plan.components):
+                _gather(signals, fed[step.name])
+                if i in unsettled:
+                    with starting(step.name):
+                        store(outputs[i], step.component.initial(inputs[i]))
+            if signals.tobytes() == before:
+                return
+
+    unsettled = set(range(len(plan.components)))  # whose outputs may still be computed
+    settle(unsettled)
+    ended = None
+    for i in _exits(plan):
+        unsettled.remove(i)
+        before = signals.tobytes()
+        ended = _exit(plan.components[i], outputs[i]) or ended
+        if signals.tobytes() != before:
+            settle(unsettled)
+    _check(plan, signals)
+    return ended
+
+
+def part(signals: Vector, slot: Slot) -> Vector:
+    """The signals of a slot, (size,)."""
+    return signals[slot.start : slot.start + slot.size]
+
+
+def _start(step: Step, signals: Vector) -> None:
+    parameters = {p.name: p for p in step.component.parameters}
+    values = {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
+    with starting(step.name):
+        step.component.initialize(values)
+    for slot, port in zip(step.inputs, step.component.inputs, strict=True):
+        part(signals, slot)[:] = step.start.get(port.name) or port.default or (0.0,) * port.size
+
+
+def _gather(signals: Vector, fed: Sequence[Wire | Link]) -> None:
+    for e in fed:
+        if isinstance(e, Link) and e.initial is not None:
+            part(signals, e.target)[:] = e.initial
+        else:
+            part(signals, e.target)[:] = e.gain * part(signals, e.source) + e.offset
+
+
+def _exits(plan: Plan) -> list[int]:
+    """FMUs in the order in which they leave Initialization Mode: plants, then who samples them.
+
+    An output that changes then is seen by those that are still in it.
+    """
+    place = {name: i for i, name in enumerate(plan.order)}
+    fmus = [i for i, s in enumerate(plan.components) if isinstance(s.component, FmuComponent)]
+    return sorted(fmus, key=lambda i: place.get(plan.components[i].name, -1))
+
+
+def _exit(step: Step, outputs: Views) -> End | None:
+    assert isinstance(step.component, FmuComponent)
+    with starting(step.name):
+        for port, value in step.component.exit_initialization().items():
+            outputs[port][...] = value
+        return End(step.name, step.component.begin) if step.component.instance.has_ended() else None
+
+
+def _check(plan: Plan, signals: Vector) -> None:
+    for step in plan.components:
+        for slot in step.outputs:
+            if not np.isfinite(part(signals, slot)).all():
+                value = part(signals, slot).tolist()
+                raise RunError(
+                    f"{slot.name} = {value} at the start", component=step.name, tick=0, time=0.0
+                )

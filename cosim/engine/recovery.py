@@ -1,0 +1,49 @@
+"""A run folder that was cut short, made into one that every tool reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cosim.base.errors import ScenarioError
+from cosim.links.writer import recover_tables
+from cosim.record.folder import (
+    LIVE,
+    METADATA,
+    RECOVERED,
+    RUNNING,
+    TRAJECTORIES,
+    read_metadata,
+    write_metadata,
+)
+from cosim.record.recover import complete, goes_on, journals, unfinished
+from cosim.record.run import Run
+
+
+def repair(folder: Path, why: str = "cut short") -> str:
+    """Complete the trajectories, tables and ``run.json`` of `folder`; until when it is recorded.
+
+    `why`: what ended the run, for ``run.json``. A folder that is complete stays as it is, and the
+    text is empty. Raises ScenarioError where the run still goes on or there is none, RunError where
+    nothing can be written.
+    """
+    if not folder.is_dir():
+        raise ScenarioError("there is no such run folder", str(folder))
+    if goes_on(folder):
+        raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
+    facts = read_metadata(folder)
+    running = facts.get("status", "") == RUNNING
+    cut = unfinished(folder) or (running and bool(journals(folder)))
+    if not cut and not running:
+        if not (folder / TRAJECTORIES).exists():
+            raise ScenarioError("no run folder: nothing was recorded in it", str(folder))
+        return ""
+    if cut:
+        complete(folder)
+    recover_tables(folder)
+    (folder / LIVE).unlink(missing_ok=True)
+    if (folder / METADATA).exists():
+        write_metadata(folder, {**facts, "status": RECOVERED, "error": facts.get("error") or why})
+    if not (folder / TRAJECTORIES).exists():
+        return "nothing was recorded"
+    t = Run.open(folder).t
+    return f"recorded until t = {t[-1]:.6g} s" if t.size else "nothing was recorded"

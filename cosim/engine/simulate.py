@@ -1,0 +1,266 @@
+"""Runs a scenario offline into a run folder: plan -> engine -> recorder, in chunks of ticks."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cosim
+from cosim.base.clock import stopwatch
+from cosim.base.errors import Interrupted, RunError, ScenarioError
+from cosim.base.interrupts import deferred
+from cosim.engine.binding import End
+from cosim.engine.engine import Engine
+from cosim.fmi import FmuComponent
+from cosim.links.statistics import Ages, LinkStatistics
+from cosim.links.writer import TableWriter
+from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
+from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
+from cosim.record.recover import unfinished
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, as_data
+from cosim.schedule.plan import Plan, Slot
+
+#: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
+CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
+#: Ticks of everything that are kept when a run fails.
+FLIGHT_RECORDER = 1000
+#: Rows of a link's table that are counted at once: a chunk has few, and each time costs the same.
+COUNTED = 1 << 14
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run was: `wall` s for `seconds` s of simulated time, recorded in `folder`."""
+
+    folder: Path
+    plan: Plan
+    ticks: int
+    seconds: float
+    wall: float
+    ages: Mapping[str, LinkStatistics]
+    late: Mapping[str, tuple[int, float]]  # clocks of FMUs: how often, and by how much (s)
+    ended: End | None = None  # by an FMU, before its time
+
+
+def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
+    """What is recorded: all outputs and everything received over links, or what is `wanted`.
+
+    Raises ScenarioError for a wanted signal that does not exist.
+    """
+    slots = {s.name: s for c in plan.components for s in c.outputs}
+    every = plan.slots()
+    received = {x.target.name for x in plan.links}
+    received |= {f"{x.target.component}.{x.target.port}" for x in plan.links}
+    slots |= {name: s for name, s in every.items() if name in received}
+    if wanted:
+        unknown = [w for w in wanted if w not in every]
+        if unknown:
+            raise ScenarioError(f"no signal {unknown[0]!r}; there are: {', '.join(every)}", place)
+        slots = {w: every[w] for w in wanted}
+    return _columns([slot for _, slot in sorted(slots.items())])
+
+
+def _columns(slots: Sequence[Slot]) -> list[Column]:
+    return [
+        Column(name, slot.unit, slot.start + i)
+        for slot in slots
+        for i, name in enumerate(slot.scalars())
+    ]
+
+
+def simulate(
+    scenario: Scenario,
+    folder: str | Path,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+    plan: Plan | None = None,
+    *,
+    force: bool = False,
+) -> Outcome:
+    """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
+
+    The folder is made once all components have started: what cannot start leaves nothing behind.
+    From then on it can be read at any moment, also after the process was killed. `progress` is
+    called with (ticks done, ticks in all) between chunks. Raises CosimError; a RunError leaves what
+    was recorded, and the last ticks of every signal, in the folder. Ctrl-C (and the engine's
+    `stop`) becomes Interrupted, and leaves what was recorded.
+    """
+    folder = Path(folder)
+    plan = plan or assemble(scenario)
+    recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
+    rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))
+    tables: dict[str, TableWriter] = {}
+    counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
+
+    def keep(name: str, held: NDArray[np.int32]) -> None:
+        tables[name].write(held)
+        counts[name].add(held)
+
+    with ExitStack() as stack:
+        engine = stack.enter_context(Engine(plan, keep))
+        engine.initialize()
+        stack.enter_context(deferred(engine.stop))  # what is opened from here on is closed
+        claim_folder(folder, force=force)
+        facts = metadata(scenario, plan)
+        stack.enter_context(_completed(folder, facts))
+        stack.callback(engine.save_logs, folder)
+        for x in plan.links:
+            writer = TableWriter(link_file(folder, x.name), x.table.facts())
+            tables[x.name] = stack.enter_context(writer)
+        recorder = Recorder(
+            folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
+            n_signals=plan.n_signals, everything=_everything(plan),
+        )  # fmt: skip
+        stack.enter_context(recorder)
+        watch = stopwatch()
+        try:
+            _loop(engine, plan, recorder, rows, progress)
+        except BaseException as error:
+            _save_failure(error, recorder, plan, folder)
+            raise
+        recorder.close()
+        wall = watch()
+        late = engine.late()
+        facts |= {
+            "status": FINISHED,
+            "wall": wall,
+            "texts": engine.texts(),
+            "late_clocks": late,
+            "ended": None if engine.ended is None else asdict(engine.ended),
+        }
+    statistics = {name: counted.result() for name, counted in counts.items()}
+    return Outcome(
+        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended
+    )
+
+
+class _Counted:
+    """Rows of a link's table, gathered for the statistics of their ages."""
+
+    def __init__(self, ages: Ages) -> None:
+        self._ages, self._rows, self._size = ages, list[NDArray[np.int32]](), 0
+
+    def add(self, rows: NDArray[np.int32]) -> None:
+        """Take the next rows; they must not change afterwards."""
+        self._rows.append(rows)
+        self._size += rows.size
+        if self._size >= COUNTED:
+            self._count()
+
+    def _count(self) -> None:
+        self._ages.add(np.concatenate(self._rows))
+        self._rows.clear()
+        self._size = 0
+
+    def result(self) -> LinkStatistics:
+        """The statistics of all rows."""
+        if self._rows:
+            self._count()
+        return self._ages.result()
+
+
+def _loop(
+    engine: Engine,
+    plan: Plan,
+    recorder: Recorder,
+    rows: int,
+    progress: Callable[[int, int], None],
+) -> None:
+    while True:
+        first = engine.tick
+        ticks = min(rows - 1, plan.ticks - first)
+        buffer = recorder.buffer()
+        failed = True
+        try:
+            engine.run(ticks, buffer, recorder.begin(buffer, first))
+            failed = False
+        finally:
+            n = engine.rows
+            done = engine.tick == plan.ticks or engine.ended is not None
+            if failed or (done and n == engine.tick - first):  # the last row, as everything stands
+                buffer[n] = engine.signals
+                n += 1
+            recorder.submit(buffer, first, n)
+        if engine.tick < first + ticks and not done:
+            raise Interrupted(engine.tick * plan.h, str(recorder.path.parent))
+        progress(engine.tick, plan.ticks)
+        if done:
+            return
+
+
+@contextmanager
+def _completed(folder: Path, facts: dict[str, Any]) -> Iterator[None]:
+    """Write ``run.json`` before the block and after it, which adds to `facts`; then the sums."""
+    write_metadata(folder, facts, indented=False)
+    try:
+        yield
+    except BaseException as error:
+        try:
+            write_metadata(folder, facts | stopped(error))
+            if not unfinished(folder):
+                seal(folder)
+        except RunError as failure:  # what stopped the run comes first
+            error.add_note(str(failure))
+        raise
+    write_metadata(folder, facts)
+    seal(folder)
+
+
+def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: Path) -> None:
+    """Keep the last ticks of every signal; their last row is what the failure left behind."""
+    if isinstance(error, RunError):
+        error.saved = str(folder)
+        try:
+            recorder.save_last(folder / LAST, FLIGHT_RECORDER, _everything(plan))
+        except RunError as failure:  # what stopped the run comes first
+            error.add_note(str(failure))
+
+
+def _everything(plan: Plan) -> list[Column]:
+    return _columns([s for c in plan.components for s in (*c.inputs, *c.outputs)])
+
+
+def stopped(error: BaseException) -> dict[str, Any]:
+    """What ``run.json`` says of a run that had to stop."""
+    return {"status": STOPPED, "error": f"{type(error).__name__}: {error}"}
+
+
+def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
+    """What ``run.json`` says when a run begins: scenario, seeds, versions, FMU hashes, links."""
+    return {
+        "status": RUNNING,
+        "scenario": as_data(scenario),
+        "seed": scenario.run.seed,
+        "step": plan.h,
+        "ticks": plan.ticks,
+        "algorithm": plan.algorithm,
+        "order": list(plan.later if plan.algorithm == "gauss-seidel" else plan.order),
+        "versions": versions(),
+        "fmus": {
+            c.name: c.component.facts()
+            for c in plan.components
+            if isinstance(c.component, FmuComponent)
+        },
+        "weights": {p.target.name: p.source.facts() for p in plan.players},
+        "links": {x.name: x.table.facts() for x in plan.links},
+        "wall": None,
+        "error": None,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    return {
+        "cosim": cosim.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "platform": f"{platform.machine()}-{sys.platform}",
+    }

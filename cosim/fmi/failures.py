@@ -1,0 +1,60 @@
+"""What stopped a step, in a sentence."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.fmi.library import status_name
+from cosim.native.structs import Result
+from cosim.schedule.plan import Slot
+
+
+def sentence(error: BaseException, name: str = "") -> str:
+    """An exception of component `name` in words, with the line that raised it.
+
+    ``ZeroDivisionError: division by zero (controller.py, line 12)``; a CosimError says it all.
+    """
+    if isinstance(error, CosimError):
+        return str(error).removeprefix(f"{name}: ")
+    text = f"{type(error).__name__}: {error}".removesuffix(": ")
+    frames = traceback.extract_tb(error.__traceback__)
+    file = Path(frames[-1].filename) if frames else Path("<unknown>")
+    if file.name.startswith("<") or file.parent.parent == Path(__file__).parents[1]:
+        return text
+    return f"{text} ({file.name}, line {frames[-1].lineno})"
+
+
+@contextmanager
+def starting(name: str) -> Iterator[None]:
+    """Whatever component `name` raises at the start becomes a ScenarioError that names it."""
+    try:
+        yield
+    except Exception as error:
+        raise ScenarioError(f"{name} does not start: {sentence(error, name)}") from error
+
+
+def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
+    """Which outputs are no numbers."""
+    bad = [
+        f"{name} = {value}"
+        for slot in slots
+        for name, value in zip(slot.scalars(), signals[slot.start :], strict=False)
+        if not np.isfinite(value)
+    ]
+    return f"not a finite number: {', '.join(bad)}"
+
+
+def refused(result: Result, status: int, lines: Sequence[str]) -> str:
+    """What an FMU did instead of a step; `lines`: the last of its log."""
+    if result is Result.EARLY_RETURN:
+        return "the FMU returned early from its step, which is not supported"
+    verb = {Result.SET: "setting inputs", Result.GET: "getting outputs"}.get(result, "doStep")
+    said = "; ".join(lines) or "the FMU logged nothing"
+    return f"{verb} returned {status_name(status)} ({said})"

@@ -1,0 +1,298 @@
+"""The C engine's structs and functions, as ctypes sees them (``engine.c`` is the definition)."""
+
+from __future__ import annotations
+
+import ctypes as c
+import sys
+from enum import IntEnum
+from functools import lru_cache
+from pathlib import Path
+
+from cosim.base.errors import CosimError
+from cosim.native.fmu_log import Log
+
+ABI = 10
+
+
+class Code(IntEnum):
+    """What an operation does."""
+
+    COPY = 0
+    SCALE = 1
+    PUSH = 2
+    PULL = 3
+    STEP = 4
+    RECORD = 5
+    AGE = 6
+    PLAY = 7
+    AHEAD = 8
+    BETWEEN = 9
+    GATE = 10
+    SLOPE_AHEAD = 11
+    SLOPE_BETWEEN = 12
+
+
+#: A line through the last two values: its mean over a step; its slope and the value it begins with.
+MEANS = frozenset({Code.AHEAD, Code.BETWEEN})
+SLOPES = frozenset({Code.SLOPE_AHEAD, Code.SLOPE_BETWEEN})
+
+
+class UnitKind(IntEnum):
+    """How a unit is stepped."""
+
+    CALL = 0
+    FMI2 = 2
+    FMI3 = 3
+    TYPED = 4
+
+
+class Result(IntEnum):
+    """Why ``engine_run`` returned."""
+
+    OK = 0
+    STOPPED = 1
+    STEP = 2
+    SET = 3
+    GET = 4
+    NOT_FINITE = 5
+    HISTORY = 6
+    TERMINATED = 7
+    EARLY_RETURN = 8
+    VALUE = 9
+    EVENT = 10
+    STUCK = 11
+    GATE = 12
+    INTERVAL = 13
+    ENDED = 14
+
+
+class ClockKind(IntEnum):
+    """What ticks an input clock."""
+
+    PERIODIC = 0
+    CHANGING = 1
+    COUNTDOWN = 2
+    WIRED = 3
+
+
+CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
+TEXTS = c.CFUNCTYPE(c.c_int32)
+
+
+class Operation(c.Structure):
+    """``operation_t``."""
+
+    _fields_ = (
+        ("code", c.c_int32),
+        ("index", c.c_int32),
+        ("period", c.c_int64),
+        ("next", c.c_int64),
+        ("source", c.c_int64),
+        ("target", c.c_int64),
+        ("count", c.c_int64),
+        ("gain", c.c_double),
+        ("offset", c.c_double),
+    )
+
+
+class Access(c.Structure):
+    """``access_t``."""
+
+    _fields_ = (
+        ("call", c.c_void_p),
+        ("references", c.c_void_p),
+        ("places", c.c_void_p),
+        ("buffer", c.c_void_p),
+        ("held", c.c_void_p),
+        ("n_references", c.c_int64),
+        ("count", c.c_int64),
+        ("type", c.c_int32),
+        ("fmi", c.c_int32),
+    )
+
+
+class Ticker(c.Structure):
+    """``ticker_t``."""
+
+    _fields_ = (
+        ("reference", c.c_uint32),
+        ("kind", c.c_int32),
+        ("period", c.c_int64),
+        ("shift", c.c_int64),
+        ("next", c.c_double),
+        ("place", c.c_int64),
+        ("held", c.c_double),
+    )
+
+
+class Triggered(c.Structure):
+    """``triggered_t``."""
+
+    _fields_ = (
+        ("reference", c.c_uint32),
+        ("n_clocks", c.c_int32),
+        ("clocks", c.c_void_p),
+        ("place", c.c_int64),
+    )
+
+
+class Partition(c.Structure):
+    """``partition_t``."""
+
+    _fields_ = (
+        ("inputs", c.c_void_p),
+        ("outputs", c.c_void_p),
+        ("clocks", c.c_void_p),
+        ("texts", c.c_void_p),
+        ("n_inputs", c.c_int64),
+        ("n_outputs", c.c_int64),
+        ("n_clocks", c.c_int32),
+        ("fed", c.c_int32),
+    )
+
+
+class Typed(c.Structure):
+    """``typed_t``."""
+
+    _fields_ = (
+        ("inputs", c.c_void_p),
+        ("outputs", c.c_void_p),
+        ("discrete", c.c_void_p),
+        ("clocks", c.c_void_p),
+        ("triggered", c.c_void_p),
+        ("partitions", c.c_void_p),
+        ("active", c.c_void_p),
+        ("slopes", c.c_void_p),
+        ("orders", c.c_void_p),
+        ("enter_event", c.c_void_p),
+        ("update", c.c_void_p),
+        ("enter_step", c.c_void_p),
+        ("set_clock", c.c_void_p),
+        ("get_clock", c.c_void_p),
+        ("get_interval", c.c_void_p),
+        ("n_inputs", c.c_int64),
+        ("n_outputs", c.c_int64),
+        ("n_discrete", c.c_int64),
+        ("n_clocks", c.c_int64),
+        ("n_triggered", c.c_int64),
+        ("n_partitions", c.c_int64),
+        ("next_event", c.c_double),
+        ("latest", c.c_double),
+        ("late", c.c_int64),
+        ("fmi", c.c_int32),
+        ("variable", c.c_int32),
+    )
+
+
+class Unit(c.Structure):
+    """``unit_t``."""
+
+    _fields_ = (
+        ("kind", c.c_int32),
+        ("lag", c.c_int32),
+        ("h", c.c_double),
+        ("instance", c.c_void_p),
+        ("set", c.c_void_p),
+        ("step", c.c_void_p),
+        ("get", c.c_void_p),
+        ("inputs", c.c_void_p),
+        ("outputs", c.c_void_p),
+        ("n_inputs", c.c_int64),
+        ("n_outputs", c.c_int64),
+        ("input", c.c_int64),
+        ("input_count", c.c_int64),
+        ("output", c.c_int64),
+        ("output_count", c.c_int64),
+        ("typed", c.c_void_p),
+        ("period", c.c_int64),
+        ("reached", c.c_double),
+    )
+
+
+class Link(c.Structure):
+    """``link_t``."""
+
+    _fields_ = (
+        ("history", c.c_void_p),
+        ("table", c.c_void_p),
+        ("initial", c.c_void_p),
+        ("width", c.c_int64),
+        ("capacity", c.c_int64),
+        ("sent", c.c_int64),
+        ("row", c.c_int64),
+        ("rows", c.c_int64),
+        ("held", c.c_int64),
+        ("before", c.c_int64),
+    )
+
+
+class Player(c.Structure):
+    """``player_t``."""
+
+    _fields_ = (("values", c.c_void_p), ("row", c.c_int64), ("rows", c.c_int64))
+
+
+class Gate(c.Structure):
+    """``gate_t``: a C function ``int32_t pass(void *context, int64_t tick, double *signals)``."""
+
+    _fields_ = (("passing", c.c_void_p), ("context", c.c_void_p))
+
+
+class EngineState(c.Structure):
+    """``engine_t``."""
+
+    _fields_ = (
+        ("operations", c.c_void_p),
+        ("units", c.c_void_p),
+        ("links", c.c_void_p),
+        ("players", c.c_void_p),
+        ("gates", c.c_void_p),
+        ("signals", c.c_void_p),
+        ("record", c.c_void_p),
+        ("recorded", c.c_void_p),
+        ("n_operations", c.c_int64),
+        ("n_signals", c.c_int64),
+        ("row", c.c_int64),
+        ("tick", c.c_int64),
+        ("h", c.c_double),
+        ("stop", c.c_int32),
+        ("failed_index", c.c_int32),
+        ("failed_status", c.c_int32),
+        ("failed_signal", c.c_int32),
+    )
+
+
+def library_path() -> Path:
+    """Where the engine's shared library is, built at installation."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    return Path(__file__).parent.with_name(f"_engine{suffix}")
+
+
+@lru_cache(maxsize=1)
+def library() -> c.CDLL:
+    """The engine, loaded once. Raises CosimError when it is missing or of another version."""
+    path = library_path()
+    if not path.is_file():
+        raise CosimError(f"{path} is missing: install the project (pip install .), which builds it")
+    engine = c.CDLL(str(path))
+    engine.engine_run.argtypes = (c.POINTER(EngineState), c.c_int64)
+    engine.engine_run.restype = c.c_int32
+    engine.engine_sizes.argtypes = (c.c_int32,)
+    engine.engine_sizes.restype = c.c_size_t
+    engine.engine_unit.argtypes = (
+        *(c.c_void_p, c.c_void_p, c.c_double, c.c_int64, c.c_void_p, c.c_void_p),
+    )
+    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed, Gate,
+               Triggered, Partition)  # fmt: skip
+    expected = [c.sizeof(t) for t in structs]
+    found = [engine.engine_sizes(i) for i in range(len(expected))]
+    if engine.engine_abi() != ABI or found != expected:
+        raise CosimError(f"{path} belongs to another version of cosim: install the project again")
+    return engine
+
+
+def address(function: object) -> int:
+    """The address of a ctypes function or call-back."""
+    value = c.cast(function, c.c_void_p).value  # type: ignore[arg-type]
+    assert value is not None
+    return value

@@ -1,0 +1,265 @@
+"""Figures: recorded signals over time, one panel below the other, as a PNG.
+
+Drawn with matplotlib's Agg canvas, without pyplot, in a style of its own whatever the user's
+matplotlibrc says: the same run gives the same bytes (with the same matplotlib). matplotlib is
+imported by the first figure, not before.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.analysis.signals import Array, Signals
+from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.reporting.thinning import thin
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Sheet
+
+DPI = 150
+
+#: Colours that people with any colour vision tell apart (Okabe and Ito).
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_DASHES = ("-", (0, (6, 1.5, 1, 1.5)), (0, (1, 1)))
+
+_STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib
+    "font.size": 8.5,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "axes.formatter.limits": (-3, 5),
+    "grid.color": "0.9",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.1,
+    "lines.solid_joinstyle": "round",
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "agg.path.chunksize": 0,
+}
+
+# Margins and distances, inches.
+_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _TITLE = 0.72, 0.15, 0.12, 0.5, 0.42, 0.26
+_PANEL_TITLE, _LABEL_AT, _LEGEND_GAP = 0.2, 0.5, 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One diagram: signals `y` over time, and dashed what they should be.
+
+    `y`: names of scalars, or of vectors, whose entries are drawn each. `labels`: one per name
+    (default the name). `reference`: numbers or signals, `reference_label` for the first of them.
+    `ylabel`: without the unit, which is the signals' own.
+    """
+
+    y: tuple[str, ...]
+    title: str = ""
+    labels: tuple[str, ...] = ()
+    reference: tuple[float | str, ...] = ()
+    reference_label: str = ""
+    ylabel: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """Panels from top to bottom over one time axis; `size` (width, height) in inches."""
+
+    panels: tuple[Panel, ...]
+    title: str = ""
+    size: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    label: str
+    y: Array  # (n,)
+
+
+def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
+    """Draw `spec` from `run` into the PNG `path`, 150 dots per inch; replaced in one step.
+
+    Raises ScenarioError naming the panel for signals that were not recorded, RunError with the
+    path if it cannot be written.
+    """
+    if not spec.panels:
+        raise ScenarioError("a figure needs a panel or more", f"figure {spec.title!r}")
+    content = [_lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
+               for i, panel in enumerate(spec.panels)]  # fmt: skip
+    load()
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        image = _render(spec, run, content)
+    return _write(image, Path(path))
+
+
+def load(*, lean: bool = False) -> None:
+    """Import matplotlib now, rather than with the first figure.
+
+    A third of that is text: tables of properties made for the docstrings of its classes. `lean`
+    leaves these out (200 instead of 280 ms); for a command, in whose process nobody reads them.
+    """
+    if lean and "matplotlib.figure" not in sys.modules:
+        import matplotlib.artist
+
+        table = matplotlib.artist.kwdoc
+        matplotlib.artist.kwdoc = lambda artist: ""
+        try:
+            import matplotlib.backends.backend_agg
+            import matplotlib.figure
+        finally:
+            matplotlib.artist.kwdoc = table
+    import matplotlib.backends.backend_agg
+    import matplotlib.figure
+
+
+# ---- what is drawn -------------------------------------------------------------------------------
+
+
+def _lines(panel: Panel, run: Signals, place: str) -> tuple[list[_Line], list[_Line]]:
+    """The lines of a panel and of its references, a number being a line of one value."""
+    if not panel.y:
+        raise ScenarioError("a panel needs a signal or more in 'y'", place)
+    try:
+        labels = panel.labels + panel.y[len(panel.labels) :]
+        lines = [line for name, label in zip(panel.y, labels, strict=False)
+                 for line in _entries(run, name, label)]  # fmt: skip
+        references: list[_Line] = []
+        for reference in panel.reference:
+            label = panel.reference_label if not references else ""
+            if isinstance(reference, str):
+                references += _entries(run, reference, label or reference)
+            else:
+                references.append(_Line(label, np.array([float(reference)])))
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from error
+    return lines, references
+
+
+def _entries(run: Signals, name: str, label: str) -> Iterator[_Line]:
+    values, names = run.array(name), run.entries(name)
+    for i, entry in enumerate(names):
+        index = entry.removeprefix(name) if len(names) > 1 else ""
+        y = values[:, i]
+        yield _Line(label + index, np.where(np.abs(y) < 1e150, y, np.nan))  # what Agg can place
+
+
+def axis_label(panel: Panel, run: Signals) -> str:
+    """Label of a panel's y axis: what it says, or what all its signals share, and the unit."""
+    units = list(dict.fromkeys(run.unit(name) for name in panel.y))
+    shared = {name.partition(".")[2] or name for name in panel.y}
+    text = panel.ylabel or (shared.pop() if len(shared) == 1 else "")
+    shown = ", ".join(_unit(unit) for unit in units if unit not in ("", "1"))
+    return f"{text} [{shown}]".strip() if shown else text
+
+
+def _unit(unit: str) -> str:
+    """A unit as it is printed: kg.m2 is kg·m²."""
+    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    text = re.sub(r"(?<=[A-Za-z])\^?(-?\d+)", lambda m: m[1].translate(raised), unit)
+    return text.replace(".", "·").replace("*", "·")
+
+
+# ---- how it is drawn -----------------------------------------------------------------------------
+
+
+def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_Line]]]) -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Sheet
+
+    count = len(spec.panels)
+    width, height = spec.size or (7.2, _TOP + _BOTTOM + 2.0 * count + _GAP * (count - 1) + _TITLE)
+    figure = Sheet(figsize=(width, height), dpi=DPI)
+    canvas: Any = FigureCanvasAgg(figure)  # partly untyped
+    axes: list[Axes] = []
+    for panel, (lines, references) in zip(spec.panels, content, strict=True):
+        ax = figure.add_axes((0.1, 0.1, 0.8, 0.8), sharex=axes[0] if axes else None)
+        axes.append(ax)
+        _plot(ax, run.t, lines, references)
+        ax.set_ylabel(axis_label(panel, run))
+        if panel.title:
+            ax.set_title(panel.title, loc="left", pad=4)
+        ax.tick_params(labelbottom=len(axes) == count)
+    axes[-1].set_xlabel("time [s]")
+    legend = max(_legend_width(ax, canvas) for ax in axes)
+    _arrange(figure, axes, spec, legend)
+    buffer = io.BytesIO()
+    canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return buffer.getvalue()
+
+
+def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> None:
+    for i, line in enumerate(lines):
+        index = thin(line.y)
+        colour, dash = _COLOURS[i % len(_COLOURS)], _DASHES[i // len(_COLOURS) % len(_DASHES)]
+        ax.plot(t[index], line.y[index], color=colour, linestyle=dash, label=line.label)
+    dashed: dict[str, Any] = {"color": "0.25", "linestyle": (0, (5, 3)), "linewidth": 0.9}
+    for line in references:
+        label = line.label or "_"  # matplotlib leaves labels that begin so out of the legend
+        if len(line.y) == 1:
+            ax.axhline(line.y[0], label=label, zorder=1.5, **dashed)
+        else:
+            index = thin(line.y)
+            ax.plot(t[index], line.y[index], label=label, zorder=1.5, **dashed)
+    if len(t) > 1:
+        ax.set_xlim(t[0], t[-1])
+
+
+def _legend_width(ax: Axes, canvas: Any) -> float:
+    """Put the legend right of the axes; its width, inches."""
+    legend = ax.legend(
+        loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, borderpad=0.2,
+        handlelength=1.9, handletextpad=0.6, labelspacing=0.4,
+    )  # fmt: skip
+    return float(legend.get_window_extent(canvas.get_renderer()).width) / DPI
+
+
+def _arrange(figure: Sheet, axes: list[Axes], spec: Figure, legend: float) -> None:
+    """Place axes, legends and titles; all lengths in inches until the last step."""
+    width, height = figure.get_size_inches()
+    inner = max(width - _LEFT - _LEGEND_GAP - legend - _RIGHT, 0.3 * width)
+    title = _TITLE if spec.title else 0.0
+    gap = _GAP if any(panel.title for panel in spec.panels[1:]) else _GAP / 2
+    top = _TOP + title + (_PANEL_TITLE if spec.panels[0].title else 0.0)
+    panel = (height - top - _BOTTOM - gap * (len(axes) - 1)) / len(axes)
+    for i, ax in enumerate(axes):
+        bottom = height - top - panel * (i + 1) - gap * i
+        ax.set_position((_LEFT / width, bottom / height, inner / width, panel / height))
+        ax.yaxis.set_label_coords(-_LABEL_AT / inner, 0.5)
+        legend_box = ax.get_legend()
+        if legend_box is not None:
+            legend_box.set_bbox_to_anchor((1.0 + _LEGEND_GAP / inner, 1.0), ax.transAxes)
+    if spec.title:
+        y = 1 - (_TOP + title / 2) / height
+        figure.text((_LEFT + inner / 2) / width, y, spec.title, ha="center", va="center", size=10)
+
+
+def _write(image: bytes, path: Path) -> Path:
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(image)
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    return path

@@ -1,0 +1,153 @@
+"""Scenario -> components and connections that fit together -> plan.
+
+Here names become objects: components with their values, and the ticks of their periods. What runs
+between them is :mod:`cosim.scenario.connect`'s. Every error names its place in the scenario.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from cosim.base.component import Component, Parameter, Port
+from cosim.base.convert import numbers
+from cosim.base.errors import FmuError, PlanError, ScenarioError
+from cosim.fmi import FmuComponent
+from cosim.scenario import connect
+from cosim.scenario.models import load_component
+from cosim.scenario.spec import ComponentSpec, Scenario
+from cosim.schedule.plan import Plan, Slot, Step, compile_plan
+
+#: Ticks of a run: a tick is a whole number that float64 has exactly, and in ns it has 64 bits.
+MOST_TICKS = 2**53
+
+
+def assemble(scenario: Scenario) -> Plan:
+    """The plan of a scenario. Raises ScenarioError, FmuError or PlanError."""
+    h = scenario.seconds(scenario.run.step, "run.step")
+    stop = scenario.seconds(scenario.run.stop, "run.stop")
+    if not 0 < h < float("inf") or not 0 < stop < float("inf"):
+        raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
+    ticks = _ticks(stop, h, scenario.place("run.stop"))
+    steps = _steps(scenario, h)
+    parts = connect.Parts(scenario, {c.name: c for c in steps}, h, ticks)
+    wires, links, players = connect.wires(parts), connect.links(parts), connect.players(parts)
+    connect.check_single_sources(parts, wires, links, players)
+    try:
+        return compile_plan(
+            h, ticks, steps, wires, links, scenario.run.algorithm, players, scenario.run.order
+        )
+    except PlanError as error:
+        raise PlanError(f"{scenario.path}: {error}") from None
+
+
+def _steps(scenario: Scenario, h: float) -> list[Step]:
+    steps: list[Step] = []
+    start = 0
+    for name, spec in sorted(scenario.components.items()):
+        place = scenario.place("components", name)
+        component, presets = load_component(name, spec, scenario.path.parent, place)
+        period = h
+        if spec.period is not None:
+            period = scenario.seconds(spec.period, "components", name, "period")
+        fmu = component if isinstance(component, FmuComponent) else None
+        inputs, start = _slots(name, component.inputs, start)
+        outputs, start = _slots(name, component.outputs, start)
+        values, starts = _values(spec, component, presets, place)
+        steps.append(
+            Step(
+                name=name,
+                component=component,
+                kind=component.kind,
+                period=_ticks(period, h, scenario.place("components", name, "period")),
+                values=values,
+                inputs=inputs,
+                outputs=outputs,
+                start=starts,
+                extrapolate=spec.extrapolate == "linear",
+                discrete=fmu.discrete if fmu else frozenset(),
+                sloped=fmu.sloped if fmu else frozenset(),
+            )
+        )
+    return steps
+
+
+def _slots(name: str, ports: Iterable[Port], start: int) -> tuple[tuple[Slot, ...], int]:
+    slots = []
+    for port in ports:
+        slots.append(Slot(f"{name}.{port.name}", name, port.name, start, port.shape, port.unit))
+        start += port.size
+    return tuple(slots), start
+
+
+def _values(
+    spec: ComponentSpec, component: Component, presets: Mapping[str, Any], place: str
+) -> tuple[dict[str, tuple[float, ...]], dict[str, tuple[float, ...]]]:
+    """(parameters and start values, start values of inputs), flattened."""
+    settable = {p.name: p for p in component.parameters}
+    inputs = {p.name: p for p in component.inputs}
+    given: dict[str, tuple[Any, str]] = {}
+    if spec.preset is not None:
+        if spec.preset not in presets:
+            known = ", ".join(sorted(presets)) or "none"
+            raise ScenarioError(f"no preset {spec.preset!r}; there are: {known}", f"{place}.preset")
+        given |= {k: (v, f"{place}.preset") for k, v in presets[spec.preset].items()}
+    given |= {k: (v, f"{place}.parameters.{k}") for k, v in spec.parameters.items()}
+    given |= {k: (v, f"{place}.start.{k}") for k, v in spec.start.items()}
+    values: dict[str, tuple[float, ...]] = {}
+    starts: dict[str, tuple[float, ...]] = {}
+    fmu = component if isinstance(component, FmuComponent) else None
+    for key, (value, where) in given.items():
+        if fmu is not None and key in fmu.taken:
+            continue
+        if key in settable:
+            values[key] = _numbers(fmu, settable[key], value, where)
+            _check_type(settable[key], values[key], where)
+        elif key in inputs:
+            starts[key] = _numbers(fmu, inputs[key], value, where)
+        else:
+            raise ScenarioError(
+                connect.unknown(key, [*settable, *inputs], "parameter or start"), where
+            )
+    return values, starts
+
+
+def _numbers(
+    fmu: FmuComponent | None, p: Parameter | Port, value: Any, place: str
+) -> tuple[float, ...]:
+    """Values of a parameter or port, in an FMU with its own units and names of items."""
+    if fmu is None:
+        return numbers(value, p.shape, p.unit, place)
+    try:
+        value = fmu.number(p.name, value)
+    except FmuError as error:
+        raise ScenarioError(str(error), place) from None
+    return numbers(value, p.shape, fmu.unit(p.unit), place)
+
+
+def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> None:
+    if parameter.type == "integer" and any(v != int(v) for v in values):
+        raise ScenarioError(f"{parameter.name} is an integer, found {list(values)}", place)
+    if parameter.type == "boolean" and any(v not in (0.0, 1.0) for v in values):
+        raise ScenarioError(f"{parameter.name} is a Boolean, found {list(values)}", place)
+
+
+# ---- ticks ----------------------------------------------------------------------------------
+
+
+def _ticks(seconds: float, h: float, place: str) -> int:
+    """How many base steps `seconds` are. Raises ScenarioError when they are not a whole number."""
+    if seconds / h > MOST_TICKS:
+        raise ScenarioError(
+            f"{seconds:g} s are {seconds / h:.3g} base steps of {h:g} s; expected at most "
+            f"{MOST_TICKS:.3g}", place
+        )  # fmt: skip
+    ticks = round(seconds / h)
+    if ticks < 1 or abs(ticks * h - seconds) > 1e-9 * max(seconds, h):
+        near = ", ".join(
+            f"{n * h:g}" for n in sorted({max(1, int(seconds / h)), int(seconds / h) + 1})
+        )
+        raise ScenarioError(
+            f"{seconds:g} s is not a multiple of the base step {h:g} s (nearest: {near} s)", place
+        )
+    return ticks

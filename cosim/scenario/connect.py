@@ -1,0 +1,300 @@
+"""What runs between components: wires, links and edge weights, checked for shape and unit.
+
+Endpoints are written ``component.port`` or ``component.port[i]``. Every error names its place in
+the scenario.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from cosim.base.convert import numbers
+from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.units import Unit, conversion
+from cosim.fmi import FmuComponent
+from cosim.scenario.spec import LinkSpec, Scenario, WireSpec
+from cosim.schedule.plan import Link, Player, Slot, Step, Wire
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cosim.links.topology import Topology, WeightStream
+
+_ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.([^\[\]]+?)(?:\[(\d+(?:,\d+)*)\])?$")
+Causality = Literal["input", "output"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The components of a scenario by name, its base step `h` (s) and length in `ticks`."""
+
+    scenario: Scenario
+    steps: Mapping[str, Step]
+    h: float
+    ticks: int
+    slots: Mapping[Causality, Mapping[str, Slot]] = field(init=False)  # by component.port
+
+    def __post_init__(self) -> None:
+        found: dict[Causality, dict[str, Slot]] = {"input": {}, "output": {}}
+        for step in self.steps.values():
+            found["input"] |= {s.name: s for s in step.inputs}
+            found["output"] |= {s.name: s for s in step.outputs}
+        object.__setattr__(self, "slots", found)
+
+    def endpoint(self, text: str, causality: Causality, place: str) -> Slot:
+        """The slot an endpoint names. Raises ScenarioError at `place`."""
+        match = _ENDPOINT.match(text)
+        if match is None:
+            raise ScenarioError(f"{text!r} is no endpoint; expected 'component.port'", place)
+        name, port, index = match[1], match[2], match[3]
+        if name not in self.steps:
+            raise ScenarioError(unknown(name, self.steps, "component"), place)
+        slot = self.slots[causality].get(f"{name}.{port}")
+        if slot is None:
+            component = self.steps[name].component
+            if isinstance(component, FmuComponent) and component.is_text(port):
+                raise ScenarioError(
+                    f"{name}.{port} is a String or Binary variable; expected a number or Boolean: "
+                    "texts are set at the start and kept with the run, not wired",
+                    place,
+                )
+            other: Causality = "output" if causality == "input" else "input"
+            if f"{name}.{port}" in self.slots[other]:
+                raise ScenarioError(f"{name}.{port} is not an {causality}", place)
+            step = self.steps[name]
+            ports = [s.port for s in (step.inputs if causality == "input" else step.outputs)]
+            raise ScenarioError(unknown(port, ports, f"{causality} of {name}"), place)
+        return _part(slot, index, place) if index else slot
+
+    def scalar_input(self, text: str, place: str) -> Slot:
+        """An endpoint that is one number."""
+        slot = self.endpoint(text, "input", place)
+        if slot.size != 1:
+            raise ScenarioError(f"{slot.name} has {slot.size} entries; expected one", place)
+        return slot
+
+
+def unknown(name: str, known: Iterable[str], what: str) -> str:
+    """The sentence for a name that is not there, with the nearest that is."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, 1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"no {what} {name!r}{hint} (there are: {', '.join(names) or 'none'})"
+
+
+def _part(slot: Slot, index: str, place: str) -> Slot:
+    at = tuple(int(i) for i in index.split(","))
+    if len(at) > len(slot.shape) or any(i >= n for i, n in zip(at, slot.shape, strict=False)):
+        raise ScenarioError(
+            f"[{index}] is outside of {slot.name}, which has shape {list(slot.shape)}", place
+        )
+    start, shape = slot.start, slot.shape
+    for i in at:
+        shape = shape[1:]
+        start += i * replace(slot, shape=shape).size
+    return replace(slot, name=f"{slot.name}[{index}]", start=start, shape=shape)
+
+
+# ---- wires ----------------------------------------------------------------------------------
+
+
+def wires(parts: Parts) -> list[Wire]:
+    """What the components' `inputs` say."""
+    found = []
+    for name, spec in parts.scenario.components.items():
+        for port, given in spec.inputs.items():
+            place = parts.scenario.place("components", name, "inputs", port)
+            wire = given if isinstance(given, WireSpec) else WireSpec(source=given)
+            target = parts.endpoint(f"{name}.{port}", "input", place)
+            source = parts.endpoint(wire.source, "output", place)
+            gain, offset = _fit(parts, source, target, place)
+            found.append(Wire(source, target, wire.gain * gain, wire.gain * offset + wire.offset))
+    return found
+
+
+def _fit(parts: Parts, source: Slot, target: Slot, place: str) -> tuple[float, float]:
+    """(gain, offset) between two slots of one shape. Raises ScenarioError."""
+    if source.shape != target.shape:
+        raise ScenarioError(
+            f"{source.name} has shape {list(source.shape)}, {target.name} expects "
+            f"{list(target.shape)}",
+            place,
+        )
+    if source.unit == target.unit:
+        return 1.0, 0.0
+    try:
+        return conversion(_unit(parts, source), _unit(parts, target))
+    except UnitError:
+        raise ScenarioError(
+            f"units do not fit: {source.name} is in [{source.unit}], {target.name} expects "
+            f"[{target.unit}]",
+            place,
+        ) from None
+
+
+def _unit(parts: Parts, slot: Slot) -> str | Unit:
+    component = parts.steps[slot.component].component
+    if isinstance(component, FmuComponent):
+        return component.description.units.get(slot.unit, slot.unit)
+    return slot.unit
+
+
+# ---- links ----------------------------------------------------------------------------------
+
+
+def links(parts: Parts) -> list[Link]:
+    """What [[links]] says."""
+    found: dict[str, Link] = {}
+    for i, spec in enumerate(parts.scenario.links):
+        link = _link(parts, spec, parts.scenario.place("links", i))
+        if link.name in found:
+            place = parts.scenario.place("links", i)
+            raise ScenarioError(f"a second link is called {link.name!r}", place)
+        found[link.name] = link
+    return list(found.values())
+
+
+def _link(parts: Parts, spec: LinkSpec, place: str) -> Link:
+    from cosim.links.spec import link_table
+
+    source = parts.endpoint(spec.source, "output", f"{place}.from")
+    target = parts.endpoint(spec.target, "input", f"{place}.to")
+    gain, offset = _fit(parts, source, target, place)
+    name = spec.name or f"{source.name}->{target.name}"
+    table = link_table(
+        delay=spec.delay,
+        loss=spec.loss,
+        semantics=spec.semantics,
+        playout=spec.playout,
+        name=spec.channel or name,
+        seed=parts.scenario.run.seed,
+        h=parts.h,
+        sender_period=parts.steps[source.component].period,
+        receiver_period=parts.steps[target.component].period,
+        folder=parts.scenario.path.parent,
+        place=place,
+        ticks=parts.ticks,
+    )
+    initial = None
+    if spec.initial is not None:
+        initial = numbers(spec.initial, target.shape, target.unit, f"{place}.initial")
+    return Link(
+        name, source, target, table, gain, offset, initial, _age(parts, spec, target, place)
+    )
+
+
+def _age(parts: Parts, spec: LinkSpec, target: Slot, place: str) -> Slot | None:
+    if not spec.age:
+        return None
+    age = parts.scalar_input(spec.age, f"{place}.age")
+    if age.component != target.component:
+        raise ScenarioError(
+            f"{age.name} is to get the age of {target.name}; expected an input of "
+            f"{target.component}",
+            f"{place}.age",
+        )
+    return age
+
+
+# ---- edge weights ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeWeight:
+    """The weight of an edge (i, j), i receives from j, at the receiver's hits."""
+
+    topology: Topology
+    edge: tuple[int, int]
+    period: int
+    h: float
+
+    def stream(self) -> _Column:
+        """The weights from the first hit on."""
+        receiver, sender = self.edge
+        return _Column(self.topology.weights(receiver, [sender], period=self.period, h=self.h))
+
+    def facts(self) -> dict[str, Any]:
+        """The edge, and how the graphs switch."""
+        return {"edge": list(self.edge), **self.topology.facts()}
+
+
+class _Column:
+    """The only column of a stream of rows."""
+
+    def __init__(self, stream: WeightStream) -> None:
+        self._stream = stream
+
+    def rows(self, n: int) -> NDArray[np.float64]:
+        """The next `n` weights."""
+        return self._stream.rows(n)[:, 0]
+
+
+def topology(scenario: Scenario) -> Topology | None:
+    """The [topology] of a scenario, if it has one. Raises ScenarioError."""
+    spec = scenario.topology
+    if spec is None:
+        return None
+    from cosim.links.topology import make_topology
+
+    return make_topology(
+        graphs=spec.graphs,
+        dwell=spec.dwell,
+        schedule=spec.schedule,
+        repeat=spec.repeat,
+        seed=scenario.run.seed,
+        folder=scenario.path.parent,
+        place=scenario.place("topology"),
+    )
+
+
+def players(parts: Parts) -> list[Player]:
+    """What [topology.weights] says: an input, and the edge whose weight it gets."""
+    found = topology(parts.scenario)
+    if found is None or parts.scenario.topology is None:
+        return []
+    result = []
+    for text, edge in parts.scenario.topology.weights.items():
+        place = parts.scenario.place("topology", "weights", text)
+        target = parts.scalar_input(text, place)
+        for robot in edge:
+            if not 1 <= robot <= found.n:
+                raise ScenarioError(f"there is no robot {robot}; expected 1 to {found.n}", place)
+        period = parts.steps[target.component].period
+        result.append(Player(target, EdgeWeight(found, edge, period, parts.h)))
+    return result
+
+
+# ---- everything that is fed -----------------------------------------------------------------
+
+
+def check_single_sources(
+    parts: Parts, wires: Sequence[Wire], links: Sequence[Link], players: Sequence[Player]
+) -> None:
+    """Refuse an input that two feed, or one that is fed and given a start value."""
+    fed = [(w.target, w.source.name) for w in wires]
+    fed += [(x.target, x.source.name) for x in links]
+    fed += [(x.age, f"the age of {x.name}") for x in links if x.age is not None]
+    fed += [(p.target, "a weight of the topology") for p in players]
+    sources: dict[int, str] = {}
+    for target, source in fed:
+        for i, scalar in enumerate(target.scalars()):
+            at = target.start + i
+            if at in sources:
+                raise ScenarioError(
+                    f"{scalar} is fed twice: by {sources[at]} and by {source}",
+                    str(parts.scenario.path),
+                )
+            sources[at] = source
+    names = {target.name for target, _ in fed}
+    for step in parts.steps.values():
+        for port in step.start:
+            if f"{step.name}.{port}" in names:
+                raise ScenarioError(
+                    f"{step.name}.{port} is fed by a connection; a start value would not be used",
+                    parts.scenario.place("components", step.name, "start", port),
+                )

@@ -1,0 +1,118 @@
+"""From what a scenario calls a model to the component it stands for.
+
+A model is a path to an ``.fmu``, a module that has ``fmu(version, **sizes)``, or
+``module:attribute`` that makes a Python component. Nothing is discovered or registered.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from cosim.base.component import Component, Kind, Parameter, Port
+from cosim.base.convert import number
+from cosim.base.errors import CosimError, FmuError, ScenarioError
+from cosim.fmi import FmuComponent, Options
+from cosim.fmi.failures import sentence
+from cosim.fmi.options import PATIENCE
+from cosim.scenario.spec import ComponentSpec
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+_MEMBERS = ("kind", "inputs", "outputs", "parameters", "initialize", "initial", "step")
+
+
+def load_component(
+    name: str, spec: ComponentSpec, folder: Path, place: str
+) -> tuple[Component, Mapping[str, Any]]:
+    """The component a spec names, and the model's presets.
+
+    Raises ScenarioError at `place` for a model that cannot be found or made.
+    """
+    if spec.model.endswith(".fmu"):
+        path = Path(spec.model)
+        path = path if path.is_absolute() else folder / path
+        return _fmu(name, path, spec, spec.sizes, place), {}
+    module_name, colon, attribute = spec.model.partition(":")
+    module = _module(module_name, place)
+    presets: Mapping[str, Any] = vars(module).get("PRESETS", {})
+    maker = vars(module).get(attribute if colon else "fmu")
+    if not callable(maker):
+        missing = f"no {attribute!r}" if colon else "no function fmu(version, **sizes)"
+        raise ScenarioError(f"module {module_name!r} has {missing}", f"{place}.model")
+    try:
+        if spec.options and not colon:
+            raise ScenarioError("only a Python component takes options", f"{place}.options")
+        if not colon:
+            return _fmu(name, maker(spec.fmi, **spec.sizes), spec, {}, place), presets
+        component: Component = maker(**spec.sizes, **_options(spec, folder))
+    except TypeError as error:
+        raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.sizes") from None
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from None
+    except Exception as error:
+        raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.model") from error
+    if spec.kind is not None:
+        component.kind = spec.kind
+    _check(component, f"{place}.model")
+    return component, presets
+
+
+def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:
+    """Keyword arguments of a Python component; `path` is relative to the scenario's file."""
+    return {
+        key: str(folder / value) if key == "path" and isinstance(value, str) else value
+        for key, value in spec.options.items()
+    }
+
+
+def _fmu(
+    name: str, path: Path, spec: ComponentSpec, sizes: Mapping[str, int], place: str
+) -> FmuComponent:
+    seconds = PATIENCE if spec.timeout is None else number(spec.timeout, "s", f"{place}.timeout")
+    if not seconds > 0.0:
+        raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
+    options = Options(
+        sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
+        timeout=seconds, memory=spec.memory, build=spec.build,
+    )  # fmt: skip
+    try:
+        return FmuComponent(path, name, spec.kind, options)
+    except FmuError as error:
+        raise FmuError(f"{place}.model: {error}") from None
+
+
+def _module(name: str, place: str) -> ModuleType:
+    try:
+        if not all(part.isidentifier() for part in name.split(".")):
+            raise ImportError("that is no name of a module")
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ScenarioError(
+            f"cannot import {name!r}: {error}; expected a path ending in .fmu, a module such as "
+            "'fmus.models.planar2r', or 'module:attribute'",
+            f"{place}.model",
+        ) from None
+    except Exception as error:
+        raise ScenarioError(f"importing {name!r}: {sentence(error)}", f"{place}.model") from error
+
+
+def _check(component: Component, place: str) -> None:
+    """Refuse an object that is no component: what a type checker would say."""
+    what = type(component).__name__
+    present = dir(component)
+    missing = [member for member in _MEMBERS if member not in present]
+    if missing:
+        raise ScenarioError(f"{what} is no component: it has no {', '.join(missing)}", place)
+    if component.kind not in get_args(Kind):
+        expected = " or ".join(map(repr, get_args(Kind)))
+        raise ScenarioError(f"{what}.kind is {component.kind!r}; expected {expected}", place)
+    for member, kind in (("inputs", Port), ("outputs", Port), ("parameters", Parameter)):
+        found = getattr(component, member)
+        if not isinstance(found, tuple) or not all(isinstance(entry, kind) for entry in found):
+            raise ScenarioError(
+                f"{what}.{member} is {found!r}; expected a tuple of {kind.__name__}s", place
+            )

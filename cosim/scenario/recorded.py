@@ -1,0 +1,55 @@
+"""Run -> table, table -> run: a plan over the links of a run that was recorded.
+
+Whatever made the run (the engine, a twin, a rehearsal over a network), a link of it is a table of
+the samples its receiver held; the same scenario, or another controller, then hears the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from cosim.base.errors import ScenarioError
+from cosim.links.grid import Grid
+from cosim.links.storage import StoredTable, open_table
+from cosim.record.recover import stored_tables
+from cosim.schedule.plan import Link, Plan, Player, compile_plan
+
+
+def over(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:
+    """The plan with the stored tables of the run folder `run` in place of its links' laws.
+
+    `players`: further inputs that are fed from what was recorded. Raises ScenarioError where the
+    run has no table for a link, one of other periods, or one that is too short.
+    """
+    run = Path(run)
+    if not run.is_dir():
+        raise ScenarioError("there is no such run folder", str(run))
+    files = stored_tables(run)
+    links = []
+    for link in plan.links:
+        if link.name not in files:
+            found = ", ".join(files) or "none"
+            raise ScenarioError(
+                f"no table of the link {link.name!r} in this run; it has: {found}", str(run)
+            )
+        links.append(replace(link, table=_table(link, files[link.name], plan.ticks)))
+    order = plan.later if plan.algorithm == "gauss-seidel" else ()
+    return compile_plan(
+        plan.h, plan.ticks, plan.components, plan.wires, links, plan.algorithm,
+        [*plan.players, *players], order, plan.gates,
+    )  # fmt: skip
+
+
+def _table(link: Link, path: Path, ticks: int) -> StoredTable:
+    grid: Grid = link.table.grid
+    table = open_table(path, name=link.table.name, grid=grid)
+    rows = -(-ticks // grid.n_r)
+    if rows > table.length:
+        raise ScenarioError(
+            f"the table ends at {table.length * grid.n_r * grid.h:g} s, the run at "
+            f"{ticks * grid.h:g} s; expected a run.stop that is no later",
+            str(path),
+        )
+    return table

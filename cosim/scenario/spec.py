@@ -1,0 +1,283 @@
+"""A scenario: TOML read into frozen structs. Every error names the file and the place in it.
+
+Numbers are SI, or texts with a unit: ``step = "1 ms"``. A key that is no field of these structs is
+an error; whether components, ports and shapes fit together is seen by
+:mod:`cosim.scenario.assemble`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+
+from cosim.base import toml
+from cosim.base.convert import Number, Value, convert, number
+from cosim.base.errors import ScenarioError
+from cosim.base.settings import change
+from cosim.links.words import Semantics
+
+
+class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is recorded: every `every`-th tick of `signals` (default: all outputs and received)."""
+
+    every: Annotated[int, msgspec.Meta(ge=1)] = 1
+    signals: tuple[str, ...] = ()
+
+
+class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How long, how finely and how: `order` is for ``"gauss-seidel"``, all components by name."""
+
+    step: Number
+    stop: Number
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+    algorithm: Literal["sampled", "jacobi", "gauss-seidel"] = "sampled"
+    order: tuple[str, ...] = ()
+    record: RecordSpec = RecordSpec()
+
+
+class WireSpec(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, rename={"source": "from"}
+):
+    """A wire with a factor: the input gets ``gain * value + offset``."""
+
+    source: str
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One component: its model, how often it steps, its values, and what feeds its inputs.
+
+    The last five are for FMUs, see :class:`cosim.fmi.Options`.
+    """
+
+    model: str
+    fmi: Literal["2.0", "3.0"] = "2.0"
+    sizes: dict[str, int] = {}
+    options: dict[str, Any] = {}
+    kind: Literal["sampled", "continuous"] | None = None
+    period: Number | None = None
+    extrapolate: Literal["hold", "linear"] = "hold"
+    preset: str | None = None
+    parameters: dict[str, Value] = {}
+    start: dict[str, Value] = {}
+    inputs: dict[str, str | WireSpec] = {}
+    log: bool = False
+    isolate: bool = False
+    timeout: Number | None = None
+    memory: Annotated[int, msgspec.Meta(ge=0)] = 0
+    build: bool = False
+
+
+class LinkSpec(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    kw_only=True,
+    rename={"source": "from", "target": "to"},
+):
+    """A link from an output to an input: late, sometimes, or never.
+
+    Links of one `channel` travel in the same packets: they share their delays and losses. `age`
+    is an input that gets the age (s) of what is held.
+    """
+
+    source: str
+    target: str
+    delay: dict[str, Any]
+    semantics: Semantics = "signal"
+    playout: Number | None = None
+    loss: dict[str, Any] | None = None
+    initial: Value = None
+    name: str = ""
+    channel: str = ""
+    age: str = ""
+
+
+class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Who receives from whom, over time; see :mod:`cosim.links.topology`.
+
+    `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``) or files; `dwell`: a graph is drawn
+    every so often; `schedule`: [[time, graph], ...] instead, again every `repeat`; neither: one
+    graph. `weights`: an input, and the edge [receiver, sender] whose weight it gets.
+    """
+
+    graphs: str | tuple[str, ...]
+    dwell: Number | None = None
+    schedule: tuple[tuple[Number, str], ...] | None = None
+    repeat: Number | None = None
+    weights: dict[str, tuple[int, int]] = {}
+
+
+class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One number of the summary; see :mod:`cosim.analysis.metrics` for the kinds."""
+
+    kind: str
+    of: tuple[str, ...]
+    target: str | tuple[float, ...] | None = None
+    within: float | None = None
+    window: Number | None = None
+    norm: Literal["max", "euclidean"] = "max"
+    label: str = ""
+
+
+class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One diagram of a figure."""
+
+    y: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    title: str = ""
+    labels: tuple[str, ...] = ()
+    reference: tuple[float | str, ...] = ()
+    reference_label: str = ""
+    ylabel: str = ""
+
+
+class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A figure of one or more panels, written as ``NAME.png``."""
+
+    panels: Annotated[tuple[PanelSpec, ...], msgspec.Meta(min_length=1)]
+    title: str = ""
+
+
+class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The port that ``cosim analyze`` looks into, and the far end: names of signals, all optional.
+
+    `force`: on the robot at the port, `response` and `rate`: its position and velocity, `inject`:
+    the input a test force goes into; `far_force`: of the far robot on its environment, with the
+    position `far_response` and velocity `far_rate`. See :mod:`cosim.analysis.port`.
+    """
+
+    force: str = ""
+    response: str = ""
+    rate: str = ""
+    inject: str = ""
+    far_force: str = ""
+    far_response: str = ""
+    far_rate: str = ""
+
+
+class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A whole scenario, as read."""
+
+    path: Path
+    title: str
+    run: RunSpec
+    components: dict[str, ComponentSpec]
+    links: tuple[LinkSpec, ...]
+    topology: TopologySpec | None
+    metrics: dict[str, MetricSpec]
+    figures: dict[str, FigureSpec]
+    analysis: AnalysisSpec = AnalysisSpec()
+
+    @property
+    def name(self) -> str:
+        """The file's stem."""
+        return self.path.stem
+
+    def place(self, *path: str | int) -> str:
+        """Where something is said: ``FILE at components.master.period``."""
+        return f"{self.path} at {'.'.join(str(p) for p in path)}"
+
+    def seconds(self, value: Number, *path: str | int) -> float:
+        """A duration in seconds. Raises ScenarioError with its place."""
+        return number(value, "s", self.place(*path))
+
+
+T = TypeVar("T")
+_NAME = re.compile(r"[A-Za-z_]\w*$")
+_TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures", "analysis")
+
+
+def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
+    """Read a scenario, TOML or SSP, and apply ``path=value`` settings. Raises ScenarioError."""
+    path = Path(path)
+    if path.suffix == ".ssp":
+        from cosim import ssp
+
+        return ssp.load(path, settings)
+    document = read_document(path)
+    for setting in settings:
+        change(document, setting)
+    return build(document, path)
+
+
+def read_document(path: str | Path) -> dict[str, Any]:
+    """A TOML file, parsed; an SSP in the same words. Raises ScenarioError."""
+    path = Path(path)
+    if path.suffix == ".fmu":
+        raise ScenarioError(
+            f"{path}: an FMU is no scenario; expected a file (.toml, .ssp) where it is the model "
+            f"of a component (cosim info {path.name} says what it has)"
+        )
+    if path.suffix == ".ssp":
+        from cosim.ssp.document import document
+
+        return document(path)
+    return toml.read(path)
+
+
+def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
+    """A scenario from an already parsed document. Raises ScenarioError."""
+    path = Path(path)
+    toml.check_numbers(document, str(path))
+    for key in document:
+        if key not in _TABLES:
+            raise ScenarioError(
+                f"unknown key {key!r}; expected one of {', '.join(_TABLES)}", f"{path}"
+            )
+    for key in ("run", "components"):
+        if key not in document:
+            raise ScenarioError(f"no [{key}] table", f"{path}")
+    tables = {k: _table(document, k, path) for k in ("components", "metrics", "figures")}
+    for name in tables["components"]:
+        if not _NAME.match(name):
+            raise ScenarioError(
+                f"component name {name!r} is not an identifier", f"{path} at components"
+            )
+    links = document.get("links", [])
+    if not isinstance(links, list):
+        raise ScenarioError("expected an array of tables, [[links]]", f"{path} at links")
+    return Scenario(
+        path=path,
+        title=convert(document.get("title", path.stem), str, path, "title"),
+        run=convert(document["run"], RunSpec, path, "run"),
+        components=_each(tables["components"], ComponentSpec, path, "components"),
+        links=tuple(convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
+        topology=_topology(document, path),
+        metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
+        figures=_each(tables["figures"], FigureSpec, path, "figures"),
+        analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
+    )
+
+
+def logging(scenario: Scenario) -> Scenario:
+    """The same with every FMU's logging switched on."""
+    replace = msgspec.structs.replace
+    components = {k: replace(spec, log=True) for k, spec in scenario.components.items()}
+    return replace(scenario, components=components)
+
+
+def as_data(scenario: Scenario) -> dict[str, Any]:
+    """A scenario as plain data: what a run's metadata keeps of it."""
+    data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
+    return data
+
+
+def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
+    table = document.get(key, {})
+    if not isinstance(table, dict):
+        raise ScenarioError(f"expected a table [{key}.NAME]", f"{path} at {key}")
+    return table
+
+
+def _topology(document: Mapping[str, Any], path: Path) -> TopologySpec | None:
+    given = document.get("topology")
+    return None if given is None else convert(given, TopologySpec, path, "topology")
+
+
+def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}

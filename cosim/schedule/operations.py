@@ -1,0 +1,225 @@
+"""The operations of a tick, laid out for the engine (``docs/design.md``, idea 2; ``engine.c``)."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
+
+from cosim.native.structs import Code
+
+if TYPE_CHECKING:
+    from cosim.schedule.plan import Gate, Link, Player, Step, Wire
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation, due at ticks `first`, `first + period`, ...
+
+    `index`: of component or link; of the last values of what is extrapolated, in the signals.
+    """
+
+    code: Code
+    index: int = 0
+    period: int = 1
+    first: int = 0
+    source: int = 0
+    target: int = 0
+    count: int = 0
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A wire whose values are taken as lines over a step: their means, or value and `slope`."""
+
+    wire: Wire
+    slope: bool
+
+    @property
+    def room(self) -> int:
+        """How many signals are kept of it behind those of the components."""
+        return self.wire.target.size * (2 if self.slope else 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Connections:
+    """Wires, links and players by the component they end at; links also by where they begin.
+
+    Links, players and gates come with their number in the plan. `last`: a wire that is
+    extrapolated, and where the signal vector keeps its last value, by the wire's target.
+    """
+
+    sent: Mapping[str, Sequence[tuple[int, Link]]]
+    links: Mapping[str, Sequence[tuple[int, Link]]]
+    players: Mapping[str, Sequence[tuple[int, Player]]]
+    wires: Mapping[str, Sequence[Wire]]
+    last: Mapping[int, tuple[Line, int]]
+    gates: Mapping[str, Sequence[tuple[int, Gate]]]
+
+    @classmethod
+    def of(
+        cls,
+        wires: Iterable[Wire],
+        links: Sequence[Link],
+        players: Sequence[Player],
+        lines: Iterable[Line] = (),
+        end: int = 0,
+        gates: Sequence[Gate] = (),
+    ) -> Connections:
+        """Sorted by component, once: looking each component's up must not cost all of them.
+
+        `lines`: the wires that are extrapolated; their last values are kept from `end` on.
+        """
+        last: dict[int, tuple[Line, int]] = {}
+        for line in lines:
+            last[line.wire.target.start] = line, end
+            end += line.room
+        return cls(
+            _grouped((x.source.component, (i, x)) for i, x in enumerate(links)),
+            _grouped((x.target.component, (i, x)) for i, x in enumerate(links)),
+            _grouped((p.target.component, (i, p)) for i, p in enumerate(players)),
+            _grouped((w.target.component, w) for w in wires),
+            last,
+            _grouped((g.component, (i, g)) for i, g in enumerate(gates)),
+        )
+
+
+def _grouped(entries: Iterable[tuple[str, T]]) -> Mapping[str, Sequence[T]]:
+    groups: defaultdict[str, list[T]] = defaultdict(list)
+    for name, entry in entries:
+        groups[name].append(entry)
+    return groups
+
+
+def lay_out(
+    steps: Sequence[Step],
+    found: Connections,
+    order: Sequence[str],
+    later: Sequence[str],
+    *,
+    newest: bool,
+) -> tuple[Operation, ...]:
+    """The operations of a tick.
+
+    `order`: who samples, in that order; `later`: who steps over an interval, in that order, each
+    on inputs of its start. `newest`: but the wires from those earlier in `later` are carried right
+    before the step, and bring what these have just computed (Gauss-Seidel).
+    """
+    index = {c.name: i for i, c in enumerate(steps)}
+    held = [steps[index[name]] for name in later]
+    periods = {c.name: c.period for c in steps}
+    operations = [op for c in held for op in _pushes(c, found)]
+    for name in order:
+        c = steps[index[name]]
+        operations += [
+            *_received(c, found, periods),
+            *_copies(found, found.wires.get(name, ()), c.period),
+        ]
+        operations.append(Operation(Code.STEP, index[name], c.period))
+        operations += _pushes(c, found)
+    operations.append(Operation(Code.RECORD))
+    place = {name: i for i, name in enumerate(later)} if newest else {}
+    late: list[Operation] = []
+    for i, c in enumerate(held):
+        wires = found.wires.get(c.name, ())
+        before = [place.get(w.source.component, i) < i for w in wires]
+        now = [w for w, b in zip(wires, before, strict=True) if not b]
+        last = [w for w, b in zip(wires, before, strict=True) if b]
+        operations += [*_received(c, found, periods), *_copies(found, now, c.period)]
+        late += _copies(found, last, c.period, c.period - 1)
+        late.append(Operation(Code.STEP, index[c.name], c.period, first=c.period - 1))
+    return (*operations, *late)
+
+
+def _pushes(c: Step, found: Connections) -> list[Operation]:
+    """What leaves by gates, which may change it, and then by links."""
+    pushes = [
+        Operation(
+            Code.PUSH,
+            i,
+            c.period,
+            source=x.source.start,
+            count=x.source.size,
+            gain=x.gain,
+            offset=x.offset,
+        )
+        for i, x in found.sent.get(c.name, ())
+    ]
+    return _gates(c, found, out=True) + pushes
+
+
+def _gates(c: Step, found: Connections, *, out: bool) -> list[Operation]:
+    return [
+        Operation(Code.GATE, i, c.period) for i, g in found.gates.get(c.name, ()) if g.out == out
+    ]
+
+
+def _received(c: Step, found: Connections, periods: Mapping[str, int]) -> list[Operation]:
+    """What comes by gates and over links, its age, and weights."""
+    received = _gates(c, found, out=False)
+    for i, x in found.links.get(c.name, ()):
+        received.append(
+            Operation(Code.PULL, i, c.period, target=x.target.start, count=x.target.size)
+        )
+        if x.age is not None:
+            sent = periods[x.source.component]
+            received.append(Operation(Code.AGE, i, c.period, source=sent, target=x.age.start))
+    received += [
+        Operation(Code.PLAY, i, c.period, target=p.target.start)
+        for i, p in found.players.get(c.name, ())
+    ]
+    return received
+
+
+def _copies(
+    found: Connections, wires: Iterable[Wire], period: int, first: int | None = None
+) -> list[Operation]:
+    """Wires as copies; neighbours that end next to each other become one.
+
+    `first`: at the end of an interval, whose start was the last time; None: at its start.
+    """
+    copies: list[Operation] = []
+    for w in wires:
+        code, last = _way(found, w, late=first is not None)
+        copy = Operation(
+            code,
+            last,
+            period,
+            first or 0,
+            source=w.source.start,
+            target=w.target.start,
+            count=w.target.size,
+            gain=w.gain,
+            offset=w.offset,
+        )
+        if copies and _continues(copies[-1], copy):
+            copies[-1] = replace(copies[-1], count=copies[-1].count + copy.count)
+        else:
+            copies.append(copy)
+    return copies
+
+
+def _way(found: Connections, w: Wire, *, late: bool) -> tuple[Code, int]:
+    """How a wire carries, and where its last values are kept (0: nowhere)."""
+    if w.target.start not in found.last:
+        return (Code.COPY if w.gain == 1.0 and w.offset == 0.0 else Code.SCALE), 0
+    line, last = found.last[w.target.start]
+    if line.slope:
+        return (Code.SLOPE_BETWEEN if late else Code.SLOPE_AHEAD), last
+    return (Code.BETWEEN if late else Code.AHEAD), last
+
+
+def _continues(a: Operation, b: Operation) -> bool:
+    """Whether `b` goes on where `a` ends, with the same factor."""
+    return (
+        a.code == b.code
+        and (a.gain, a.offset) == (b.gain, b.offset)
+        and b.index == (a.index + a.count if a.index else 0)  # never where slopes are in between
+        and a.source + a.count == b.source
+        and a.target + a.count == b.target
+    )

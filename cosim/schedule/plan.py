@@ -1,0 +1,292 @@
+"""Scenario -> plan: who steps when, in which order, and what every input samples.
+
+A plan is data: components with their place in one signal vector, wires, links, and a flat tuple of
+operations (see ``docs/design.md``, idea 2, for the stages of a tick). It does not depend on the
+order in which anything was listed; ties are broken by name.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Protocol
+
+from cosim.base.component import Component, Kind
+from cosim.base.errors import PlanError
+from cosim.schedule.operations import Connections, Line, Operation, lay_out
+from cosim.schedule.order import Waiting, sequence, topological
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cosim.links.table import TableSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A stretch of the signal vector: a port, or a row of one. `name` is ``component.port``."""
+
+    name: str
+    component: str
+    port: str
+    start: int
+    shape: tuple[int, ...]
+    unit: str
+
+    @property
+    def size(self) -> int:
+        """Number of scalars."""
+        size = 1
+        for n in self.shape:
+            size *= n
+        return size
+
+    def scalars(self) -> tuple[str, ...]:
+        """Names of the scalars: ``master.q[0]``, ``control.xi_in[0,1]``."""
+        indices: list[tuple[int, ...]] = [()]
+        for n in self.shape:
+            indices = [(*i, j) for i in indices for j in range(n)]
+        head = f"{self.name[:-1]}," if self.name.endswith("]") else f"{self.name}["
+        return tuple(f"{head}{','.join(map(str, i))}]" if i else self.name for i in indices)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A component in the plan: `period` in ticks, `values` flattened, its slots in port order."""
+
+    name: str
+    component: Component
+    kind: Kind
+    period: int
+    values: Mapping[str, tuple[float, ...]]
+    inputs: tuple[Slot, ...]
+    outputs: tuple[Slot, ...]
+    start: Mapping[str, tuple[float, ...]]  # inputs at the start, where nothing feeds them
+    extrapolate: bool = False  # wires from continuous components, over a step
+    discrete: frozenset[str] = frozenset()  # inputs that are held all the same
+    sloped: frozenset[str] = frozenset()  # inputs that take the slope of what is extrapolated
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """`target = gain * source + offset`, in the same tick."""
+
+    source: Slot
+    target: Slot
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A wire through a table of sent samples; `initial` is the pre-history, None: the start.
+
+    `age`: a scalar input that gets the age (s) of what the link holds.
+    """
+
+    name: str
+    source: Slot
+    target: Slot
+    table: TableSpec
+    gain: float = 1.0
+    offset: float = 0.0
+    initial: tuple[float, ...] | None = None
+    age: Slot | None = None
+
+
+class Rows(Protocol):
+    """Values in order, in chunks whose sizes do not change them."""
+
+    def rows(self, n: int) -> NDArray[np.float64]:
+        """The next `n` values."""
+
+
+class Source(Protocol):
+    """What a player plays: one value a hit of its receiver."""
+
+    def stream(self) -> Rows:
+        """The values from the first on."""
+
+    def facts(self) -> dict[str, Any]:
+        """What is written down with a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Player:
+    """A table of values that feeds a scalar input: the weight of an edge over time."""
+
+    target: Slot
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A place where signals of the plan leave, or others enter, at the hits of `component`.
+
+    Out: once its outputs of t_k are there; in: before it reads its inputs. What happens there is a
+    function given to the engine (``docs/design.md``, idea 6).
+    """
+
+    name: str
+    component: str
+    out: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything the engine needs.
+
+    `order`: the sampled components, as they compute at t_k; `later`: the others, as they step over
+    their intervals (only with Gauss-Seidel does that order show).
+    """
+
+    h: float
+    ticks: int
+    algorithm: str
+    n_signals: int
+    components: tuple[Step, ...]
+    wires: tuple[Wire, ...]
+    links: tuple[Link, ...]
+    players: tuple[Player, ...]
+    operations: tuple[Operation, ...]
+    order: tuple[str, ...]
+    later: tuple[str, ...] = ()
+    gates: tuple[Gate, ...] = ()
+
+    def component(self, name: str) -> Step:
+        """The component of that name, which must be there (they are sorted by name)."""
+        return self.components[bisect_left(self.components, name, key=lambda c: c.name)]
+
+    def slots(self) -> dict[str, Slot]:
+        """Every port's slot by ``component.port``."""
+        return {s.name: s for c in self.components for s in (*c.inputs, *c.outputs)}
+
+
+def compile_plan(
+    h: float,
+    ticks: int,
+    components: Iterable[Step],
+    wires: Iterable[Wire],
+    links: Iterable[Link],
+    algorithm: str = "sampled",
+    players: Iterable[Player] = (),
+    order: Sequence[str] = (),
+    gates: Iterable[Gate] = (),
+) -> Plan:
+    """Order the components and lay out the operations of a tick.
+
+    `order`: all components, for ``"gauss-seidel"``; where it is not given, wires say it. Raises
+    PlanError with the loop printed when sampled components wait for each other, for an `order`
+    that is none of all components, and for an extrapolation without a meaning. Behind the slots
+    of the components, the signal vector keeps the last values of what is extrapolated, and slopes.
+    """
+    steps = tuple(sorted(components, key=lambda c: c.name))
+    wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
+    links_ = tuple(sorted(links, key=lambda x: x.name))
+    players_ = tuple(sorted(players, key=lambda p: p.target.start))
+    sampled = {c.name for c in steps if c.kind == "sampled" and algorithm == "sampled"}
+    now = _order(sampled, wires_, links_)
+    later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
+    n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
+    lines = _lines({c.name: c for c in steps}, wires_)
+    gates_ = tuple(sorted(gates, key=lambda g: g.name))
+    connections = Connections.of(wires_, links_, players_, lines, n_signals, gates_)
+    newest = algorithm == "gauss-seidel"
+    return Plan(
+        h=h,
+        ticks=ticks,
+        algorithm=algorithm,
+        n_signals=n_signals + sum(line.room for line in lines),
+        components=steps,
+        wires=wires_,
+        links=links_,
+        players=players_,
+        operations=lay_out(steps, connections, now, later, newest=newest),
+        order=now,
+        later=later,
+        gates=gates_,
+    )
+
+
+def _lines(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Line, ...]:
+    """Wires whose values are taken as lines over a step: those between continuous components."""
+    found = [w for w in wires if steps[w.target.component].extrapolate]
+    found = [w for w in found if w.target.port not in steps[w.target.component].discrete]
+    found = [w for w in found if steps[w.source.component].kind == "continuous"]
+    for step in steps.values():
+        place = f'components.{step.name}.extrapolate = "linear"'
+        if step.extrapolate and step.kind == "sampled":
+            raise PlanError(f"{place}: it is sampled; expected a continuous component")
+    for w in found:
+        source, target = steps[w.source.component], steps[w.target.component]
+        if target.period % source.period:
+            raise PlanError(
+                f'components.{target.name}.extrapolate = "linear": it steps every {target.period} '
+                f"ticks and {source.name} every {source.period}; expected a multiple, so that "
+                f"{w.source.name} is new every time"
+            )
+    fed = {w.target.component for w in found}
+    for name in (s.name for s in steps.values() if s.extrapolate and s.name not in fed):
+        raise PlanError(
+            f'components.{name}.extrapolate = "linear": no wire comes from a continuous component '
+            "to a continuous input; what is sampled or comes over a link is held"
+        )
+    return tuple(Line(w, w.target.port in steps[w.target.component].sloped) for w in found)
+
+
+def _later(
+    names: Sequence[str], wires: Sequence[Wire], algorithm: str, given: Sequence[str]
+) -> tuple[str, ...]:
+    """The order in which components step over their intervals."""
+    if algorithm != "gauss-seidel":
+        if given:
+            raise PlanError(
+                f'run.order is for algorithm = "gauss-seidel"; the algorithm is "{algorithm}"'
+            )
+        return tuple(names)
+    if not given:
+        return sequence(names, ((w.source.component, w.target.component) for w in wires))
+    if sorted(given) != sorted(names):
+        wrong = [n for n in given if n not in names] or sorted(set(names) - set(given))
+        wrong = wrong or [n for n in names if given.count(n) > 1]
+        raise PlanError(
+            f"run.order is to name every component once: look at {', '.join(wrong)} "
+            f"(there are: {', '.join(names)})"
+        )
+    return tuple(given)
+
+
+def _order(sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]) -> tuple[str, ...]:
+    """Topological order of the sampled components, ties broken by name."""
+    edges = _same_tick(sampled, wires, links)
+    try:
+        return topological(sampled, ((e.source.component, e.target.component) for e in edges))
+    except Waiting as waiting:
+        raise PlanError(_loop(waiting.cycle, edges)) from None
+
+
+def _same_tick(
+    sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]
+) -> tuple[Wire | Link, ...]:
+    """Connections between sampled components that carry a value within one tick."""
+    edges: list[Wire | Link] = [*wires, *(x for x in links if x.table.minimum_delay_ticks == 0)]
+    return tuple(
+        e for e in edges if e.source.component in sampled and e.target.component in sampled
+    )
+
+
+def _loop(cycle: Sequence[str], edges: Sequence[Wire | Link]) -> str:
+    """The cycle as its connections, and what to do about it."""
+    hops = [
+        next(e for e in edges if (e.source.component, e.target.component) == pair)
+        for pair in pairwise(cycle)
+    ]
+    text = ", ".join(f"{e.source.name} -> {e.target.name}" for e in hops)
+    return (
+        f"sampled components wait for each other in the same tick: {text}. Break the loop with a "
+        "link whose delay is at least one tick, take the signal from a continuous component "
+        '(ξ through the small component fmus.models.xi), or use algorithm = "jacobi"'
+    )

@@ -1,0 +1,212 @@
+"""A study from its file to its table: check, open the folder, run what is not there yet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.interrupts import deferred
+from cosim.engine.simulate import versions
+from cosim.fmi import FmuComponent
+from cosim.native import structs
+from cosim.record.folder import SUMS
+from cosim.schedule.plan import Plan
+from cosim.sweeps import figures
+from cosim.sweeps import store as stores
+from cosim.sweeps.axes import Listed
+from cosim.sweeps.design import Point, count, points
+from cosim.sweeps.perform import Job, Row, job, perform, preview
+from cosim.sweeps.store import Store
+from cosim.sweeps.study import Study
+from cosim.sweeps.table import Table
+from cosim.sweeps.workers import Opened, spread
+
+STUDY, RUNS = "study.toml", "runs"
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """What is to be done: `points` of the study, which are `runs` different ones, `found` there.
+
+    `todo`: runs this time; `changed`: the folder was begun with another study; `others`: rows in it
+    that this study does not have; `again`: of those found, the runs that failed and are made again.
+    """
+
+    points: int
+    runs: int
+    found: int
+    todo: int
+    changed: bool
+    others: int
+    again: int = 0
+
+
+def sweep(
+    study: Study,
+    folder: str | Path,
+    opened: Opened,
+    *,
+    resume: bool = False,
+    retry: bool = False,
+    force: bool = False,
+    limit: int | None = None,
+    begun: Callable[[Begun], None] = lambda begun: None,
+    done: Callable[[Row], None] = lambda row: None,
+    stopping: Callable[[], None] = lambda: None,
+    checked: Callable[[Plan], None] = lambda plan: None,
+) -> Table:
+    """Run what `folder` does not have yet, at most `limit` runs; the table of all there is.
+
+    With `retry`, which goes on as `resume` does, runs that failed count as not there.
+    `opened` opens the workers (see :mod:`cosim.sweeps.workers`). `checked` is called with the plan
+    of the first run before there is a folder, and may raise CosimError. `begun` is called once,
+    `done` with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs
+    that are out have ended (at a second Ctrl-C, at once). Raises CosimError for a study that cannot
+    be run, and for a folder that has runs already and no `resume`, or whose scenario has changed
+    and no `force`; never for a run that fails.
+    """
+    folder = Path(folder)
+    total = count(study)
+    structs.library()  # what is wrong with the installation is wrong with no run
+    common = job(study, folder.resolve() / RUNS if study.keep == "trajectories" else None)
+    plan, units = check(study, common)
+    checked(plan)
+    figures.check(study, [axis.name for axis in study.axes], units)
+    fingerprint = _fingerprint(study.scenario, plan)
+    with stores.locked(folder):
+        changed = _claim(study, folder, fingerprint, resume=resume or retry, force=force)
+        with Store(folder, units) as store:
+            wanted = {point.run: point for point in points(study, fingerprint)}
+            again = store.failed & set(wanted) if retry else set[str]()
+            there = store.done - again
+            todo = [point for run, point in wanted.items() if run not in there][:limit]
+            found = len(store.done & set(wanted))
+            others = len(store.done) - found
+            begun(Begun(total, len(wanted), found, len(todo), changed, others, len(again)))
+            _run(opened, common, todo, store, done, stopping)
+        return _table(study, folder, fingerprint, units, total)
+
+
+def _run(
+    opened: Opened,
+    common: Job,
+    todo: Sequence[Point],
+    store: Store,
+    done: Callable[[Row], None],
+    stopping: Callable[[], None],
+) -> None:
+    if not todo:
+        return
+    pressed: list[bool] = []
+
+    def stop() -> None:
+        pressed.append(True)
+        stopping()
+
+    with deferred(stop):
+        rows = spread(opened, partial(perform, common), todo, lambda: bool(pressed))
+        for point, result in rows:
+            if isinstance(result, str):
+                result = Row(point.run, point.cells, point.settings, False, result)
+            store.append(result)
+            done(result)
+
+
+def _table(
+    study: Study, folder: Path, fingerprint: str, units: Mapping[str, str], total: int
+) -> Table:
+    rows = stores.rows(folder)
+    records = [
+        {**rows[point.run], **point.cells}
+        for point in points(study, fingerprint)
+        if point.run in rows
+    ]
+    return Table(tuple(axis.name for axis in study.axes), units, records, total)
+
+
+# ---- before the first run -----------------------------------------------------------------------
+
+
+def check(study: Study, common: Job) -> tuple[Plan, dict[str, str]]:
+    """The plan of the first run, and the unit of each measure.
+
+    The first run is assembled, and one for each choice that is not just another number. Raises
+    CosimError with the place in the study.
+    """
+    first = next(points(study))
+    said = ", ".join(f"{name} = {cell}" for name, cell in first.cells.items())
+    with _at(f"{study.path} (first run: {said or 'the scenario as it is'})"):
+        found = preview(common, first)
+    for axis in study.axes:
+        if isinstance(axis, Listed):
+            for choice in axis.choices[1:]:
+                if not isinstance(choice.cell, int | float) or isinstance(choice.cell, bool):
+                    one = replace(axis, choices=(choice,))
+                    axes = tuple(one if a is axis else a for a in study.axes)
+                    with _at(f"{study.place('vary', axis.name)} ({choice.cell})"):
+                        preview(common, next(points(replace(study, axes=axes))))
+    return found
+
+
+@contextmanager
+def _at(place: str) -> Iterator[None]:
+    """Errors of the block say the place first."""
+    try:
+        yield
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from error
+
+
+def _fingerprint(scenario: Path, plan: Plan) -> str:
+    """A hash of what all runs share: the scenario's text, and the FMUs of the first run."""
+    facts = {
+        step.name: step.component.facts()["sha256"]
+        for step in plan.components
+        if isinstance(step.component, FmuComponent)
+    }
+    text = json.dumps(facts, sort_keys=True)
+    return sha256(scenario.read_bytes() + text.encode()).hexdigest()
+
+
+def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force: bool) -> bool:
+    """Take the folder: whether the study it was begun with was another. Raises ScenarioError."""
+    state = stores.read_state(folder)
+    present = sorted(p.name for p in folder.iterdir() if p.name != stores.LOCK)
+    if present and not state:
+        raise ScenarioError(
+            f"the folder holds {present[0]} but no sweep; expected an empty one", str(folder)
+        )
+    if state and not resume:
+        raise ScenarioError("there is a sweep already; --resume to go on with it", str(folder))
+    if state and state.get("fingerprint") != fingerprint and not force:
+        raise ScenarioError(
+            f"{study.scenario}, or an FMU of it, is not what the runs in here were made from; "
+            "choose another folder, or --force to run it anew (the old rows stay)",
+            str(folder),
+        )
+    changed = bool(state) and _text(folder / STUDY) != study.text
+    (folder / SUMS).unlink(missing_ok=True)  # of the files as they were
+    stores.replace(folder / STUDY, study.text)
+    stores.write_state(
+        folder,
+        {
+            "title": study.title,
+            "scenario": str(study.scenario),
+            "fingerprint": fingerprint,
+            "versions": versions(),
+        },
+    )
+    return changed
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:
+        return ""

@@ -1,0 +1,171 @@
+"""One point of a study, run and measured: plain data goes in and comes out, whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from math import isfinite, isinf, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.analysis import declared
+from cosim.analysis.metrics import Metric, Result, evaluate
+from cosim.analysis.preview import Preview
+from cosim.analysis.signals import Signals
+from cosim.base.clock import stopwatch
+from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.base.settings import change
+from cosim.engine.simulate import columns, simulate
+from cosim.fmi.failures import sentence
+from cosim.record import Column, Run
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario, build, read_document
+from cosim.schedule.plan import Plan
+from cosim.sweeps.axes import Cell
+from cosim.sweeps.design import Point
+from cosim.sweeps.memory import record
+from cosim.sweeps.study import RESERVED, Study
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What all runs of a study have in common: the scenario as parsed, at its `path`.
+
+    `stable`: the largest size of each measure; `keep`: where run folders stay, None: nowhere.
+    """
+
+    path: Path
+    document: Mapping[str, Any]
+    stable: Mapping[str, float]
+    keep: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came out of a run. `reason`: why it has no measures, empty if it has.
+
+    `stopped_at`: simulated time of a run that stopped, s, else NaN; `wall`: what it took, s.
+    """
+
+    run: str
+    cells: Mapping[str, Cell]
+    settings: Sequence[str]
+    stable: bool
+    reason: str = ""
+    stopped_at: float = nan
+    wall: float = nan
+    measures: Mapping[str, float] = field(default_factory=dict)
+
+
+def job(study: Study, keep: Path | None) -> Job:
+    """The study's scenario, read once; the study's metrics are added to it, figures left out.
+
+    Raises ScenarioError.
+    """
+    path = study.scenario
+    document = read_document(path)
+    metrics = document.setdefault("metrics", {})
+    for name, table in study.metrics.items():
+        if name in metrics:
+            raise ScenarioError(
+                f"{path} has a metric {name!r} already", study.place("metrics", name)
+            )
+        metrics[name] = table
+    document["figures"] = {}
+    return Job(path, document, study.stable, keep)
+
+
+def scenario_of(job: Job, settings: Sequence[str]) -> Scenario:
+    """The scenario with these settings. Raises ScenarioError."""
+    document = deepcopy(dict(job.document))
+    for setting in settings:
+        change(document, setting)
+    return build(document, job.path)
+
+
+def preview(job: Job, point: Point) -> tuple[Plan, dict[str, str]]:
+    """The plan of a point, and the unit of each measure by its name; nothing runs.
+
+    Raises CosimError where it could not run, or a metric or a bound of `stable` makes no sense.
+    """
+    scenario = scenario_of(job, point.settings)
+    plan = assemble(scenario)
+    units: dict[str, str] = {}
+    known = Preview({c.name: c.unit for c in _recorded(scenario, plan)})
+    for result in evaluate(declared.metrics(scenario), known):
+        for name, _ in _named(result):
+            units[name] = _unit(result, name)
+    for name in job.stable:
+        if name not in units:
+            raise ScenarioError(f"stable: no measure {name!r}; there are: {', '.join(units)}")
+    for name in units:
+        if name in RESERVED or name in point.cells:
+            raise ScenarioError(f"the metric {name!r} has the name of another column")
+    return plan, units
+
+
+def perform(job: Job, point: Point) -> Row:
+    """Run one point; what goes wrong becomes the reason of its row."""
+    watch = stopwatch()
+    measures: dict[str, float] = {}
+    reason, stopped_at = "", nan
+    try:
+        with np.errstate(all="ignore"):  # what diverges overflows; the row says so
+            results = _measure(job, point)
+        measures = {name: value for result in results for name, value in _named(result)}
+    except RunError as error:
+        reason, stopped_at = str(error), error.time
+    except CosimError as error:
+        reason = str(error)
+    except Exception as error:
+        reason = sentence(error)
+    stable = not reason and _stable(job.stable, measures)
+    return Row(
+        point.run, point.cells, point.settings, stable, reason, stopped_at, watch(), measures
+    )
+
+
+def _measure(job: Job, point: Point) -> tuple[Result, ...]:
+    scenario = scenario_of(job, point.settings)
+    plan = assemble(scenario)
+    metrics = declared.metrics(scenario)
+    signals: Signals
+    if job.keep is not None:
+        folder = job.keep / point.run
+        simulate(scenario, folder, plan=plan, force=True)
+        signals = Run.open(folder)
+    else:
+        needed = _needed(metrics, _recorded(scenario, plan))
+        signals = record(plan, needed, scenario.run.record.every)
+    return evaluate(metrics, signals)
+
+
+def _stable(bounds: Mapping[str, float], measures: Mapping[str, float]) -> bool:
+    """Whether every measure with a bound is a number no larger than it; without any: all finite."""
+    if bounds:
+        return all(abs(measures.get(name, nan)) <= bound for name, bound in bounds.items())
+    return all(isfinite(v) or (isinf(v) and name.endswith("_s")) for name, v in measures.items())
+
+
+def _recorded(scenario: Scenario, plan: Plan) -> list[Column]:
+    return columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
+
+
+def _needed(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Column]:
+    """The columns that the metrics read."""
+    names = Preview({c.name: c.unit for c in recorded})
+    wanted = {entry for m in metrics for signal in m.signals for entry in names.entries(signal)}
+    return [column for column in recorded if column.name in wanted]
+
+
+def _named(result: Result) -> list[tuple[str, float]]:
+    """``effort``, and its parts as ``effort.NAME``."""
+    parts = [(f"{result.name}.{part}", float(value)) for part, value in result.parts.items()]
+    return [(result.name, float(result.value)), *parts]
+
+
+def _unit(result: Result, name: str) -> str:
+    return "s" if name != result.name and name.endswith("_s") else result.unit

@@ -1,0 +1,98 @@
+"""What a study file may contain: the fields of these structs and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+
+from cosim.base.errors import ScenarioError
+from cosim.sweeps.axes import Method
+
+Pair = tuple[float, float]
+Natural = Annotated[int, msgspec.Meta(ge=0)]
+Count = Annotated[int, msgspec.Meta(ge=1)]
+
+
+class AxisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One axis: a path (or several that move together), and one of the keys that give values."""
+
+    path: str = ""
+    paths: tuple[str, ...] = ()
+    unit: str = ""
+    values: tuple[Any, ...] | None = None
+    labels: tuple[str, ...] = ()
+    range: Pair | None = None
+    count: Count | None = None
+    scale: Literal["linear", "log"] = "linear"
+    uniform: Pair | None = None
+    loguniform: Pair | None = None
+    normal: Pair | None = None
+    integers: Pair | None = None
+    cases: dict[str, tuple[str, ...]] | None = None
+
+
+class SampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How many times, and how, the axes that are drawn are drawn."""
+
+    count: Count
+    method: Method = "latin-hypercube"
+    seed: Natural = 0
+
+
+class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A figure of the table; see :mod:`cosim.sweeps.figures`."""
+
+    kind: Literal["map", "line", "points"]
+    x: str
+    y: str
+    z: str = ""
+    by: str = ""
+    reduce: Literal["mean", "median", "min", "max"] = "mean"
+    title: str = ""
+    xlabel: str = ""
+    ylabel: str = ""
+    zlabel: str = ""
+    logx: bool = False
+    logy: bool = False
+
+
+class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The whole file, as read. `stable`: the largest size each measure may have."""
+
+    scenario: str
+    title: str = ""
+    keep: Literal["nothing", "trajectories"] = "nothing"
+    settings: tuple[str, ...] = ()
+    seeds: Natural | tuple[Natural, ...] | None = None
+    vary: dict[str, dict[str, Any]] = {}
+    sample: SampleSpec | None = None
+    metrics: dict[str, dict[str, Any]] = {}
+    stable: dict[str, Any] = {}
+    figures: dict[str, dict[str, Any]] = {}
+
+
+T = TypeVar("T")
+
+
+def each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    """:func:`convert` for every entry of a table called `key`."""
+    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+
+
+def convert(value: Any, kind: type[T], path: Path, above: str = "") -> T:
+    """`value`, which stands at `above` in the file `path`. Raises ScenarioError with its place."""
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        message, _, inside = str(error).partition(" - at `$")
+        if not inside and "unknown field" in message:
+            message += f"; expected one of {', '.join(_keys(kind))}"
+        place = f"{above}{inside.rstrip('`')}".lstrip(".")
+        raise ScenarioError(message, f"{path} at {place}" if place else str(path)) from None
+
+
+def _keys(kind: type[Any]) -> list[str]:
+    return [field.encode_name for field in msgspec.structs.fields(kind)]

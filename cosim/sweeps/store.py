@@ -1,0 +1,249 @@
+"""The folder of a sweep: every row that was ever measured, once, whatever ends the process.
+
+A run that failed may be made again: its newest row counts, the old one stays where it is.
+
+``journal.jsonl`` takes each row as it comes, in one write. When it is long, and at the end, its
+rows become ``results/part-NNNNN.parquet`` by one rename, and it is emptied. A process may be
+killed between any two of these: a torn last line is not a row, and rows that are in a part already
+are dropped from the journal. (The system keeps what was written when a process is killed; not when
+the power fails.)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, final
+
+from cosim.base.errors import RunError, ScenarioError
+from cosim.record.folder import reason
+from cosim.sweeps.perform import Row
+
+JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
+#: Rows of a part.
+PART_ROWS = 1000
+#: What each row has; axes and measures come besides.
+_FIXED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
+
+Record = dict[str, Any]
+
+
+@final
+class Store:
+    """Rows in a folder; use as a context manager. One process at a time.
+
+    `done`: names of the runs that are there; `failed`: of these, those whose newest row has a
+    reason. `units`: of the measures, for the parts' metadata.
+    """
+
+    def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
+        self.folder, self._units = folder, units
+        self._journal = folder / JOURNAL
+        self._rows: list[Record] = []
+        try:
+            (folder / RESULTS).mkdir(parents=True, exist_ok=True)
+            ends = {run: end for part in parts(folder) for run, end in _ends(part)}
+            self._rows = [row for row in self._read() if ends.get(row["run"]) != _end(row)]
+            self._rewrite()
+        except OSError as error:
+            raise RunError(f"cannot use {folder}: {reason(error)}") from error
+        ends |= {row["run"]: _end(row) for row in self._rows}
+        self.done = set(ends)
+        self.failed = {run for run, (why, _) in ends.items() if why}
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.flush()
+        finally:
+            os.close(self._file)
+
+    def append(self, row: Row) -> None:
+        """Keep a row, at once. Raises RunError with the path."""
+        record = asdict(row)
+        line = json.dumps(record, ensure_ascii=False) + "\n"
+        try:
+            _write(self._file, line.encode())
+        except OSError as error:
+            raise RunError(f"cannot write {self._journal}: {reason(error)}") from error
+        self.done.add(row.run)
+        (self.failed.add if row.reason else self.failed.discard)(row.run)
+        self._rows = [each for each in self._rows if each["run"] != row.run] + [record]
+        if len(self._rows) >= PART_ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Make a part of what is in the journal. Raises RunError with the path."""
+        if not self._rows:
+            return
+        numbers = [int(path.stem.partition("-")[2]) for path in parts(self.folder)]
+        path = self.folder / RESULTS / f"part-{max(numbers, default=-1) + 1:05d}.parquet"
+        try:
+            write_table(path, [_flat(row) for row in self._rows], self._units)
+            os.ftruncate(self._file, 0)
+        except OSError as error:
+            raise RunError(f"cannot write {path}: {reason(error)}") from error
+        self._rows = []
+
+    def _read(self) -> Iterator[Record]:
+        """Rows of the journal, as far as it is whole; of each run the newest."""
+        found: dict[str, Record] = {}
+        lines = self._journal.read_bytes().split(b"\n")[:-1] if self._journal.exists() else []
+        for line in lines:
+            try:
+                row = json.loads(line)
+            except ValueError:
+                break
+            found[row["run"]] = row
+        yield from found.values()
+
+    def _rewrite(self) -> None:
+        """Leave in the journal what belongs there, and open it."""
+        lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in self._rows)
+        replace(self._journal, lines)
+        self._file = os.open(self._journal, os.O_WRONLY | os.O_APPEND)
+
+
+def rows(folder: Path) -> dict[str, Record]:
+    """The newest row of every run by its name, flat: axes, measures and the fixed columns."""
+    found: dict[str, Record] = {}
+    for part in parts(folder):
+        for row in _table(part).to_pylist():
+            found[row["run"]] = row
+    return found
+
+
+def parts(folder: Path) -> list[Path]:
+    """The Parquet files of the results, in the order in which they were written."""
+    return sorted((folder / RESULTS).glob("part-*.parquet"))
+
+
+def _ends(part: Path) -> Iterator[tuple[str, tuple[str, float]]]:
+    for row in _table(part, ["run", "reason", "wall"]).to_pylist():
+        yield row["run"], _end(row)
+
+
+def _end(row: Record) -> tuple[str, float]:
+    """What tells two rows of one run apart: how it ended, and after how long."""
+    return row["reason"], row["wall"]
+
+
+def _table(part: Path, names: list[str] | None = None) -> Any:
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.ParquetFile(part).read(columns=names)
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"not a part of a sweep: {reason(error)}", str(part)) from error
+
+
+def _flat(row: Record) -> Record:
+    fixed = {name: row[name] for name in _FIXED if name != "settings"}
+    return {**fixed, **row["cells"], **row["measures"], "settings": json.dumps(row["settings"])}
+
+
+def write_table(path: Path, rows: Sequence[Record], units: Mapping[str, str]) -> None:
+    """Write flat rows as Parquet, replaced in one step; columns that a row lacks are null.
+
+    A column is Boolean, float64 or text, by what is in it (numbers among texts become text).
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    names = [*(n for n in names if n != "settings"), "settings"]
+    fields, arrays = [], []
+    for name in names:
+        kind, values = _typed([row.get(name) for row in rows])
+        unit = {"stopped_at": "s", "wall": "s"}.get(name) or units.get(name)
+        fields.append(
+            pa.field(name, getattr(pa, kind)(), metadata={"unit": unit} if unit else None)
+        )
+        arrays.append(pa.array(values, fields[-1].type))
+    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), scratch)
+        os.replace(scratch, path)
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+def _typed(values: Iterable[Any]) -> tuple[str, list[Any]]:
+    values = list(values)
+    kinds = {type(v) for v in values if v is not None}
+    if kinds and kinds <= {bool}:
+        return "bool_", values
+    if kinds <= {int, float}:
+        return "float64", [None if v is None else float(v) for v in values]
+    return "string", [v if v is None or isinstance(v, str) else str(v) for v in values]
+
+
+# ---- what the folder is about -------------------------------------------------------------------
+
+
+def read_state(folder: Path) -> Record:
+    """``sweep.json``; empty if there is none. Raises ScenarioError."""
+    path = folder / STATE
+    try:
+        state = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"cannot be read: {reason(error)}", str(path)) from error
+    if not isinstance(state, dict):
+        raise ScenarioError(f"found a {type(state).__name__}, expected an object", str(path))
+    return state
+
+
+def write_state(folder: Path, state: Mapping[str, Any]) -> None:
+    """Write ``sweep.json``, replaced in one step."""
+    replace(folder / STATE, json.dumps(state, indent=2, ensure_ascii=False) + "\n")
+
+
+def replace(path: Path, text: str) -> None:
+    """Write a text file in one step: the old one or the new one, never half. Raises RunError."""
+    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        os.replace(scratch, path)
+    except OSError as error:
+        with suppress(OSError):
+            scratch.unlink(missing_ok=True)
+        raise RunError(f"cannot write {path}: {reason(error)}") from error
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder. Raises ScenarioError if another process does."""
+    import fcntl
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise ScenarioError(f"cannot be used: {reason(error)}", str(folder)) from error
+    try:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ScenarioError("another sweep is running in this folder", str(folder)) from None
+        yield
+    finally:
+        os.close(file)
+
+
+def _write(file: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(file, data) :]

@@ -1,0 +1,109 @@
+"""The table of a sweep: in lines for a terminal, and as files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.sweeps.store import replace, write_table
+from cosim.sweeps.table import Table, column, groups
+
+TABLE, SUMMARY = "table.parquet", "summary.csv"
+#: The axis that is averaged over in the summary: it is there to repeat a run.
+REPEATS = "seed"
+
+
+def lines(table: Table) -> list[str]:
+    """What came out: how many are stable, why others stopped, the range of measures."""
+    records = table.records
+    if not records:
+        return ["no run yet"]
+    stable = sum(bool(r["stable"]) for r in records)
+    failed = [r for r in records if r["reason"]]
+    left = table.points - len(records)
+    first = f"{len(records)} runs: {stable} stable, {len(records) - stable} not"
+    first += f" ({len(failed)} of them did not reach their end)" if failed else ""
+    first += f"; {left} not run yet" if left else ""
+    return [first, *_reasons(failed, table.axes), *_ranges(table)]
+
+
+def _reasons(failed: Sequence[Mapping[str, Any]], axes: Sequence[str]) -> list[str]:
+    """The most frequent reasons, without the numbers in them, and an example of each."""
+    kinds = Counter(_kind(r["reason"]) for r in failed)
+    found = []
+    for kind, n in kinds.most_common(5):
+        example = next(r for r in failed if _kind(r["reason"]) == kind)
+        where = ", ".join(f"{axis} = {cell(example[axis])}" for axis in axes)
+        found.append(f"  {n} x {example['reason']}" + (f" ({where})" if where else ""))
+    rest = len(failed) - sum(n for _, n in kinds.most_common(5))
+    return [*found, f"  {rest} x for other reasons"] if rest else found
+
+
+def _kind(reason: str) -> str:
+    """``master: not a finite number``: up to where it says what exactly, and when."""
+    return reason.split(" = ")[0].split(" at tick")[0]
+
+
+def _ranges(table: Table) -> list[str]:
+    rows = [("measure", "least", "median", "largest", "unit")]
+    for name, unit in table.units.items():
+        x = column(table.records, name)
+        x = np.sort(x[~np.isnan(x)])  # inf, "never", is the largest
+        if "." not in name or name.endswith((".settle_s", ".rmse")):
+            shown = (x[0], x[len(x) // 2], x[-1]) if len(x) else (nan, nan, nan)
+            least, median, largest = map(_number, shown)
+            rows.append((name, least, median, largest, unit))
+    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    return [
+        "  ".join((row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in (1, 2, 3)), row[4]))
+        .rstrip()
+        for row in rows
+    ]  # fmt: skip
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if isfinite(value) else "never" if value > 0 else "none"
+
+
+def cell(value: object) -> str:
+    """A value of an axis as it is printed."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def write(table: Table, folder: Path) -> list[Path]:
+    """Write ``table.parquet``, a row a run, and ``summary.csv``, a row for all of a point's seeds.
+
+    Each is replaced in one step. Raises RunError with the path.
+    """
+    if table.records:
+        write_table(folder / TABLE, [dict(r) for r in table.records], table.units)
+    replace(folder / SUMMARY, _csv(table))
+    return [folder / TABLE, folder / SUMMARY]
+
+
+def _csv(table: Table) -> str:
+    axes = [axis for axis in table.axes if axis != REPEATS]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    head = [f"{name}{what}" for name in table.units for what in ("", ".least", ".largest")]
+    writer.writerow([*axes, "runs", "stable", "failed", *head])
+    for key, records in groups(table, axes).items():
+        failed = sum(bool(r["reason"]) for r in records)
+        numbers: list[Any] = []
+        for name in table.units:
+            x = column(records, name)
+            x = x[~np.isnan(x)]
+            numbers += [float(x.mean()), float(x.min()), float(x.max())] if len(x) else [""] * 3
+        stable = float(column(records, "stable").mean())
+        writer.writerow([*key, len(records), stable, failed, *numbers])
+    return out.getvalue()

@@ -1,0 +1,189 @@
+"""Points spread over threads, processes or a cluster: an Executor each, and one loop over it.
+
+Threads run side by side in the engine, which releases the GIL, and one after the other where Python
+reads a scenario and computes metrics. Processes have no such part, and a component that crashes
+takes one of them with it, not the sweep: they are what is used unless one asks for something else.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import wait as wait_for
+from typing import Any, Literal, TypeVar
+
+from cosim.base.clock import sleep
+from cosim.base.errors import RunError, ScenarioError
+from cosim.fmi.failures import sentence
+
+Workers = Literal["processes", "threads", "cluster"]
+T = TypeVar("T")
+R = TypeVar("R")
+#: Calls handed out for each that can run: nobody waits for the next one.
+AHEAD = 2
+#: How long a scheduler may take to answer, s.
+PATIENCE = 10.0
+#: How long a call may take to end when the parent is gone, s.
+GRACE = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pool:
+    """An executor and how many calls it makes at once."""
+
+    executor: Executor
+    slots: int
+
+
+Opened = Callable[[], AbstractContextManager[Pool]]
+
+
+@contextmanager
+def threads(jobs: int) -> Iterator[Pool]:
+    """`jobs` threads of this process."""
+    with ThreadPoolExecutor(jobs, thread_name_prefix="sweep") as executor:
+        yield Pool(executor, jobs)
+
+
+@contextmanager
+def processes(jobs: int) -> Iterator[Pool]:
+    """`jobs` processes, which end with this one, however that ends; Ctrl-C is not theirs.
+
+    Leaving while calls still run (a second Ctrl-C) ends the processes at once.
+    """
+    context = multiprocessing.get_context("spawn")
+    before = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
+    try:
+        yield Pool(executor, jobs)
+    except BaseException:
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        raise
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _begin() -> None:
+    """What a worker process does first: leave Ctrl-C to the parent, and watch over its life."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow, name="parent", daemon=True).start()
+
+
+def _follow() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait_for([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)  # a call that cleans up behind itself does so
+        sleep(GRACE)
+        os._exit(1)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Pool]:
+    """The workers of a Dask scheduler, ``tcp://host:8786``. Raises ScenarioError, RunError."""
+    try:
+        dask: Any = importlib.import_module("distributed")
+    except ImportError:
+        raise ScenarioError("--scheduler needs Dask: pip install 'cosim-bridge[cluster]'") from None
+    try:
+        client = dask.Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise RunError(f"no scheduler answers at {address}: {error}") from None
+    try:
+        slots = sum(client.nthreads().values())
+        if not slots:
+            raise RunError(f"the scheduler at {address} has no workers")
+        yield Pool(client.get_executor(pure=False), slots)
+    finally:
+        client.close()
+
+
+# ---- the loop -----------------------------------------------------------------------------------
+
+
+def spread(
+    opened: Opened,
+    function: Callable[[T], R],
+    tasks: Iterable[T],
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[tuple[T, R | str]]:
+    """(task, result) as they are done; a text instead of the result where the worker died.
+
+    When a process dies, all calls that were out are made again one by one, each in a pool of its
+    own: so the culprit is found, and nobody else suffers. Once `stopped` says so, nothing more is
+    handed out; what is out already is waited for. Raises RunError when the workers are lost.
+    """
+    rest = iter(tasks)
+    while True:
+        suspects: list[T] = []
+        with opened() as pool:
+            yield from _until_broken(pool, function, rest, stopped, suspects)
+        if not suspects:
+            return
+        for task in suspects:
+            if stopped():
+                return
+            with opened() as pool:
+                _prove(pool)
+                broken: list[T] = []
+                yield from _until_broken(pool, function, iter([task]), stopped, broken)
+            if broken:
+                yield task, "the worker process died (a component crashed, or memory ran out)"
+
+
+def _until_broken(
+    pool: Pool,
+    function: Callable[[T], R],
+    tasks: Iterator[T],
+    stopped: Callable[[], bool],
+    suspects: list[T],
+) -> Iterator[tuple[T, R | str]]:
+    """As :func:`spread`, until a process dies: `suspects` are then the tasks that were out."""
+    waiting: dict[Future[R], T] = {}
+    while True:
+        while len(waiting) < AHEAD * pool.slots and not suspects and not stopped():
+            try:
+                task = next(tasks)
+            except StopIteration:
+                break
+            try:
+                waiting[pool.executor.submit(function, task)] = task
+            except BrokenProcessPool:
+                suspects.append(task)
+        if not waiting:
+            return
+        if stopped():
+            for future in [f for f in waiting if f.cancel()]:
+                del waiting[future]
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done if waiting else ():
+            task = waiting.pop(future)
+            try:
+                yield task, future.result()
+            except BrokenProcessPool:
+                suspects.append(task)
+            except Exception as error:
+                yield task, _lost(error)
+
+
+def _prove(pool: Pool) -> None:
+    """Raise RunError where it is not a call that kills the workers: they do not even start."""
+    try:
+        pool.executor.submit(int).result()
+    except BrokenProcessPool as error:
+        raise RunError(f"worker processes end before they start: {error}") from error
+
+
+def _lost(error: BaseException) -> str:
+    """Why a worker of a cluster gave no result. Raises RunError where the cluster is gone."""
+    if type(error).__name__ == "KilledWorker":
+        return "the worker process died (a component crashed, or memory ran out)"
+    raise RunError(f"the workers are lost: {sentence(error)}") from error

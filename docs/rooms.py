@@ -1,0 +1,138 @@
+"""Write the rooms into ``docs/design.md``, from the imports: ``python docs/rooms.py`` in the
+checkout.
+
+A room is a package of `cosim` or `bridge`. An arrow goes from a room to one that it imports; arrows
+that follow from others are left out. A floor is one above the highest that its rooms import.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "design.md"
+BEGIN, END = "<!-- rooms: python docs/rooms.py -->", "<!-- end of rooms -->"
+#: Imports between rooms that go up, and why; the contracts in pyproject.toml name the same.
+UP = {("cosim", "scenario", "ssp"): "a scenario may be an SSP file"}
+
+Graph = Mapping[str, frozenset[str]]
+
+
+def rooms(package: str) -> list[str]:
+    """Packages with Python files directly below a package."""
+    return sorted(p.parent.name for p in (ROOT / package).glob("*/__init__.py"))
+
+
+def graph(package: str) -> Graph:
+    """Which rooms each room imports, without itself and the imports in `UP`."""
+    names = rooms(package)
+    found: dict[str, set[str]] = {name: set() for name in names}
+    for name in names:
+        for path in (ROOT / package / name).rglob("*.py"):
+            found[name].update(set(_imported(path, package)) & found.keys())
+    return {
+        a: frozenset(b for b in to if b != a and (package, a, b) not in UP)
+        for a, to in found.items()
+    }
+
+
+def _imported(path: Path, package: str) -> Iterator[str]:
+    """Second parts of the names that a file imports from the package."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == package and len(parts) > 1:
+                yield parts[1]
+
+
+def below(found: Graph, room: str) -> frozenset[str]:
+    """All rooms that a room imports, directly or by way of others."""
+    return found[room].union(*(below(found, other) for other in found[room]))
+
+
+def reduced(found: Graph) -> dict[str, list[str]]:
+    """The arrows that do not follow from others."""
+    return {
+        a: sorted(b for b in to if not any(b in below(found, c) for c in to - {b}))
+        for a, to in found.items()
+    }
+
+
+def floors(found: Graph) -> list[list[str]]:
+    """Rooms by floor, the lowest first."""
+    level: dict[str, int] = {}
+
+    def of(room: str) -> int:
+        if room not in level:
+            level[room] = 1 + max((of(other) for other in found[room]), default=-1)
+        return level[room]
+
+    for room in found:
+        of(room)
+    return [[r for r in found if level[r] == n] for n in range(max(level.values()) + 1)]
+
+
+def picture(package: str) -> list[str]:
+    """A package's rooms as a graph in Mermaid, and a row for each."""
+    found = graph(package)
+    arrows = reduced(found)
+    lines = ["```mermaid", "flowchart TD"]
+    lines += [f"    {a} --> {b}" for a in found for b in arrows[a]]
+    lines += ["```", "", "| floor | room | what it is | modules |", "|---|---|---|---|"]
+    ordered = [(n, room) for n, floor in enumerate(floors(found)) for room in floor]
+    for n, room in reversed(ordered):
+        lines.append(
+            f"| {n} | `{package}/{room}/` | {_said(package, room)} | {_modules(package, room)} |"
+        )
+    return lines
+
+
+def _said(package: str, room: str) -> str:
+    text = ast.get_docstring(
+        ast.parse((ROOT / package / room / "__init__.py").read_text(encoding="utf-8"))
+    )
+    first = (text or "").split("\n\n")[0].replace("\n", " ")
+    first = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", first).replace("``", "`")
+    return first.rstrip(":").removesuffix(".").replace("|", "\\|")
+
+
+def _modules(package: str, room: str) -> str:
+    names = sorted(p.stem for p in (ROOT / package / room).glob("*.py"))
+    return ", ".join(name for name in names if not name.startswith("__"))
+
+
+def section() -> str:
+    """All between the two marks."""
+    lines = []
+    for package in ("cosim", "bridge"):
+        found = graph(package)
+        lines += [
+            f"### `{package}/`: {len(found)} rooms on {len(floors(found))} floors",
+            "",
+            *picture(package),
+            "",
+        ]
+    for (package, a, b), why in UP.items():
+        lines += [f"One import goes up: `{package}/{a}` → `{package}/{b}`, because {why}.", ""]
+    return "\n".join(lines)
+
+
+def page() -> str:
+    """The page with the section as it has to be."""
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(BEGIN)
+    return f"{before}{BEGIN}\n\n{section()}\n{END}{rest.split(END)[1]}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(PAGE.relative_to(ROOT))

@@ -1,0 +1,161 @@
+"""A campaign: what is expected, what must never be, and three scripts with real processes."""
+
+from __future__ import annotations
+
+import subprocess
+from types import SimpleNamespace
+from zlib import crc32
+
+import numpy as np
+import pytest
+
+from bridge.campaign import judgement
+from bridge.campaign.spec import RunSpec, load_campaign
+from bridge.deployment.system import load_system
+from bridge.native.faults import CORRUPT, INJECTED
+from bridge.native.journal import Journal
+from bridge.native.safety import Why
+from bridge.records.lives import ByLife, Life
+from bridge.replay.replay import Replay
+from bridge.wiring.wiring import heard_dtype, row_dtype
+from tests.bridge.faulty import report
+from tests.bridge.rehearsing import COSIM, NAMESPACE, ROOT, environment, possible
+
+FILE = ROOT / "configs" / "faults" / "campaign.toml"
+SPEC = RunSpec(script="x.toml", ends="finished")
+
+
+@pytest.fixture(scope="module")
+def system():
+    return load_system(ROOT / "configs" / "teleoperation.toml", "can", ["run.stop=0.1"])
+
+
+def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), counts=None):
+    """Of a run in which `node` ended so; it accepted `newest` of LINK_4."""
+    (folder / "nodes").mkdir()
+    for name in ("run.json", "trajectories.parquet"):
+        (folder / name).touch()
+    rows = ByLife(
+        {Life(name): np.zeros(20, row_dtype(plan)) for name, plan in system.nodes.items()}
+    )
+    rows[node]["reasons"] = reasons
+    heard = np.zeros(1, heard_dtype(system, "slave"))[0]
+    heard["message"] = system.heard_by("slave").index("LINK_4")
+    with Journal.create(folder / "nodes" / "slave.heard", heard.dtype, 20) as journal:
+        for number in newest:
+            heard["sequence"], heard["arrival_ns"] = number, number * 5_000_000
+            journal.append(*heard)
+    reports = [
+        report(
+            life,
+            end if life.node == node else "finished",
+            messages={"LINK_4": counts} if counts and life.node == "slave" else {},
+        )
+        for life in rows
+    ]
+    return SimpleNamespace(
+        folder=folder, rows=rows, reports=reports, replay_error="",
+        replayed=Replay({}, 0.0, None, ()), finished=end == "finished",
+    )  # fmt: skip
+
+
+def corrupted(system, folder, k, after_ns=1_000_000):
+    """The record of LINK_4 number k, one bit of it flipped on its way to the slave."""
+    codec = system.messages["LINK_4"].encoding
+    data = codec.encode([1.0, 2.0, 3.0, 4.0], counter=k)
+    row = np.zeros(1, INJECTED)
+    row["t_ns"], row["id"], row["length"] = k * 5_000_000 + after_ns, codec.message.id, len(data)
+    row["crc"], row["crc_after"], row["copies"] = crc32(data), 1, 1
+    row["kinds"], row["flags"] = 1 << CORRUPT, codec.message.flags
+    row["data"][0, : len(data)] = list(data)
+    with Journal.create(folder / "nodes" / "slave.faults", INJECTED, 10) as journal:
+        journal.append(*row[0])
+
+
+COUNTS = dict.fromkeys(("ok", "lost", *judgement.REFUSED), 0)
+
+
+def test_a_corrupted_frame_that_was_refused(system, tmp_path):
+    counts = {**COUNTS, "crc": 1, "lost": 1}
+    found = outcome(system, tmp_path, newest=[6, 8], counts=counts)
+    corrupted(system, tmp_path, 7)
+    judged = judgement.judge(system, SPEC, found)
+    assert (judged.corrupted, judged.undetected, judged.failures) == (1, 0, ())
+    assert judged.seen == {"crc": 1, "lost": 1}
+
+
+@pytest.mark.parametrize("how", ["number", "count"])
+def test_a_corrupted_frame_that_was_accepted_fails_the_run(system, tmp_path, how):
+    newest, crc = ([6, 7, 8], 1) if how == "number" else ([6, 8], 0)
+    found = outcome(system, tmp_path, newest=newest, counts={**COUNTS, "ok": 9, "crc": crc})
+    corrupted(system, tmp_path, 7)
+    judged = judgement.judge(system, SPEC, found)
+    assert judged.undetected == 1
+    assert judged.failures == ("1 corrupted frames accepted",)
+
+
+def test_a_number_that_was_accepted_before_its_frame_was_corrupted_is_anothers(system, tmp_path):
+    """A node that begins again counts from 0 until it is started."""
+    found = outcome(system, tmp_path, newest=[7], counts={**COUNTS, "crc": 1, "ok": 1})
+    corrupted(system, tmp_path, 7, after_ns=1_200_000_000)
+    assert judgement.judge(system, SPEC, found).undetected == 0
+
+
+@pytest.mark.parametrize(
+    ("spec", "fails"),
+    [
+        (RunSpec(script="x", ends="stopped", node="slave", because=("watchdog", "bus")), False),
+        (RunSpec(script="x", ends="stopped"), False),
+        (RunSpec(script="x"), False),
+        (RunSpec(script="x", ends="finished"), True),
+        (RunSpec(script="x", ends="stopped", node="master"), True),
+        (RunSpec(script="x", ends="stopped", because=("estop",)), True),
+        (RunSpec(script="x", sees=("crc",)), True),
+    ],
+)
+def test_expectations(system, tmp_path, spec, fails):
+    found = outcome(system, tmp_path, Why.WATCHDOG, end="fault")
+    assert bool(judgement.judge(system, spec, found).failures) == fails
+
+
+def test_what_must_never_be(system, tmp_path):
+    found = outcome(system, tmp_path)
+    found.rows["master_control"]["sent"][3, 1] = 100.5
+    found.rows["slave_control"]["sent"][3, 1] = np.nan
+    found.replayed, found.replay_error = None, "slot 3 waits"
+    (tmp_path / "run.json").unlink()
+    said = "; ".join(judgement.judge(system, SPEC, found).failures)
+    for part in ("times its limit", "replay: slot 3 waits", "not in the run folder: run.json"):
+        assert part in said
+
+
+def test_a_table_is_markdown(system, tmp_path):
+    judged = judgement.judge(system, SPEC, outcome(system, tmp_path))
+    lines = judgement.markdown(
+        judgement.table([judged, judgement.lost("y.toml", ValueError("no"))])
+    )
+    assert lines.count("\n") == 4
+    assert {line.count("|") for line in lines.splitlines()} == {9}
+
+
+def test_the_campaign_of_the_project_has_every_script():
+    scripts = {run.script for run, _ in load_campaign(FILE).runs}
+    others = {FILE.name, "many.toml", "soak.toml", "soak-can.toml", "soak-mixed.toml"}
+    assert scripts == {p.name for p in FILE.parent.glob("*.toml")} - others
+
+
+@pytest.mark.slow
+def test_three_scripts_with_processes(tmp_path):
+    possible()
+    words = ["campaign", FILE, "-i", "udp_multicast", "--out", tmp_path / "runs"]
+    words += ["--markdown", tmp_path / "table.md", "--set", 'run.step="5 ms"']
+    words += ["--set", "run.stop=4", "--only", "corrupt", "--only", "kill", "--only", "bus-down"]
+    done = subprocess.run(
+        [*NAMESPACE, *COSIM, *map(str, words)],
+        capture_output=True, text=True, cwd=ROOT, env=environment(), timeout=200,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "bus-down     left out" in done.stderr
+    table = (tmp_path / "table.md").read_text().splitlines()
+    assert [line.split("|")[1].strip() for line in table[2:]] == ["corrupt", "kill"]
+    assert int(table[2].split("|")[4]) > 20  # corrupted

@@ -1,0 +1,107 @@
+"""Runs with faults on a simulated clock, and the verdict on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.campaign import compressed, judgement
+from bridge.campaign.spec import RunSpec
+from bridge.deployment.system import load_system
+from bridge.faults.load import build
+from bridge.results import verdict
+from bridge.results.verdict import Word
+from tests.bridge.rehearsing import SCENARIO
+
+FAULTS = {
+    "forge": {"probability": 0.3, "count": 60},
+    "replay": {"count": 100},
+    "flood": {"rate": 5000.0},
+    "absurd": {"probability": 0.3},
+    "corrupt": {"probability": 0.3, "count": 3},
+    "drop": {"probability": 0.3},
+}
+HEARD = {"can": ("slave", "LINK_4"), "zenoh": ("slave", "xi_master"), "mixed": ("slave", "LINK_4")}
+
+
+def run(folder, deploy, kind, **more):
+    system = load_system(SCENARIO, deploy, ["run.stop=2.0"])
+    node, message = HEARD[deploy]
+    table = {"kind": kind, "node": node, "message": message, "from": 0.8, "to": 1.3}
+    script = build({"seed": 1, "fault": [{**table, **FAULTS[kind]}]}, Path("script.toml"))
+    return system, compressed.run(system, script, folder, **more)
+
+
+@pytest.mark.parametrize("deploy", HEARD)
+@pytest.mark.parametrize("kind", ["forge", "replay", "flood"])
+def test_a_hostile_peer_is_in_the_report_and_in_the_verdict(tmp_path, deploy, kind):
+    system, outcome = run(tmp_path, deploy, kind)
+    (fault,) = outcome.faults
+    assert fault.verdict == "seen", fault.text()
+    found = verdict.of(system, outcome)
+    assert found.word is Word.FAILED and found.exit_code == 1
+    assert HEARD[deploy][1] in found.text()
+    assert outcome.replayed is not None and outcome.replayed.first is None
+
+
+def test_absurd_values_are_in_the_report_and_in_the_verdict(tmp_path):
+    system, outcome = run(tmp_path, "can", "absurd")
+    assert outcome.faults[0].verdict == "seen", outcome.faults[0].text()
+    assert verdict.of(system, outcome).word is Word.FAILED
+    assert outcome.replayed is not None and outcome.replayed.first is None
+
+
+@pytest.mark.parametrize("kind", ["corrupt", "drop"])
+def test_faults_that_receivers_refuse_leave_the_verdict(tmp_path, kind):
+    system, outcome = run(tmp_path, "can", kind)
+    assert outcome.faults[0].verdict == "seen"
+    assert verdict.of(system, outcome).word is Word.PASSED
+    assert not judgement.judge(system, RunSpec(script="x.toml"), outcome).failures
+
+
+def test_a_simulated_run_with_faults_is_the_same_every_time(tmp_path):
+    first, second = (run(tmp_path / n, "can", "drop")[1] for n in ("a", "b"))
+    for life, rows in first.rows.items():
+        assert rows.tobytes() == second.rows[life].tobytes()
+
+
+def test_without_checks_corrupted_frames_are_accepted_and_that_is_noticed(tmp_path):
+    system, outcome = run(tmp_path, "can", "corrupt", blind=True)
+    judged = judgement.judge(system, RunSpec(script="x.toml"), outcome)
+    assert judged.undetected > 0
+    assert any("accepted" in text for text in judged.failures)
+    assert outcome.faults[0].verdict == "unseen"
+
+
+def test_a_machine_that_stands_still_makes_it_inconclusive(tmp_path):
+    """What stopped is of time, and a node was late although no fault made it so."""
+    system, outcome = run(tmp_path, "can", "drop")
+    report = next(r for r in outcome.reports if r.life.node == "slave")
+    rows = {life: np.copy(r) for life, r in outcome.rows.items()}
+    stopped = _ended(report, ("overrun",))
+    reports = [stopped if r is report else r for r in outcome.reports]
+    outcome = _with(outcome, rows=rows, reports=reports)
+    assert verdict.of(system, outcome).word is Word.FAILED
+    rows[report.life]["woke_ns"][500] += 90_000_000
+    found = verdict.of(system, outcome)
+    assert found.word is Word.INCONCLUSIVE and found.exit_code == 3
+    assert "90 ms" in found.text()
+    worse = [_ended(r, ("estop",)) if r is stopped else r for r in reports]
+    assert verdict.of(system, _with(outcome, reports=worse)).word is Word.FAILED
+
+
+def _ended(report, reasons):
+    from msgspec import structs
+
+    from bridge.records.records import End
+
+    said = structs.replace(report.said, end=End.FAULT)
+    return type(report)(report.life, report.slots, report.lateness, report.state, reasons, said)
+
+
+def _with(outcome, **changes):
+    from dataclasses import replace
+
+    return replace(outcome, **changes)

@@ -1,0 +1,214 @@
+"""Drives with protocols of their own: disabled by their node when its torque has ended."""
+
+from __future__ import annotations
+
+import ctypes as c
+
+import numpy as np
+import pytest
+
+from bridge.drives.profiles import load_profile
+from bridge.native import node as native
+from bridge.native.frame import Frame
+from bridge.native.safety import Command, DriveState, State
+from bridge.records.lives import Life
+from bridge.replay import replay, twin
+from cosim.base.clock import monotonic_ns
+from tests.bridge.bench import until
+from tests.bridge.deployment.test_foreign import damiao
+from tests.bridge.deployments import CONFIGS, named, system_of
+from tests.bridge.drives.emulated import EmulatedDrive
+from tests.bridge.drives.test_host import cia402
+from tests.bridge.gates import Gate
+from tests.bridge.slots import Slots
+
+DAMIAO = load_profile(CONFIGS / "drives" / "damiao.toml")
+ENABLE, DISABLE, CLEAR = (bytes([255] * 7 + [last]) for last in (0xFC, 0xFD, 0xFB))
+RAMP = "deploy.nodes.master_control.ramp='50 ms'"
+DEAF = ("deploy.nodes.master_control.stale={}", "deploy.silence=0")  # it needs to hear nothing
+
+
+def stopped(system, folder, tell=lambda slots: None, slots_before=20):
+    """Rows, and the frames on the left bus, of a controller with an emergency stop in a slot."""
+    with Slots(system, "master_control", folder) as slots:
+        slots.begin()
+        for _ in range(slots_before):
+            slots.step()
+        slots.struct.alarm = native.RAISED
+        rows = slots.run(begin=False)
+        return rows, [f for bus, f in slots.sent if bus == "left"]
+
+
+def torque(frame):
+    codec = DAMIAO.codec(DAMIAO.command, frame.id)
+    return codec.decode(frame.payload)[1][0]
+
+
+def test_an_emergency_stop_ramps_the_torque_to_0_and_then_disables_the_drives(tmp_path):
+    rows, frames = stopped(named("can-damiao", "run.stop=0.5", RAMP, *DEAF), tmp_path)
+    fault = int(np.flatnonzero(rows["state"] == State.FAULT)[0])
+    assert rows["state"][fault - 1] == State.STOPPING
+    first = next(i for i, f in enumerate(frames) if f.payload == DISABLE)
+    torques, rest = frames[:first], frames[first:]
+    assert [(f.id, f.payload) for f in rest[:2]] == [(1, DISABLE), (2, DISABLE)]
+    assert all(f.payload == DISABLE for f in rest)  # no torque follows
+    assert {f.id for f in torques[-2:]} == {1, 2}
+    assert all(abs(torque(f)) < 0.003 for f in torques[-2:])  # the code next to 0
+    told = np.flatnonzero(rows["flags"] & native.DISABLED)
+    assert told[0] == fault and len(rest) == 2 * len(told)
+    assert set(np.diff(told * 5)) == {100}  # ms: repeated as long as it is in FAULT
+
+
+def test_a_node_that_never_stops_disables_nothing(tmp_path):
+    with Slots(named("can-damiao", "run.stop=0.2", *DEAF), "master_control", tmp_path) as slots:
+        rows = slots.run()
+        assert not (rows["flags"] & (native.DISABLED | native.ENABLED)).any()
+        assert DISABLE not in {f.payload for _, f in slots.sent}
+
+
+def test_reset_arm_and_start_enable_them_again(tmp_path):
+    with Slots(
+        named("can-damiao", "run.stop=0.6", RAMP, *DEAF), "master_control", tmp_path
+    ) as slots:
+        slots.begin()
+        slots.struct.alarm = native.RAISED
+        while slots.struct.life.state != State.FAULT:
+            slots.step()
+        slots.struct.stopping = 0
+        for command in (Command.RESET, Command.ARM, Command.START):
+            native.functions().node_tell(c.byref(slots.struct), command)
+        slots.run(begin=False)
+        left = [f for bus, f in slots.sent if bus == "left"]
+        enabled = [i for i, f in enumerate(left) if f.payload in (ENABLE, CLEAR)]
+        assert enabled == [0, 1, 2, 3]  # nothing before them
+        assert [f.payload for f in left[:4]] == [CLEAR, ENABLE] * 2
+        assert len(left) > 100 and DISABLE not in {f.payload for f in left}
+        flags = slots.wired.journal.rows["flags"]
+        assert (flags & native.ENABLED != 0).sum() == 1
+
+
+def test_no_torque_follows_that_a_cia_402_drive_would_take_for_enabling(tmp_path):
+    """Its command frame carries the controlword 0x0F: operation enabled."""
+    _, frames = stopped(cia402(tmp_path, "run.stop=0.5"), tmp_path)
+    commands = [f.payload for f in frames if f.id == 0x201]
+    off = bytes.fromhex("06000A0000")
+    first = commands.index(off)
+    assert set(commands[first:]) == {off}
+    assert commands[first - 1] == bytes.fromhex("0F000A0000")  # torque 0, while enabled
+
+
+# ---- at the end of a process ---------------------------------------------------------------
+
+
+def told(node, bus="left"):
+    """All frames that a live node has sent."""
+    frame, found = Frame(), []
+    while node.rings[bus][1].get(frame):
+        found.append((frame.id, frame.payload))
+    return found
+
+
+def test_the_last_frames_of_a_node_that_is_told_to_quit_disable_its_drives(tmp_path):
+    system = named("can-damiao", "run.stop=30")
+    with Gate(system, "master_control", tmp_path, start=False) as node:
+        node.control.start(monotonic_ns() + 200_000_000)
+        until(lambda: node.wired.struct.slot > 10)
+        node.control.quit()
+        until(lambda: node.result is not None)
+        sent = told(node)
+    assert [data for _, data in sent[-2:]] == [DISABLE, DISABLE]
+
+
+def test_an_armed_node_feeds_its_drives_before_the_start(tmp_path):
+    """They are enabled when it is armed, and their watchdogs run from then on."""
+    system = named("can-damiao", "run.stop=30")
+    with Gate(system, "master_control", tmp_path, start=False) as node:
+        until(lambda: node.wired.struct.beats > 3)
+        assert told(node) == []
+        node.control.arm()
+        found = []
+        until(lambda: len(found.extend(told(node)) or found) > 6)
+        assert all(abs(torque(Frame.of(*f))) < 0.003 for f in found)
+        node.control.quit()
+        until(lambda: node.result is not None)
+        assert [data for _, data in told(node)[-2:]] == [DISABLE, DISABLE]
+
+
+# ---- emulated drives ------------------------------------------------------------------------
+
+
+def commands(system, n, tau=1.0):
+    """A torque command for drive n, as its controller writes it."""
+    return Frame.of(n, DAMIAO.codec(DAMIAO.command, n).encode([tau]))
+
+
+def drive_states(system, folder, *frames):
+    """States of the drive of motor 1 after each slot of its node; frames by slot."""
+    with Slots(system, "master", folder) as slots:
+        slots.begin()
+        states, torques = [], []
+        for k in range(12):
+            h = slots.struct.h_ns * 1e-9
+            for data in [f for slot, f in frames if slot == k]:
+                slots.put("left", Frame.of(1, data), k * h)
+            slots.put("left", commands(system, 1), k * h)
+            row = slots.step()
+            states.append(DriveState(slots.wired.drives[0].state))
+            torques.append(row["signals"][slots.wired.receiving.inlets[0].target])
+        invalid = slots.wired.receivers["master_tau_1"].invalid
+        return states, torques, invalid
+
+
+@pytest.fixture
+def system():
+    return named("can-damiao", "run.stop=0.1", "run.step='5 ms'")
+
+
+def test_an_emulated_drive_obeys_the_frames_of_its_protocol(system, tmp_path):
+    states, torques, invalid = drive_states(system, tmp_path, (3, DISABLE), (8, ENABLE))
+    on, off = DriveState.ENABLED, DriveState.READY
+    assert states == [on] * 3 + [off] * 5 + [on] * 4
+    assert torques[4:8] == [0.0] * 4 and abs(torques[11] - 1.0) < 0.01
+    assert invalid == 0
+
+
+def test_a_frame_that_asks_for_more_than_torque_is_no_torque(system, tmp_path):
+    gains = bytes.fromhex("7FFF7FF0A0FF" + "FFFF")  # a position gain
+    states, torques, invalid = drive_states(system, tmp_path, (3, gains))
+    assert set(states) == {DriveState.ENABLED} and invalid == 1
+    assert max(torques) < 1.1
+
+
+def test_no_request_moves_a_drive_whose_node_is_in_fault(system, tmp_path):
+    with Slots(system, "master", tmp_path) as slots:
+        slots.begin()
+        slots.struct.life.now |= 32
+        while slots.struct.life.state != State.FAULT:
+            slots.step()
+        for data in (CLEAR, ENABLE):
+            slots.put("left", Frame.of(1, data), slots.struct.slot * slots.struct.h_ns * 1e-9)
+        slots.step()
+        assert slots.wired.drives[0].state == DriveState.FAULT
+
+
+def test_a_run_whose_drives_are_disabled_and_enabled_replays_to_the_bit(tmp_path):
+    system = system_of(damiao(), tmp_path, "run.stop=0.6", "run.step='5 ms'")
+    with twin.wired(system, tmp_path) as nodes:
+        nodes["master_control"].struct.alarm = native.RAISED
+        twin.run(system, nodes)
+    rows = replay.load(tmp_path)
+    asked = rows[Life("master")]["inlets"]["requests"]
+    assert set(np.unique(asked)) == {0, 3}
+    (tmp_path / "again").mkdir()
+    found = replay.replay(system, rows, replay.heard_of(tmp_path), tmp_path / "again")
+    assert (found.greatest, found.first) == (0.0, None)
+
+
+def test_its_own_sequences_disable_the_emulated_drive_of_every_profile(tmp_path):
+    for name in ("damiao", "odrive", "cia402"):
+        profile = load_profile(CONFIGS / "drives" / f"{name}.toml")
+        drive = EmulatedDrive(profile, 1, 1e-3)
+        for sequence, state in (("enable", DriveState.ENABLED), ("disable", DriveState.READY)):
+            for identifier, data in profile.frames(sequence, 1):
+                drive.receive(identifier, data, 0)
+            assert drive.state == state

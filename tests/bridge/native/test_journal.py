@@ -1,0 +1,128 @@
+"""What is written to a journal is there, after SIGKILL too; what is not a journal is refused."""
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.native import bus
+from bridge.native.journal import HEADER, Journal, JournalError, JournalStruct
+
+ROW = np.dtype([("t_ns", "<i8"), ("state", "u1"), ("q", "<f8", (3,))])
+
+
+def test_header_is_the_one_of_c():
+    assert ctypes.sizeof(JournalStruct) == bus.sizes(3) == HEADER
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_rows_written_are_read(tmp_path: Path, closed: bool):
+    journal = Journal.create(tmp_path / "j", ROW, 10)
+    for k in range(4):
+        assert journal.append(k, k + 1, [0.5 * k, np.nan, -k])
+    if closed:
+        journal.close()
+    rows = Journal.open(tmp_path / "j")
+    assert rows.dtype == ROW
+    assert rows["t_ns"].tolist() == [0, 1, 2, 3]
+    assert rows["q"][:, 0].tolist() == [0, 0.5, 1, 1.5]
+    assert not rows.flags.writeable
+
+
+def test_full_journal_counts_and_drops(tmp_path: Path):
+    journal = Journal.create(tmp_path / "j", ROW, 2)
+    assert [journal.append(k, 0, [0, 0, 0]) for k in range(5)] == [True, True, False, False, False]
+    assert journal.dropped == 3
+    assert Journal.open(tmp_path / "j")["t_ns"].tolist() == [0, 1]
+
+
+def test_closing_cuts_the_file_to_what_was_written(tmp_path: Path):
+    with Journal.create(tmp_path / "j", ROW, 100_000) as journal:
+        journal.append(7, 0, [1, 2, 3])
+        before = (tmp_path / "j").stat().st_size
+    assert before > 3_000_000 > 1_000 > (tmp_path / "j").stat().st_size
+    assert Journal.open(tmp_path / "j")["t_ns"].tolist() == [7]
+
+
+def test_empty_journal_has_no_rows(tmp_path: Path):
+    Journal.create(tmp_path / "j", ROW, 1).close()
+    assert len(Journal.open(tmp_path / "j")) == 0
+
+
+def test_reading_while_it_is_written(tmp_path: Path):
+    journal = Journal.create(tmp_path / "j", ROW, 5)
+    journal.append(1, 0, [0, 0, 0])
+    first = Journal.open(tmp_path / "j")
+    journal.append(2, 0, [0, 0, 0])
+    assert len(first) == 1
+    assert len(Journal.open(tmp_path / "j")) == 2
+
+
+WRITER = """
+import sys, numpy as np
+from bridge.native.journal import Journal
+from bridge.native.bus import Bus, Kind
+from bridge.native.frame import Frame, Ring, frame_dtype
+log = Journal.create(sys.argv[1], frame_dtype(), 1 << 16)
+bus = Bus.of_rings(Ring(2), Ring(2), log=log, kind=Kind.MEMORY)
+frame, n = Frame.of(1, bytes(8)), 0
+while True:
+    bus.tx.get(Frame())
+    frame.t_ns = n = n + 1
+    bus.send(frame)
+    if n == 1000:
+        print("going", flush=True)
+"""
+
+
+def test_everything_committed_survives_sigkill(tmp_path: Path):
+    """C writes rows as quickly as it can; SIGKILL; all that were committed are there, none torn."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path / "j")], stdout=subprocess.PIPE, env=environment
+    )
+    assert writer.stdout is not None and writer.stdout.readline() == b"going\n"
+    while len(Journal.open(tmp_path / "j")) < 5000:
+        assert writer.poll() is None
+    alive = len(Journal.open(tmp_path / "j"))
+    writer.kill()
+    assert writer.wait() == -signal.SIGKILL
+    writer.stdout.close()
+    rows = Journal.open(tmp_path / "j")
+    assert len(rows) >= alive
+    assert np.array_equal(rows["t_ns"], np.arange(1, len(rows) + 1))
+    assert np.array_equal(rows["sequence"], np.arange(len(rows)))
+
+
+def test_no_room_is_an_error_at_once(tmp_path: Path):
+    with pytest.raises(JournalError, match=r"no journal of \d+ bytes"):
+        Journal.create(tmp_path / "j", ROW, 1 << 50)
+    assert not (tmp_path / "j").exists()
+    with pytest.raises(JournalError, match="No such file"):
+        Journal.create(tmp_path / "nowhere" / "j", ROW, 1)
+    with pytest.raises(JournalError, match="expected one row"):
+        Journal.create(tmp_path / "j", ROW, 0)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda data: b"", "cannot mmap an empty file"),
+        (lambda data: b"candump!" + data[8:], "begins with b'candump!'"),
+        (lambda data: data[:-10], "the file is damaged"),
+        (lambda data: data[:8] + b"\x09" + data[9:], "version 9; expected 1"),
+        (lambda data: data[:24] + b"\xff" + data[25:], "the file is damaged"),
+        (lambda data: data[:-2] + b"(]", "not readable"),
+    ],
+)
+def test_what_is_no_journal_is_refused(tmp_path: Path, damage, message: str):
+    with Journal.create(tmp_path / "j", ROW, 5) as journal:
+        journal.append(1, 0, [0, 0, 0])
+    (tmp_path / "k").write_bytes(damage((tmp_path / "j").read_bytes()))
+    with pytest.raises(JournalError, match=message):
+        Journal.open(tmp_path / "k")

@@ -1,0 +1,263 @@
+"""EPOCH: which run is on the buses and when its t = 0 was; who says it, who believes it."""
+
+from __future__ import annotations
+
+import ctypes as c
+
+import pytest
+
+from bridge.deployment.system import load_system
+from bridge.native import epoch as native
+from bridge.native.frame import Flags
+from bridge.native.library import library
+from bridge.native.message import Decoded, Header
+from bridge.native.node import functions
+from bridge.native.pace import now
+from bridge.native.safety import Status
+from bridge.node.hearing import watched
+from bridge.realtime.host_clock import HostClock, host_clock
+from cosim.base.clock import monotonic_ns, realtime_ns
+from tests.bridge.bench import Bench, until
+from tests.bridge.deployments import TELEOPERATION
+
+RUN, HOST, OTHER = 7, 3, 4
+INACTIVE, ACTIVE = 1, 2
+START, STOP = 1, 2
+UNIT = 10_000  # ns
+TURN = native.TURN_US * 1000
+
+
+class Alone(Bench):
+    """A bench whose node nobody supervises, on host HOST."""
+
+    def __enter__(self):
+        self.struct.epoch.host, self.struct.epoch.follows = HOST, 1
+        return super().__enter__()
+
+    def epoch(self, origin_ns, host=HOST, kept=0, status=Status.SIMULATED, run=RUN):
+        """EPOCH of a run with t = 0 at this time of the monotonic clock."""
+        date = origin_ns + realtime_ns() - monotonic_ns()
+        header = Header(status=int(status))
+        encoding = self.system.services["left"].epoch
+        values = native.values(run, host, bool(kept), date)
+        self.put("left", encoding.frame(values, header, now()))
+
+    def nmt(self, command):
+        frame = self.system.services["left"].nmt.frame([command, 0], Header(), now())
+        self.put("left", frame)
+
+    @property
+    def epochs(self):
+        return self.said(self.system.services["left"].epoch)
+
+
+def seconds(n):
+    return round(n * 1e9)
+
+
+# ---- bytes ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("deployment", ["can", "can-classic", "zenoh"])
+@pytest.mark.parametrize("date", [0, 1_790_000_000_123_456_789, TURN - UNIT])
+def test_what_is_said_is_what_is_heard(deployment, date):
+    system = load_system(TELEOPERATION, deployment)
+    encoding = next(s.epoch for s in system.services.values() if s.epoch)
+    values = native.values(63, 255, True, date)
+    data = encoding.encode(values, status=Status.SIMULATED, counter=5)
+    result, heard, header = encoding.decode(data)
+    assert result is Decoded.OK and list(heard) == values
+    assert (header.counter, header.status) == (5, Status.SIMULATED)
+    assert heard[3] == round((date % TURN) / UNIT) * 10
+
+
+def test_on_can_it_is_eight_protected_bytes():
+    encoding = load_system(TELEOPERATION, "can").services["left"].epoch
+    data = encoding.encode([1, 2, 0, 30])
+    assert (encoding.message.id, len(data), encoding.message.flags & Flags.FD) == (2, 8, 0)
+    for bit in range(64):
+        wrong = bytearray(data)
+        wrong[bit // 8] ^= 1 << bit % 8
+        assert encoding.decode(bytes(wrong))[0] is Decoded.CRC
+
+
+def test_the_date_of_c_is_that_of_python():
+    date = library().pace_date
+    date.restype = c.c_int64
+    assert abs(date() - (realtime_ns() - monotonic_ns())) < 50_000_000
+
+
+# ---- who has which clock ------------------------------------------------------------------------
+
+
+def test_processes_of_a_host_have_its_clock():
+    assert host_clock().host == host_clock().host and 1 <= host_clock().number <= 255
+    assert HostClock("a", kept=False).number != HostClock("b", kept=False).number
+
+
+def test_a_host_says_what_keeps_its_date():
+    assert "kept by no time server" in HostClock("a", kept=False).words()
+    assert "to 2 ms" in HostClock("a", kept=True, error=0.002).words()
+
+
+# ---- a node that waits --------------------------------------------------------------------------
+
+
+def test_it_joins_a_run_that_it_hears_of(tmp_path):
+    with Alone(tmp_path) as bench:
+        said = []
+        with watched(bench.wired, said.append, lambda: {"event": "ready"}):
+            began = now() - seconds(3)
+            bench.epoch(began)
+            until(lambda: bench.struct.begun and bench.struct.slot > bench.struct.first + 2)
+            until(lambda: any(e["event"] == "joined" for e in said))
+        assert abs(bench.struct.start_ns - began) < 2_000_000
+        assert bench.struct.first * bench.struct.h > 3.0
+        assert bench.struct.epoch.run == RUN
+        assert next(e for e in said if e["event"] == "joined")["t"] > 3.0
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "shared"), [(0, 0, False), (0, 1, False), (1, 0, False), (1, 1, True)]
+)
+def test_another_hosts_date_counts_where_both_are_kept(tmp_path, ours, theirs, shared):
+    with Alone(tmp_path) as bench:
+        bench.struct.epoch.kept = ours
+        bench.epoch(now() - seconds(3), host=OTHER, kept=theirs)
+        if shared:
+            until(lambda: bench.struct.begun)
+        else:
+            until(lambda: bench.struct.epoch.unshared == 1)
+        assert bool(bench.struct.epoch.origin_ns) == shared
+
+
+def test_a_run_that_is_to_begin_is_not_joined_without_a_start(tmp_path):
+    with Alone(tmp_path) as bench:
+        origin = now() + seconds(0.4)
+        bench.epoch(origin)
+        until(lambda: bench.struct.epoch.origin_ns)
+        until(lambda: now() > origin + seconds(0.3))
+        assert not bench.struct.begun and bench.struct.start_ns == 0
+
+
+def test_a_start_from_the_bus_has_the_origin_that_was_said(tmp_path):
+    with Alone(tmp_path) as bench:
+        origin = now() + seconds(0.6)
+        bench.epoch(origin)
+        bench.nmt(START)
+        until(lambda: bench.struct.begun)
+        assert abs(bench.struct.start_ns - origin) < 2_000_000
+        assert (bench.struct.first, bench.struct.epoch.run) == (0, RUN)
+
+
+def test_a_start_without_epoch_is_as_before(tmp_path):
+    with Alone(tmp_path) as bench:
+        until(lambda: not bench.wired.peers or bench.beats)
+        bench.nmt(START)
+        until(lambda: bench.struct.begun)
+        assert (bench.struct.first, bench.struct.epoch.run) == (0, 0)
+
+
+def test_a_node_with_a_supervisor_waits_for_it(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.struct.epoch.follows = 0
+        bench.epoch(now() - seconds(3))
+        until(lambda: bench.struct.epoch.origin_ns and not bench.struct.epoch.running)
+        assert bench.struct.start_ns == 0
+
+
+def test_who_was_told_to_stop_stays_away_until_a_start(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.nmt(STOP)
+        until(lambda: not bench.struct.epoch.follows)
+        bench.epoch(began := now() - seconds(3))
+        until(lambda: bench.struct.epoch.origin_ns and not bench.struct.epoch.running)
+        assert bench.struct.start_ns == 0
+        bench.nmt(START)
+        until(lambda: bench.struct.begun)
+        assert abs(bench.struct.start_ns - began) < 2_000_000
+
+
+def test_where_drives_are_real_a_simulated_run_is_none_and_arm_comes_first(tmp_path):
+    with Alone(tmp_path, real=True) as bench:
+        bench.epoch(now() - seconds(3))  # simulated
+        bench.epoch(now() - seconds(3), status=0, run=RUN + 1)
+        until(lambda: bench.struct.epoch.told == RUN + 1 and not bench.struct.epoch.running)
+        assert bench.struct.start_ns == 0
+        until(lambda: not functions().node_unheard(c.byref(bench.struct), 0))
+        bench.control.arm()
+        until(lambda: bench.struct.life.armed)
+        bench.epoch(now() - seconds(3))  # simulated
+        bench.epoch(now() - seconds(3), status=0, run=RUN + 2)
+        until(lambda: bench.struct.start_ns)
+        assert bench.struct.epoch.run == RUN + 2
+
+
+def test_who_is_to_start_at_once_takes_the_start_of_another(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.epoch(origin := now() + seconds(0.6))
+        until(lambda: bench.struct.epoch.origin_ns)
+        bench.control.begin(0.5)
+        until(lambda: bench.struct.begun)
+        assert abs(bench.struct.start_ns - origin) < 2_000_000
+        assert bench.struct.epoch.run == RUN
+
+
+def test_who_starts_at_once_says_when(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.control.begin(0.5)
+        until(lambda: bench.struct.begun)
+        until(lambda: bench.epochs)
+        (values, _), *others = bench.epochs
+        date = bench.struct.start_ns + realtime_ns() - monotonic_ns()
+        assert abs(values[3] * 1000 - date % TURN) < 50_000_000
+        assert values[0] == bench.struct.epoch.run > 0 and values[1] == HOST and not others
+
+
+# ---- a node that runs -------------------------------------------------------------------------
+
+
+def test_it_tells_a_peer_that_waits_which_run_this_is(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.begin()
+        before = len(bench.epochs)
+        bench.there = False
+
+        def answered():
+            bench.beat(1, INACTIVE)
+            return len(bench.epochs) > before
+
+        until(answered)
+        values, header = bench.epochs[-1]
+        date = bench.struct.start_ns + realtime_ns() - monotonic_ns()
+        assert abs(values[3] * 1000 - date % TURN) < 50_000_000
+        assert header.status & Status.SIMULATED
+
+
+def test_it_says_nothing_while_nobody_waits(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.begin()
+        before = len(bench.epochs)
+        until(lambda: bench.struct.slot > 200)
+        assert len(bench.epochs) == before
+
+
+def test_a_run_that_runs_is_not_moved(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.begin()
+        start = bench.struct.start_ns
+        bench.epoch(now() - seconds(3))
+        slot = bench.struct.slot
+        until(lambda: bench.struct.slot > slot + 20)
+        assert bench.struct.start_ns == start and not bench.struct.epoch.origin_ns
+
+
+def test_a_frame_that_is_damaged_is_not_believed(tmp_path):
+    with Alone(tmp_path) as bench:
+        encoding = bench.system.services["left"].epoch
+        frame = encoding.frame(native.values(1, HOST, True, realtime_ns()), Header(), now())
+        frame.data[5] ^= 1
+        bench.put("left", frame)
+        bench.nmt(START)
+        until(lambda: bench.struct.begun)
+        assert not bench.struct.epoch.origin_ns

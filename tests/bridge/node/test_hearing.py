@@ -1,0 +1,169 @@
+"""What has to be heard before a start, and what is missed while a node runs."""
+
+import ctypes as c
+
+import numpy as np
+import pytest
+
+from bridge.deployment.system import load_system
+from bridge.native import node as native
+from bridge.native.bus import Bus
+from bridge.native.frame import Ring
+from bridge.native.message import Header
+from bridge.native.safety import State, Status
+from bridge.node import hearing
+from bridge.replay import twin
+from bridge.wiring.wiring import Wired
+from cosim.base.clock import monotonic_ns, sleep, stopwatch
+from tests.bridge.deployments import TELEOPERATION, named
+from tests.bridge.slots import Slots
+
+STEP = "run.step='5 ms'"
+
+
+class Slave:
+    """The master's node over Zenoh on rings; the test is the slave, whose ξ it needs."""
+
+    def __init__(self, folder, *settings):
+        self.system = load_system(TELEOPERATION, "zenoh", ["run.stop='2 s'", *settings])
+        self.rx, self.tx = Ring(4096), Ring(4096)
+        self.wired = Wired(
+            self.system, "master", {"net": Bus.of_rings(self.rx, self.tx, 0)}, folder / "journal",
+            native.SIMULATED,
+        )  # fmt: skip
+        self.struct = self.wired.struct
+
+    def say(self, life, k=0, t=0.0):
+        codec = self.system.messages["xi_slave"].encoding
+        header = Header(counter=k, status=life | Status.SIMULATED, t_us=round(t * 1e6))
+        self.rx.put(codec.frame([0.0, 0.0], header, round(t * 1e9)))
+
+
+def slots(master, n):
+    struct = master.struct
+    limits = ((struct.slot + np.arange(n)) * struct.h_ns).astype(np.int64)
+    assert native.functions().node_follow(c.byref(struct), limits.ctypes.data, n) == 0
+
+
+@pytest.fixture
+def master(tmp_path):
+    made = Slave(tmp_path, "deploy.silence='0.3 s'")
+    with made.wired:
+        made.struct.life.state, made.struct.begun = State.ACTIVE, 1
+        yield made
+
+
+def test_a_message_is_unheard_until_a_preview_of_it_has_come(tmp_path):
+    made = Slave(tmp_path)
+    with made.wired:
+        assert hearing.unheard(made.wired) == ["xi_slave from slave"]
+        made.say(State.INACTIVE)
+        slots(made, 1)
+        assert hearing.unheard(made.wired) == []
+
+
+def test_without_a_limit_of_silence_nothing_is_awaited(tmp_path):
+    made = Slave(tmp_path, "deploy.silence=0")
+    with made.wired:
+        assert hearing.unheard(made.wired) == []
+        slots(made, 1500)
+        assert hearing.silent(made.wired) == hearing.never(made.wired) == []
+
+
+def test_an_input_may_be_waited_for_without_an_end(tmp_path):
+    never = 'deploy.nodes.master.stale={"master_control.xi_in"={stop=0}}'
+    made = Slave(tmp_path, "deploy.silence='0.3 s'", never)
+    with made.wired:
+        assert hearing.unheard(made.wired) == []
+        made.struct.life.state = State.ACTIVE
+        slots(made, 1000)
+        assert made.struct.life.state == State.ACTIVE
+
+
+def test_a_node_that_hears_nothing_stops_and_says_what_it_misses(master):
+    slots(master, 300)
+    assert master.struct.life.state == State.ACTIVE and hearing.silent(master.wired) == []
+    slots(master, 10)
+    assert master.struct.life.state in (State.STOPPING, State.FAULT)
+    assert hearing.silent(master.wired) == ["xi_slave from slave for 0.31 s"]
+    assert hearing.never(master.wired) == ["xi_slave from slave"]
+
+
+def test_what_was_heard_once_is_missed_from_then_on(master):
+    for k in range(40):
+        master.say(State.ACTIVE, k, k * 5e-3)
+    slots(master, 200)
+    assert hearing.never(master.wired) == []
+    slots(master, 290)
+    assert master.struct.life.state == State.ACTIVE
+    slots(master, 20)
+    assert master.struct.life.state != State.ACTIVE
+
+
+def test_who_has_finished_is_not_missed(master):
+    slots(master, 400)
+    assert hearing.silent(master.wired)
+    master.wired.peers["slave"].state = State.FINISHED
+    assert hearing.silent(master.wired) == []
+
+
+def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_path):
+    with Slots(named("can", STEP, "run.stop=2"), "master", tmp_path) as slots:
+        slots.begin()
+        assert hearing.unheard(slots.wired) == ["LINK_2 from master_control"]
+        codec = slots.system.messages["LINK_2"].encoding
+        for k in range(60):
+            header = Header(counter=k, status=State.FAULT | Status.SIMULATED, t_us=k * 5000 + 500)
+            slots.put("left", codec.frame([0.0] * 4, header), k * 5e-3 + 6e-4)
+            slots.step()
+        assert slots.wired.receivers["LINK_2"].ok > 50
+        assert hearing.unheard(slots.wired) == hearing.never(slots.wired) == []
+
+
+def test_torques_of_a_node_in_fault_are_heard(tmp_path):
+    """They move no drive and feed no watchdog, but the drive is not deaf."""
+    settings = (STEP, "run.stop=2", "deploy.silence='0.5 s'")
+    system = named("can", *settings)
+    with twin.wired(system, tmp_path) as nodes:
+        nodes["master_control"].struct.alarm = 1  # an emergency stop in its first slot
+        twin.run(system, nodes)
+        assert nodes["master_control"].struct.life.state == State.FAULT
+        assert nodes["master"].receivers["LINK_2"].ok > 300
+        assert hearing.silent(nodes["master"]) == []
+
+
+def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path, monkeypatch):
+    monkeypatch.setattr(hearing, "REPEAT", 0.02)
+    made, said = Slave(tmp_path), []
+    with made.wired, hearing.watched(made.wired, said.append, lambda: {"event": "ready"}):
+        within(lambda: len(said) > 1)
+        assert said[0] == {"event": "waiting", "for": ["xi_slave from slave"]}
+        made.say(State.INACTIVE)
+        slots(made, 1)
+        within(lambda: said[-1] == {"event": "ready"})
+
+
+def test_a_supervisor_is_told_once_what_is_heard_no_more(master):
+    said = []
+    with hearing.watched(master.wired, said.append, lambda: {"event": "ready"}):
+        slots(master, 310)
+        within(lambda: len(said) > 1)
+        sleep(0.1)
+    assert [event["event"] for event in said] == ["ready", "deaf"]
+    assert "xi_slave from slave" in said[1]["to"][0]
+
+
+def within(true, seconds=20.0):
+    elapsed = stopwatch()
+    while not true():
+        assert elapsed() < seconds
+        sleep(0.005)
+
+
+def test_who_is_required_and_not_there_is_named(tmp_path):
+    made = Slave(tmp_path, 'deploy.nodes.master.requires=["slave"]')
+    with made.wired:
+        assert "a heartbeat of slave" in hearing.unheard(made.wired)
+        peer = made.wired.peers["slave"]
+        peer.state, peer.heartbeat.last_ns = State.INACTIVE, monotonic_ns()
+        assert "a heartbeat of slave" not in hearing.unheard(made.wired)

@@ -1,0 +1,114 @@
+"""Nodes in lock-step are the twin, to the bit; one that stalls or dies is named."""
+
+import ctypes as c
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.deployment.system import load_system
+from bridge.native import lockstep as native
+from bridge.node import lockstep
+from bridge.rehearsal.supervisor import Event
+from bridge.replay import replay, twin
+from cosim.base.errors import ScenarioError
+from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, sockets
+
+ARMS = ("master", "slave")
+ROBOTS = tuple(f"robot{i}" for i in range(1, 7))
+
+
+def test_sizes():
+    assert [native.sizes(i) for i in range(3)] == [
+        c.sizeof(native.Stream),
+        c.sizeof(native.LockstepStruct),
+        0,
+    ]
+
+
+@given(
+    period=st.integers(1, 50),
+    offset=st.integers(0, 60),
+    before=st.booleans(),
+    deadline=st.integers(0, 2000),
+    capacity=st.integers(0, 60),
+)
+def test_what_a_slot_needs(period: int, offset: int, before: bool, deadline: int, capacity: int):
+    stream = native.Stream(period_ns=period, offset_ns=offset, before=before, capacity=capacity)
+    times = [s * period + offset for s in range(capacity)]
+    needed = [t for t in times if t < deadline or (t == deadline and before)]
+    assert stream.needed(deadline) == len(needed)
+
+
+def test_all_buses_or_none():
+    def asked(deployment: str, *settings: str) -> bool:
+        return lockstep.wanted(load_system(CONFIGS / "teleoperation.toml", deployment, settings))
+
+    said = "deploy.buses.net.options.lockstep=true"
+    assert not asked("zenoh") and not asked("can") and asked("zenoh", said)
+    with pytest.raises(ScenarioError, match="lockstep on net, but not on left, right"):
+        asked("mixed", said)
+    with pytest.raises(ScenarioError, match="at sync: lock-step has no SYNC"):
+        asked("zenoh", said, 'deploy.sync="master"')
+
+
+def run(
+    scenario: str,
+    deployment: str,
+    nodes: Sequence[str],
+    folder: Path,
+    events: Sequence[Event] = (),
+    stop: float = 20.0,
+) -> Rehearsed:
+    changes = [
+        f'run.stop="{stop} s"', "deploy.buses.net.options.lockstep=true",
+        'deploy.buses.net.options.wait="3 s"', *sockets(nodes, folder),
+    ]  # fmt: skip
+    system, running = prepared(scenario, deployment, changes, folder / "run", events)
+    with running:
+        ended = running.run()
+    return collect(system, ended, folder / "run")
+
+
+def is_the_twin(found: Rehearsed, folder: Path) -> None:
+    (folder / "twin").mkdir()
+    twin.simulate(found.system, folder / "twin")
+    expected = replay.load(folder / "twin")
+    assert set(expected) == set(found.rows)
+    for node, rows in expected.items():
+        assert rows.tobytes() == found.rows[node].tobytes(), node
+
+
+@pytest.mark.slow
+@pytest.mark.live
+def test_two_nodes_are_the_twin(tmp_path: Path):
+    found = run("teleoperation", "zenoh", ARMS, tmp_path)
+    assert found.ended.notes == []
+    is_the_twin(found, tmp_path)
+    assert found.replayed.greatest == 0.0
+
+
+@pytest.mark.slow
+def test_six_nodes_are_the_twin(tmp_path: Path):
+    found = run("network", "network", ROBOTS, tmp_path)
+    assert found.ended.notes == []
+    is_the_twin(found, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["kill", "freeze"])
+def test_a_node_that_is_gone_is_named_and_what_was_computed_is_kept(what: str, tmp_path: Path):
+    events = [Event(0.3, what, lambda r: getattr(r, what)("slave"))]
+    events.append(Event(5.0, "end", lambda r: r.kill("slave")))
+    found = run("teleoperation", "zenoh", ARMS, tmp_path, events, stop=200.0)
+    report = found.reports["master"]
+    assert report["end"] == "failed"
+    assert (
+        "of xi_slave from node slave; nothing new for 3 s: it stalls, or is gone"
+        in (report["error"])
+    )
+    slots = len(found.rows["master"])
+    assert 0 < slots == report["slots"] < 200_000
+    assert f"slot {slots} " in report["error"]

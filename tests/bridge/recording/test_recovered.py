@@ -1,0 +1,115 @@
+"""Rehearsals, twins and nodes that were cut short are read and completed from their journals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.deployment.system import System
+from bridge.native.journal import Journal
+from bridge.replay import twin
+from bridge.results.outcome import begin, run_twin
+from cosim.base.errors import CutShort, Interrupted, ScenarioError
+from cosim.engine.recovery import repair
+from cosim.record import Run, verify
+from cosim.scenario.assemble import assemble
+from cosim.scenario.recorded import over
+from tests.bridge.deployments import named
+
+#: The plant's parameter is another one than the scenario's: recovery has to use the run's own.
+SETTINGS = ("run.stop=2", "components.master.parameters.k_p=20")
+
+
+@pytest.fixture
+def system() -> System:
+    return named("can", *SETTINGS)
+
+
+@pytest.fixture
+def cut(system: System, tmp_path: Path) -> Path:
+    """As a process that was killed before it collected leaves a folder."""
+    folder = tmp_path / "cut"
+    (folder / "nodes").mkdir(parents=True)
+    begin(system, folder, {"settings": list(SETTINGS)})
+    twin.simulate(system, folder / "nodes")
+    return folder
+
+
+@pytest.fixture
+def whole(system: System, tmp_path: Path) -> Run:
+    return Run.open(run_twin(system, tmp_path / "whole", SETTINGS))
+
+
+def same(a: Run, b: Run) -> bool:
+    tables = [{name: path.read_bytes() for name, path in r.link_tables.items()} for r in (a, b)]
+    columns = all(np.array_equal(a.column(n), b.column(n)) for n in ("t", *a.names))
+    return a.names == b.names and columns and tables[0] == tables[1] != {}
+
+
+def test_a_reader_collects_the_journals_by_itself(cut: Path, whole: Run) -> None:
+    before = sorted(cut.rglob("*"))
+    with pytest.warns(CutShort, match="was cut short; it is recorded until t = 1.999 s"):
+        found = Run.open(cut)
+    assert same(found, whole)
+    assert sorted(cut.rglob("*")) == before  # nothing was written there
+
+
+def test_its_links_are_links_of_another_run(cut: Path, system: System, whole: Run) -> None:
+    plans = [over(assemble(system.scenario), run) for run in (cut, whole.path.parent)]
+    held = [[x.table.stream(400).rows(400).tolist() for x in plan.links] for plan in plans]
+    assert held[0] == held[1]
+
+
+def test_recover_completes_the_folder_as_its_end_would_have(cut: Path, whole: Run) -> None:
+    (cut / "trajectories.live").write_bytes(b"half of it")  # killed while it collected
+    (cut / "trajectories.parquet.part").write_bytes(b"PAR1")
+    assert repair(cut) == "recorded until t = 1.999 s"
+    assert same(Run.open(cut), whole)
+    assert Run.open(cut).metadata["status"] == "recovered"
+    top = {path.name for path in cut.iterdir()}
+    assert top == {"trajectories.parquet", "links", "nodes", "run.json"}
+    assert repair(cut) == ""
+
+
+def test_killed_between_its_trajectories_and_its_tables(cut: Path, whole: Run) -> None:
+    (cut / "trajectories.parquet").write_bytes(whole.path.read_bytes())
+    repair(cut)
+    assert same(Run.open(cut), whole)
+
+
+def test_nobody_recovers_what_is_still_being_written(cut: Path) -> None:
+    with Journal.create(cut / "nodes" / "late.journal", np.dtype([("slot", "<i8")]), 4):
+        with pytest.raises(ScenarioError, match="the run still goes on"):
+            repair(cut)
+        with pytest.warns(CutShort, match="the run still goes on; it is recorded until"):
+            Run.open(cut)
+
+
+def test_ctrl_c_of_a_twin_keeps_what_was_simulated(
+    system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def pressed(stop: Callable[[], None]) -> Iterator[None]:
+        stop()
+        yield
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(twin, "deferred", pressed)
+    with pytest.raises(Interrupted, match="interrupted at t = "):
+        run_twin(system, tmp_path / "here", SETTINGS)
+    run = Run.open(tmp_path / "here")
+    assert run.t[-1] == pytest.approx(1.0, abs=0.01)
+    assert run.metadata["status"] == "stopped"
+    assert run.metadata["deployment"]["settings"] == list(SETTINGS)
+    verify(tmp_path / "here")
+
+
+def test_a_twin_is_the_same_however_often_it_is_looked_at(
+    system: System, whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twin, "LOOK_NS", 1_300_000)
+    assert same(Run.open(run_twin(system, tmp_path / "often", SETTINGS)), whole)

@@ -1,0 +1,53 @@
+"""The rooms: what each says of itself, the picture of them, and the contracts that keep it true."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+_SPEC = importlib.util.spec_from_file_location("rooms", ROOT / "docs" / "rooms.py")
+assert _SPEC is not None and _SPEC.loader is not None
+rooms = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(rooms)
+#: Modules that are no room: what stands directly in a package.
+LOOSE = {"cosim": {"__init__"}, "bridge": {"__init__"}}
+
+
+def test_the_picture_in_the_design_page_is_current():
+    assert rooms.PAGE.read_text(encoding="utf-8") == rooms.page(), "python docs/rooms.py writes it"
+
+
+@pytest.mark.parametrize("package", ["cosim", "bridge"])
+def test_every_module_stands_in_a_room(package):
+    assert {p.stem for p in (ROOT / package).glob("*.py")} == LOOSE[package]
+
+
+@pytest.mark.parametrize(
+    "path", [f"{p}/{r}/__init__.py" for p in ("cosim", "bridge") for r in rooms.rooms(p)]
+)
+def test_a_room_says_what_it_is(path):
+    text = ast.get_docstring(ast.parse((ROOT / path).read_text(encoding="utf-8")))
+    assert text and len(text.split()) >= 8, path
+
+
+@pytest.mark.parametrize("package", ["cosim", "bridge"])
+def test_the_contract_has_all_rooms_and_the_exceptions_of_the_picture(package):
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    contracts = tomllib.loads(text)["tool"]["importlinter"]["contracts"]
+    (layers,) = [c for c in contracts if c.get("containers") == [package]]
+    named = sorted(room for layer in layers["layers"] for room in layer.split(" | "))
+    assert layers["exhaustive"] and named == rooms.rooms(package)
+    pairs = [x.split(" -> ") for x in layers.get("ignore_imports", [])]
+    ignored = {tuple(name.split(".")[1] for name in pair) for pair in pairs}
+    assert ignored == {(a, b) for p, a, b in rooms.UP if p == package}
+
+
+def test_bridge_tests_mirror_the_rooms():
+    folders = {p.parent.name for p in (ROOT / "tests" / "bridge").glob("*/test_*.py")}
+    assert folders <= set(rooms.rooms("bridge"))
+    assert not list((ROOT / "tests" / "bridge").glob("test_*.py"))

@@ -53,10 +53,11 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
         # What was on its way when the fault began still arrives.
         quiet = max(first.t, float(left[(t < first.t) & (left < t1)].max(initial=0.0)))
         there = (t >= first.t) & (t < t1)
-        rows, t = rows[there], t[there]
+        rows, t, left = rows[there], t[there], left[there]
         for life, message in _receivers(first.action, link, first.t, t1, shown, network):
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
             samples = (rows["length"] >= size) & shown.sends(message, t)
+            samples &= left <= shown.last(life)  # what comes later is heard by nobody
             acted, least = _acted(first.action, rows[samples])
             done = acted if acted >= FEW[first.action] else 0
             signs = _link_signs(first, quiet, t1, shown, life, message, least) if done else ()

@@ -68,8 +68,7 @@ BEFORE = 0.2
 @final
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`.
-
+    """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`;
     `altered`: samples that a life heard otherwise than they were sent, by life and message.
     """
 
@@ -190,9 +189,11 @@ class Shown:
     def over(self, node: str, t: float) -> bool:
         """Whether every life of the node had come to its last slot before `t`, and has reported."""
         lives = self.lives(node)
-        return bool(lives) and all(
-            self.said(life) is not None and float(self._t(life)[-1]) < t for life in lives
-        )
+        return bool(lives) and all(self.said(x) is not None and self.last(x) < t for x in lives)
+
+    def last(self, life: Life) -> float:
+        """When the last slot of a life was due, s."""
+        return float(self._t(life)[-1])
 
     def stopped(self, node: str, t0: float) -> Signs:
         """Whether a life of the node stopped itself after this time."""
@@ -219,10 +220,7 @@ class Shown:
         return ran
 
     def arrives(self, life: Life, message: str, t0: float, t1: float) -> bool:
-        """Whether its age can be seen: it is an input here, or of somebody it is forwarded to.
-
-        All on the way have slots in this time.
-        """
+        """Whether its age can be seen, here or where it is forwarded to; all have slots then."""
         if not ((self._t(life) >= t0) & (self._t(life) <= t1)).any():
             return False
         onwards = self._onwards(life, message)

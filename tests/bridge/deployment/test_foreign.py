@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.drives.profiles import load_profile
+from bridge.native.message import Decoded
 from bridge.native.safety import State
 from bridge.replay import replay
 from cosim.base.errors import ScenarioError
@@ -69,6 +70,18 @@ def test_gear_direction_zero_and_units_are_in_the_codec(
     data = torque.encode([tau * gear])
     _, raw, _ = plain.codec(plain.command, 3).decode(data)
     assert raw[0] == pytest.approx(direction * tau, abs=1e-6)
+
+
+def test_a_reversed_drive_takes_a_torque_of_zero(tmp_path):
+    """A torque of 0 behind a gear of direction -1 is -0.0 in the frame."""
+    found = damiao()
+    found["messages"]["master_tau_1"] |= {
+        "profile": str(DRIVES / "odrive.toml"), "gear": 3.7, "direction": -1, "drive": 3,
+    }  # fmt: skip
+    torque = system_of(found, tmp_path).messages["master_tau_1"].encoding
+    plain = load_profile(DRIVES / "odrive.toml")
+    said, values, _ = plain.codec(plain.command, 3).decode(torque.encode([0.0]))
+    assert said is Decoded.OK and values[0] == 0.0
 
 
 def test_the_twin_reaches_q_h_within_the_drives_torque_and_replays(tmp_path):

@@ -11,8 +11,10 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from fmus import toolchain
 from fmus.model import Model
@@ -40,17 +42,28 @@ def compile_models(
 def _libraries(models: Sequence[Model], platform: str, pool: ThreadPoolExecutor) -> list[bytes]:
     """The library of each model for one platform; `pool` runs the compilers."""
     objects: dict[Path, Future[Path]] = {}
-    links = []
+    links: list[Future[bytes]] = []
     with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
-        needed = [{_place(Path(scratch), unit): unit for unit in units(model)} for model in models]
-        for folders in needed:
-            for folder, unit in folders.items():
-                if folder not in objects:
-                    objects[folder] = pool.submit(_compile, unit, folder, platform)
-        for model, folders in zip(models, needed, strict=True):
-            found = [objects[folder].result() for folder in folders]
-            links.append(pool.submit(_link, model, found, Path(scratch), platform))
-        return [link.result() for link in links]
+        try:
+            place = partial(_place, Path(scratch))
+            needed = [{place(unit): unit for unit in units(model)} for model in models]
+            for folders in needed:
+                for folder, unit in folders.items():
+                    if folder not in objects:
+                        objects[folder] = pool.submit(_compile, unit, folder, platform)
+            for model, folders in zip(models, needed, strict=True):
+                found = [objects[folder].result() for folder in folders]
+                links.append(pool.submit(_link, model, found, Path(scratch), platform))
+            return [link.result() for link in links]
+        finally:
+            _end([*objects.values(), *links])  # before the folder that they write in goes
+
+
+def _end(jobs: Sequence[Future[Any]]) -> None:
+    """Of what has begun, wait for the end; the rest does not begin any more."""
+    for job in jobs:
+        job.cancel()
+    wait(jobs)
 
 
 def _place(scratch: Path, unit: Mapping[str, str]) -> Path:

@@ -144,9 +144,7 @@ class Source:
             "state": State(state).name.lower() if state in known else str(state),
             "reasons": explain(int(row["reasons"])) if row["reasons"] else "",
             "inputs": {
-                inlet.target.name: {
-                    k: int(held[k]) for k in INLET_ROW
-                }
+                inlet.target.name: {k: int(held[k]) for k in INLET_ROW}
                 for inlet, held in zip(self._node.inlets, row["inlets"], strict=True)
             },
         }

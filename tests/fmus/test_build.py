@@ -6,6 +6,8 @@ import ctypes
 import struct
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -311,3 +313,27 @@ def test_a_model_without_terminals_has_no_file_of_them(tmp_path: Path) -> None:
         with ZipFile(pack(each, "3.0", tmp_path, {})) as archive:
             names = archive.namelist()
         assert ("terminalsAndIcons/terminalsAndIcons.xml" in names) is expected
+
+
+def test_a_failed_compiler_leaves_no_other_at_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder in which all compile goes when the last has ended."""
+    at_work, done = threading.Event(), threading.Event()
+
+    def compiled(source: Path, output: Path, **_: object) -> Path:
+        if source.name == "broken.c":
+            assert at_work.wait(20.0)
+            raise toolchain.ToolchainError("broken")
+        at_work.set()
+        time.sleep(0.1)
+        output.write_bytes(b"")
+        done.set()
+        return output
+
+    monkeypatch.setattr(toolchain, "compile_object", compiled)
+    source = tmp_path / "broken.c"
+    source.write_text("")
+    with pytest.raises(toolchain.ToolchainError, match="broken"):
+        build(replace(HAND, sources=(str(source),)), "2.0", tmp_path)
+    assert done.is_set()

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from bridge.native import node as native
-from bridge.native.safety import Command
+from bridge.native.safety import Command, State
 from bridge.records.records import names_of, refusal
 from cosim.base.clock import monotonic_ns, sleep
 
@@ -70,9 +70,11 @@ class Control:
         self._struct.start_ns -= by_ns
 
     def stop(self) -> None:
-        """Ramp down and stop; asked a second time, or before it runs, at once."""
-        if self._asked or not (self._struct.start_ns and self._struct.begun):
-            self._struct.quit = 1
+        """Ramp down and stop; asked a second time, or before START was obeyed, at once."""
+        struct = self._struct
+        obeyed = struct.begun or struct.life.state == State.ACTIVE
+        if self._asked or not (struct.start_ns and obeyed):
+            struct.quit = 1
         self._asked = True
         self._give(Command.STOP)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes as c
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ import pytest
 from bridge.native import node as native
 from bridge.native.safety import State
 from bridge.wiring.wiring import Wired
+from cosim.base.clock import monotonic_ns
 from cosim.base.errors import RunError
 from cosim.fmi import FmuComponent
+from tests.bridge.bench import PATIENCE, Bench, until
 from tests.bridge.deployments import TELEOPERATION, one_node, system_of
 
 XI = ("master_control.xi_in", "slave_control.xi_in")
@@ -76,3 +80,24 @@ def test_a_life_that_cannot_be_started_anew_says_why(tmp_path, monkeypatch):
         monkeypatch.setattr(wired.engine, "initialize", fails)
         assert wired.struct.joined(FIRST) == 1
         assert wired.failed == "no memory"
+
+
+def test_a_life_that_is_stopped_while_it_joins_ramps_down_in_its_first_slots(tmp_path, monkeypatch):
+    goes_on = threading.Event()
+    with Bench(tmp_path) as bench:
+        begin = bench.wired.begin
+
+        def slowly(slot):
+            assert goes_on.wait(PATIENCE)
+            begin(slot)
+
+        monkeypatch.setattr(bench.wired, "begin", slowly)
+        time.sleep(0.1)
+        bench.control.start(monotonic_ns())  # too late for slot 0: it joins a later one
+        until(lambda: bench.struct.life.state == State.ACTIVE)
+        bench.control.stop()
+        assert not bench.struct.begun and bench.struct.told
+        goes_on.set()
+        until(lambda: bench.result is not None)
+    assert bench.struct.life.state == State.INACTIVE
+    assert bench.struct.slot >= bench.struct.first + bench.struct.life.ramp_ticks

@@ -8,10 +8,14 @@ fault had left, or nobody was there to receive.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
-from bridge.deployment.system import System
+from bridge.deployment.system import Listened
 from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
@@ -28,8 +32,10 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
     system = shown.system
     end = system.plan.ticks * system.plan.h
     found = []
+    lives = [life for node in system.nodes for life in shown.lives(node)]
+    records = [record for life in lives if (record := _of_life(life, shown))]
     for fault in script.frames:
-        places = list(_of_frames(fault, script.frames, shown))
+        places = list(_of_frames(fault, script.frames, shown, records))
         found.append(
             Evidence(
                 index=fault.index,
@@ -62,29 +68,70 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
 # ---- faults of frames -----------------------------------------------------------------------
 
 
-def _of_frames(fault: FrameFault, every: Sequence[FrameFault], shown: Shown) -> Iterator[Place]:
-    """A place each life and message. A life that did not live to tell cannot show anything.
+@final
+@dataclass(frozen=True, slots=True)
+class _Received:
+    """What was done to frames as a life received them: `record` (INJECTED), and by bus and name of
+    what it listens to and counts, which rows, (rows,), are frames of it.
+    """
+
+    life: Life
+    listened: Sequence[Listened]
+    record: Rows
+    frames: Mapping[tuple[str, str], NDArray[np.bool_]]
+
+    def hit(self, fault: FrameFault) -> dict[str, NDArray[np.bool_]]:
+        """Rows of each message that a fault is about, by name."""
+        found: dict[str, NDArray[np.bool_]] = {}
+        for one in fault.about(self.listened):
+            rows = self.frames.get((one.bus, one.name))
+            if rows is not None and (one.name == "SYNC") == (fault.kind == "sync-loss"):
+                found[one.name] = rows | found.get(one.name, False)
+        return found
+
+
+def _of_life(life: Life, shown: Shown) -> _Received | None:
+    """None of a life that did not live to tell: it cannot show anything."""
+    record = shown.record(life)
+    if record is None or shown.said(life) is None:
+        return None
+    system = shown.system
+    listened, buses = system.listened(life.node), system.buses_of(life.node)
+    counted = {"SYNC", *system.heard_by(life.node)}
+    frames = {}
+    for one in listened:
+        if one.name not in counted:
+            continue
+        rows = (record["bus"] == buses.index(one.bus)) & one.accept.among(record)
+        if one.name in system.messages:
+            encoding = system.messages[one.name].encoding
+            assert isinstance(encoding, Codec)
+            rows[rows] = of_run(record[rows], encoding)
+        frames[one.bus, one.name] = rows
+    return _Received(life, listened, record, frames)
+
+
+def _of_frames(
+    fault: FrameFault, every: Sequence[FrameFault], shown: Shown, records: Sequence[_Received]
+) -> Iterator[Place]:
+    """A place each life and message.
 
     Faults of one message that show in the same counters have to show all together.
     """
-    for node in shown.system.nodes:
-        if "*" not in fault.nodes and node not in fault.nodes:
+    for received in records:
+        life, record = received.life, received.record
+        if "*" not in fault.nodes and life.node not in fault.nodes:
             continue
-        for life in shown.lives(node):
-            record = shown.record(life)
-            if record is None or shown.said(life) is None:
-                continue
-            listened = shown.system.listened(node)
-            for name, there in _hit(record, fault, shown.system, node).items():
-                rows = _effective(record[there], fault)
-                span = shown.span(life, fault.t0, fault.t1 + fault.b)
-                if SIGNS[fault.kind] == ("age",) and not shown.arrives(life, name, *span):
-                    rows = rows[:0]  # of a gateway: nobody was there who would know how old it is
-                alike = [f for f in every if _counted_as(fault, f, node)]
-                alike = [f for f in alike if name in {one.name for one in f.about(listened)}]
-                total = sum(len(_effective(record[there], f)) for f in alike)
-                signs = _frame_signs(fault, shown, life, name, rows, max(total, len(rows)))
-                yield Place(target=str(life), message=name, done=len(rows), signs=signs)
+        span = shown.span(life, fault.t0, fault.t1 + fault.b)
+        for name, there in received.hit(fault).items():
+            rows = _effective(record[there], fault)
+            if SIGNS[fault.kind] == ("age",) and not shown.arrives(life, name, *span):
+                rows = rows[:0]  # of a gateway: nobody was there who would know how old it is
+            alike = [f for f in every if _counted_as(fault, f, life.node)]
+            alike = [f for f in alike if name in {one.name for one in f.about(received.listened)}]
+            total = max(sum(len(_effective(record[there], f)) for f in alike), len(rows))
+            signs = _frame_signs(fault, shown, life, name, rows, total, span)
+            yield Place(target=str(life), message=name, done=len(rows), signs=signs)
 
 
 def _counted_as(fault: FrameFault, other: FrameFault, node: str) -> bool:
@@ -92,22 +139,6 @@ def _counted_as(fault: FrameFault, other: FrameFault, node: str) -> bool:
     signs = set(SIGNS[other.kind])
     there = "*" in other.nodes or node in other.nodes
     return there and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])
-
-
-def _hit(record: Rows, fault: FrameFault, system: System, node: str) -> dict[str, Rows]:
-    """Rows of each message a fault is about, by name, as far as a receiver counts them."""
-    counted = ("SYNC",) if fault.kind == "sync-loss" else system.heard_by(node)
-    buses = system.buses_of(node)
-    found: dict[str, Rows] = {}
-    for one in fault.about(system.listened(node)):
-        if one.name in counted:
-            rows = (record["bus"] == buses.index(one.bus)) & one.accept.among(record)
-            if one.name in system.messages:
-                encoding = system.messages[one.name].encoding
-                assert isinstance(encoding, Codec)
-                rows[rows] = of_run(record[rows], encoding)
-            found[one.name] = rows | found.get(one.name, False)
-    return found
 
 
 def _effective(record: Rows, fault: FrameFault) -> Rows:
@@ -125,8 +156,17 @@ def _effective(record: Rows, fault: FrameFault) -> Rows:
 
 
 def _frame_signs(
-    fault: FrameFault, shown: Shown, life: Life, message: str, rows: Rows, total: int
+    fault: FrameFault,
+    shown: Shown,
+    life: Life,
+    message: str,
+    rows: Rows,
+    total: int,
+    span: tuple[float, float],
 ) -> Signs:
+    """Signs of a fault in one message: `rows` of the record it did something to, of `total` that
+    have to show; `span`: when it held, on the clock of the run, s.
+    """
     if not len(rows):
         return ()
     signs = SIGNS[fault.kind]
@@ -140,7 +180,6 @@ def _frame_signs(
     found = shown.counted(life, message, counters, total) if counters else ()
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
-        span = shown.span(life, fault.t0, fault.t1 + fault.b)
         found = (*found, *shown.age(life, message, *span, least))
     return found
 

@@ -133,7 +133,9 @@ class Shown:
         """
         worst = 0.0
         for place, name in self._ends(life, message):
-            for t, rows in self._inlets(place, name):
+            t = self._t(place)
+            for i in self._indices(place, name):
+                rows = self.rows[place]["inlets"][:, i]
                 heard = rows["newest"] >= 0
                 taken = rows["transit_ns"] * 1e-9 + self._apart(place, name, rows)
                 during = taken[heard & (t >= t0) & (t <= t1 + AFTER)]
@@ -248,14 +250,17 @@ class Shown:
         sampled = (rows["newest"] * carried.period_ns + carried.offset_ns) * 1e-9
         arrived = sampled + rows["transit_ns"] * 1e-9
         found = np.zeros(len(rows))
-        for note in (n for n in self.notes if isinstance(n, Done) and n.action == "clock-jump"):
-            if note.target == carried.node:
-                passed = sampled - note.t
-                ahead = np.clip(passed, 0.0, note.by) if note.by > 0 else note.by * (passed >= 0)
-                found += ahead
-            if note.target == life.node:
-                found -= note.by * (arrived >= note.t + max(note.by, 0.0))
+        for note in self._jumps(carried.node):
+            passed = sampled - note.t
+            found += np.clip(passed, 0.0, note.by) if note.by > 0 else note.by * (passed >= 0)
+        for note in self._jumps(life.node):
+            found -= note.by * (arrived >= note.t + max(note.by, 0.0))
         return found
+
+    def _jumps(self, node: str) -> list[Done]:
+        """When the clock of a node was set."""
+        done = (n for n in self.notes if isinstance(n, Done))
+        return [n for n in done if (n.action, n.target) == ("clock-jump", node)]
 
     def _ends(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
         """Where a message goes from here: to this life's inputs, and over what it forwards."""
@@ -284,15 +289,11 @@ class Shown:
     def _t(self, life: Life) -> NDArray[np.float64]:
         """When each slot was due, (rows,), s, by the clock of the run, although its own was set."""
         t = self._own(life)
-        for note in (n for n in self.notes if isinstance(n, Done)):
-            if (note.action, note.target) == ("clock-jump", life.node) and t[0] <= note.t <= t[-1]:
+        for note in self._jumps(life.node):
+            if t[0] <= note.t <= t[-1]:
                 after = t >= note.t + max(note.by, 0.0)
                 t = np.where(after, t - note.by, np.minimum(t, note.t))
         return t
-
-    def _inlets(self, life: Life, message: str) -> Iterator[tuple[NDArray[np.float64], Rows]]:
-        for i in self._indices(life, message):
-            yield self._t(life), self.rows[life]["inlets"][:, i]
 
     def _indices(self, life: Life, message: str) -> list[int]:
         inlets = self.system.nodes[life.node].inlets

@@ -28,8 +28,8 @@ from cosim.record.pages import groups
 COLLECTOR = "bridge.recording.recovered"
 #: What is collected of the journals of a run that was cut short.
 SCRATCH = ".recovered"
-#: Folders with what was collected for readers; they go with this process.
-_kept: list[TemporaryDirectory[str]] = []
+#: What was collected for readers, by the journals it was collected of; it goes with this process.
+_collections: dict[object, TemporaryDirectory[str]] = {}
 
 
 def unfinished(folder: Path) -> bool:
@@ -55,11 +55,18 @@ def stored_tables(folder: Path) -> dict[str, Path]:
 
 
 def _collected(folder: Path) -> Path:
-    """Trajectories and link tables of the journals in `folder`, in a folder for this process."""
-    _kept.append(TemporaryDirectory(prefix="cosim-"))
-    into = Path(_kept[-1].name)
-    importlib.import_module(COLLECTOR).collect(folder, into)
-    return into
+    """Trajectories and link tables of the journals in `folder`, in a folder for this process.
+
+    They are collected once, or whenever they are asked for while the run still goes on.
+    """
+    there = [(path, path.stat()) for path in journals(folder)]
+    stamps = frozenset((path.resolve(), found.st_ino, found.st_mtime_ns) for path, found in there)
+    key = object() if goes_on(folder) else stamps
+    if key not in _collections:
+        scratch = TemporaryDirectory(prefix="cosim-")
+        importlib.import_module(COLLECTOR).collect(folder, Path(scratch.name))
+        _collections[key] = scratch
+    return Path(_collections[key].name)
 
 
 def in_memory(folder: Path) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from bridge.deployment.system import System
 from bridge.native.journal import Journal
+from bridge.recording import recovered
 from bridge.replay import twin
 from bridge.results.outcome import begin, run_twin
 from cosim.base.errors import CutShort, Interrupted, ScenarioError
@@ -56,6 +58,27 @@ def test_a_reader_collects_the_journals_by_itself(cut: Path, whole: Run) -> None
         found = Run.open(cut)
     assert same(found, whole)
     assert sorted(cut.rglob("*")) == before  # nothing was written there
+
+
+def test_readers_share_what_was_collected_until_the_journals_change(
+    cut: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collected: list[Path] = []
+    collect = recovered.collect
+
+    def counted(folder: Path, into: Path) -> None:
+        collected.append(into)
+        collect(folder, into)
+
+    monkeypatch.setattr(recovered, "collect", counted)
+    with pytest.warns(CutShort):
+        found = [Run.open(cut), Run.open(cut)]
+    assert [r.link_tables for r in found][0] == found[1].link_tables
+    assert len(collected) == 1
+    os.utime(next((cut / "nodes").glob("*.journal")), ns=(0, 0))
+    with pytest.warns(CutShort):
+        Run.open(cut)
+    assert len(collected) == 2
 
 
 def test_its_links_are_links_of_another_run(cut: Path, system: System, whole: Run) -> None:

@@ -22,7 +22,7 @@ typedef struct {
     int32_t run;            /* number of the run that this node is in or is to start */
     int32_t told;           /* number of the run in the last EPOCH believed */
     int32_t host, kept;     /* of this node's host: its number, 1 to 255; its date is kept: 1 */
-    int32_t follows;        /* 1: nobody supervises this node, it joins a run that it hears of */
+    int32_t follows;        /* 1: no supervisor starts this node; it joins a run that it hears of */
     int32_t running;        /* 1: an EPOCH of a run that has begun came, and was not looked at yet */
     int32_t asked;          /* 1: a peer waits for a start */
     int32_t unshared;       /* EPOCHs of hosts whose clock is not known to be ours */

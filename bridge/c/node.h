@@ -348,7 +348,7 @@ API int32_t node_live(node_t *n);
 API void node_enable(node_t *n, int64_t now_ns);
 /* Simulated clock: all nodes to the end, the next deadline first; frames take frame_ns on their bus,
  * one after the other, and are forwarded when they arrive. `routes`: for each node and bus the number of the
- * shared network, or -1; `busy`: until when each network is. Ends before `until_ns`, and goes on there. */
+ * shared network, or -1; `busy`: until when each network is busy. Ends before `until_ns`; the next call continues from there. */
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, int64_t (*frame_time)(const frame_t *, double, double),
                            const double *bitrates, int64_t *busy, const int32_t *routes, int32_t n_routes,
                            int64_t until_ns);

@@ -67,9 +67,9 @@ static int64_t matching(const receiver_t *r, uint32_t counter, int64_t shift, in
 }
 
 /* By the time stamp, which is the nominal time of the sample in us: the number that counter and stamp
- * agree on. A stamp that is no nominal time (somebody else's sender) gives the nearest number with that
+ * agree on. A stamp that is not a nominal time (of a foreign sender) gives the nearest number with that
  * counter. Where the counter was turned, and WINDOW frames in a row agree without that, it is turned
- * back: it was turned for frames of somebody else. *time: of the stamp, ns. */
+ * back: it had been turned for frames of another sender. *time: of the stamp, ns. */
 static int64_t stamped(receiver_t *r, const header_t *header, int64_t t, int64_t *time)
 {
     const int64_t span = (int64_t)1 << r->time_bits, us = divided(t, 1000);

@@ -47,7 +47,7 @@ def node(
     """Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).
 
     The deployment is checked first, as by `cosim rehearse`: an error refuses the node.
-    Where the other nodes run already, it joins them: its time goes on from theirs.
+    If the other nodes are already running, it joins their run at the current time of that run.
 
     Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
     """

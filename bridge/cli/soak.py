@@ -36,7 +36,8 @@ def soak(
     folder: Annotated[
         Path | None,
         typer.Option(
-            help="Of results; goes on there.", show_default="runs/soak-SCENARIO-DEPLOYMENT"
+            help="Folder of the results; an unfinished soak continues there.",
+            show_default="runs/soak-SCENARIO-DEPLOYMENT",
         ),
     ] = None,
     network: Annotated[

@@ -39,15 +39,15 @@ class Names:
     prefix: str
 
     def message(self, node: str, component: str, message: str) -> str:
-        """Of a message of the deployment."""
+        """Key of a message of the deployment."""
         return f"{self.prefix}/{node}/{component}/{message}"
 
     def of(self, node: str, what: str) -> str:
-        """Of something of a node: heartbeat, alive, state, arm, stop, parameters."""
+        """Key of something that belongs to one node: heartbeat, alive, state, arm, stop, parameters."""
         return f"{self.prefix}/{node}/{what}"
 
     def shared(self, what: str) -> str:
-        """Of something of nobody: nmt, estop, epoch."""
+        """Key of something that all nodes share: nmt, estop, epoch."""
         return f"{self.prefix}/{what}"
 
     def senders(self, keys: Iterable[str]) -> dict[str, str]:

@@ -140,7 +140,7 @@ def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) ->
 def joined(wired: Wired, buses: Mapping[str, Attachment], control: Control) -> bool:
     """Let a node join a run on a host whose date it does not share: by offsets measured over Zenoh.
 
-    False: nobody could say when t = 0 was. Never where real drives are meant.
+    Returns False if no other node knew when t = 0 was. Never where real drives are meant.
     """
     for name, end in buses.items():
         if wired.system.deployment.buses[name].kind == "zenoh" and wired.struct.simulated:

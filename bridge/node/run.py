@@ -54,8 +54,8 @@ class Options:
     """How a node is run: `life` names its files, `real`: it may move real drives.
 
     `boots`: what its heartbeats say, 0: drawn from the time. `warm_up`: s of self-test before it is
-    ready; `script`: faults on purpose; `alone`: nobody supervises it, so it joins by itself a run
-    that it hears of.
+    ready; `script`: faults on purpose; `alone`: no supervisor starts it, so it joins a run that it
+    hears of by itself.
     """
 
     life: Life

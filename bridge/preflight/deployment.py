@@ -180,7 +180,7 @@ def unlimited(system: System) -> list[Finding]:
 
 
 def windups(system: System) -> list[Finding]:
-    """Controllers that do not know the torque limit of their guard: their estimates wind up.
+    """Controllers whose own torque limit is above that of their guard: their estimates wind up.
 
     A controller with a parameter ``tau_max`` stops adapting while its torque is at that limit. One
     whose limit is above that of its guard goes on adapting to a torque that never acts.

@@ -15,7 +15,7 @@ from typing import Final
 
 #: Linux: another one for each start of a machine; containers and network namespaces share it.
 BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
-#: ``STA_UNSYNC`` of <sys/timex.h>: the date is kept by nobody.
+#: ``STA_UNSYNC`` of <sys/timex.h>: no time server keeps the date.
 _UNSYNC = 0x40
 
 

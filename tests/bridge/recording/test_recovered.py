@@ -72,8 +72,8 @@ def test_readers_share_what_was_collected_until_the_journals_change(
 
     monkeypatch.setattr(recovered, "collect", counted)
     with pytest.warns(CutShort):
-        found = [Run.open(cut), Run.open(cut)]
-    assert [r.link_tables for r in found][0] == found[1].link_tables
+        first, second = Run.open(cut), Run.open(cut)
+    assert first.link_tables == second.link_tables
     assert len(collected) == 1
     os.utime(next((cut / "nodes").glob("*.journal")), ns=(0, 0))
     with pytest.warns(CutShort):

@@ -43,7 +43,7 @@ class Names:
         return f"{self.prefix}/{node}/{component}/{message}"
 
     def of(self, node: str, what: str) -> str:
-        """Key of something that belongs to one node: heartbeat, alive, state, arm, stop, parameters."""
+        """Key of something of one node: heartbeat, alive, state, arm, stop, parameters."""
         return f"{self.prefix}/{node}/{what}"
 
     def shared(self, what: str) -> str:

@@ -7,7 +7,6 @@ enum { UNIT_NS = 10000, APART_NS = 100000000 /* between two of them on a bus */ 
 static const int64_t TURN_NS = ((int64_t)1 << 33) * UNIT_NS;
 static const int64_t AHEAD_NS = 300000000000;   /* an origin lies at most so far in the future */
 static const int64_t FRESH_NS = 1000000000;     /* START belongs to the EPOCH that came so long before */
-static const int64_t START_NS = 100000000;      /* from a START without EPOCH to t = 0 */
 
 /* On this node's clock: an origin that came at arrival_ns. */
 static int64_t origin_of(double us, int64_t arrival_ns)
@@ -60,11 +59,11 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
     e->running = running;
 }
 
-int64_t node_origin(const node_t *n, int64_t arrival_ns)
+API int64_t node_origin(const node_t *n, int64_t arrival_ns, int64_t lead_ns)
 {
     const epoch_t *e = &n->epoch;
     if (e->origin_ns && arrival_ns - e->heard_ns <= FRESH_NS) return e->origin_ns;
-    return arrival_ns + START_NS;
+    return arrival_ns + lead_ns;
 }
 
 /* Of a run that is asked for with its t = 0: all who are told the same have the same. */

@@ -14,6 +14,7 @@
 /* Values of the message, in this order. */
 enum { EPOCH_RUN, EPOCH_HOST, EPOCH_KEPT, EPOCH_ORIGIN, EPOCH_VALUES };
 enum { EPOCH_RUNS = 63 };   /* runs are numbered from 1; 0: a run that was started without EPOCH */
+enum { EPOCH_LEAD_NS = 100000000 }; /* from a START without EPOCH to t = 0 */
 
 typedef struct {
     int64_t origin_ns;      /* of the last EPOCH believed: its t = 0, CLOCK_MONOTONIC; 0: none */

@@ -179,7 +179,7 @@ static void managed(node_t *n, const frame_t *frame)
     if (n->gateway) node_pass(n, offsetof(services_t, nmt), v, header, frame);
     if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
     const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
-    if (command == COMMAND_START) n->nmt_ns = node_origin(n, frame->t_ns);
+    if (command == COMMAND_START) n->nmt_ns = node_origin(n, frame->t_ns, EPOCH_LEAD_NS);
     if (command != COMMAND_NONE) n->life.commands = commands_add(n->life.commands, command);
 }
 

@@ -63,7 +63,7 @@ static uint32_t obey(life_t *life, uint32_t now)
 {
     uint32_t left = life->commands, raised = 0;
     life->commands = 0;
-    if (commands_stop(left)) return apply(life, COMMAND_STOP, now);
+    if (commands_have(left, COMMAND_STOP)) return apply(life, COMMAND_STOP, now);
     if (left && now & WHY_ESTOP) {
         life->refused = WHY_ESTOP;
         return 0;

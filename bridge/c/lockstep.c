@@ -21,17 +21,14 @@ API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns)
     return n < s->capacity ? n : s->capacity;
 }
 
-static int32_t ended(const node_t *n)
+static int32_t told(const node_t *n, int32_t command)
 {
-    return *(const volatile int32_t *)&n->quit || commands_stop(__atomic_load_n(&n->told, __ATOMIC_ACQUIRE));
+    return commands_have(__atomic_load_n(&n->told, __ATOMIC_ACQUIRE), command);
 }
 
-static int32_t started(const node_t *n)
+static int32_t ended(const node_t *n)
 {
-    uint32_t told = __atomic_load_n(&n->told, __ATOMIC_ACQUIRE);
-    for (; told; told >>= 3)
-        if ((told & 7) == COMMAND_START) return 1;
-    return 0;
+    return *(const volatile int32_t *)&n->quit || told(n, COMMAND_STOP);
 }
 
 /* The counter of Profile 4, which every sample has. */
@@ -143,7 +140,7 @@ static int32_t send(lockstep_t *l)
 API int32_t lockstep_run(lockstep_t *l)
 {
     node_t *n = l->node;
-    while (!started(n)) {
+    while (!told(n, COMMAND_START)) {
         if (ended(n)) return LIVE_NEVER_STARTED;
         if (gather(l) < 0) return LOCKSTEP_LOST;
         pace_wait(pace_now() + 1000000, 0, &n->quit);

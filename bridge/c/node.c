@@ -178,7 +178,7 @@ static void live(node_t *n, row_t *row)
     } else {
         watch(n);
         n->life.commands = take_told(n);
-        if (commands_stop(n->life.commands)) n->stopping = 1;
+        if (commands_have(n->life.commands, COMMAND_STOP)) n->stopping = 1;
     }
     if (row) {
         row->now = n->life.now;

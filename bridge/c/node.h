@@ -306,12 +306,12 @@ void node_estop(node_t *n, int64_t now_ns);
 int32_t node_is_estop(const node_t *n, const frame_t *frame);
 /* EPOCH on all buses, of this node's run; answer: if a peer waits for a start, at most one in 100 ms.
  * heard: of another, whose run a waiting node then knows. node_origin: t = 0 of a START that came at
- * arrival_ns: as the EPOCH of the second before says, else 100 ms later. node_run_of: the number of the
+ * arrival_ns: as the EPOCH of the second before says, else lead_ns later. node_run_of: the number of the
  * run with this t = 0; told: by who owns this process, not on a bus. epoch.c */
 void node_epoch(node_t *n);
 void node_epoch_answer(node_t *n);
 void node_epoch_heard(node_t *n, const frame_t *frame);
-int64_t node_origin(const node_t *n, int64_t arrival_ns);
+API int64_t node_origin(const node_t *n, int64_t arrival_ns, int64_t lead_ns);
 int32_t node_run_of(const node_t *n, int64_t start_ns, int32_t told);
 /* Drives with protocols of their own, behind the torques of a slot. In FAULT (after the ramp) they are
  * disabled, and again every 100 ms, as a frame may get lost and a supervisor may enable them; ACTIVE

@@ -35,10 +35,11 @@ static inline uint32_t commands_add(uint32_t commands, int32_t command)
     if (bit == COMMANDS_BITS) bit -= 3, commands &= ~((uint32_t)7 << bit);
     return commands | (uint32_t)(command & 7) << bit;
 }
-static inline int32_t commands_stop(uint32_t commands)
+/* Whether this command is among them. */
+static inline int32_t commands_have(uint32_t commands, int32_t command)
 {
     for (; commands; commands >>= 3)
-        if ((commands & 7) == COMMAND_STOP) return 1;
+        if ((int32_t)(commands & 7) == command) return 1;
     return 0;
 }
 /* Why: bits, latched in `reasons` until COMMAND_RESET. */

@@ -91,18 +91,11 @@ static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start
     }
 }
 
-static int32_t with_start(uint32_t commands)
-{
-    for (; commands; commands >>= 3)
-        if ((commands & 7) == COMMAND_START) return 1;
-    return 0;
-}
-
 /* Commands of the process's owner: a START of theirs is said to the others, who may wait for one. */
 static void follow_told(node_t *n, pending_t *start, uint32_t commands, int64_t now)
 {
     follow(n, start, commands, n->asked_ns, now);
-    if (!with_start(commands)) return;
+    if (!commands_have(commands, COMMAND_START)) return;
     n->epoch.run = node_run_of(n, n->start_ns, 1);
     if (n->start_ns > now) node_epoch(n);
 }
@@ -142,7 +135,7 @@ static void obey(node_t *n, pending_t *start, int64_t now)
 {
     const uint32_t heard = n->life.commands;
     const uint32_t told = __atomic_exchange_n(&n->told, 0, __ATOMIC_ACQ_REL);
-    const int32_t stop = commands_stop(heard) || commands_stop(told);
+    const int32_t stop = commands_have(heard, COMMAND_STOP) || commands_have(told, COMMAND_STOP);
     n->life.commands = 0;
     n->life.now &= ~(uint32_t)WHY_NOT_YET;
     if (stop || (n->life.now & WHY_ESTOP && (heard || told))) {

@@ -14,9 +14,9 @@ from bridge.campaign.soak_spec import Soak
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, FaultScript
 from bridge.native.safety import State
+from bridge.node.handle import NodeHandle
 from bridge.records.lives import Life
 from bridge.records.records import End, Missed, Refused
-from bridge.rehearsal.supervisor import Node
 from bridge.results.outcome import Outcome
 from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
 from bridge.wiring.wiring import Rows
@@ -45,7 +45,7 @@ class RunDone:
     script: FaultScript
     outcome: Outcome
     judged: Judged
-    lives: Sequence[Node]
+    lives: Sequence[NodeHandle]
 
 
 def judged(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Verdict:

@@ -10,7 +10,7 @@ import ctypes as c
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bridge.deployment.cut import Inlet, NodePlan
+from bridge.deployment.cut import Inlet, NodePlan, Outlet
 from bridge.deployment.spec import Deployment
 from bridge.drives.profiles import Profile, load_profile
 from bridge.native import node as native
@@ -36,12 +36,17 @@ class Foreign:
         return [Frame.of(identifier, data) for identifier, data in raws]
 
 
+def commands(d: Deployment, outlet: Outlet) -> bool:
+    """Whether an outlet's message carries torque to a drive with a protocol of its own."""
+    return bool(d.messages[outlet.message].profile) and any(p.port == "tau" for p in outlet.parts)
+
+
 def commanded(d: Deployment, plan: NodePlan) -> tuple[Foreign, ...]:
     """The drives that a node sends torques to by a profile, each once."""
     found = {}
     for outlet in plan.outlets:
-        spec = d.messages[outlet.message]
-        if spec.profile and any(part.port == "tau" for part in outlet.parts):
+        if commands(d, outlet):
+            spec = d.messages[outlet.message]
             drive = Foreign(spec.bus, load_profile(d.file(spec.profile)), spec.drive)
             found[spec.bus, spec.drive] = drive
     return tuple(found.values())

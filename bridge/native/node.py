@@ -315,6 +315,8 @@ def functions() -> c.CDLL:
     found.node_live.argtypes, found.node_live.restype = (node,), i32
     found.node_tell.argtypes, found.node_tell.restype = (node, i32), None
     found.node_enable.argtypes, found.node_enable.restype = (node, c.c_int64), None
+    found.node_origin.argtypes = (node, c.c_int64, c.c_int64)
+    found.node_origin.restype = c.c_int64
     found.node_replay.argtypes, found.node_replay.restype = (node,), i32
     found.node_unheard.argtypes, found.node_unheard.restype = (node, i32), i32
     found.node_absent.argtypes, found.node_absent.restype = (node, i32, c.c_int64), i32

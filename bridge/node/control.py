@@ -20,8 +20,6 @@ from bridge.records.records import names_of, refusal
 from cosim.base.clock import monotonic_ns, sleep
 
 Say = Callable[[Mapping[str, Any]], None]
-#: ns for which an EPOCH that was heard counts.
-RECENT = 1_000_000_000
 #: s until a command has to be taken.
 TAKEN = 0.5
 
@@ -39,13 +37,13 @@ class Control:
         self._give(Command.START)
 
     def begin(self, lead: float) -> None:
-        """START in `lead` s, or with the t = 0 of the EPOCH of the second before; none where a
-        START is held already.
+        """Start `lead` s from now, or at the t = 0 of an EPOCH heard within the last second.
+
+        Does nothing where a START waits already.
         """
-        struct, now = self._struct, monotonic_ns()
-        if struct.start_ns == 0:
-            fresh = now - struct.epoch.heard_ns < RECENT
-            self.start(struct.epoch.origin_ns if fresh else now + round(lead * 1e9))
+        if self._struct.start_ns == 0:
+            now, lead_ns = monotonic_ns(), round(lead * 1e9)
+            self.start(native.functions().node_origin(c.byref(self._struct), now, lead_ns))
 
     def arm(self) -> None:
         """Torque may follow START: needed where real drives are meant; a rehearsal arms itself."""

@@ -9,64 +9,21 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Self, final
+from typing import Any, final
 
-from bridge.records.lives import Life
-from cosim.base.errors import RunError
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Everything a node's process is told on its command line."""
-
-    scenario: Path
-    deployment: Path
-    settings: tuple[str, ...]
-    life: Life
-    folder: Path
-    warm_up: float = 0.2
-    realtime: bool = True
-    real: bool = False
-    script: str = ""
-
-    def text(self) -> str:
-        """As JSON."""
-        return json.dumps(asdict(self), default=str)
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Of :meth:`text`."""
-        said = json.loads(text)
-        paths = {key: Path(said[key]) for key in ("scenario", "deployment", "folder")}
-        life = Life(**said["life"])
-        return cls(**{**said, **paths, "life": life, "settings": tuple(said["settings"])})
-
-
-def unready(waiting: Sequence[str]) -> str:
-    """What a node that is not ready waits for, as far as it said."""
-    if waiting:
-        return f"has not heard {', '.join(waiting)}"
-    return "opens its buses and loads its components"
+from bridge.node.handle import NodeHandle, Start
 
 
 @final
-class Process:
+class Process(NodeHandle):
     """One life of a node. What it writes on standard error is kept in ``FOLDER/LIFE.err``."""
 
     def __init__(self, start: Start) -> None:
-        self.start = start
+        super().__init__(start)
         self.errors = start.folder / start.life.file("err")
         self.events: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
-        self.ready: Mapping[str, Any] | None = None
-        self.done: Mapping[str, Any] | None = None
-        self.failed: Mapping[str, Any] | None = None
-        self.refused: list[Mapping[str, Any]] = []  # START or ARM
-        self.waiting: tuple[str, ...] = ()  # for what it waits before it is ready
-        self.deaf: tuple[str, ...] = ()  # what it hears no more
         with self.errors.open("wb") as errors:
             self._popen = subprocess.Popen(
                 [sys.executable, "-m", "bridge.node.start", start.text()],
@@ -92,21 +49,8 @@ class Process:
         """Take in the events that have come."""
         while not self.events.empty():
             event = self.events.get()
-            if event is None:
-                continue
-            match event.get("event"):
-                case "ready":
-                    self.ready = event
-                case "done":
-                    self.done = event
-                case "refused":
-                    self.refused.append(event)
-                case "waiting":
-                    self.waiting = tuple(event["for"])
-                case "deaf":
-                    self.deaf = tuple(event["to"])
-                case "failed":
-                    self.failed = event
+            if event is not None:
+                self.take(event)
 
     def tell(self, command: str, **values: int) -> None:
         """A command; a process that is gone does not hear it."""
@@ -168,9 +112,3 @@ class Process:
         if code is not None and code < 0:
             return f"killed by {signal.Signals(-code).name}{last}"
         return f"exit code {code}{last}"
-
-    def check(self) -> None:
-        """Raise RunError if it has ended although it should not have."""
-        self.poll()
-        if self.failed or (self.code is not None and not self.done):
-            raise RunError(f"node {self.start.life}: {self.reason()}")

@@ -29,8 +29,8 @@ from bridge.node import lockstep
 from bridge.node.buses import announce, answer, attached, joined
 from bridge.node.control import Control, Say, listen_to, signals
 from bridge.node.fault_injection import inject
+from bridge.node.handle import Start
 from bridge.node.hearing import never, silent, watched
-from bridge.node.process import Start
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
 from bridge.realtime.requests import enter, verdict, warm_up

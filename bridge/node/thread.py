@@ -10,29 +10,20 @@ import json
 import queue
 import signal
 import threading
-from collections.abc import Mapping
-from typing import Any, final
+from typing import final
 
 from bridge.node.control import listen_to
-from bridge.node.process import Start
+from bridge.node.handle import NodeHandle, Start
 from bridge.node.run import done, run_started
 from cosim.base.errors import CosimError, RunError
 
 
 @final
-class Thread:
-    """One life of a node in this process; as :class:`bridge.node.process.Process` to who watches
-    it.
-    """
+class Thread(NodeHandle):
+    """One life of a node, in a thread of this process."""
 
     def __init__(self, start: Start) -> None:
-        self.start = start
-        self.ready: Mapping[str, Any] | None = None
-        self.done: Mapping[str, Any] | None = None
-        self.failed: Mapping[str, Any] | None = None
-        self.refused: list[Mapping[str, Any]] = []  # START or ARM
-        self.waiting: tuple[str, ...] = ()  # for what it waits before it is ready
-        self.deaf: tuple[str, ...] = ()  # what it hears no more
+        super().__init__(start)
         self._told: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=str(start.life), daemon=True)
         self._thread.start()
@@ -40,20 +31,9 @@ class Thread:
     def _run(self) -> None:
         try:
             told = iter(self._told.get, None)
-            self.done = done(run_started(self.start, self._said, listen_to(told)))
+            self.done = done(run_started(self.start, self.take, listen_to(told)))
         except CosimError as error:
             self.failed = {"error": str(error), "exit_code": error.exit_code}
-
-    def _said(self, event: Mapping[str, Any]) -> None:
-        match event.get("event"):
-            case "ready":
-                self.ready = event
-            case "refused":
-                self.refused.append(event)
-            case "waiting":
-                self.waiting = tuple(event["for"])
-            case "deaf":
-                self.deaf = tuple(event["to"])
 
     def poll(self) -> None:
         """Nothing: events are taken in as they come."""
@@ -93,8 +73,3 @@ class Thread:
     def reason(self) -> str:
         """Why it ended too early, as far as it said."""
         return str(self.failed["error"]) if self.failed else "the thread has ended"
-
-    def check(self) -> None:
-        """Raise RunError if it has ended although it should not have."""
-        if self.failed or (self.code is not None and not self.done):
-            raise RunError(f"node {self.start.life}: {self.reason()}")

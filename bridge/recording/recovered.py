@@ -8,7 +8,7 @@ from bridge.deployment.system import load_system
 from bridge.recording import run_folder as collecting
 from bridge.recording.live_run import read_facts
 from bridge.replay import replay
-from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import ScenarioError
 from cosim.record.folder import NODES
 
@@ -24,5 +24,5 @@ def collect(folder: Path, into: Path) -> None:
     rows = replay.load(folder / NODES)
     if not rows:
         raise ScenarioError("no node came to its first slot; nothing was recorded", str(folder))
-    wall_ns = facts.wall_ns - facts.start_ns if facts.wall_ns else realtime_ns() - monotonic_ns()
+    wall_ns = facts.wall_ns - facts.start_ns if facts.wall_ns else realtime_offset_ns()
     collecting.collect(system, rows, folder / NODES, into, wall_ns=wall_ns)

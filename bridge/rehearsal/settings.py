@@ -9,16 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bridge.faults.script import Event as Planned
-from bridge.node.process import Process
-from bridge.node.thread import Thread
+from bridge.node.handle import NodeHandle
 from bridge.records.records import Note
 
 if TYPE_CHECKING:
     from bridge.rehearsal.supervisor import Rehearsal
 
 Inside = Callable[[str], AbstractContextManager[None]]
-#: A node as its supervisor sees it; threads where a bus does not leave the process.
-Node = Process | Thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +55,7 @@ class Settings:
 class Ended:
     """What came of a rehearsal: lives in the order they were started, and what was noticed."""
 
-    lives: list[Node] = field(default_factory=list)
+    lives: list[NodeHandle] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     start_ns: int = 0
     interrupted: bool = False

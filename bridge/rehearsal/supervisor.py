@@ -17,16 +17,16 @@ from typing import final
 
 from bridge.deployment.system import System
 from bridge.node.drive_enable import enabled
+from bridge.node.handle import NodeHandle, Start, unready
 from bridge.node.lockstep import wanted
-from bridge.node.process import Process, Start, unready
+from bridge.node.process import Process
 from bridge.node.thread import Thread
 from bridge.records.lives import Life
 from bridge.records.records import Deaf, End, Gone, Missed, Refused, noted
 from bridge.rehearsal.settings import Ended as Ended
 from bridge.rehearsal.settings import Event as Event
-from bridge.rehearsal.settings import Node as Node
 from bridge.rehearsal.settings import Settings as Settings
-from cosim.base.clock import monotonic_ns, realtime_ns, sleep
+from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
 from cosim.base.interrupts import terminated
 from cosim.record.folder import NODES
@@ -51,7 +51,7 @@ class Rehearsal:
     def __init__(self, system: System, settings: Settings, folder: Path) -> None:
         self.system, self.settings, self.folder = system, settings, folder
         self.ended = Ended()
-        self.current: dict[str, Node] = {}
+        self.current: dict[str, NodeHandle] = {}
         self.expected: set[str] = set()  # nodes whose end is part of the plan
         self._stopped = False  # all were told to stop
         buses = system.deployment.buses.values()
@@ -71,7 +71,7 @@ class Rehearsal:
         """Do this when the rehearsal is left, whatever happens."""
         self._stack.callback(do)
 
-    def start_node(self, name: str) -> Node:
+    def start_node(self, name: str) -> NodeHandle:
         """Start a node's process, of its next life."""
         life = Life(name, 1 + sum(p.start.life.node == name for p in self.ended.lives))
         s = self.settings
@@ -154,7 +154,7 @@ class Rehearsal:
             "pid": os.getpid(),
             "nodes": {name: process.pid for name, process in self.current.items()},
             "start_ns": self.ended.start_ns,
-            "wall_ns": self.ended.start_ns + realtime_ns() - monotonic_ns(),
+            "wall_ns": self.ended.start_ns + realtime_offset_ns(),
         }
         text = json.dumps(facts, indent=2) + "\n"
         (self.folder / STARTED).write_text(text, encoding="utf-8")
@@ -215,7 +215,7 @@ class Rehearsal:
             self.ended.notes.append(gone)
             self._stop_others(process)
 
-    def _deaf(self, process: Node) -> None:
+    def _deaf(self, process: NodeHandle) -> None:
         """A node that hears no more what it needs ends the run."""
         if not process.deaf or self._stopped:
             return
@@ -225,7 +225,7 @@ class Rehearsal:
         self.expected.add(process.start.life.node)
         self._stop_others(process)
 
-    def _stop_others(self, process: Node) -> None:
+    def _stop_others(self, process: NodeHandle) -> None:
         self._stopped = True
         for other in self.current.values():
             if other is not process:
@@ -247,7 +247,7 @@ class Rehearsal:
             process.wait(1.0)
         return missed == running
 
-    def _refused(self, process: Node) -> None:
+    def _refused(self, process: NodeHandle) -> None:
         """A node that refuses to start ends the run; one that was to rejoin stays away."""
         if not process.refused:
             return

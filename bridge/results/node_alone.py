@@ -13,7 +13,7 @@ from bridge.records.records import End, Statement
 from bridge.replay import replay
 from bridge.results.outcome import begin
 from bridge.wiring.wiring import Rows
-from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.clock import realtime_offset_ns
 from cosim.record import seal, write_metadata
 from cosim.record.folder import FINISHED, LIVE, NODES, PART, STOPPED, SUMS, TRAJECTORIES
 
@@ -36,7 +36,7 @@ def complete_node(
     nodes = folder / NODES
     rows = replay.load(nodes) if report.slots else {}
     if rows:
-        offset = realtime_ns() - monotonic_ns()
+        offset = realtime_offset_ns()
         run_folder.collect(system, rows, nodes, folder, wall_ns=offset)
     whole = report.end in (End.FINISHED, End.ENDED)
     how = {"status": FINISHED if whole else STOPPED, "error": report.error or None}

@@ -36,7 +36,7 @@ from bridge.results.findings import Evidence
 from bridge.results.report import NodeReport
 from bridge.results.symptoms import Shown
 from bridge.wiring.wiring import Rows
-from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError
 from cosim.engine.simulate import metadata, stopped
 from cosim.links.statistics import LinkStatistics
@@ -106,7 +106,7 @@ def complete(
     if not rows:
         why = "; ".join(map(str, ended.notes)) or "nobody said why"
         raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
-    offset = realtime_ns() - monotonic_ns()
+    offset = realtime_offset_ns()
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)
     replayed, error = _replayed(system, rows, heard)

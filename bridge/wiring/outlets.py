@@ -72,17 +72,12 @@ class Sending:
             dq=-1,
             measured_q=-1,
             measured_dq=-1,
-            foreign=self._commands(outlet),
+            foreign=drive_sequences.commands(self._system.deployment, outlet),
         )
         self._guard(entry, outlet)
         self._measured(entry, outlet)
         self._alive += [sources, values, encoding]
         return entry
-
-    def _commands(self, outlet: Outlet) -> bool:
-        """Whether a message commands a drive with a protocol of its own."""
-        profile = self._system.deployment.messages[outlet.message].profile
-        return bool(profile) and any(part.port == "tau" for part in outlet.parts)
 
     def _drives(self) -> None:
         """The frames that disable and enable the drives this node commands."""

@@ -20,7 +20,7 @@ from bridge.native.epoch import new_run, values
 from bridge.realtime.host_clock import HostClock, host_clock
 from bridge.zenoh.presence import present_now
 from bridge.zenoh.remote import ask, say
-from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.clock import realtime_ns, realtime_offset_ns
 from cosim.base.errors import RunError
 
 #: s; a receiver believes no sample that is further ahead of its time, nor a period ahead.
@@ -151,4 +151,4 @@ def measured_origin(session: zenoh.Session, names: Names, system: System) -> tup
     if best is None or best.bound > bearable(system):
         return None
     date = int(best.said["origin_ns"]) - round(best.seconds * 1e9)
-    return int(best.said["run"]), date - realtime_ns() + monotonic_ns()
+    return int(best.said["run"]), date - realtime_offset_ns()

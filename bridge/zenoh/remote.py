@@ -26,7 +26,7 @@ from bridge.wiring.outlets import forwarded_facts
 from bridge.wiring.wiring import Wired
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.presence import Presence, wait_until_there
-from cosim.base.clock import monotonic_ns, realtime_ns, sleep, stopwatch
+from cosim.base.clock import realtime_ns, realtime_offset_ns, sleep, stopwatch
 from cosim.base.errors import RunError
 
 READ = ("state", "parameters", "clock")
@@ -138,16 +138,16 @@ def clock(wired: Wired) -> dict[str, Any]:
     `origin_ns`: the date of t = 0, 0: it has none.
     """
     s, ours = wired.struct, host_clock()
-    origin, date = int(s.start_ns), realtime_ns()
+    origin = int(s.start_ns)
     return {
         "node": wired.name,
         "host": ours.host,
         "kept": ours.kept,
         "error": ours.error if ours.kept else None,
-        "date_ns": date,
+        "date_ns": realtime_ns(),
         "running": bool(s.begun) and s.life.state == State.ACTIVE,
         "run": int(s.epoch.run),
-        "origin_ns": origin + date - monotonic_ns() if origin else 0,
+        "origin_ns": origin + realtime_offset_ns() if origin else 0,
     }
 
 

@@ -45,6 +45,11 @@ def realtime_ns() -> int:
     return time.time_ns()
 
 
+def realtime_offset_ns() -> int:
+    """What to add to a time of :func:`monotonic_ns` to get its date, ns (:func:`realtime_ns`)."""
+    return realtime_ns() - monotonic_ns()
+
+
 def wall_time() -> float:
     """Seconds since 1970-01-01 UTC, as :func:`realtime_ns`: for stamps in logs and file names."""
     return time.time()

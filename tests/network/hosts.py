@@ -16,9 +16,10 @@ from typing import Any, Self
 import numpy as np
 
 from bridge.deployment.system import System
+from bridge.node.handle import NodeHandle
 from bridge.records.lives import lives_of
 from bridge.rehearsal.hosts import BOTH, PORT, listening
-from bridge.rehearsal.supervisor import Ended, Event, Node, Rehearsal
+from bridge.rehearsal.supervisor import Ended, Event, Rehearsal
 from bridge.relay.network import Network
 from bridge.replay.diff import Comparison, compare_runs
 from bridge.results.offline import run_offline
@@ -200,7 +201,7 @@ def _place(running: Rehearsal, network: Network, ahead: Mapping[str, int]) -> No
     running.settings = replace(running.settings, inside=network.inside)
     start = running.start_node
 
-    def start_node(name: str) -> Node:
+    def start_node(name: str) -> NodeHandle:
         process = start(name)
         shift, tell = ahead.get(name, 0), process.tell
 

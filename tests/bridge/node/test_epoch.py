@@ -11,12 +11,12 @@ from bridge.native import epoch as native
 from bridge.native.frame import Flags
 from bridge.native.library import library
 from bridge.native.message import Decoded, Header
-from bridge.native.node import functions
+from bridge.native.node import Node, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
 from bridge.node.hearing import watched
 from bridge.realtime.host_clock import HostClock, host_clock
-from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.clock import realtime_ns, realtime_offset_ns
 from tests.bridge.bench import Bench, until
 from tests.bridge.deployments import TELEOPERATION
 
@@ -36,7 +36,7 @@ class Alone(Bench):
 
     def epoch(self, origin_ns, host=HOST, kept=0, status=Status.SIMULATED, run=RUN):
         """EPOCH of a run with t = 0 at this time of the monotonic clock."""
-        date = origin_ns + realtime_ns() - monotonic_ns()
+        date = origin_ns + realtime_offset_ns()
         header = Header(status=int(status))
         encoding = self.system.services["left"].epoch
         values = native.values(run, host, bool(kept), date)
@@ -84,7 +84,7 @@ def test_on_can_it_is_eight_protected_bytes():
 def test_the_date_of_c_is_that_of_python():
     date = library().pace_date
     date.restype = c.c_int64
-    assert abs(date() - (realtime_ns() - monotonic_ns())) < 50_000_000
+    assert abs(date() - (realtime_offset_ns())) < 50_000_000
 
 
 # ---- who has which clock ------------------------------------------------------------------------
@@ -203,13 +203,23 @@ def test_who_is_to_start_at_once_takes_the_start_of_another(tmp_path):
         assert bench.struct.epoch.run == RUN
 
 
+def test_a_node_that_has_heard_no_epoch_starts_after_its_lead():
+    """Also within a second of the boot, when the monotonic clock itself is less than a second."""
+    node = Node()
+    origin = functions().node_origin
+    assert origin(c.byref(node), seconds(0.4), seconds(0.5)) == seconds(0.9)
+    node.epoch.origin_ns, node.epoch.heard_ns = seconds(5), seconds(4)
+    assert origin(c.byref(node), seconds(4.9), seconds(0.5)) == seconds(5)
+    assert origin(c.byref(node), seconds(5.1), seconds(0.5)) == seconds(5.6)
+
+
 def test_who_starts_at_once_says_when(tmp_path):
     with Alone(tmp_path) as bench:
         bench.control.begin(0.5)
         until(lambda: bench.struct.begun)
         until(lambda: bench.epochs)
         (values, _), *others = bench.epochs
-        date = bench.struct.start_ns + realtime_ns() - monotonic_ns()
+        date = bench.struct.start_ns + realtime_offset_ns()
         assert abs(values[3] * 1000 - date % TURN) < 50_000_000
         assert values[0] == bench.struct.epoch.run > 0 and values[1] == HOST and not others
 
@@ -229,7 +239,7 @@ def test_it_tells_a_peer_that_waits_which_run_this_is(tmp_path):
 
         until(answered)
         values, header = bench.epochs[-1]
-        date = bench.struct.start_ns + realtime_ns() - monotonic_ns()
+        date = bench.struct.start_ns + realtime_offset_ns()
         assert abs(values[3] * 1000 - date % TURN) < 50_000_000
         assert header.status & Status.SIMULATED
 

@@ -1,0 +1,121 @@
+"""One life of a node, as its supervisor holds it: how it is started, told things and watched."""
+
+from __future__ import annotations
+
+import json
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from bridge.records.lives import Life
+from cosim.base.errors import RunError
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Everything a node's process is told on its command line."""
+
+    scenario: Path
+    deployment: Path
+    settings: tuple[str, ...]
+    life: Life
+    folder: Path
+    warm_up: float = 0.2
+    realtime: bool = True
+    real: bool = False
+    script: str = ""
+
+    def text(self) -> str:
+        """As JSON."""
+        return json.dumps(asdict(self), default=str)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Of :meth:`text`."""
+        said = json.loads(text)
+        paths = {key: Path(said[key]) for key in ("scenario", "deployment", "folder")}
+        life = Life(**said["life"])
+        return cls(**{**said, **paths, "life": life, "settings": tuple(said["settings"])})
+
+
+def unready(waiting: Sequence[str]) -> str:
+    """What a node that is not ready waits for, as far as it said."""
+    if waiting:
+        return f"has not heard {', '.join(waiting)}"
+    return "opens its buses and loads its components"
+
+
+class NodeHandle(ABC):
+    """One life of a node, in a process (:class:`bridge.node.process.Process`) or in a thread
+    (:class:`bridge.node.thread.Thread`).
+
+    The attributes hold what the node has said so far; :meth:`poll` brings them up to date.
+    """
+
+    def __init__(self, start: Start) -> None:
+        self.start = start
+        self.ready: Mapping[str, Any] | None = None
+        self.done: Mapping[str, Any] | None = None
+        self.failed: Mapping[str, Any] | None = None
+        self.refused: list[Mapping[str, Any]] = []  # START or ARM
+        self.waiting: tuple[str, ...] = ()  # messages it has to hear before it is ready
+        self.deaf: tuple[str, ...] = ()  # messages it no longer hears
+
+    def take(self, event: Mapping[str, Any]) -> None:
+        """Keep what an event says. Events of other kinds are not kept."""
+        match event.get("event"):
+            case "ready":
+                self.ready = event
+            case "done":
+                self.done = event
+            case "failed":
+                self.failed = event
+            case "refused":
+                self.refused.append(event)
+            case "waiting":
+                self.waiting = tuple(event["for"])
+            case "deaf":
+                self.deaf = tuple(event["to"])
+
+    def check(self) -> None:
+        """Raise RunError if it has ended although it should not have."""
+        self.poll()
+        if self.failed or (self.code is not None and not self.done):
+            raise RunError(f"node {self.start.life}: {self.reason()}")
+
+    @abstractmethod
+    def poll(self) -> None:
+        """Take in the events that have come."""
+
+    @abstractmethod
+    def tell(self, command: str, **values: int) -> None:
+        """Give it a command; one that has ended does not hear it."""
+
+    @abstractmethod
+    def send_signal(self, number: signal.Signals) -> None:
+        """Send a signal to this life only. Raises RunError where it has no signals of its own."""
+
+    @property
+    @abstractmethod
+    def pid(self) -> int:
+        """Number of the process or thread."""
+
+    @property
+    @abstractmethod
+    def code(self) -> int | None:
+        """Its exit code; None while it runs."""
+
+    @abstractmethod
+    def wait(self, seconds: float) -> int | None:
+        """Wait up to `seconds` (s) for its end. Its exit code, or None if it still runs."""
+
+    @abstractmethod
+    def end(self, seconds: float = 3.0) -> None:
+        """Make it end, and wait up to `seconds` (s) for it."""
+
+    @abstractmethod
+    def reason(self) -> str:
+        """Why it ended too early, as far as it said."""

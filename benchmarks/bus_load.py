@@ -34,7 +34,7 @@ def frames(length: int, flags: int) -> list[str]:
     kind = Kind(fd=bool(flags), brs=bool(flags))
     data = [random.bytes(length) for _ in range(1000)]
     structs = (Frame * 1000)(*(Frame.of(0x123, d, flags) for d in data))
-    refs, bits = [ctypes.byref(s) for s in structs], native.Bits()
+    refs, bits = [ctypes.byref(s) for s in structs], native.BitsStruct()
     native.frame_bits_exact(structs[0])
     exact, out = library().frame_bits_exact, ctypes.byref(bits)
     python = best_of(lambda: [frame_bits(0x123, d, kind) for d in data], 5) / 1000

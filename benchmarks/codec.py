@@ -20,7 +20,7 @@ from bridge.can.codec import Codec, verify
 from bridge.can.layout import find
 from bridge.native import library
 from bridge.native.frame import Frame
-from bridge.native.message import Header, Profile
+from bridge.native.message import E2EProfile, Header
 from cosim.base.clock import stopwatch
 from fmus.toolchain import compile_shared, shared_suffix
 
@@ -67,7 +67,7 @@ def through_ctypes(codec: Codec, values: np.ndarray) -> tuple[float, float]:
 
 def with_struct(codec: Codec, values: np.ndarray) -> tuple[float, float]:
     """The fastest Python without a compiler: one struct, P05 by binascii (P02: no CRC at all)."""
-    fd = codec.layout.profile is Profile.P05
+    fd = codec.layout.profile is E2EProfile.P05
     code = struct.Struct("<HBBI14i" if fd else "<BBhhH")
     lsb, ids, numbers = codec.signals[0].scale, codec.layout.data_ids[:2], values.tolist()
 

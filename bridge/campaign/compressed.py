@@ -13,8 +13,8 @@ from pathlib import Path
 from bridge.deployment.system import System
 from bridge.faults.script import FaultScript, NodeFaults
 from bridge.native import node as native
-from bridge.native.message import Message, Profile
-from bridge.native.safety import State
+from bridge.native.message import E2EProfile, Message
+from bridge.native.safety import LifeState
 from bridge.node.fault_injection import inject
 from bridge.node.run import Options, stated
 from bridge.records.lives import Life
@@ -57,7 +57,7 @@ def run(
     with twin.wired(system, nodes, prepare) as wired:
         twin.run(system, wired)
         for name, node in wired.items():
-            failed = node.struct.life.state in (State.FAULT, State.STOPPING)
+            failed = node.struct.life.state in (LifeState.FAULT, LifeState.STOPPING)
             result = native.FAULT if failed else native.FINISHED
             options = Options(Life(name), nodes)
             stated(node, {}, options, result, {}, "", faults[name]).write(nodes)
@@ -69,7 +69,7 @@ def _blinded(node: Wired) -> list[Message]:
     made = []
     for reception in node.receiving.receptions.values():
         message = Message.from_buffer_copy(reception.message.contents)
-        message.e2e = Profile.NONE
+        message.e2e = E2EProfile.NONE
         reception.message = c.pointer(message)
         receiver = reception.receiver.contents
         receiver.counter_bits = receiver.time_bits = 0

@@ -186,7 +186,7 @@ def _corrupted(system: System, outcome: Outcome, report: NodeReport) -> tuple[in
 
 def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
     """Sequence numbers of the frames of a record, as they were before they were corrupted."""
-    profile = messages.Profile(carried.encoding.message.e2e)
+    profile = messages.E2EProfile(carried.encoding.message.e2e)
     assert isinstance(carried.encoding, Codec)
     ids = bytes(carried.encoding.message.data_ids)
     return injected.sequences(

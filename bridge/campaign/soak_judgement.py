@@ -13,7 +13,7 @@ from bridge.campaign.judgement import Judged
 from bridge.campaign.soak_spec import Soak
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, FaultScript
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.node.handle import NodeHandle
 from bridge.records.lives import Life
 from bridge.records.records import End, Missed, Refused
@@ -184,7 +184,7 @@ def _stops(done: RunDone, of_time: bool) -> Iterator[str]:
         why = why & OF_TIME if of_time else why - OF_TIME
         if why:
             yield f"{report.life} stopped: {', '.join(sorted(why))}"
-        over = last["state"] != State.STOPPING  # else the run has ended in its ramp
+        over = last["state"] != LifeState.STOPPING  # else the run has ended in its ramp
         if not of_time and report.end is End.FAULT and over and last["scale"] != 0.0:
             yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
 

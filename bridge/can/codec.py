@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.can.layout import Layout, LayoutError, Signal, check
 from bridge.native import message as native
 from bridge.native.frame import Frame
-from bridge.native.message import Decoded, Field, Header, Kind, Message
+from bridge.native.message import Decoded, Field, FieldKind, Header, Message
 
 Vector = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ def _check_names(layout: Layout, names: list[str]) -> None:
 
 def _field(signal: Signal) -> Field:
     low, high = signal.raw_range
-    if signal.kind is Kind.FLOAT:
+    if signal.kind is FieldKind.FLOAT:
         low, high = np.array([low, high]).view(np.int64).tolist()
     return Field(
         start=signal.start,

@@ -21,14 +21,14 @@ from cantools.database.errors import Error
 
 from bridge.can.layout import Layout, LayoutError, Signal
 from bridge.native.frame import Flags
-from bridge.native.message import Kind, Profile
+from bridge.native.message import E2EProfile, FieldKind
 
 #: Where a profile has its CRC and its counter: start bit and length, Intel.
 _PLACES = {
-    Profile.P02: {"crc": (0, 8), "counter": (8, 4)},
-    Profile.P05: {"crc": (0, 16), "counter": (16, 8)},
+    E2EProfile.P02: {"crc": (0, 8), "counter": (8, 4)},
+    E2EProfile.P05: {"crc": (0, 16), "counter": (16, 8)},
 }
-_PROFILES = {"None": Profile.NONE, "P02": Profile.P02, "P05": Profile.P05}
+_PROFILES = {"None": E2EProfile.NONE, "P02": E2EProfile.P02, "P05": E2EProfile.P05}
 _HEADER = ("crc", "counter", "status", "t_us")
 
 
@@ -87,7 +87,7 @@ class Reference:
     def crc(self, data: bytes) -> int:
         """The CRC of a protected message; its own place in `data` is not read."""
         ids = self._layout.data_ids
-        if self._layout.profile is Profile.P02:
+        if self._layout.profile is E2EProfile.P02:
             found = compute_profile2_crc(data, ids[data[1] & 15])
         else:
             found = compute_profile5_crc(data, int.from_bytes(ids[:2], "little"))
@@ -141,7 +141,7 @@ def _attributes(owner: Message | CanSignal) -> dict[str, Any]:
     return {name: attribute.value for name, attribute in owner.dbc.attributes.items()}
 
 
-def _profile(message: Message, attributes: dict[str, Any], place: str) -> Profile:
+def _profile(message: Message, attributes: dict[str, Any], place: str) -> E2EProfile:
     value = attributes.get("E2EProfile", "None")
     if not isinstance(value, str) and message.dbc is not None:  # the number of an ENUM's entry
         choices = message.dbc.attributes["E2EProfile"].definition.choices or []
@@ -151,10 +151,10 @@ def _profile(message: Message, attributes: dict[str, Any], place: str) -> Profil
     raise LayoutError(f"{place}: E2EProfile {value!r}; expected one of {', '.join(_PROFILES)}")
 
 
-def _data_ids(profile: Profile, attributes: dict[str, Any], place: str) -> bytes:
-    if profile is Profile.NONE:
+def _data_ids(profile: E2EProfile, attributes: dict[str, Any], place: str) -> bytes:
+    if profile is E2EProfile.NONE:
         return bytes(16)
-    digits = 32 if profile is Profile.P02 else 4
+    digits = 32 if profile is E2EProfile.P02 else 4
     text = str(attributes.get("E2EDataId", "")).replace(" ", "")
     try:
         number = int(text, 16) if len(text) == digits else -1
@@ -170,8 +170,14 @@ def _data_ids(profile: Profile, attributes: dict[str, Any], place: str) -> bytes
 
 def _signal(signal: CanSignal, place: str) -> Signal:
     raw = signal.raw_initial or 0
-    kind = Kind.FLOAT if signal.is_float else Kind.SIGNED if signal.is_signed else Kind.UNSIGNED
-    if kind is Kind.FLOAT:
+    kind = (
+        FieldKind.FLOAT
+        if signal.is_float
+        else FieldKind.SIGNED
+        if signal.is_signed
+        else FieldKind.UNSIGNED
+    )
+    if kind is FieldKind.FLOAT:
         code = {32: "<f", 64: "<d"}.get(signal.length)
         if code is None:
             raise LayoutError(

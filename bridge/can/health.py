@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from bridge.native.bus import Bus, Rate, State
+from bridge.native.bus import Bus, BusState, Rate
 
 #: What may be wrong with a bus, in words, by the count that tells it.
 WRONG = {
@@ -36,7 +36,7 @@ class BusHealth:
     """A bus at one moment. Counts are frames since it was opened."""
 
     name: str
-    state: State
+    state: BusState
     received: int
     sent: int
     send_failed: int
@@ -65,7 +65,7 @@ class BusHealth:
     def ok(self) -> bool:
         """Whether the bus works and nothing was lost at this end."""
         lost = self.overruns or self.send_failed or self.log_dropped
-        return self.state <= State.WARNING and not lost
+        return self.state <= BusState.WARNING and not lost
 
     def sentence(self) -> str:
         """State and what is wrong, in words."""

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from fractions import Fraction
 
 from bridge.native.frame import DATA
-from bridge.native.message import Kind, Profile
+from bridge.native.message import E2EProfile, FieldKind
 from cosim.base.errors import CosimError
 
 
@@ -29,7 +29,7 @@ class Signal:
     name: str
     start: int
     length: int
-    kind: Kind = Kind.SIGNED
+    kind: FieldKind = FieldKind.SIGNED
     motorola: bool = False
     scale: float = 1.0
     offset: float = 0.0
@@ -44,7 +44,7 @@ class Signal:
         """Least and greatest raw value, the invalid code left out."""
         ends = ((self.low - self.offset) / self.scale, (self.high - self.offset) / self.scale)
         low, high = min(ends), max(ends)
-        if self.kind is Kind.FLOAT:
+        if self.kind is FieldKind.FLOAT:
             return _float_range(low, high, self.length)
         least, most = _held(self.kind, self.length)
         first = least if low <= least else math.ceil(low - 1e-9 * max(1.0, abs(low)))
@@ -70,7 +70,7 @@ class Layout:
     length: int  # bytes
     signals: tuple[Signal, ...]
     flags: int = 0  # bridge.native.frame.Flags
-    profile: Profile = Profile.NONE
+    profile: E2EProfile = E2EProfile.NONE
     data_ids: bytes = bytes(16)
     status: Signal | None = None
     time: Signal | None = None
@@ -125,14 +125,15 @@ def stream(name: str, number: int, data_id: int, signals: Sequence[str]) -> Layo
     if length > DATA:
         raise LayoutError(f"message {name}: {len(signals)} signals take {length} bytes; {DATA} fit")
     values = tuple(
-        Signal(signal, 192 + 64 * i, 64, Kind.FLOAT, invalid=0) for i, signal in enumerate(signals)
+        Signal(signal, 192 + 64 * i, 64, FieldKind.FLOAT, invalid=0)
+        for i, signal in enumerate(signals)
     )
     return Layout(
         *(name, number, length, values),
-        profile=Profile.P04,
+        profile=E2EProfile.P04,
         data_ids=struct.pack("<I12x", data_id),
-        status=Signal("status", 96, 8, Kind.UNSIGNED),
-        time=Signal("t_us", 128, 32, Kind.UNSIGNED, unit="us"),
+        status=Signal("status", 96, 8, FieldKind.UNSIGNED),
+        time=Signal("t_us", 128, 32, FieldKind.UNSIGNED, unit="us"),
     )
 
 
@@ -140,7 +141,7 @@ def check(layout: Layout) -> None:
     """Raise LayoutError for what the codec cannot do or a receiver could not tell apart."""
     taken: dict[int, str] = dict.fromkeys(range(8 * layout.profile.header), "")
     nibble = (
-        range(12, 16) if layout.profile is Profile.P02 else ()
+        range(12, 16) if layout.profile is E2EProfile.P02 else ()
     )  # the status, beside the counter
     taken = {bit: name for bit, name in taken.items() if bit not in nibble}
     header = [signal for signal in (layout.status, layout.time) if signal]
@@ -158,17 +159,19 @@ def check(layout: Layout) -> None:
 
 
 def _check_signal(signal: Signal, where: str, header: list[Signal]) -> None:
-    lengths = (32, 64) if signal.kind is Kind.FLOAT else range(1, 65)
+    lengths = (32, 64) if signal.kind is FieldKind.FLOAT else range(1, 65)
     if signal.length not in lengths:
         raise LayoutError(f"{where}: {signal.length} bits; expected one of {lengths}")
     if signal.scale == 0 or not math.isfinite(signal.scale) or not math.isfinite(signal.offset):
         raise LayoutError(f"{where}: scale {signal.scale}, offset {signal.offset}")
-    if signal in header and (signal.kind is not Kind.UNSIGNED or signal.offset or signal.scale < 0):
+    if signal in header and (
+        signal.kind is not FieldKind.UNSIGNED or signal.offset or signal.scale < 0
+    ):
         raise LayoutError(f"{where}: status and time stamp are unsigned and without offset")
     low, high = signal.raw_range
     if low > high:
         raise LayoutError(f"{where}: no value between {signal.low} and {signal.high} can be sent")
-    if signal.invalid is not None and signal.kind is not Kind.FLOAT:
+    if signal.invalid is not None and signal.kind is not FieldKind.FLOAT:
         least, most = _held(signal.kind, signal.length)
         if low <= signal.invalid <= high or not least <= signal.invalid <= most:
             raise LayoutError(
@@ -177,9 +180,9 @@ def _check_signal(signal: Signal, where: str, header: list[Signal]) -> None:
             )
 
 
-def _held(kind: Kind, length: int) -> tuple[int, int]:
+def _held(kind: FieldKind, length: int) -> tuple[int, int]:
     """What the bits hold; an unsigned field of 64 bits ends at 2^63 - 1."""
-    if kind is Kind.SIGNED:
+    if kind is FieldKind.SIGNED:
         return -(1 << length - 1), (1 << length - 1) - 1
     return 0, (1 << min(length, 63)) - 1
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from bridge.can.codec import Codec, Vector
 from bridge.can.dbc import Reference
 from bridge.can.layout import CodecError, LayoutError, Signal
-from bridge.native.message import Decoded, Header, Kind
+from bridge.native.message import Decoded, FieldKind, Header
 
 
 def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
@@ -39,7 +39,7 @@ def _raw(
     for signal, value in zip(codec.signals, values.tolist(), strict=True):
         low, high = signal.raw_range
         if not math.isfinite(value) and signal.invalid is not None:
-            raw[signal.name] = math.nan if signal.kind is Kind.FLOAT else signal.invalid
+            raw[signal.name] = math.nan if signal.kind is FieldKind.FLOAT else signal.invalid
         else:
             held = value if math.isfinite(value) else 0.0
             raw[signal.name] = min(max(reference.raw(signal.name, held), low), high)

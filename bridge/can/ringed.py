@@ -15,7 +15,7 @@ import can
 from bridge.can.health import BusHealth, bus_health
 from bridge.can.multicast import MulticastBus
 from bridge.native import pace
-from bridge.native.bus import Accept, Bus, State
+from bridge.native.bus import Accept, Bus, BusState
 from bridge.native.frame import Flags, Frame, Ring
 from bridge.native.journal import Journal
 
@@ -101,13 +101,13 @@ class RingedInterface:
     def _failed(self, error: Exception) -> None:
         self._fault = str(error)
         self._down = True
-        self.bus.struct.state = State.DOWN
+        self.bus.struct.state = BusState.DOWN
 
     def _works(self) -> None:
         """Receiving did not fail: what was down is not any more."""
         if self._down:
             self._down, self._fault = False, ""
-            self.bus.struct.state = State.ACTIVE
+            self.bus.struct.state = BusState.ACTIVE
             self.bus.struct.restarts += 1
 
 

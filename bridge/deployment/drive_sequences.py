@@ -16,10 +16,14 @@ from bridge.drives.profiles import Profile, load_profile
 from bridge.native import node as native
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Frame
-from bridge.native.safety import Request
+from bridge.native.safety import DriveRequest
 
 #: Sequences of a profile, and what each asks a drive for.
-REQUESTS = {"enable": Request.ENABLE, "disable": Request.DISABLE, "clear": Request.CLEAR}
+REQUESTS = {
+    "enable": DriveRequest.ENABLE,
+    "disable": DriveRequest.DISABLE,
+    "clear": DriveRequest.CLEAR,
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.native import safety as native
-from bridge.native.safety import DriveState, Request
+from bridge.native.safety import DriveRequest, DriveState
 from bridge.safety.limits import PerJoint, Value, WatchdogSpec, in_si, limits
 from cosim.base.errors import ScenarioError
 
@@ -62,7 +62,7 @@ class Drive:
             )
         self.joints, self.tau = joints, np.zeros(joints)
         self.tau_max = limits(spec.tau_max, joints, "N.m", f"{place}.tau_max")
-        self.struct = native.Drive(
+        self.struct = native.DriveStruct(
             joints=joints,
             h=h,
             watchdog=WatchdogSpec(spec.watchdog).build(0, f"{place}.watchdog"),
@@ -84,7 +84,7 @@ class Drive:
         """Where the drive is."""
         return DriveState(self.struct.state)
 
-    def request(self, request: Request, now_ns: int) -> DriveState:
+    def request(self, request: DriveRequest, now_ns: int) -> DriveState:
         """Ask for a change of state; one that does not fit changes nothing. Returns the state."""
         call = native.functions().drive_request
         return DriveState(call(c.byref(self.struct), request, now_ns))

@@ -17,7 +17,7 @@ from bridge.can.socket import BusError
 from bridge.deployment.spec import BusSpec, Deployment
 from bridge.deployment.system import System
 from bridge.monitor.messages import Beat, Heard
-from bridge.native.bus import Accept, Traffic
+from bridge.native.bus import Accept, TrafficStruct
 from bridge.native.frame import Frame
 from bridge.node.buses import can_spec
 from cosim.base.errors import ScenarioError
@@ -33,7 +33,7 @@ class Ear(Protocol):
     """A bus that is listened to; `traffic`: what was on it."""
 
     @property
-    def traffic(self) -> Traffic:
+    def traffic(self) -> TrafficStruct:
         """Frames and bits."""
 
     def drain(self) -> Sequence[Frame]:

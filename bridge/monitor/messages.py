@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from bridge.deployment.system import Carried
 from bridge.native import message as native
 from bridge.native.frame import Frame
-from bridge.native.message import Decoded, Header, Message, Profile, Receiver
-from bridge.native.safety import State, Status, Why
+from bridge.native.message import Decoded, E2EProfile, Header, Message, Receiver
+from bridge.native.safety import LifeState, Status, Why
 from bridge.safety.limits import REASONS, names
 
 #: What is counted is that of the last second, ns.
@@ -72,7 +72,7 @@ class Heard:
     @classmethod
     def of(cls, carried: Carried) -> Heard:
         """Nothing of it has come: NaN."""
-        receiver = native.receiver(carried.period_ns, Profile(carried.encoding.message.e2e))
+        receiver = native.receiver(carried.period_ns, E2EProfile(carried.encoding.message.e2e))
         return cls(carried, np.full(carried.outlet.width, np.nan), receiver)
 
     @property
@@ -173,5 +173,5 @@ def _time_bits(message: Message) -> int:
 
 
 def _state(number: int) -> str:
-    known = {int(s): s for s in State}
+    known = {int(s): s for s in LifeState}
     return known[number].name.lower() if number in known else f"{number}?"

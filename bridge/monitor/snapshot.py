@@ -19,7 +19,7 @@ from bridge.deployment.system import Carried, System
 from bridge.monitor.journal_signals import Held
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.realtime.lateness import Spread
 from bridge.recording.live_run import Watched
 from bridge.records.lives import Life
@@ -159,7 +159,9 @@ def _node(watched: Watched, node: str, rows: Rows | None, now_ns: int) -> NodeVi
 
 
 def _state(number: int) -> str:
-    return State(number).name.lower() if number in State.__members__.values() else f"{number}?"
+    return (
+        LifeState(number).name.lower() if number in LifeState.__members__.values() else f"{number}?"
+    )
 
 
 def _inlet(plan: NodePlan, index: int, rows: Rows | None, lost: tuple[int, int]) -> InletView:

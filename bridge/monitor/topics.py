@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.deployment.cut import NodePlan
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.recording.live_run import Watched
 from bridge.records.lives import Life
 from bridge.safety.limits import explain
@@ -136,12 +136,12 @@ class Source:
     def _of_slot(self, row: np.void) -> dict[str, Any]:
         numbers = {name: int(row[name]) for name in ("slot", *_TIMES, "guard", "flags")}
         state = int(row["state"])
-        known = {int(s) for s in State}
+        known = {int(s) for s in LifeState}
         return {
             **numbers,
             "late_us": (numbers["woke_ns"] - numbers["deadline_ns"]) * 1e-3,
             "scale": float(row["scale"]),
-            "state": State(state).name.lower() if state in known else str(state),
+            "state": LifeState(state).name.lower() if state in known else str(state),
             "reasons": explain(int(row["reasons"])) if row["reasons"] else "",
             "inputs": {
                 inlet.target.name: {k: int(held[k]) for k in INLET_ROW}

@@ -25,7 +25,7 @@ KIND = Flags.REMOTE | Flags.EXTENDED | Flags.ERROR
 FORMAT = KIND | Flags.FD
 
 
-class Kind(IntEnum):
+class BusKind(IntEnum):
     """``BUS_SOCKET`` and so on: what is behind a bus."""
 
     SOCKET = 1
@@ -33,7 +33,7 @@ class Kind(IntEnum):
     MEMORY = 3
 
 
-class State(IntEnum):
+class BusState(IntEnum):
     """``BUS_ACTIVE`` and so on: of the controller, DOWN of the interface."""
 
     ACTIVE = 0
@@ -86,7 +86,7 @@ class Accept(c.Structure):
 
 
 @final
-class Traffic(c.Structure):
+class TrafficStruct(c.Structure):
     """What was on a bus, both ways (`traffic_t`); may be read while it is written."""
 
     _fields_ = (
@@ -156,7 +156,7 @@ class BusStruct(c.Structure):
         ("accepts", c.POINTER(Accept)),
         ("n_accepts", c.c_int64),
         ("foreign", c.c_int64),
-        ("traffic", c.POINTER(Traffic)),
+        ("traffic", c.POINTER(TrafficStruct)),
         ("offset_ns", c.c_int64),
         ("empty_ns", c.c_int64),
         ("clock_steps", c.c_int64),
@@ -179,8 +179,8 @@ class Bus:
     `log`: a journal of rows as `frame_dtype` makes them, for every frame both ways, or None.
     """
 
-    def __init__(self, kind: Kind, number: int, log: Journal | None) -> None:
-        self.traffic = Traffic()
+    def __init__(self, kind: BusKind, number: int, log: Journal | None) -> None:
+        self.traffic = TrafficStruct()
         self.struct = BusStruct(kind=kind, fd=-1, number=number)
         self.struct.traffic = c.pointer(self.traffic)
         self.rx: Ring | None = None
@@ -202,7 +202,7 @@ class Bus:
         error = _declared().bus_prepare(descriptor)
         if error:
             raise CosimError(f"socket {descriptor}: no arrival stamps (errno {error})")
-        bus = cls(Kind.SOCKET, number, log)
+        bus = cls(BusKind.SOCKET, number, log)
         bus.struct.fd = descriptor
         bus.accept(accepts)
         return bus
@@ -210,7 +210,7 @@ class Bus:
     @classmethod
     def of_rings(
         cls, rx: Ring, tx: Ring, number: int = 0, log: Journal | None = None, *,
-        wake: int = -1, accepts: Sequence[Accept] | None = None, kind: Kind = Kind.RING,
+        wake: int = -1, accepts: Sequence[Accept] | None = None, kind: BusKind = BusKind.RING,
     ) -> Self:  # fmt: skip
         """Rings to and from other threads, or (MEMORY) other nodes of this process.
 
@@ -231,9 +231,9 @@ class Bus:
             self.struct.accepts, self.struct.n_accepts = self._accepts, len(accepts)
 
     @property
-    def state(self) -> State:
+    def state(self) -> BusState:
         """Of controller and interface, as far as frames and errors told."""
-        return State(self.struct.state)
+        return BusState(self.struct.state)
 
     def receive(self, frame: Frame) -> bool:
         """The next frame that has arrived, into `frame`; False: none."""
@@ -251,7 +251,7 @@ class Bus:
         return int(_declared().bus_send(c.byref(self.struct), c.byref(frame)))
 
 
-def traffic_add(traffic: Traffic, frame: Frame) -> None:
+def traffic_add(traffic: TrafficStruct, frame: Frame) -> None:
     """Count a frame as one that was on the bus."""
     _declared().traffic_add(c.byref(traffic), c.byref(frame))
 
@@ -269,7 +269,7 @@ def _declared() -> c.CDLL:
         function.restype = c.c_int32
     lib.bus_prepare.argtypes = (c.c_int32,)
     lib.bus_prepare.restype = c.c_int32
-    lib.traffic_add.argtypes = (c.POINTER(Traffic), c.POINTER(Frame))
+    lib.traffic_add.argtypes = (c.POINTER(TrafficStruct), c.POINTER(Frame))
     lib.traffic_add.restype = None
     lib.bus_sizes.argtypes = (c.c_int32,)
     lib.bus_sizes.restype = c.c_size_t

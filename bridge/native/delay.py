@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 @final
-class Sample(c.Structure):
+class SampleStruct(c.Structure):
     """A sample that is kept (`sample_t`)."""
 
     _fields_ = (
@@ -30,7 +30,7 @@ class Sample(c.Structure):
 
 
 @final
-class Waiting(c.Structure):
+class WaitingStruct(c.Structure):
     """A sample on its way (`waiting_t`)."""
 
     _fields_ = (("due", c.c_int64), ("sequence", c.c_int64))
@@ -60,7 +60,7 @@ class Delay(c.Structure):
         ("network_ns", c.c_int64),
         ("last_due", c.c_int64),
         ("held", c.c_int64),
-        ("given", Sample),
+        ("given", SampleStruct),
         ("lost", c.c_int64),
         ("ignored", c.c_int64),
         ("forgotten", c.c_int64),
@@ -98,8 +98,8 @@ class DelayLine:
                 " expected more than 0 of each"
             )
         self._delays = np.ascontiguousarray(delays, dtype=np.float64)
-        self._samples = (Sample * capacity)()
-        self._queue = (Waiting * capacity)()
+        self._samples = (SampleStruct * capacity)()
+        self._queue = (WaitingStruct * capacity)()
         self._values = np.zeros((capacity + 1, width))
         self.struct = Delay(kind=kind, width=width, period=period, look=look, h=h)
         self.struct.buffer, self.struct.phase_ns = buffer, phase_ns

@@ -12,7 +12,7 @@ from cosim.bus.timing import BusTiming
 
 
 @final
-class Bits(c.Structure):
+class BitsStruct(c.Structure):
     """Bit times at the nominal and the data bit rate (`bits_t`)."""
 
     _fields_ = (("nominal", c.c_int32), ("data", c.c_int32))
@@ -20,7 +20,7 @@ class Bits(c.Structure):
 
 def frame_bits_exact(frame: Frame) -> tuple[int, int]:
     """Bit times (nominal, data) from start of frame to intermission; (0, 0): no CAN frame."""
-    bits = Bits()
+    bits = BitsStruct()
     _declared().frame_bits_exact(c.byref(frame), c.byref(bits))
     return bits.nominal, bits.data
 
@@ -40,7 +40,7 @@ def sizes(which: int) -> int:
 def _declared() -> c.CDLL:
     lib = library()
     frame = c.POINTER(Frame)
-    lib.frame_bits_exact.argtypes = (frame, c.POINTER(Bits))
+    lib.frame_bits_exact.argtypes = (frame, c.POINTER(BitsStruct))
     lib.frame_bits_exact.restype = None
     lib.frame_time_ns.argtypes = (frame, c.c_double, c.c_double)
     lib.frame_time_ns.restype = c.c_int64

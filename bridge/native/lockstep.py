@@ -9,12 +9,12 @@ from bridge.native.bus import BusStruct
 from bridge.native.frame import Frame
 from bridge.native.library import library
 from bridge.native.message import Message
-from bridge.native.node import Node
+from bridge.native.node import NodeStruct
 
 STALLED, LOST = -10, -11
 
 
-class Stream(c.Structure):
+class StreamStruct(c.Structure):
     """``stream_t``."""
 
     _fields_ = (
@@ -38,9 +38,9 @@ class LockstepStruct(c.Structure):
     """``lockstep_t``."""
 
     _fields_ = (
-        ("node", c.POINTER(Node)),
+        ("node", c.POINTER(NodeStruct)),
         ("outside", c.POINTER(BusStruct)),
-        ("streams", c.POINTER(Stream)),
+        ("streams", c.POINTER(StreamStruct)),
         ("n_streams", c.c_int32),
         ("awaited", c.c_int32),
         ("patience_ns", c.c_int64),
@@ -62,7 +62,7 @@ def sizes(which: int) -> int:
 def _declared() -> c.CDLL:
     lib = library()
     lib.lockstep_run.argtypes, lib.lockstep_run.restype = (c.POINTER(LockstepStruct),), c.c_int32
-    lib.lockstep_needed.argtypes = (c.POINTER(Stream), c.c_int64)
+    lib.lockstep_needed.argtypes = (c.POINTER(StreamStruct), c.c_int64)
     lib.lockstep_needed.restype = c.c_int64
     lib.lockstep_sizes.argtypes, lib.lockstep_sizes.restype = (c.c_int32,), c.c_size_t
     return lib

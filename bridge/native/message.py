@@ -9,12 +9,12 @@ from typing import Any
 
 from bridge.native.frame import Frame
 from bridge.native.library import library
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 
 FIELDS = 256  # the most values a message may have (MESSAGE_FIELDS)
 
 
-class Kind(IntEnum):
+class FieldKind(IntEnum):
     """``FIELD_``: how the bits of a field are read."""
 
     UNSIGNED = 0
@@ -22,7 +22,7 @@ class Kind(IntEnum):
     FLOAT = 2
 
 
-class Profile(IntEnum):
+class E2EProfile(IntEnum):
     """``E2E_``: the AUTOSAR profile that protects a message."""
 
     NONE = 0
@@ -33,12 +33,12 @@ class Profile(IntEnum):
     @property
     def counter_bits(self) -> int:
         """Bits of its counter."""
-        return {Profile.NONE: 0, Profile.P02: 4, Profile.P04: 16, Profile.P05: 8}[self]
+        return {E2EProfile.NONE: 0, E2EProfile.P02: 4, E2EProfile.P04: 16, E2EProfile.P05: 8}[self]
 
     @property
     def header(self) -> int:
         """Bytes it needs at the start of the data."""
-        return {Profile.NONE: 0, Profile.P02: 2, Profile.P04: 12, Profile.P05: 3}[self]
+        return {E2EProfile.NONE: 0, E2EProfile.P02: 2, E2EProfile.P04: 12, E2EProfile.P05: 3}[self]
 
 
 class Decoded(IntEnum):
@@ -51,7 +51,7 @@ class Decoded(IntEnum):
     RANGE = 4
 
 
-class Received(IntEnum):
+class Rejection(IntEnum):
     """``RECEIVE_``: why a counter was not accepted."""
 
     REPEATED = -1
@@ -114,7 +114,7 @@ class Message(c.Structure):
         Such a frame has the values its sender will start with. It is no sample of a run, and no
         receiver counts it.
         """
-        waiting = (int(State.UNCONFIGURED), int(State.INACTIVE))
+        waiting = (int(LifeState.UNCONFIGURED), int(LifeState.INACTIVE))
         return self.tells_state and status & int(Status.LIFE) in waiting
 
 
@@ -157,12 +157,14 @@ class Receiver(c.Structure):
     )
 
     def accept(self, counter: int, t_ns: int, t_us: int = 0) -> int:
-        """The number of a sample that arrived at `t_ns`, or one of :class:`Received`."""
+        """The number of a sample that arrived at `t_ns`, or one of :class:`Rejection`."""
         header = Header(counter=counter, t_us=t_us)
         return int(_declared().receiver_accept(c.byref(self), c.byref(header), t_ns))
 
 
-def receiver(period_ns: int, profile: Profile, offset_ns: int = 0, time_bits: int = 0) -> Receiver:
+def receiver(
+    period_ns: int, profile: E2EProfile, offset_ns: int = 0, time_bits: int = 0
+) -> Receiver:
     """A receiver that has seen nothing yet.
 
     Sample j of the sender has the nominal time j * `period_ns` + `offset_ns`; `time_bits`: of the
@@ -189,14 +191,14 @@ def decode(message: Message, frame: Frame, values: Any, header: Header) -> Decod
     )
 
 
-def protect(profile: Profile, data_ids: bytes, counter: int, data: bytes) -> bytes:
+def protect(profile: E2EProfile, data_ids: bytes, counter: int, data: bytes) -> bytes:
     """`data` with the header of the profile written over its first bytes. `data_ids`: 16 bytes."""
     buffer = (c.c_uint8 * len(data)).from_buffer_copy(data)
     _declared().e2e_protect(profile, data_ids, counter, buffer, len(data))
     return bytes(buffer)
 
 
-def check(profile: Profile, data_ids: bytes, data: bytes) -> tuple[Decoded, int]:
+def check(profile: E2EProfile, data_ids: bytes, data: bytes) -> tuple[Decoded, int]:
     """Whether length and CRC are right, and the counter. `data_ids`: 16 bytes."""
     counter = c.c_uint32()
     result = _declared().e2e_check(profile, data_ids, data, len(data), c.byref(counter))

@@ -26,7 +26,7 @@ Joined = c.CFUNCTYPE(c.c_int32, c.c_int64)
 Doubles = c.POINTER(c.c_double)
 
 
-class History(c.Structure):
+class HistoryStruct(c.Structure):
     """``history_t``."""
 
     _fields_ = (
@@ -40,7 +40,7 @@ class History(c.Structure):
     )
 
 
-class Forward(c.Structure):
+class ForwardStruct(c.Structure):
     """``forward_t``."""
 
     _fields_ = (
@@ -49,8 +49,8 @@ class Forward(c.Structure):
         ("values", c.c_void_p),
         ("width", c.c_int32),
         ("bus", c.c_int32),
-        ("of", c.POINTER(History)),
-        ("to", c.POINTER(History)),
+        ("of", c.POINTER(HistoryStruct)),
+        ("to", c.POINTER(HistoryStruct)),
         ("sent", c.c_int64),
         ("failed", c.c_int64),
         ("transit", Histogram),
@@ -77,10 +77,10 @@ class Reception(c.Structure):
         ("awaited", c.c_int32),
         ("of_fault", c.c_int32),
         ("transit_ns", c.c_int64),
-        ("history", c.POINTER(History)),
+        ("history", c.POINTER(HistoryStruct)),
         ("sender", c.c_int32),
         ("n_forwards", c.c_int32),
-        ("forwards", c.POINTER(Forward)),
+        ("forwards", c.POINTER(ForwardStruct)),
     )
 
 
@@ -110,7 +110,7 @@ class Sequence(c.Structure):
     )
 
 
-class Inlet(c.Structure):
+class InletStruct(c.Structure):
     """``inlet_t``."""
 
     _fields_ = (
@@ -125,7 +125,7 @@ class Inlet(c.Structure):
         ("age", c.c_int64),
         ("stop_ns", c.c_int64),
         ("period", c.c_int64),
-        ("drive", c.POINTER(safety.Drive)),
+        ("drive", c.POINTER(safety.DriveStruct)),
         ("max_age_ns", c.c_int64),
         ("q", c.c_int64),
         ("dq", c.c_int64),
@@ -146,7 +146,7 @@ class Inlet(c.Structure):
     )
 
 
-class Outlet(c.Structure):
+class OutletStruct(c.Structure):
     """``outlet_t``."""
 
     _fields_ = (
@@ -163,13 +163,13 @@ class Outlet(c.Structure):
         ("joints", c.c_int32),
         ("q", c.c_int64),
         ("dq", c.c_int64),
-        ("drive", c.POINTER(safety.Drive)),
+        ("drive", c.POINTER(safety.DriveStruct)),
         ("measured_q", c.c_int32),
         ("measured_dq", c.c_int32),
-        ("history", c.POINTER(History)),
+        ("history", c.POINTER(HistoryStruct)),
         ("sent", c.c_int64),
         ("saturated", c.c_int64),
-        ("forwards", c.POINTER(Forward)),
+        ("forwards", c.POINTER(ForwardStruct)),
         ("n_forwards", c.c_int64),
         ("foreign", c.c_int64),
     )
@@ -203,13 +203,13 @@ class Inside(c.Structure):
     )
 
 
-class Played(c.Structure):
+class PlayedStruct(c.Structure):
     """``played_t``."""
 
     _fields_ = (("row", c.c_void_p), ("period", c.c_int64))
 
 
-class Node(c.Structure):
+class NodeStruct(c.Structure):
     """``node_t``."""
 
     _fields_ = (
@@ -248,7 +248,7 @@ class Node(c.Structure):
         ("n_outlets", c.c_int32),
         ("n_peers", c.c_int32),
         ("n_insides", c.c_int32),
-        ("life", safety.Life),
+        ("life", safety.LifeStruct),
         ("services", c.POINTER(Services)),
         ("heartbeat_slots", c.c_int64),
         ("sync_slots", c.c_int64),
@@ -259,7 +259,7 @@ class Node(c.Structure):
         ("syncs_received", c.c_int64),
         ("syncs_lost", c.c_int64),
         ("sync_last", c.c_int32),
-        ("sync_watchdog", safety.Watchdog),
+        ("sync_watchdog", safety.WatchdogStruct),
         ("aparts", c.c_void_p),
         ("n_aparts", c.c_int32),
         ("begun", c.c_int32),
@@ -288,7 +288,7 @@ class Node(c.Structure):
         ("unknown", c.c_int64),
         ("pending", c.POINTER(Frame)),
         ("has_pending", c.c_void_p),
-        ("played", c.POINTER(Played)),
+        ("played", c.POINTER(PlayedStruct)),
         ("n_played", c.c_int64),
         ("gateway", c.c_int64),
         ("patience_ns", c.c_int64),
@@ -304,14 +304,20 @@ class Node(c.Structure):
     )
 
 
-STRUCTS: tuple[type[c.Structure], ...] = (History, Reception, Inlet, Outlet, Node)  # then rows
+STRUCTS: tuple[type[c.Structure], ...] = (
+    HistoryStruct,
+    Reception,
+    InletStruct,
+    OutletStruct,
+    NodeStruct,
+)  # then rows
 
 
 @lru_cache(maxsize=1)
 def functions() -> c.CDLL:
     """The library with the functions of ``node.h`` declared. Raises CosimError without it."""
     found = library()
-    node, i32 = c.POINTER(Node), c.c_int32
+    node, i32 = c.POINTER(NodeStruct), c.c_int32
     found.node_live.argtypes, found.node_live.restype = (node,), i32
     found.node_tell.argtypes, found.node_tell.restype = (node, i32), None
     found.node_enable.argtypes, found.node_enable.restype = (node, c.c_int64), None

@@ -11,7 +11,7 @@ from bridge.native.library import library
 Doubles = c.POINTER(c.c_double)
 
 
-class State(IntEnum):
+class LifeState(IntEnum):
     """``LIFE_``: where a node is in its life."""
 
     UNCONFIGURED = 0
@@ -62,7 +62,7 @@ class GuardBit(IntFlag):
 
 
 class Status(IntFlag):
-    """``STATUS_``: bits of the status byte; the lower three are the sender's :class:`State`."""
+    """``STATUS_``: bits of the status byte; the lower three are the sender's :class:`LifeState`."""
 
     LIFE = 7  # mask of the state
     DEADMAN = 8
@@ -81,7 +81,7 @@ class DriveState(IntEnum):
     FAULT = 3
 
 
-class Request(IntEnum):
+class DriveRequest(IntEnum):
     """``DRIVE_``: what a drive may be asked."""
 
     POWER_ON = 1
@@ -91,7 +91,7 @@ class Request(IntEnum):
     POWER_OFF = 5
 
 
-class Life(c.Structure):
+class LifeStruct(c.Structure):
     """``life_t``."""
 
     _fields_ = (
@@ -130,7 +130,7 @@ class Guard(c.Structure):
     )
 
 
-class Watchdog(c.Structure):
+class WatchdogStruct(c.Structure):
     """``watchdog_t``."""
 
     _fields_ = (
@@ -146,7 +146,7 @@ class Peer(c.Structure):
     """``peer_t``."""
 
     _fields_ = (
-        ("heartbeat", Watchdog),
+        ("heartbeat", WatchdogStruct),
         ("state", c.c_int32),
         ("required", c.c_int32),
         ("boots", c.c_uint32),
@@ -154,13 +154,13 @@ class Peer(c.Structure):
     )
 
 
-class Drive(c.Structure):
+class DriveStruct(c.Structure):
     """``drive_t``."""
 
     _fields_ = (
         ("joints", c.c_int32),
         ("state", c.c_int32),
-        ("watchdog", Watchdog),
+        ("watchdog", WatchdogStruct),
         ("tau_max", Doubles),
         ("lag", c.c_double),
         ("h", c.c_double),
@@ -176,7 +176,7 @@ class Drive(c.Structure):
 
 
 #: In the order of ``safety_sizes``.
-STRUCTS: tuple[type[c.Structure], ...] = (Life, Guard, Watchdog, Peer, Drive)
+STRUCTS: tuple[type[c.Structure], ...] = (LifeStruct, Guard, WatchdogStruct, Peer, DriveStruct)
 
 
 def _pointer(struct: type[c.Structure]) -> object:

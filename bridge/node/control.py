@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from bridge.native import node as native
-from bridge.native.safety import Command, State
+from bridge.native.safety import Command, LifeState
 from bridge.records.records import names_of, refusal
 from cosim.base.clock import monotonic_ns, sleep
 
@@ -27,7 +27,7 @@ TAKEN = 0.5
 class Control:
     """Commands for a running node; callable from any thread."""
 
-    def __init__(self, struct: native.Node) -> None:
+    def __init__(self, struct: native.NodeStruct) -> None:
         self._struct = struct
         self._asked = False
 
@@ -70,7 +70,7 @@ class Control:
     def stop(self) -> None:
         """Ramp down and stop; asked a second time, or before START was obeyed, at once."""
         struct = self._struct
-        obeyed = struct.begun or struct.life.state == State.ACTIVE
+        obeyed = struct.begun or struct.life.state == LifeState.ACTIVE
         if self._asked or not (struct.start_ns and obeyed):
             struct.quit = 1
         self._asked = True
@@ -124,7 +124,7 @@ def signals(control: Control) -> Iterator[None]:
         told.close()
 
 
-def why(struct: native.Node) -> str:
+def why(struct: native.NodeStruct) -> str:
     """Why the last ARM or START was refused, in words."""
     return refusal(names_of(struct.refused), bool(struct.life.armed))
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from bridge.native import node as native
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.node.control import Say
 from bridge.records.records import names_of, refusal
 from bridge.wiring.wiring import Wired
@@ -51,7 +51,7 @@ def silent(wired: Wired) -> list[str]:
     although they feed no watchdog of a drive.
     """
     struct, d = wired.struct, wired.system.deployment
-    over = {p for p, peer in wired.peers.items() if peer.state == State.FINISHED}
+    over = {p for p, peer in wired.peers.items() if peer.state == LifeState.FINISHED}
     found = {}
     for i, inlet in enumerate(wired.plan.inlets):
         sender = wired.system.messages[inlet.message].node

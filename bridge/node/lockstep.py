@@ -18,7 +18,7 @@ from bridge.deployment.gateways import gateways
 from bridge.deployment.system import System
 from bridge.native import lockstep as native
 from bridge.native import node as nodes
-from bridge.native.bus import Bus, BusStruct, Kind
+from bridge.native.bus import Bus, BusKind, BusStruct
 from bridge.native.frame import Frame, Ring
 from bridge.wiring.wiring import Wired
 from cosim.base.errors import ScenarioError
@@ -72,13 +72,13 @@ class Lockstep:
         self._system, self._name = system, name
         self._patience = _patience(system)
         inside = {
-            bus: Bus.of_rings(Ring(RING), Ring(RING), number, kind=Kind.MEMORY)
+            bus: Bus.of_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
             for number, bus in enumerate(system.buses_of(name))
         }
         self.wired = Wired(system, name, inside, journal, nodes.SIMULATED)
         self.wired.struct.heartbeat_slots = self.wired.struct.n_peers = 0
         heard = system.heard_by(name)
-        self._streams = (native.Stream * max(1, len(heard)))(*map(self._stream, heard))
+        self._streams = (native.StreamStruct * max(1, len(heard)))(*map(self._stream, heard))
         structs = [end.bus.struct for end in ends.values()]
         self._outside = (BusStruct * max(1, len(structs)))(*structs)
         self._ends = [end.bus for end in ends.values()]
@@ -105,11 +105,11 @@ class Lockstep:
     ) -> None:
         self.wired.__exit__(kind, error, trace)
 
-    def _stream(self, message: str) -> native.Stream:
+    def _stream(self, message: str) -> native.StreamStruct:
         system = self._system
         carried, order = system.messages[message], list(system.nodes)
         capacity = -(-system.plan.ticks // carried.outlet.ticks)
-        return native.Stream(
+        return native.StreamStruct(
             message=c.pointer(carried.encoding.message),
             bus=system.buses_of(self._name).index(carried.bus),
             before=order.index(carried.node) < order.index(self._name),

@@ -24,7 +24,7 @@ from bridge.faults.load import load
 from bridge.faults.script import FaultScript, NodeFaults
 from bridge.native import node as native
 from bridge.native.message import COUNTERS, Receiver
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.node import lockstep
 from bridge.node.buses import announce, answer, attached, joined
 from bridge.node.control import Control, Say, listen_to, signals
@@ -179,7 +179,7 @@ def stated(
         boots=options.boots,
         end=end,
         error=error or stalled,
-        state=State(s.life.state).name.lower(),
+        state=LifeState(s.life.state).name.lower(),
         reasons=names_of(s.life.reasons),
         refused=names_of(s.refused) if s.refusals else (),
         first_slot=int(s.first),

@@ -11,7 +11,7 @@ from bridge.deployment import ranges
 from bridge.deployment.protection import emulated
 from bridge.deployment.services import BEATS, commanders
 from bridge.deployment.system import System
-from bridge.native.message import STAMP_TURNS, Profile
+from bridge.native.message import STAMP_TURNS, E2EProfile
 from bridge.preflight.bus_checks import Watchdog, check_buses
 from bridge.preflight.identifiers import collisions
 from bridge.safety.limits import in_si, limits
@@ -108,10 +108,10 @@ def overruns(system: System) -> list[Finding]:
             continue  # a gateway numbers nothing
         if m.encoding.message.time >= 0:
             continue
-        profile = Profile(m.encoding.message.e2e)
+        profile = E2EProfile(m.encoding.message.e2e)
         turn = (1 << profile.counter_bits) * m.period_ns * 1e-9
         overrun = d.seconds(d.nodes[m.node].overrun, "nodes", m.node, "overrun")
-        if profile is Profile.NONE or 0 < overrun < turn:
+        if profile is E2EProfile.NONE or 0 < overrun < turn:
             continue
         reason = f"may be {overrun * 1e3:g} ms late, and the counter of {name} turns in"
         found.append(
@@ -134,10 +134,10 @@ def forwarded(system: System) -> list[Finding]:
     found: list[Finding] = []
     for name, m in system.messages.items():
         message = m.encoding.message
-        if m.forward is None or message.e2e == Profile.NONE:
+        if m.forward is None or message.e2e == E2EProfile.NONE:
             continue
         stamp = message.header[message.time].length if message.time >= 0 else 0
-        counter = (1 << Profile(message.e2e).counter_bits) * m.period_ns * 1e-9
+        counter = (1 << E2EProfile(message.e2e).counter_bits) * m.period_ns * 1e-9
         latest = STAMP_TURNS * (1 << stamp) * 1e-6 if stamp else 0.75 * counter
         allowed = system.messages[m.forward.of].max_age_ns * 1e-9
         if latest > LATE or 0 < allowed <= latest:

@@ -16,7 +16,7 @@ from bridge.deployment.system import Carried, System
 from bridge.native.bus import Accept
 from bridge.native.load import frame_time_ns
 from bridge.native.message import Decoded
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from cosim.base.errors import ScenarioError
 from cosim.bus.timing import BusTiming
 
@@ -44,7 +44,7 @@ class Sample:
     @property
     def running(self) -> bool:
         """Whether its sender was in the run, as far as it says."""
-        return self.life not in (State.UNCONFIGURED, State.INACTIVE)
+        return self.life not in (LifeState.UNCONFIGURED, LifeState.INACTIVE)
 
 
 def read_buses(system: System, logs: Sequence[Path]) -> dict[str, NDArray[np.void]]:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from bridge.can.log import frame_of
 from bridge.deployment.system import System
 from bridge.native import node as native
-from bridge.native.bus import Accept, Bus, Kind
+from bridge.native.bus import Accept, Bus, BusKind
 from bridge.native.frame import Ring
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.replay import bus_log
 from bridge.replay.bus_log import Sample
 from bridge.replay.heard_and_sent import History
@@ -136,14 +136,14 @@ def _follow(
     with TemporaryDirectory() as scratch:
         rings = {b: Ring(RING) for b in system.buses_of(name)}
         ports = {
-            b: Bus.of_rings(ring, Ring(64), i, kind=Kind.MEMORY)
+            b: Bus.of_rings(ring, Ring(64), i, kind=BusKind.MEMORY)
             for i, (b, ring) in enumerate(rings.items())
         }
         wired = Wired(system, name, ports, Path(scratch) / "node.journal", native.SIMULATED)
         with wired:
             made = _begin(wired, first)
             _run(wired, rings, _arrivals(system, name, buses, start), limits)
-    active = (State.ACTIVE, -1)
+    active = (LifeState.ACTIVE, -1)
     kept = {
         m: {j: s for j, s in frames.items() if s.life in active and j < made[m].there.size}
         for m, frames in own.items()
@@ -198,7 +198,7 @@ def _begin(wired: Wired, first: int) -> dict[str, History]:
     """Active in its first slot; what it says is kept."""
     s = wired.struct
     s.slot = s.first = first
-    s.life.state, s.life.armed = State.ACTIVE, 1
+    s.life.state, s.life.armed = LifeState.ACTIVE, 1
     for i in range(s.n_inlets):
         wired.receiving.inlets[i].heard_ns = first * s.h_ns
     for peer in wired.peers.values():

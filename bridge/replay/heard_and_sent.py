@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bridge.deployment.system import Carried, System
 from bridge.native import node as native
-from bridge.native.message import Profile
+from bridge.native.message import E2EProfile
 from bridge.records.lives import Life, lives_of
 from bridge.wiring.wiring import Rows
 from cosim.base.errors import ScenarioError
@@ -37,7 +37,7 @@ class History:
         self.values = np.zeros((capacity, width))
         self.there = np.full(capacity, native.UNKNOWN, np.uint8)
         self.first = first
-        self.struct = native.History(
+        self.struct = native.HistoryStruct(
             first=first,
             capacity=capacity,
             width=width,
@@ -181,7 +181,7 @@ def _altered(
     if not at.size:
         return
     numbers, values = rows["sequence"][at], values[at]
-    turn = 1 << Profile(message.e2e).counter_bits
+    turn = 1 << E2EProfile(message.e2e).counter_bits
     wrong = np.zeros(at.size, np.bool_)
     for k in range(-TURNS, TURNS + 1):
         meant = numbers + k * turn

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bridge.deployment.system import System, make_system
 from bridge.native import node as native
 from bridge.native.journal import Journal
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.records.lives import ByLife, Life, files
 from bridge.replay import heard_and_sent
 from bridge.replay.heard_and_sent import Altered, History
@@ -130,7 +130,7 @@ def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path
     s.slot = s.first = int(rows["slot"][0])
     if s.slot > 0:
         node.begin(s.slot)
-    s.life.state, s.life.armed = State.ACTIVE, 1
+    s.life.state, s.life.armed = LifeState.ACTIVE, 1
     _begin(node, rows)
     native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
     return node
@@ -160,7 +160,7 @@ def _hear(
 
 
 def _remember(
-    node: Wired, message: str, outlet: native.Outlet, histories: Mapping[str, History]
+    node: Wired, message: str, outlet: native.OutletStruct, histories: Mapping[str, History]
 ) -> None:
     """What an outlet sends, and what gateways make of it, is kept for its receivers."""
     outlet.history = c.pointer(histories[message].struct)

@@ -15,9 +15,9 @@ import numpy as np
 
 from bridge.deployment.system import System
 from bridge.native import node as native
-from bridge.native.bus import Bus, Kind
+from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Ring
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Wired
 from cosim.base.errors import RunError
@@ -59,14 +59,14 @@ def wired(
         }
         for node in nodes.values():
             prepare(node)
-            node.struct.life.state, node.struct.life.armed = State.ACTIVE, 1
+            node.struct.life.state, node.struct.life.armed = LifeState.ACTIVE, 1
             native.functions().node_enable(c.byref(node.struct), 0)
         yield nodes
 
 
 def _buses(system: System, node: str) -> dict[str, Bus]:
     return {
-        name: Bus.of_rings(Ring(RING), Ring(RING), number, kind=Kind.MEMORY)
+        name: Bus.of_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
         for number, name in enumerate(system.buses_of(node))
     }
 

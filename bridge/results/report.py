@@ -13,8 +13,8 @@ from bridge.can.health import WRONG
 from bridge.can.load import of_rows
 from bridge.can.log import FrameLog
 from bridge.deployment.system import System
-from bridge.native.bus import State as BusState
-from bridge.native.safety import State
+from bridge.native.bus import BusState
+from bridge.native.safety import LifeState
 from bridge.realtime.lateness import Lateness, of_journal
 from bridge.records.lives import Life, lives_of
 from bridge.records.records import End, Statement, in_words, names_of
@@ -90,7 +90,7 @@ def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list
                     life,
                     len(r),
                     late,
-                    State(int(r["state"][-1])).name.lower(),
+                    LifeState(int(r["state"][-1])).name.lower(),
                     names_of(int(r["reasons"][-1])),
                     Statement.read(nodes, life),
                 )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.native import safety as native
-from bridge.native.safety import GuardBit, Life, Peer, State, Watchdog, Why
+from bridge.native.safety import GuardBit, LifeState, LifeStruct, Peer, WatchdogStruct, Why
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import quantity
 
@@ -100,12 +100,12 @@ class LifeSpec:
 
     ramp: Value = 0.1
 
-    def build(self, h: float, place: str = "life") -> Life:
+    def build(self, h: float, place: str = "life") -> LifeStruct:
         """The life cycle of a node with slots of `h` s, unconfigured. Raises ScenarioError."""
         ramp = in_si(self.ramp, "s", f"{place}.ramp")
         if not 0 <= ramp <= 60:
             raise ScenarioError(f"is {ramp:g} s, expected 0 to 60 s", f"{place}.ramp")
-        return Life(state=State.UNCONFIGURED, ramp_ticks=ceil(ramp / h * (1 - 1e-12)))
+        return LifeStruct(state=LifeState.UNCONFIGURED, ramp_ticks=ceil(ramp / h * (1 - 1e-12)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,14 +114,14 @@ class WatchdogSpec:
 
     timeout: Value = 0.0
 
-    def build(self, now_ns: int, place: str = "watchdog") -> Watchdog:
+    def build(self, now_ns: int, place: str = "watchdog") -> WatchdogStruct:
         """A watchdog that counts from `now_ns`. Raises ScenarioError."""
         timeout = in_si(self.timeout, "s", f"{place}.timeout")
         if not 0 <= timeout <= 1e6:
             raise ScenarioError(f"is {timeout:g} s, expected 0 (off) or more", f"{place}.timeout")
         if 0 < timeout < 1e-6:
             raise ScenarioError(f"is {timeout:g} s, expected at least 1 us", f"{place}.timeout")
-        return Watchdog(timeout_ns=round(timeout * 1e9), last_ns=now_ns)
+        return WatchdogStruct(timeout_ns=round(timeout * 1e9), last_ns=now_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +259,6 @@ def _address(values: Array) -> object:
     return values.ctypes.data_as(native.Doubles)
 
 
-def step(life: Life) -> State:
+def step(life: LifeStruct) -> LifeState:
     """One tick of a life cycle."""
-    return State(native.functions().life_step(c.byref(life)))
+    return LifeState(native.functions().life_step(c.byref(life)))

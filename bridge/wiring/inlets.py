@@ -32,7 +32,7 @@ class Receiving:
     context; `inlets` in the plan's order. `real`: simulated samples are refused.
     """
 
-    def __init__(self, system: System, name: str, struct: native.Node, *, real: bool) -> None:
+    def __init__(self, system: System, name: str, struct: native.NodeStruct, *, real: bool) -> None:
         self._system, self._name, self._struct, self._real = system, name, struct, real
         self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
         self._buses = system.buses_of(name)
@@ -58,7 +58,7 @@ class Receiving:
         message = carried.encoding.message
         receiver = messages.receiver(
             carried.period_ns,
-            messages.Profile(message.e2e),
+            messages.E2EProfile(message.e2e),
             carried.offset_ns,
             message.header[message.time].length if message.time >= 0 else 0,
         )
@@ -94,23 +94,23 @@ class Receiving:
         self._struct.aparts, self._struct.n_aparts = c.addressof(aparts), len(found)
         self._alive.append(aparts)
 
-    def _inlets(self) -> c.Array[native.Inlet]:
-        inlets = (native.Inlet * max(1, len(self._plan.inlets)))()
+    def _inlets(self) -> c.Array[native.InletStruct]:
+        inlets = (native.InletStruct * max(1, len(self._plan.inlets)))()
         for i, inlet in enumerate(self._plan.inlets):
             inlets[i] = self._inlet(inlet)
             self.gates[inlet.gate] = (
                 native.address("inlet_pass"),
-                c.addressof(inlets) + i * c.sizeof(native.Inlet),
+                c.addressof(inlets) + i * c.sizeof(native.InletStruct),
             )
         self._struct.inlets = c.addressof(inlets)
         self._struct.n_inlets = len(self._plan.inlets)
         return inlets
 
-    def _inlet(self, inlet: Inlet) -> native.Inlet:
+    def _inlet(self, inlet: Inlet) -> native.InletStruct:
         line = self._line(inlet, self._system.messages[inlet.message])
         self.lines[inlet.target.name] = line
         initial = np.zeros(inlet.target.size)
-        entry = native.Inlet(
+        entry = native.InletStruct(
             node=c.addressof(self._struct),
             reception=c.pointer(self.receptions[inlet.message]),
             delay=c.pointer(line.struct),
@@ -141,7 +141,7 @@ class Receiving:
             spec = newest_for(edge, sent, inlet.ticks, plan.h)
         return spec.line(self._struct.phase_ns - carried.offset_ns)
 
-    def _stale(self, entry: native.Inlet, inlet: Inlet) -> None:
+    def _stale(self, entry: native.InletStruct, inlet: Inlet) -> None:
         d = self._system.deployment
         name = f"{inlet.component}.{inlet.target.port}"
         spec = self._spec.stale.get(name, StaleSpec())
@@ -156,7 +156,7 @@ class Receiving:
         if spec.age:
             entry.age = age_slot(self._plan, inlet, spec.age, d.place(*place, "age"))
 
-    def _drive(self, entry: native.Inlet, inlet: Inlet) -> None:
+    def _drive(self, entry: native.InletStruct, inlet: Inlet) -> None:
         spec, d = self._spec.drive, self._system.deployment
         entry.q = entry.dq = -1
         if spec is None or inlet.target.port != spec.port:
@@ -177,7 +177,7 @@ class Receiving:
         self._alive.append(command)
         self._follow(entry, inlet)
 
-    def _follow(self, entry: native.Inlet, inlet: Inlet) -> None:
+    def _follow(self, entry: native.InletStruct, inlet: Inlet) -> None:
         """The frames of its own protocol that the drive behind an inlet follows."""
         drive = drive_sequences.emulated(self._system.deployment, self._name, inlet)
         if drive is None:

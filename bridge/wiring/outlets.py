@@ -27,7 +27,7 @@ class Sending:
     function and context; `outlets` in the plan's order.
     """
 
-    def __init__(self, system: System, name: str, struct: native.Node) -> None:
+    def __init__(self, system: System, name: str, struct: native.NodeStruct) -> None:
         self._system, self._name, self._struct = system, name, struct
         self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
         self._alive: list[Any] = []
@@ -41,25 +41,25 @@ class Sending:
         """As long as the outlets it is bound to."""
         self._alive.append(forwarded)
 
-    def _outlets(self) -> c.Array[native.Outlet]:
-        outlets = (native.Outlet * max(1, len(self._plan.outlets)))()
+    def _outlets(self) -> c.Array[native.OutletStruct]:
+        outlets = (native.OutletStruct * max(1, len(self._plan.outlets)))()
         for i, outlet in enumerate(self._plan.outlets):
             outlets[i] = self._outlet(outlet)
             self.gates[outlet.gate] = (
                 native.address("outlet_pass"),
-                c.addressof(outlets) + i * c.sizeof(native.Outlet),
+                c.addressof(outlets) + i * c.sizeof(native.OutletStruct),
             )
         self._struct.outlets = c.addressof(outlets)
         self._struct.n_outlets = len(self._plan.outlets)
         return outlets
 
-    def _outlet(self, outlet: Outlet) -> native.Outlet:
+    def _outlet(self, outlet: Outlet) -> native.OutletStruct:
         encoding = self._system.messages[outlet.message].encoding
         sources = np.array(
             [p.start + k for p in outlet.parts for k in range(p.size)], dtype=np.int64
         )
         values = np.zeros(outlet.width)
-        entry = native.Outlet(
+        entry = native.OutletStruct(
             node=c.addressof(self._struct),
             message=c.pointer(encoding.message),
             width=outlet.width,
@@ -90,7 +90,7 @@ class Sending:
         struct.enabling, struct.n_enabling = enabling, len(enabling) if drives else 0
         self._alive += [disabling, enabling]
 
-    def _guard(self, entry: native.Outlet, outlet: Outlet) -> None:
+    def _guard(self, entry: native.OutletStruct, outlet: Outlet) -> None:
         spec, d = self._spec.guard, self._system.deployment
         if spec is None:
             return
@@ -137,7 +137,7 @@ class Sending:
         self._alive.append(guard)
         return guard
 
-    def _measured(self, entry: native.Outlet, outlet: Outlet) -> None:
+    def _measured(self, entry: native.OutletStruct, outlet: Outlet) -> None:
         """Positions and velocities leave as the encoders of the node's drive see them."""
         spec, d = self._spec.drive, self._system.deployment
         if spec is None or not any(i.target.port == spec.port for i in self._plan.inlets):
@@ -165,7 +165,7 @@ class Forwarding:
     """
 
     def __init__(self, forwarded: Sequence[Carried], buses: Sequence[str] = ()) -> None:
-        self._array = (native.Forward * max(1, len(forwarded)))()
+        self._array = (native.ForwardStruct * max(1, len(forwarded)))()
         self._alive: list[Any] = []
         for entry, carried in zip(self._array, forwarded, strict=False):
             assert carried.forward is not None
@@ -178,12 +178,12 @@ class Forwarding:
             self._alive += [sources, values, carried]
         self.made = {m.name: e for m, e in zip(forwarded, self._array, strict=False)}
 
-    def bind(self, owner: native.Reception | native.Outlet) -> None:
+    def bind(self, owner: native.Reception | native.OutletStruct) -> None:
         """All of them are made when `owner` has a sample."""
         owner.forwards, owner.n_forwards = self._array, len(self.made)
 
 
-def forwarded_facts(entry: native.Forward) -> dict[str, Any]:
+def forwarded_facts(entry: native.ForwardStruct) -> dict[str, Any]:
     """Samples sent and not handed over; us from their arrival to their hand-over (wall clock)."""
     transit = entry.transit
     us = {f"p{q:g}": transit.quantile(q / 100) / 1e3 for q in (50, 99) if transit.count}

@@ -108,7 +108,7 @@ class Wired:
         self._alive: list[Any] = []
         self._buses = [buses[b] for b in system.buses_of(name)] if buses else []
         self._names = system.buses_of(name)
-        self.struct = native.Node(clock=clock, number=self.spec.number, boots=boots)
+        self.struct = native.NodeStruct(clock=clock, number=self.spec.number, boots=boots)
         self._time()
         self._bind_buses()
         self.receiving = Receiving(system, name, self.struct, real=real)
@@ -173,16 +173,24 @@ class Wired:
     def _bind_played(self, state: engine_native.EngineState) -> None:
         """Tables of edges, weights and links, go on where the run is, also in a second life."""
         kinds = {
-            Code.PLAY: (state.players, engine_native.Player, engine_native.Player.row.offset),
-            Code.PULL: (state.links, engine_native.Link, engine_native.Link.row.offset),
-            Code.PUSH: (state.links, engine_native.Link, engine_native.Link.before.offset),
+            Code.PLAY: (
+                state.players,
+                engine_native.PlayerStruct,
+                engine_native.PlayerStruct.row.offset,
+            ),
+            Code.PULL: (state.links, engine_native.LinkStruct, engine_native.LinkStruct.row.offset),
+            Code.PUSH: (
+                state.links,
+                engine_native.LinkStruct,
+                engine_native.LinkStruct.before.offset,
+            ),
         }
         rows = []
         for o in self.plan.plan.operations:
             if o.code in kinds:
                 start, kind, field = kinds[Code(o.code)]
-                rows.append(native.Played(start + o.index * c.sizeof(kind) + field, o.period))
-        played = (native.Played * max(1, len(rows)))(*rows)
+                rows.append(native.PlayedStruct(start + o.index * c.sizeof(kind) + field, o.period))
+        played = (native.PlayedStruct * max(1, len(rows)))(*rows)
         self.struct.played, self.struct.n_played = played, len(rows)
         self._alive.append(played)
 
@@ -212,7 +220,7 @@ class Wired:
         return self.sending.guards
 
     @property
-    def forwards(self) -> Mapping[str, native.Forward]:
+    def forwards(self) -> Mapping[str, native.ForwardStruct]:
         """By message: what a gateway makes of others."""
         return {name: f for part in self.forwarding for name, f in part.made.items()}
 

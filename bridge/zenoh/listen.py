@@ -16,7 +16,7 @@ import zenoh
 
 from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import Names, names_of
-from bridge.native.bus import Traffic, traffic_add
+from bridge.native.bus import TrafficStruct, traffic_add
 from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import bringer, keep_thread
 from bridge.zenoh.access import MONITOR
@@ -52,7 +52,7 @@ class ZenohEar:
         self._beats = {says[n][key]: n for n, key in beats.items() if key in says[n]}
         self._beating: set[str] = set()
         self._ring = Ring(CAPACITY)
-        self.traffic = Traffic()
+        self.traffic = TrafficStruct()
         self.session = open_session(_configured(options, who, rules), bus)
         self.presence = Presence(self.session, names, "")  # it declares no token
         self._first = [self._subscribe(beats[n], number) for number, n in self._beats.items()]

@@ -19,7 +19,7 @@ from bridge.deployment.services import Encoding
 from bridge.deployment.zenoh_keys import Names
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.realtime.host_clock import host_clock
 from bridge.safety.limits import explain
 from bridge.wiring.outlets import forwarded_facts
@@ -88,7 +88,7 @@ def state(wired: Wired, end: ZenohAttachment, unheard: Sequence[str]) -> dict[st
     s = wired.struct
     return {
         "node": wired.name,
-        "state": State(s.life.state).name.lower(),
+        "state": LifeState(s.life.state).name.lower(),
         "armed": bool(s.life.armed),
         "reasons": explain(s.life.reasons) if s.life.reasons else "",
         "boots": int(s.boots),
@@ -145,7 +145,7 @@ def clock(wired: Wired) -> dict[str, Any]:
         "kept": ours.kept,
         "error": ours.error if ours.kept else None,
         "date_ns": realtime_ns(),
-        "running": bool(s.begun) and s.life.state == State.ACTIVE,
+        "running": bool(s.begun) and s.life.state == LifeState.ACTIVE,
         "run": int(s.epoch.run),
         "origin_ns": origin + realtime_offset_ns() if origin else 0,
     }

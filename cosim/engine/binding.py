@@ -22,11 +22,11 @@ from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
 from cosim.fmi.remote import RemoteInstance, RemoteStep
 from cosim.native import structs
-from cosim.native.structs import MEANS, SLOPES, Result
+from cosim.native.structs import MEANS, SLOPES, EngineResult
 from cosim.schedule.plan import Plan, Slot, Step
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
-ENDS = (Result.TERMINATED, Result.ENDED)
+ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)
 Vector = NDArray[np.float64]
 Views = dict[str, Vector]
 
@@ -69,22 +69,22 @@ class Binding:
         ScenarioError.
         """
         plan, state = self.plan, self.state
-        operations = (structs.Operation * len(plan.operations))()
+        operations = (structs.OperationStruct * len(plan.operations))()
         for i, o in enumerate(plan.operations):
-            operations[i] = structs.Operation(
+            operations[i] = structs.OperationStruct(
                 *(o.code, o.index, o.period, o.first + tick, o.source, o.target, o.count),
                 *(o.gain, o.offset),
             )
-        self.units = (structs.Unit * len(plan.components))()
+        self.units = (structs.UnitStruct * len(plan.components))()
         for i, step in enumerate(plan.components):
             with starting(step.name):
                 self.units[i] = self._unit(i, step)
-        self.links = (structs.Link * len(plan.links))(
+        self.links = (structs.LinkStruct * len(plan.links))(
             *(self._link(i) for i in range(len(plan.links)))
         )
-        self.players = (structs.Player * len(plan.players))()
-        through = (structs.Gate * len(plan.gates))(
-            *(structs.Gate(*self._gates[g.name]) for g in plan.gates)
+        self.players = (structs.PlayerStruct * len(plan.players))()
+        through = (structs.GateStruct * len(plan.gates))(
+            *(structs.GateStruct(*self._gates[g.name]) for g in plan.gates)
         )
         state.gates = c.addressof(through)
         self._alive += [operations, through]
@@ -98,10 +98,10 @@ class Binding:
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
 
-    def _unit(self, index: int, step: Step) -> structs.Unit:
+    def _unit(self, index: int, step: Step) -> structs.UnitStruct:
         late = step.name not in self._sampled
         lag, h = step.period - 1 if late else 0, step.period * self.plan.h
-        unit = structs.Unit(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
+        unit = structs.UnitStruct(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
         if isinstance(step.component, FmuComponent):
@@ -140,25 +140,25 @@ class Binding:
                 result, status, place = stepped(t, self.state.tick)
                 if result in ENDS:
                     self.units[index].reached = remote.reached()
-                elif result is Result.STEP and status == DISCARD:
+                elif result is EngineResult.STEP and status == DISCARD:
                     at = remote.terminated()
                     if at is not None:
-                        result, self.units[index].reached = Result.ENDED, at
-                if result is not Result.OK and result not in ENDS:
+                        result, self.units[index].reached = EngineResult.ENDED, at
+                if result is not EngineResult.OK and result not in ENDS:
                     raise RunError(step_refused(step, self.signals, result, status, place))
             except BaseException as error:
                 self.failure = error
-                return Result.STEP
+                return EngineResult.STEP
             return result
 
         return call
 
-    def ended(self, index: int, result: Result) -> End | None:
+    def ended(self, index: int, result: EngineResult) -> End | None:
         """How the FMU of component `index` ended the simulation, if `result` means that."""
         at = None
         if result in ENDS:
             at = self.units[index].reached
-        elif result is Result.STEP and self.state.failed_status == DISCARD:
+        elif result is EngineResult.STEP and self.state.failed_status == DISCARD:
             component = self.plan.components[index].component
             assert isinstance(component, FmuComponent)
             at = component.instance.terminated()
@@ -172,19 +172,19 @@ class Binding:
                 store(outputs, component.step(t, h, inputs))
             except BaseException as error:
                 self.failure = error
-                return Result.STEP
-            return Result.OK
+                return EngineResult.STEP
+            return EngineResult.OK
 
         return call
 
-    def _link(self, index: int) -> structs.Link:
+    def _link(self, index: int) -> structs.LinkStruct:
         link = self.plan.links[index]
         width = link.source.size
         history = np.zeros((link.table.history, width))
         at = link.target.start
         initial = self.signals[at : at + width].copy()
         self._alive += [history, initial]
-        return structs.Link(
+        return structs.LinkStruct(
             history=history.ctypes.data, initial=initial.ctypes.data, width=width,
             capacity=len(history), held=-1,
         )  # fmt: skip

@@ -23,7 +23,7 @@ from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.library import FATAL, OK, WARNING
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
-from cosim.native.structs import Result
+from cosim.native.structs import EngineResult
 from cosim.schedule.plan import Plan, Slot, Step
 
 
@@ -98,8 +98,8 @@ class Engine:
         state.record = None if record is None else record.ctypes.data
         state.recorded = recorded or None
         with deferred(self.stop):
-            result = Result(self._library.engine_run(c.byref(state), ticks))
-        if result not in (Result.OK, Result.STOPPED):
+            result = EngineResult(self._library.engine_run(c.byref(state), ticks))
+        if result not in (EngineResult.OK, EngineResult.STOPPED):
             self.ended = self.end(result)
             if self.ended is None:
                 raise self._error(result)
@@ -121,11 +121,11 @@ class Engine:
 
     def failure(self, result: int) -> BaseException:
         """What a result of ``engine_run`` other than OK and STOPPED means, as an error."""
-        return self._error(Result(result))
+        return self._error(EngineResult(result))
 
     def end(self, result: int) -> End | None:
         """Which FMU ended the simulation, if that is what a result of ``engine_run`` means."""
-        return self._bound.ended(self._state.failed_index, Result(result))
+        return self._bound.ended(self._state.failed_index, EngineResult(result))
 
     def stop(self) -> None:
         """Ask a running loop to stop after the current tick; callable from any thread."""
@@ -154,17 +154,17 @@ class Engine:
         period = self.plan.component(name).period
         return -(-(self.tick + ticks) // period) - -(-self.tick // period)
 
-    def _error(self, result: Result) -> BaseException:
+    def _error(self, result: EngineResult) -> BaseException:
         failure, self._bound.failure = self._bound.failure, None
         if isinstance(failure, KeyboardInterrupt | SystemExit):
             return failure
         tick, index = self.tick, self._state.failed_index
         time = tick * self.plan.h
         where = f"at tick {tick} (t = {time:.6g} s)"
-        if result is Result.HISTORY:
+        if result is EngineResult.HISTORY:
             name = self.plan.links[index].name
             return RunError(f"link {name}: no such sample {where}", tick=tick, time=time)
-        if result is Result.GATE:
+        if result is EngineResult.GATE:
             gate = self.plan.gates[index]
             text = f"{gate.component}: {gate.name} stopped it {where}"
             return RunError(text, component=gate.component, tick=tick, time=time)
@@ -174,10 +174,10 @@ class Engine:
         error.__cause__ = failure
         return error
 
-    def _reason(self, result: Result, step: Step, failure: BaseException | None) -> str:
+    def _reason(self, result: EngineResult, step: Step, failure: BaseException | None) -> str:
         if failure is not None:
             return sentence(failure, step.name)
-        if result is Result.NOT_FINITE:
+        if result is EngineResult.NOT_FINITE:
             return not_finite(step.outputs, self.signals)
         state = self._state
         return step_refused(step, self.signals, result, state.failed_status, state.failed_signal)

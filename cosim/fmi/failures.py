@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.fmi.library import status_name
-from cosim.native.structs import Result
+from cosim.native.structs import EngineResult
 from cosim.schedule.plan import Slot
 
 
@@ -51,10 +51,12 @@ def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
     return f"not a finite number: {', '.join(bad)}"
 
 
-def refused(result: Result, status: int, lines: Sequence[str]) -> str:
+def refused(result: EngineResult, status: int, lines: Sequence[str]) -> str:
     """What an FMU did instead of a step; `lines`: the last of its log."""
-    if result is Result.EARLY_RETURN:
+    if result is EngineResult.EARLY_RETURN:
         return "the FMU returned early from its step, which is not supported"
-    verb = {Result.SET: "setting inputs", Result.GET: "getting outputs"}.get(result, "doStep")
+    verb = {EngineResult.SET: "setting inputs", EngineResult.GET: "getting outputs"}.get(
+        result, "doStep"
+    )
     said = "; ".join(lines) or "the FMU logged nothing"
     return f"{verb} returned {status_name(status)} ({said})"

@@ -104,10 +104,10 @@ class Layout:
     plain: bool = True
 
 
-def bind(instance: Instance, layout: Layout, alive: list[Any]) -> structs.Unit:
+def bind(instance: Instance, layout: Layout, alive: list[Any]) -> structs.UnitStruct:
     """The engine's unit for an instance; what it points to goes into `alive`. Raises FmuError."""
     x = layout
-    unit = structs.Unit(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
+    unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
     unit.output, unit.output_count = x.output, x.output_count
     unit.set, unit.step, unit.get = instance.hot()
@@ -150,28 +150,28 @@ def _clocked(typed: structs.Typed, instance: Instance, x: Layout, alive: list[An
     index = {r: i for i, r in enumerate(references)}
     typed.active = _kept(c.c_bool, [False] * len(index), alive)
     tickers = [
-        structs.Ticker(
+        structs.TickerStruct(
             t.reference, t.kind, t.period, t.shift, next_.get(t.reference, NEVER), t.place
         )
         for t in x.clocks
     ]
-    typed.clocks, typed.n_clocks = _kept(structs.Ticker, tickers, alive), len(tickers)
+    typed.clocks, typed.n_clocks = _kept(structs.TickerStruct, tickers, alive), len(tickers)
     triggered = []
     for t, count in zip(x.triggered, x.counts, strict=True):
         places = _kept(c.c_int32, [index[r] for r in t.clocks], alive)
-        triggered.append(structs.Triggered(t.reference, len(t.clocks), places, count))
-    typed.triggered = _kept(structs.Triggered, triggered, alive)
+        triggered.append(structs.TriggeredStruct(t.reference, len(t.clocks), places, count))
+    typed.triggered = _kept(structs.TriggeredStruct, triggered, alive)
     typed.n_triggered = len(triggered)
     partitions = []
     for p in x.partitions:
         places = _kept(c.c_int32, [index[r] for r in p.clocks], alive)
-        partition = structs.Partition(clocks=places, n_clocks=len(p.clocks))
+        partition = structs.PartitionStruct(clocks=places, n_clocks=len(p.clocks))
         if p.texts:
             partition.texts = _taking(instance, p.texts, alive)
         for name, verb, moves in (("inputs", "Set", p.inputs), ("outputs", "Get", p.outputs)):
             _move(partition, name, instance, verb, moves, x.fmi, alive)
         partitions.append(partition)
-    typed.partitions = _kept(structs.Partition, partitions, alive)
+    typed.partitions = _kept(structs.PartitionStruct, partitions, alive)
     typed.n_partitions = len(partitions)
     if x.clocks:
         typed.set_clock = instance.address("SetClock")
@@ -197,7 +197,7 @@ def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> i
     return structs.address(call)
 
 
-def late(unit: structs.Unit) -> tuple[int, float]:
+def late(unit: structs.UnitStruct) -> tuple[int, float]:
     """How often a clock of an FMU ticked after its time, and by how much at the most (s)."""
     if not unit.typed:
         return 0, 0.0
@@ -206,7 +206,7 @@ def late(unit: structs.Unit) -> tuple[int, float]:
 
 
 def _move(
-    struct: structs.Typed | structs.Partition, name: str, instance: Instance, verb: str,
+    struct: structs.Typed | structs.PartitionStruct, name: str, instance: Instance, verb: str,
     moves: Sequence[Move], fmi: str, alive: list[Any],
 ) -> None:  # fmt: skip
     held = name == "discrete"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.failures import refused
-from cosim.native.structs import Result
+from cosim.native.structs import EngineResult
 from cosim.schedule.plan import Slot, Step
 
 if TYPE_CHECKING:
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def refusal(result: Result, status: int, lines: Sequence[str], value: str) -> str:
+def refusal(result: EngineResult, status: int, lines: Sequence[str], value: str) -> str:
     """The sentence for a result of engine.c; `lines`: of the log, `value`: the signal at fault."""
     said = "; ".join(lines) or "the FMU logged nothing"
-    if result is Result.VALUE:
+    if result is EngineResult.VALUE:
         return (
             f"{value} is no value of its type: whole numbers within the type's range (64 bits: up "
             "to 2^53, what float64 carries exactly), 0 or 1 for a Boolean"
         )
-    if result is Result.STUCK:
+    if result is EngineResult.STUCK:
         return f"the step does not end: 100000 early returns or updates of its states ({said})"
-    if result is Result.EVENT:
+    if result is EngineResult.EVENT:
         return f"a call in Event Mode failed ({said})"
-    if result is Result.INTERVAL:
+    if result is EngineResult.INTERVAL:
         return (
             "a changing clock, or one that counts down, was asked for its next interval and gave "
             f"none of 0 s or more ({said})"
@@ -42,7 +42,7 @@ def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int)
 
 
 def step_refused(
-    step: Step, signals: NDArray[np.float64], result: Result, status: int, place: int
+    step: Step, signals: NDArray[np.float64], result: EngineResult, status: int, place: int
 ) -> str:
     """The sentence for a step of an FMU; `place`: of the signal at fault."""
     assert isinstance(step.component, FmuComponent)

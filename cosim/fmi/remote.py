@@ -268,7 +268,7 @@ class RemoteStep:
         self._remote, self._here = remote, here
         remote.bind(there)
 
-    def __call__(self, t: float, tick: int) -> tuple[structs.Result, int, int]:
+    def __call__(self, t: float, tick: int) -> tuple[structs.EngineResult, int, int]:
         """Step from `t` (s) in tick `tick`: (result, the FMU's status, signal here at fault)."""
         here = self._here
         self._inputs[:] = self._fed
@@ -278,7 +278,7 @@ class RemoteStep:
         self._given[:] = self._outputs
         fed = place < here.input_count
         at = here.input + place if fed else here.output + place - here.input_count
-        return structs.Result(result), status, at
+        return structs.EngineResult(result), status, at
 
 
 def _spawn(descriptor: int, size: int, offset: int) -> subprocess.Popen[bytes]:

@@ -30,7 +30,7 @@ class Worker:
         self._signals = c.addressof(c.c_char.from_buffer(memory, offset))
         self._instance: Instance | None = None
         self._alive: list[Any] = []
-        self._unit = structs.Unit()
+        self._unit = structs.UnitStruct()
         self._status, self._failed = c.c_int32(), c.c_int32()
         self._step = structs.library().engine_unit
 

@@ -46,7 +46,7 @@ class UnitKind(IntEnum):
     TYPED = 4
 
 
-class Result(IntEnum):
+class EngineResult(IntEnum):
     """Why ``engine_run`` returned."""
 
     OK = 0
@@ -79,7 +79,7 @@ CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
 TEXTS = c.CFUNCTYPE(c.c_int32)
 
 
-class Operation(c.Structure):
+class OperationStruct(c.Structure):
     """``operation_t``."""
 
     _fields_ = (
@@ -111,7 +111,7 @@ class Access(c.Structure):
     )
 
 
-class Ticker(c.Structure):
+class TickerStruct(c.Structure):
     """``ticker_t``."""
 
     _fields_ = (
@@ -125,7 +125,7 @@ class Ticker(c.Structure):
     )
 
 
-class Triggered(c.Structure):
+class TriggeredStruct(c.Structure):
     """``triggered_t``."""
 
     _fields_ = (
@@ -136,7 +136,7 @@ class Triggered(c.Structure):
     )
 
 
-class Partition(c.Structure):
+class PartitionStruct(c.Structure):
     """``partition_t``."""
 
     _fields_ = (
@@ -184,7 +184,7 @@ class Typed(c.Structure):
     )
 
 
-class Unit(c.Structure):
+class UnitStruct(c.Structure):
     """``unit_t``."""
 
     _fields_ = (
@@ -209,7 +209,7 @@ class Unit(c.Structure):
     )
 
 
-class Link(c.Structure):
+class LinkStruct(c.Structure):
     """``link_t``."""
 
     _fields_ = (
@@ -226,13 +226,13 @@ class Link(c.Structure):
     )
 
 
-class Player(c.Structure):
+class PlayerStruct(c.Structure):
     """``player_t``."""
 
     _fields_ = (("values", c.c_void_p), ("row", c.c_int64), ("rows", c.c_int64))
 
 
-class Gate(c.Structure):
+class GateStruct(c.Structure):
     """``gate_t``: a C function ``int32_t pass(void *context, int64_t tick, double *signals)``."""
 
     _fields_ = (("passing", c.c_void_p), ("context", c.c_void_p))
@@ -282,8 +282,10 @@ def library() -> c.CDLL:
     engine.engine_unit.argtypes = (
         *(c.c_void_p, c.c_void_p, c.c_double, c.c_int64, c.c_void_p, c.c_void_p),
     )
-    structs = (Operation, Unit, Link, EngineState, Log, Player, Access, Ticker, Typed, Gate,
-               Triggered, Partition)  # fmt: skip
+    structs = (
+        *(OperationStruct, UnitStruct, LinkStruct, EngineState, Log, PlayerStruct, Access),
+        *(TickerStruct, Typed, GateStruct, TriggeredStruct, PartitionStruct),
+    )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]
     if engine.engine_abi() != ABI or found != expected:

@@ -13,7 +13,7 @@ from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 from bridge.node.control import Control
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
@@ -84,7 +84,7 @@ class Bench:
     def _peers(self):
         now, start = monotonic_ns(), self.struct.start_ns
         running = start and now >= start
-        life = State.ACTIVE if running else State.INACTIVE
+        life = LifeState.ACTIVE if running else LifeState.INACTIVE
         status = life | (Status.SIMULATED if self.simulated else 0)
         for message, bus in (("STATE_1", "left"), ("STATE_3", "right")):
             period = self.system.messages[message].period_ns
@@ -95,7 +95,7 @@ class Bench:
                 self.put(bus, codec.frame([*self.q, 0.0, 0.0], header, now))
         self.beat(1, life)
 
-    def beat(self, number, life=State.ACTIVE):
+    def beat(self, number, life=LifeState.ACTIVE):
         beat = self.system.services["left"].heartbeats[number]
         status = Status.SIMULATED if self.simulated else 0
         values = [life, 0, self.boots[number], 0]

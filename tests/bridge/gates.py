@@ -13,13 +13,13 @@ from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 from bridge.node.control import Control
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
 from tests.bridge.bench import until
 
-SAMPLE = State.ACTIVE | Status.SIMULATED
+SAMPLE = LifeState.ACTIVE | Status.SIMULATED
 
 
 class Gate:

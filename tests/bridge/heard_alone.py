@@ -9,13 +9,13 @@ from contextlib import contextmanager
 import numpy as np
 
 from bridge.native import node as native
-from bridge.native.bus import Bus, Kind
+from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Ring
 from bridge.native.message import Header
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 from bridge.wiring.wiring import Wired
 
-SAMPLE = State.ACTIVE | Status.SIMULATED
+SAMPLE = LifeState.ACTIVE | Status.SIMULATED
 
 
 class Alone:
@@ -58,10 +58,11 @@ def alone(system, name, folder) -> Iterator[Alone]:
     """A node, enabled, without anybody else."""
     rings = {bus: Ring(4096) for bus in system.buses_of(name)}
     buses = {
-        bus: Bus.of_rings(rings[bus], Ring(64), n, kind=Kind.MEMORY) for n, bus in enumerate(rings)
+        bus: Bus.of_rings(rings[bus], Ring(64), n, kind=BusKind.MEMORY)
+        for n, bus in enumerate(rings)
     }
     with Wired(system, name, buses, folder / "alone.journal", native.SIMULATED) as wired:
-        wired.struct.life.state, wired.struct.life.armed = State.ACTIVE, 1
+        wired.struct.life.state, wired.struct.life.armed = LifeState.ACTIVE, 1
         wired.struct.n_peers = 0
         native.functions().node_enable(c.byref(wired.struct), 0)
         yield Alone(wired, rings)

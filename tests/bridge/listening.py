@@ -11,7 +11,7 @@ from bridge.monitor.listener import Listener
 from bridge.native import message as native
 from bridge.native.frame import Frame
 from bridge.native.message import Header
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.zenoh.channel import ZenohAttachment
 from cosim.base.clock import monotonic_ns
 from tests.bridge.zenoh.rehearsed import CONFIGS
@@ -30,7 +30,7 @@ def encoded(encoding, values, counter=0, status=0, t_us=0) -> Frame:
     return frame
 
 
-def beat(system: System, node: str, state: State, boots: int = 1, why: int = 0) -> Frame:
+def beat(system: System, node: str, state: LifeState, boots: int = 1, why: int = 0) -> Frame:
     encoding = system.services["net"].heartbeats[system.deployment.nodes[node].number]
     return encoded(encoding, [state, why, boots, 0])
 
@@ -52,7 +52,7 @@ def followed(listener: Listener, end: ZenohAttachment, system: System, counter: 
     heard = listener.heard["xi_master"]
 
     def say() -> None:
-        end.bus.send(beat(system, "master", State.ACTIVE))
-        end.bus.send(encoded(carried.encoding, [0.0, 0.0], counter, State.ACTIVE))
+        end.bus.send(beat(system, "master", LifeState.ACTIVE))
+        end.bus.send(encoded(carried.encoding, [0.0, 0.0], counter, LifeState.ACTIVE))
 
     reached(listener, lambda: heard.t_ns > 0, say)

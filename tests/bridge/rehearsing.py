@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bridge.deployment.system import load_system
-from bridge.native.safety import State, Why
+from bridge.native.safety import LifeState, Why
 from bridge.records.lives import Life
 from bridge.replay import replay
 
@@ -84,7 +84,7 @@ class Left:
         self.rows = replay.load(folder / "nodes")
 
     def state(self, life):
-        return State(int(self.rows[life]["state"][-1]))
+        return LifeState(int(self.rows[life]["state"][-1]))
 
     def why(self, life):
         return Why(int(self.rows[life]["reasons"][-1]))

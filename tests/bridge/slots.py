@@ -7,9 +7,9 @@ import ctypes as c
 import numpy as np
 
 from bridge.native import node as native
-from bridge.native.bus import Bus, Kind
+from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Frame, Ring
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.wiring.wiring import Wired
 
 SEEN = c.CFUNCTYPE(c.c_int64, c.POINTER(Frame), c.c_double, c.c_double)
@@ -23,7 +23,7 @@ class Slots:
         self.names = system.buses_of(name)
         self.rings = {bus: Ring(1024) for bus in self.names}
         self.buses = {
-            bus: Bus.of_rings(self.rings[bus], Ring(1024), number, kind=Kind.MEMORY)
+            bus: Bus.of_rings(self.rings[bus], Ring(1024), number, kind=BusKind.MEMORY)
             for number, bus in enumerate(self.names)
         }
         self.wired = Wired(system, name, self.buses, folder / "journal", clock)
@@ -43,7 +43,7 @@ class Slots:
 
     def begin(self):
         """From slot 0 on."""
-        self.struct.life.state, self.struct.life.armed = State.ACTIVE, 1
+        self.struct.life.state, self.struct.life.armed = LifeState.ACTIVE, 1
         native.functions().node_enable(c.byref(self.struct), 0)
 
     def step(self):

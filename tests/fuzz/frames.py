@@ -92,7 +92,7 @@ def decode(random: np.random.Generator, over: Callable[[int], bool]) -> int:
         else:
             assert (values == 12345.0).all(), f"{message.id:#x} wrote values and said {result!r}"
         if changed.length <= DATA:
-            native.check(native.Profile(message.e2e), bytes(message.data_ids), changed.payload)
+            native.check(native.E2EProfile(message.e2e), bytes(message.data_ids), changed.payload)
         done += 1
     return done
 
@@ -121,7 +121,7 @@ def _round(
 
     system = system_of(name)
     slot = library().node_slot
-    slot.argtypes = (c.POINTER(native.Node), c.c_int64, c.c_int64, c.c_uint32)
+    slot.argtypes = (c.POINTER(native.NodeStruct), c.c_int64, c.c_int64, c.c_uint32)
     pools: dict[str, list[Frame]] = {bus: [] for bus in system.deployment.buses}
     done = 0
     with twin.wired(system, folder) as nodes:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from bridge.cli.diff import lines
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.records.lives import Life
 from bridge.rehearsal.supervisor import Event, Rehearsal
 from tests.network.hosts import (
@@ -110,7 +110,7 @@ def test_a_partition_is_silence_and_loss_and_stops_nobody(runs: dict[str, Found]
         assert silence[:3900].max() < 0.5
         assert 1.8 < silence[5900] < 2.2
         assert 350 <= found.counts(node)["lost"] < 500
-        assert {int(s) for s in found.rows[node]["state"]} == {State.ACTIVE}
+        assert {int(s) for s in found.rows[node]["state"]} == {LifeState.ACTIVE}
     assert (found.packets("master>slave")["delay_ns"] < 0).sum() > 350
 
 
@@ -139,7 +139,7 @@ def test_one_that_was_frozen_for_longer_than_it_may_says_so(runs: dict[str, Foun
     assert found.reports["slave"]["end"] == "fault"
     assert found.reports["slave"]["reasons"] == ["overrun"]
     assert found.reports["master"]["end"] == "finished"
-    assert State.FAULT in found.rows["slave"]["state"]
+    assert LifeState.FAULT in found.rows["slave"]["state"]
 
 
 def test_what_a_connection_held_back_is_dropped_by_its_age(runs: dict[str, Found]):
@@ -157,4 +157,4 @@ def test_a_router_goes_away_and_comes_back(runs: dict[str, Found]):
         counts = found.counts(node)
         assert counts["lost"] > 150 and counts["ok"] > 1000
         assert found.silence(node).max() > 1.0
-        assert {int(s) for s in found.rows[node]["state"]} == {State.ACTIVE}
+        assert {int(s) for s in found.rows[node]["state"]} == {LifeState.ACTIVE}

@@ -13,7 +13,7 @@ from bridge.can.interface import BusSpec, SocketAttachment, attach
 from bridge.can.log import FrameLog, read_log, rows_of, write_log
 from bridge.can.socket import BusError, open_socket
 from bridge.native import pace
-from bridge.native.bus import Accept, Bus, State
+from bridge.native.bus import Accept, Bus, BusState
 from bridge.native.frame import Flags, Frame, frame_dtype
 from bridge.native.journal import Journal
 from tests.bridge.can.bus_contract import (
@@ -59,33 +59,33 @@ def test_an_interface_that_goes_down_is_state_and_comes_back(
     ours: SocketAttachment, vcan: tuple[str, str]
 ) -> None:
     call("ip", "link", "set", vcan[0], "down")
-    assert ours.bus.drain() == [] and ours.bus.state == State.DOWN
+    assert ours.bus.drain() == [] and ours.bus.state == BusState.DOWN
     assert [ours.bus.send(Frame.of(1)) for _ in range(3)] == [errno.ENETDOWN] * 3
     health = ours.health(pace.now())
     assert (health.send_failed, health.last_error) == (3, "Network is down")
     assert health.sentence() == "a: down, 3 not sent, Network is down"
     call("ip", "link", "set", vcan[0], "up")
     assert ours.bus.send(Frame.of(1)) == 0
-    assert (ours.bus.state, ours.bus.struct.restarts) == (State.ACTIVE, 1)
+    assert (ours.bus.state, ours.bus.struct.restarts) == (BusState.ACTIVE, 1)
 
 
 def test_who_only_receives_sees_that_the_interface_is_back(
     ours: SocketAttachment, vcan: tuple[str, str]
 ) -> None:
     call("ip", "link", "set", vcan[0], "down")
-    assert ours.bus.drain() == [] and ours.bus.state == State.DOWN
+    assert ours.bus.drain() == [] and ours.bus.state == BusState.DOWN
     call("ip", "link", "set", vcan[0], "up")
     peer = another(vcan[0])
     peer.send([Frame.of(7)])
     assert keys(collect(ours.bus, 1)) == [(7, 0, b"")]
-    assert ours.bus.state == State.ACTIVE
+    assert ours.bus.state == BusState.ACTIVE
     peer.close()
 
 
 def test_an_interface_that_is_taken_away_is_down(fresh_bus: str) -> None:
     ours = attach(BusSpec("a", "socketcan", fresh_bus))
     call("ip", "link", "del", "dev", fresh_bus)
-    assert ours.bus.drain() == [] and ours.bus.state == State.DOWN
+    assert ours.bus.drain() == [] and ours.bus.state == BusState.DOWN
     assert ours.bus.send(Frame.of(1)) in (errno.ENODEV, errno.ENXIO)
     assert ours.health(pace.now()).interface is None
     ours.close()
@@ -112,7 +112,7 @@ def test_a_queue_that_is_full_on_the_way_out_is_counted(
     assert set(results) == {0, errno.ENOBUFS}
     health = ours.health(pace.now())
     assert health.send_failed == results.count(errno.ENOBUFS) == 50 - health.sent
-    assert health.state == State.ACTIVE and not health.ok
+    assert health.state == BusState.ACTIVE and not health.ok
 
 
 @pytest.mark.parametrize(("length", "flags"), [(9, 0), (9, Flags.FD), (63, Flags.FD), (65, 1)])

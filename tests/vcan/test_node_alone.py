@@ -16,7 +16,7 @@ from bridge.can.codec import Codec
 from bridge.can.dbc import load
 from bridge.can.layout import find
 from bridge.native.journal import Journal
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 from tests.vcan.peers import PATIENCE, call
 from tests.vcan.rehearsals import CALM, ROOT, SCENARIO, ended, running, said, settings, slots, until
 
@@ -70,7 +70,7 @@ def test_it_says_what_it_is_before_it_starts(vcan: tuple[str, str], tmp_path: Pa
             assert message, "the bus is silent"
             heard[message.arbitration_id] = bytes(message.data)
         assert node.process.poll() is None
-    assert beat.decode(heard[beat.layout.identifier])[1][0] == State.INACTIVE
+    assert beat.decode(heard[beat.layout.identifier])[1][0] == LifeState.INACTIVE
     _, values, header = state.decode(heard[state.layout.identifier])
     assert header.status & Status.SIMULATED
     assert np.allclose(values[:2], [-np.pi / 3, -np.pi / 2], atol=1e-5)

@@ -14,7 +14,7 @@ from bridge.can.health import BusHealth
 from bridge.can.interface import Attachment
 from bridge.can.ringed import to_frame, to_message
 from bridge.native import pace
-from bridge.native.bus import Accept, Bus, State
+from bridge.native.bus import Accept, Bus, BusState
 from bridge.native.frame import Flags, Frame, frame_dtype
 from bridge.native.journal import Journal
 from cosim.base.clock import sleep, stopwatch
@@ -228,7 +228,7 @@ class BusContract:
 
     def test_error_frames_change_the_state_and_are_logged_but_not_given(self, pair: Pair):
         passive, off, restarted = bytes([0, 0x20, 0, 0, 0, 0, 130, 7]), bytes(8), bytes(8)
-        errors = [(0x204, passive, State.PASSIVE), (0x40, off, State.OFF)]
+        errors = [(0x204, passive, BusState.PASSIVE), (0x40, off, BusState.OFF)]
         for identifier, data, state in errors:
             pair.peer.send([Frame.of(identifier, data, Flags.ERROR)])
             self._until(pair, lambda state=state: pair.ours.bus.state == state)
@@ -236,7 +236,7 @@ class BusContract:
         pair.peer.send([Frame.of(0x100, restarted, Flags.ERROR), Frame.of(5)])
         assert keys(pair.take(1)) == [(5, 0, b"")]
         health = pair.health()
-        assert (health.state, health.restarts, health.error_frames) == (State.ACTIVE, 1, 3)
+        assert (health.state, health.restarts, health.error_frames) == (BusState.ACTIVE, 1, 3)
         assert (health.tx_errors, health.rx_errors) == (130, 7)
         logged = Journal.open(pair.log.path)
         assert logged["id"].tolist() == [0x204, 0x40, 0x100, 5]
@@ -254,7 +254,7 @@ class BusContract:
         pair.peer.send(numbered(10))
         pair.take(10)
         health = pair.health()
-        assert health.ok and health.state == State.ACTIVE
+        assert health.ok and health.state == BusState.ACTIVE
         assert (health.sent, health.received, health.error_frames) == (10, 10, 0)
         assert pair.ours.bus.traffic.frames == 20
         assert pair.ours.bus.traffic.bits == pytest.approx(20 * (47 + 64 + 98 / 30))

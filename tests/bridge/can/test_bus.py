@@ -18,7 +18,7 @@ from bridge.can.interface import BusSpec, attach, configuration, parse_spec
 from bridge.can.socket import BusError
 from bridge.native import bus as native
 from bridge.native import frame as frames
-from bridge.native.bus import Accept, Bus, Kind, State, Traffic, traffic_add
+from bridge.native.bus import Accept, Bus, BusKind, BusState, TrafficStruct, traffic_add
 from bridge.native.frame import Flags, Frame, Ring
 from bridge.native.journal import Journal
 from cosim.base.clock import sleep, stopwatch
@@ -52,8 +52,8 @@ class TestMemory(BusContract):
     def connect(self):
         def connect(log: Journal, accepts: Sequence[Accept] | None):
             a, b = Ring(8192), Ring(8192)
-            ours = Bus.of_rings(a, b, 3, log, accepts=accepts, kind=Kind.MEMORY)
-            return InMemory(ours), BusPeer(Bus.of_rings(b, a, kind=Kind.MEMORY))
+            ours = Bus.of_rings(a, b, 3, log, accepts=accepts, kind=BusKind.MEMORY)
+            return InMemory(ours), BusPeer(Bus.of_rings(b, a, kind=BusKind.MEMORY))
 
         return connect
 
@@ -77,7 +77,7 @@ class TestVirtual(BusContract):
 
 
 def test_structs_are_those_of_c():
-    known = [native.BusStruct, Accept, Traffic]
+    known = [native.BusStruct, Accept, TrafficStruct]
     assert [ctypes.sizeof(s) for s in known] == [native.sizes(i) for i in range(3)]
     assert [ctypes.sizeof(s) for s in (Frame, frames.RingStruct)] == [
         frames.sizes(i) for i in range(2)
@@ -140,7 +140,7 @@ def test_more_data_than_a_frame_holds_is_refused():
 
 def test_overrun_ring_counts_what_it_lost_and_keeps_the_oldest():
     a, b = Ring(16), Ring(16)
-    ours, peer = (Bus.of_rings(*r, kind=Kind.MEMORY) for r in ((a, b), (b, a)))
+    ours, peer = (Bus.of_rings(*r, kind=BusKind.MEMORY) for r in ((a, b), (b, a)))
     results = [peer.send(frame) for frame in numbered(20)]
     assert [r == 0 for r in results] == [True] * 16 + [False] * 4
     assert peer.struct.send_failed == 4 and peer.struct.last_errno == results[-1]
@@ -153,7 +153,7 @@ def test_overrun_ring_counts_what_it_lost_and_keeps_the_oldest():
 def test_full_log_is_counted_and_the_bus_goes_on(tmp_path):
     log = Journal.create(tmp_path / "j", frames.frame_dtype(8), 3)
     ring = Ring(16)
-    bus = Bus.of_rings(ring, ring, log=log, kind=Kind.MEMORY)
+    bus = Bus.of_rings(ring, ring, log=log, kind=BusKind.MEMORY)
     assert {bus.send(frame) for frame in numbered(5)} == {0}
     assert len(bus.drain()) == 5
     assert (len(log), bus_health(bus, "a", 0).log_dropped) == (3, 7)
@@ -162,7 +162,7 @@ def test_full_log_is_counted_and_the_bus_goes_on(tmp_path):
 def test_a_message_longer_than_a_row_of_the_log_is_cut_there_only(tmp_path):
     log = Journal.create(tmp_path / "j", frames.frame_dtype(64), 3)
     ring = Ring(16)
-    bus = Bus.of_rings(ring, ring, log=log, kind=Kind.MEMORY)
+    bus = Bus.of_rings(ring, ring, log=log, kind=BusKind.MEMORY)
     bus.send(Frame.of(1, bytes(range(200))))
     assert bus.drain()[0].payload == bytes(range(200))
     (row, _) = Journal.open(log.path)
@@ -171,7 +171,7 @@ def test_a_message_longer_than_a_row_of_the_log_is_cut_there_only(tmp_path):
 
 def test_traffic_of_the_last_second():
     """100 frames a second for 3 s; neither the older ones nor those of this 100 ms count."""
-    traffic = Traffic()
+    traffic = TrafficStruct()
     for k in range(300):
         traffic_add(traffic, Frame.of(1, bytes(8), t_ns=k * 10_000_000))
     rate = traffic.last_second(3_000_000_000)
@@ -196,7 +196,7 @@ def test_traffic_of_the_last_second():
 def test_bits_lie_between_no_stuffing_and_the_worst(
     flags, length, nominal, data, nominal_worst, data_worst
 ):
-    traffic = Traffic()
+    traffic = TrafficStruct()
     traffic_add(traffic, Frame.of(1, bytes(length), flags))
     assert nominal < traffic.bits < nominal_worst
     assert (data < traffic.data_bits < data_worst) if data else traffic.data_bits == 0
@@ -257,7 +257,7 @@ def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):
     def broken(self, timeout):
         raise can.CanOperationError("unplugged")
 
-    def wait_for(state: State) -> None:
+    def wait_for(state: BusState) -> None:
         elapsed = stopwatch()
         while attached.bus.state != state and elapsed() < PATIENCE:
             sleep(0.002)
@@ -265,9 +265,9 @@ def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):
     with monkeypatch.context() as unplugged:
         unplugged.setattr(can.interfaces.virtual.VirtualBus, "_recv_internal", broken)
         attached = attach(BusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
-        wait_for(State.DOWN)
+        wait_for(BusState.DOWN)
         assert attached.health(0).sentence() == "a: down, unplugged"
-    wait_for(State.ACTIVE)
+    wait_for(BusState.ACTIVE)
     assert attached.health(0).sentence() == "a: active, 1 restarts"
     attached.close()
 

@@ -16,10 +16,10 @@ from bridge.can.codec import Codec, verify
 from bridge.can.layout import CodecError, Layout, LayoutError, Signal, find, stream
 from bridge.native import message as native
 from bridge.native.frame import Flags
-from bridge.native.message import Decoded, Field, Header, Kind, Limit, Message, Receiver
+from bridge.native.message import Decoded, Field, FieldKind, Header, Limit, Message, Receiver
 from tests.bridge.can.layouts import LINKS, layout, layouts, placed
 
-INTEGERS = st.sampled_from([Kind.SIGNED, Kind.UNSIGNED])
+INTEGERS = st.sampled_from([FieldKind.SIGNED, FieldKind.UNSIGNED])
 
 
 def test_structs_are_as_large_as_in_c():
@@ -75,7 +75,7 @@ def test_motorola_and_intel_share_a_message():
     st.floats(-40, 40), st.sampled_from([2.0**-10, 0.01, 0.3, -0.25]), st.sampled_from([0.0, 5.0])
 )
 def test_rounded_to_the_nearest_and_saturated(value, scale, offset):
-    signal = Signal("x", 0, 8, Kind.SIGNED, scale=scale, offset=offset, invalid=-128)
+    signal = Signal("x", 0, 8, FieldKind.SIGNED, scale=scale, offset=offset, invalid=-128)
     codec = Codec(Layout("M", 1, 1, (signal,)))
     raw = round((value - offset) / scale)  # Python rounds halves to even too
     header = Header()
@@ -108,7 +108,7 @@ def test_zero_is_zero_and_invalid_is_invalid(file):
 
 
 def test_without_an_invalid_code_no_number_is_what_is_nearest_to_zero():
-    signals = (Signal("x", 0, 8), Signal("y", 8, 8, low=3), Signal("z", 16, 32, Kind.FLOAT))
+    signals = (Signal("x", 0, 8), Signal("y", 8, 8, low=3), Signal("z", 16, 32, FieldKind.FLOAT))
     codec = Codec(Layout("M", 1, 7, signals))
     for no_number in (math.nan, math.inf):
         header = Header()
@@ -137,8 +137,8 @@ def test_a_raw_value_outside_the_range_is_refused():
 def test_floats_of_32_and_64_bits(wide, narrow, limited):
     ends = {"low": -0.1, "high": 0.3} if limited else {}
     signals = (
-        Signal("x", 3, 64, Kind.FLOAT, invalid=0),
-        Signal("y", 71, 32, Kind.FLOAT, motorola=False, **ends),
+        Signal("x", 3, 64, FieldKind.FLOAT, invalid=0),
+        Signal("y", 71, 32, FieldKind.FLOAT, motorola=False, **ends),
     )
     codec = Codec(Layout("M", 1, 16, signals, Flags.FD))
     result, values, _ = codec.decode(codec.encode([wide, narrow]))
@@ -186,7 +186,7 @@ def test_signals_that_cannot_be_carried(signals, complaint):
     [
         (Signal("x", 60, 8), "bit 64 is not in 8 bytes"),
         (Signal("x", 9, 16), "taken by other"),
-        (Signal("x", 32, 16, Kind.FLOAT), "expected one of .32, 64."),
+        (Signal("x", 32, 16, FieldKind.FLOAT), "expected one of .32, 64."),
         (Signal("x", 32, 8, scale=0.0), "scale 0"),
         (Signal("x", 32, 8, low=200), "no value between"),
         (Signal("x", 32, 8, invalid=3), "invalid code 3"),

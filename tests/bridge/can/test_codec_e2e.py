@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 from bridge.can.codec import Codec
 from bridge.can.layout import stream
-from bridge.native.message import Decoded, Profile, check, protect
+from bridge.native.message import Decoded, E2EProfile, check, protect
 from tests.bridge.can.layouts import LINKS, layout, layouts
 
 IDS = bytes(range(16, 0, -1))
-LIMITS = {Profile.P02: 2, Profile.P05: 3, Profile.P04: 12}
+LIMITS = {E2EProfile.P02: 2, E2EProfile.P05: 3, E2EProfile.P04: 12}
 PROFILES = sorted(LIMITS)
 
 # (profile, data IDs, counter, data) -> what autosar-e2e 1.0.0 and cantools 45.1.0 (not P04) made of
@@ -54,27 +54,27 @@ GOLDEN = [
 def test_check_values_of_the_specification():
     """The CRC of "123456789" in AUTOSAR FO "Specification of CRC Routines"."""
     assert autosar_crc.calculate_crc8_h2f(b"123456789") == 0xDF  # the oracle means the same
-    one = protect(Profile.P02, b"9" * 16, 0, b"\0\x30" + b"2345678")
+    one = protect(E2EProfile.P02, b"9" * 16, 0, b"\0\x30" + b"2345678")
     assert one[1] == 0x30  # counter 0 beside the upper bits of byte 1
-    assert protect(Profile.P02, b"9" * 16, 1, b"\0\x30" + b"2345678")[0] == 0xDF
-    two = protect(Profile.P05, b"89" + bytes(14), ord("1"), b"\0\0\0" + b"234567")
+    assert protect(E2EProfile.P02, b"9" * 16, 1, b"\0\x30" + b"2345678")[0] == 0xDF
+    two = protect(E2EProfile.P05, b"89" + bytes(14), ord("1"), b"\0\0\0" + b"234567")
     assert two[:2] == (0x29B1).to_bytes(2, "little")
 
 
 @pytest.mark.parametrize(("profile", "ids", "counter", "data", "expected"), GOLDEN)
 def test_golden_vectors(profile, ids, counter, data, expected):
-    made = protect(Profile(profile), bytes.fromhex(ids), counter, bytes.fromhex(data))
+    made = protect(E2EProfile(profile), bytes.fromhex(ids), counter, bytes.fromhex(data))
     assert made.hex() == expected
-    assert check(Profile(profile), bytes.fromhex(ids), made) == (Decoded.OK, counter)
+    assert check(E2EProfile(profile), bytes.fromhex(ids), made) == (Decoded.OK, counter)
 
 
-def others(profile: Profile, ids: bytes, counter: int, data: bytes) -> bytes:
+def others(profile: E2EProfile, ids: bytes, counter: int, data: bytes) -> bytes:
     """What autosar-e2e makes."""
     out = bytearray(data)
-    if profile is Profile.P02:
+    if profile is E2EProfile.P02:
         out[1] = out[1] & 0xF0 | counter
         p02.e2e_p02_protect(out, ids, increment_counter=False)
-    elif profile is Profile.P05:
+    elif profile is E2EProfile.P05:
         out[2] = counter
         number = int.from_bytes(ids[:2], "little")
         p05.e2e_p05_protect(out, number, increment_counter=False)
@@ -95,9 +95,9 @@ def test_the_same_as_autosar_e2e_and_cantools(profile, data):
     made = protect(profile, ids, counter, text)
     assert made == others(profile, ids, counter, text)
     assert check(profile, ids, made) == (Decoded.OK, counter)
-    if profile is Profile.P02:
+    if profile is E2EProfile.P02:
         assert made == cantools.apply_profile2_crc(made, ids[counter])
-    elif profile is Profile.P05:
+    elif profile is E2EProfile.P05:
         assert made == cantools.apply_profile5_crc(made, int.from_bytes(ids[:2], "little"))
 
 
@@ -108,7 +108,7 @@ def test_short_and_foreign_messages(profile):
         assert check(profile, IDS, made[:length])[0] is Decoded.LENGTH
     for length in range(LIMITS[profile], 24):
         assert check(profile, IDS, made[:length])[0] is not Decoded.OK
-    other = bytes(16) if profile is Profile.P02 else bytes([IDS[0] ^ 1]) + IDS[1:]
+    other = bytes(16) if profile is E2EProfile.P02 else bytes([IDS[0] ^ 1]) + IDS[1:]
     assert check(profile, other, made)[0] is Decoded.CRC
 
 
@@ -130,11 +130,11 @@ def flipped(data: bytes, bits: tuple[int, ...]) -> bytes:
     return bytes(out)
 
 
-def syndromes(profile: Profile, ids: bytes, length: int, counter: int) -> np.ndarray:
+def syndromes(profile: E2EProfile, ids: bytes, length: int, counter: int) -> np.ndarray:
     """What each wrong bit alone changes in the CRC that a receiver computes, and reads. A CRC is
     linear, and so are our lists of data IDs: of more bits it is the sum."""
     made = protect(profile, ids, counter, bytes(length))
-    width = 1 if profile is Profile.P02 else 2
+    width = 1 if profile is E2EProfile.P02 else 2
     found = []
     for bit in range(8 * length):
         data = flipped(made, (bit,))
@@ -144,8 +144,8 @@ def syndromes(profile: Profile, ids: bytes, length: int, counter: int) -> np.nda
     return np.array(found)
 
 
-def check_counter(profile: Profile, data: bytes) -> int:
-    return data[1] & 15 if profile is Profile.P02 else data[2]
+def check_counter(profile: E2EProfile, data: bytes) -> int:
+    return data[1] & 15 if profile is E2EProfile.P02 else data[2]
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def check_counter(profile: Profile, data: bytes) -> int:
 def test_every_three_wrong_bits_are_detected(file, message):
     """All of them: no one, two or three syndromes sum to zero, whatever the counter."""
     found = layout(file, message)
-    counters = range(16) if found.profile is Profile.P02 else (0, 200)
+    counters = range(16) if found.profile is E2EProfile.P02 else (0, 200)
     for counter in counters:
         single = syndromes(found.profile, found.data_ids, found.length, counter)
         assert 0 not in single and len(set(single.tolist())) == len(single)
@@ -191,7 +191,7 @@ def test_wrong_bits_anywhere(data):
     assert result in (Decoded.CRC, Decoded.LENGTH)
     assert np.isnan(decoded).all()
     start = data.draw(st.integers(0, 8 * found.length - 1))  # a burst no longer than the CRC
-    width = {Profile.P02: 8, Profile.P05: 16, Profile.P04: 32}[found.profile]
+    width = {E2EProfile.P02: 8, E2EProfile.P05: 16, E2EProfile.P04: 32}[found.profile]
     body = LIMITS[found.profile] * 8
     if start >= body:
         burst = tuple(b for b in range(start, min(start + width, 8 * found.length)))

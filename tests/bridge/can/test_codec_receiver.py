@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.native.message import Profile, Received, receiver
+from bridge.native.message import E2EProfile, Rejection, receiver
 
 PERIOD = 5_000_000  # ns
-PROFILES = st.sampled_from([Profile.P02, Profile.P05, Profile.P04])
+PROFILES = st.sampled_from([E2EProfile.P02, E2EProfile.P05, E2EProfile.P04])
 
 
 def counted(r) -> tuple[int, ...]:
@@ -18,14 +18,14 @@ def counted(r) -> tuple[int, ...]:
 
 
 def test_in_order():
-    r = receiver(PERIOD, Profile.P02)
+    r = receiver(PERIOD, E2EProfile.P02)
     found = [r.accept(k & 15, k * PERIOD) for k in range(100)]
     assert found == list(range(100)) and counted(r) == (100, 0, 0, 0, 0)
     assert (r.sequence, r.arrival_ns, r.sampled_ns) == (99, 99 * PERIOD, 99 * PERIOD)
 
 
 def test_what_is_lost_repeated_and_overtaken():
-    r = receiver(PERIOD, Profile.P05)
+    r = receiver(PERIOD, E2EProfile.P05)
     order = [10, 11, 11, 14, 13, 12, 14, 15, 200]
     now = [10, 11, 11.2, 14, 14.1, 14.2, 14.3, 15, 200]
     found = [r.accept(k & 255, int(t * PERIOD)) for k, t in zip(order, now, strict=True)]
@@ -35,16 +35,16 @@ def test_what_is_lost_repeated_and_overtaken():
 
 
 def test_the_number_of_an_older_one_is_told():
-    r = receiver(PERIOD, Profile.P02)
+    r = receiver(PERIOD, E2EProfile.P02)
     for k in (30, 33):
         r.accept(k & 15, k * PERIOD)
-    assert r.accept(31 & 15, 33 * PERIOD + 1) == Received.OLDER
+    assert r.accept(31 & 15, 33 * PERIOD + 1) == Rejection.OLDER
     assert r.older == 31
 
 
 def test_a_late_node_catches_up_in_one_burst():
     """Twelve periods of nothing, then twelve frames at once: with a 4-bit counter."""
-    r = receiver(PERIOD, Profile.P02)
+    r = receiver(PERIOD, E2EProfile.P02)
     for k in range(50):
         r.accept(k & 15, k * PERIOD)
     found = [r.accept(k & 15, 61 * PERIOD + k) for k in range(50, 62)]
@@ -54,19 +54,19 @@ def test_a_late_node_catches_up_in_one_burst():
 
 def test_after_a_silence_of_more_than_a_turn_no_number_is_guessed():
     """Lost or late? A burst does not tell; frames at their pace do."""
-    r = receiver(PERIOD, Profile.P02)
+    r = receiver(PERIOD, E2EProfile.P02)
     for k in range(50):
         r.accept(k & 15, k * PERIOD)
     burst = [r.accept(k & 15, 70 * PERIOD + k) for k in range(50, 70)]
-    assert set(burst) == {Received.WRONG}
+    assert set(burst) == {Rejection.WRONG}
     paced = [r.accept(k & 15, k * PERIOD + 100) for k in range(71, 76)]
-    assert paced == [Received.WRONG, Received.WRONG, 73, 74, 75]
+    assert paced == [Rejection.WRONG, Rejection.WRONG, 73, 74, 75]
     assert (r.resyncs, r.wrong_sequence) == (1, 22)
 
 
 def test_a_counter_without_a_stamp_begins_anew():
     """The third frame is believed; its number is that of the time."""
-    r = receiver(PERIOD, Profile.P05)
+    r = receiver(PERIOD, E2EProfile.P05)
     for k in range(1000, 1010):
         r.accept(k & 255, k * PERIOD)
     found = [r.accept(k, (1010 + k) * PERIOD) for k in range(300)]
@@ -75,7 +75,7 @@ def test_a_counter_without_a_stamp_begins_anew():
 
 
 def test_a_stamp_stays_true_when_the_counter_begins_anew():
-    r = receiver(PERIOD, Profile.P05, time_bits=32)
+    r = receiver(PERIOD, E2EProfile.P05, time_bits=32)
     for k in range(1000, 1010):
         r.accept(k & 255, k * PERIOD, k * 5000)
     found = [r.accept(k, (1010 + k) * PERIOD, (1010 + k) * 5000) for k in range(300)]
@@ -83,7 +83,7 @@ def test_a_stamp_stays_true_when_the_counter_begins_anew():
 
 
 def test_a_recording_of_stamped_frames_is_never_believed():
-    r = receiver(PERIOD, Profile.P05, time_bits=32)
+    r = receiver(PERIOD, E2EProfile.P05, time_bits=32)
     for k in range(1000):
         r.accept(k & 255, k * PERIOD, k * 5000)
     again = [r.accept(k & 255, (1000 + k) * PERIOD, k * 5000) for k in range(1000)]
@@ -93,11 +93,11 @@ def test_a_recording_of_stamped_frames_is_never_believed():
 def test_the_first_of_all_is_not_negative():
     """One that cannot have been sent yet is believed when others follow it."""
     for counter in range(2, 14):
-        r = receiver(PERIOD, Profile.P02)
+        r = receiver(PERIOD, E2EProfile.P02)
         found = [r.accept(counter + k & 15, k * PERIOD) for k in range(3)]
-        assert found == [Received.WRONG, Received.WRONG, counter + 2]
+        assert found == [Rejection.WRONG, Rejection.WRONG, counter + 2]
     for counter in range(2):
-        assert receiver(PERIOD, Profile.P02).accept(counter, 0) == counter
+        assert receiver(PERIOD, E2EProfile.P02).accept(counter, 0) == counter
 
 
 def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tuple[int, int]]:
@@ -134,9 +134,9 @@ def test_never_a_wrong_number(profile, seed, drift, loss):
             assert found == k > last
             last = k
             taken.append(k)
-        elif found == Received.REPEATED:
+        elif found == Rejection.REPEATED:
             assert k == last == r.older
-        elif found == Received.OLDER:
+        elif found == Rejection.OLDER:
             assert k == r.older < last
     assert r.ok == len(taken)
     assert r.ok + r.lost == (taken[-1] - taken[0] + 1 if taken else 0)
@@ -146,7 +146,7 @@ def test_never_a_wrong_number(profile, seed, drift, loss):
 @pytest.mark.parametrize("bits", [4, 8, 16])
 def test_minutes_of_drift(bits):
     """A sender 200 ppm fast or slow, for five minutes; every fifth frame arrives."""
-    profile = {4: Profile.P02, 8: Profile.P05, 16: Profile.P04}[bits]
+    profile = {4: E2EProfile.P02, 8: E2EProfile.P05, 16: E2EProfile.P04}[bits]
     for drift in (2e-4, -2e-4):
         r = receiver(PERIOD, profile)
         for k in range(0, 60_000, 5):

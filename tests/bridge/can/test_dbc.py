@@ -14,7 +14,7 @@ from bridge.can import dbc
 from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError
 from bridge.native.frame import Flags
-from bridge.native.message import Profile
+from bridge.native.message import E2EProfile
 from tests.bridge.can.layouts import CONFIGS, LINKS, layout, layouts
 
 NODES = range(1, 9)
@@ -48,7 +48,7 @@ def test_fd_frames(file, joints):
     assert link.length == state.length == 8 + 8 * joints
     names = [f"{port}{i + 1}" for port in ("tau", "xi") for i in range(joints)]
     assert [s.name for s in link.signals] == names
-    assert link.flags == Flags.FD | Flags.BRS and link.profile is Profile.P05
+    assert link.flags == Flags.FD | Flags.BRS and link.profile is E2EProfile.P05
     assert {s.unit for s in state.signals} == {"rad", "rad/s"}
     assert {s.scale for s in link.signals} == {2.0**-20}
     assert link.period == 0.001 and layout(file, "HEARTBEAT_1").flags == 0
@@ -60,16 +60,16 @@ def test_classic_frames(file, joints):
         own = [x for x in layouts(file) if x.name.endswith("_5") and x.period == 0.005]
         signals = [s for x in own for s in x.signals if s.name.rstrip("1234567") == port]
         assert [s.name for s in signals] == [f"{port}{i + 1}" for i in range(joints)]
-        assert all(x.length == 8 and x.profile is Profile.P02 for x in own)
+        assert all(x.length == 8 and x.profile is E2EProfile.P02 for x in own)
         assert all(np.log2(s.scale) % 1 == 0 and s.invalid == -(2**15) for s in signals)
 
 
 @pytest.mark.parametrize("file", LINKS)
 def test_data_ids_tell_messages_apart(file):
-    lists = [list(x.data_ids) for x in layouts(file) if x.profile is Profile.P02]
+    lists = [list(x.data_ids) for x in layouts(file) if x.profile is E2EProfile.P02]
     assert all(len(set(column)) == len(lists) for column in zip(*lists, strict=True))
     assert all(len(set(ids)) == 16 for ids in lists)
-    numbers = [x.data_ids[:2] for x in layouts(file) if x.profile is Profile.P05]
+    numbers = [x.data_ids[:2] for x in layouts(file) if x.profile is E2EProfile.P05]
     assert len(set(numbers)) == len(numbers)
 
 
@@ -169,7 +169,7 @@ def test_a_foreign_file_needs_no_attribute(tmp_path):
     mux = ' SG_ m M : 0|8@1+ (1,0) [0|0] "" A\n SG_ a m0 : 8|8@1- (1,0) [0|0] "" A\n'
     path.write_text(HEAD + bo(5, "X") + bo(2147483654, "E") + bo(7, "M", mux))
     one, extended, multiplexed = dbc.load(path)
-    assert one.profile is Profile.NONE and [s.name for s in one.signals] == ["crc", "counter"]
+    assert one.profile is E2EProfile.NONE and [s.name for s in one.signals] == ["crc", "counter"]
     assert extended.flags == Flags.EXTENDED and extended.identifier == 6
     assert [s.name for s in multiplexed.signals] == ["m"]  # of multiplexed signals, the selector
     assert Codec(one).encode([7, 3]).hex() == "0703000000000000"

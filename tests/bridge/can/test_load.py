@@ -36,7 +36,7 @@ def native_frame(drawn: Drawn) -> Frame:
 
 
 def test_structs_are_those_of_c() -> None:
-    assert native.sizes(0) == ctypes.sizeof(native.Bits)
+    assert native.sizes(0) == ctypes.sizeof(native.BitsStruct)
 
 
 @settings(max_examples=120)

@@ -23,7 +23,7 @@ from bridge.native.frame import Flags, Frame, Ring, frame_dtype
 from bridge.native.journal import Journal
 from bridge.native.message import Header
 from bridge.native.node import NEVER_STARTED
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.node import drive_enable
 from bridge.node.lockstep import Lockstep
 from bridge.recording import run_folder
@@ -56,7 +56,7 @@ def altered(frame, flags, t_ns=None):
 
 def link(system, message="LINK_2", counter=0):
     carried = system.messages[message]
-    header = Header(counter=counter, status=State.ACTIVE)
+    header = Header(counter=counter, status=LifeState.ACTIVE)
     return carried.encoding.frame([0.0] * carried.outlet.width, header)
 
 
@@ -92,7 +92,7 @@ def test_rows_are_chosen_as_frames_are(system):
 
 @pytest.mark.parametrize("flags", FORMATS)
 def test_a_listener_hears_messages_and_heartbeats_in_their_format(system, monkeypatch, flags):
-    beat = system.services["left"].heartbeats[1].encode([State.ACTIVE, 0, 1, 1])
+    beat = system.services["left"].heartbeats[1].encode([LifeState.ACTIVE, 0, 1, 1])
     number = system.services["left"].heartbeats[1].message.id
     coming = [altered(link(system), flags), altered(Frame.of(number, beat), flags)]
     ear = SimpleNamespace(drain=lambda: coming, close=lambda: None)

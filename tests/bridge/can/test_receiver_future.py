@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.native.message import Profile, receiver
+from bridge.native.message import E2EProfile, receiver
 
 PERIOD = 5_000_000  # ns
 OFFSET = 500_000
-PROFILES = st.sampled_from([Profile.P02, Profile.P05, Profile.P04])
+PROFILES = st.sampled_from([E2EProfile.P02, E2EProfile.P05, E2EProfile.P04])
 STAMPS = st.sampled_from([0, 16, 32])
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -58,7 +58,7 @@ def test_no_number_is_ahead_of_its_time(profile, bits, seed, period, loss):
 def test_forged_counters_and_stamps_lead_nowhere_ahead(bits, seed, anything):
     """A flood of anything between the frames of the true sender."""
     random = np.random.default_rng(seed)
-    r = receiver(PERIOD, Profile.P05, OFFSET, [0, 16, 32][bits % 3])
+    r = receiver(PERIOD, E2EProfile.P05, OFFSET, [0, 16, 32][bits % 3])
     clocks = 2 * PERIOD
     for k in range(300):
         true = k * PERIOD + OFFSET + 300_000
@@ -70,7 +70,7 @@ def test_forged_counters_and_stamps_lead_nowhere_ahead(bits, seed, anything):
         r.accept(k & 255, true, stamp(k, r.time_bits))
 
 
-@pytest.mark.parametrize("profile", [Profile.P02, Profile.P05, Profile.P04])
+@pytest.mark.parametrize("profile", [E2EProfile.P02, E2EProfile.P05, E2EProfile.P04])
 @pytest.mark.parametrize("bits", [0, 16, 32])
 @pytest.mark.parametrize("ahead", [1, 2, 3, 7, 15, 60, 127, 200, 255])
 def test_one_forged_frame_shuts_nobody_out(profile, bits, ahead):
@@ -108,7 +108,7 @@ def test_a_few_forged_frames_leave_the_true_sender_heard(profile, bits, seed):
     assert longest <= 2
 
 
-@pytest.mark.parametrize("profile", [Profile.P02, Profile.P05, Profile.P04])
+@pytest.mark.parametrize("profile", [E2EProfile.P02, E2EProfile.P05, E2EProfile.P04])
 @pytest.mark.parametrize("bits", [0, 16, 32])
 @pytest.mark.parametrize("anew", [0, 5, 77])
 def test_a_sender_that_counts_anew_is_heard_with_its_third_frame(profile, bits, anew):
@@ -127,7 +127,7 @@ def test_a_sender_that_counts_anew_is_heard_with_its_third_frame(profile, bits, 
 @pytest.mark.parametrize("late", [0.1, 0.4, 1.0, 4.0])
 def test_stamp_and_counter_tell_a_sample_however_late_it_is(late):
     """16 bits of microseconds and 4 of a counter: one sample in 41 s."""
-    r = receiver(PERIOD, Profile.P02, OFFSET, 16)
+    r = receiver(PERIOD, E2EProfile.P02, OFFSET, 16)
     for k in range(1000):
         t = k * PERIOD + OFFSET + (int(late * 1e9) if k >= 500 else 100_000)
         assert r.accept(k & 15, t, stamp(k, 16)) == k
@@ -136,14 +136,14 @@ def test_stamp_and_counter_tell_a_sample_however_late_it_is(late):
 
 def test_a_clock_ahead_by_more_than_a_period_is_believed_with_the_third_frame():
     """Two hosts whose runs began 80 ms apart."""
-    r = receiver(PERIOD, Profile.P04, OFFSET, 32)
+    r = receiver(PERIOD, E2EProfile.P04, OFFSET, 32)
     found = [r.accept(k, k * PERIOD + OFFSET - 80_000_000, stamp(k, 32)) for k in range(100, 300)]
     assert max(found[:2]) < 0 and found[2:] == list(range(102, 300)) and r.resyncs == 0
 
 
 def test_without_a_counter_a_sample_a_period_and_never_a_later_one():
     """Of a flood one a period is taken, and one for jitter."""
-    r = receiver(PERIOD, Profile.NONE, OFFSET)
+    r = receiver(PERIOD, E2EProfile.NONE, OFFSET)
     for n in range(5000):
         t = OFFSET + n * PERIOD // 50
         found = r.accept(0, t)
@@ -151,7 +151,7 @@ def test_without_a_counter_a_sample_a_period_and_never_a_later_one():
     assert r.repeated > 4700
 
 
-@pytest.mark.parametrize("profile", [Profile.P02, Profile.P05, Profile.P04])
+@pytest.mark.parametrize("profile", [E2EProfile.P02, E2EProfile.P05, E2EProfile.P04])
 @pytest.mark.parametrize("bits", [16, 32])
 @pytest.mark.parametrize("turned", [-9, 1, 5])
 def test_numbers_are_right_again_when_somebody_else_has_turned_the_counter(profile, bits, turned):
@@ -171,7 +171,7 @@ def test_numbers_are_right_again_when_somebody_else_has_turned_the_counter(profi
 
 def test_one_frame_does_not_turn_a_counter_back():
     """Of a sender that counts otherwise than its stamps, and a forged frame now and then."""
-    r = receiver(PERIOD, Profile.P04, OFFSET, 32)
+    r = receiver(PERIOD, E2EProfile.P04, OFFSET, 32)
     heard = []
     for k in range(1000, 1200):
         t = k * PERIOD + OFFSET + 300_000

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bridge.drives.profiles import load_profile
 from bridge.native.message import Decoded
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.replay import replay
 from cosim.base.errors import ScenarioError
 from tests.bridge.deployments import CONFIGS, document, named, run_twin, signal, system_of
@@ -88,7 +88,7 @@ def test_the_twin_reaches_q_h_within_the_drives_torque_and_replays(tmp_path):
     system = named("can-damiao")
     rows = run_twin(system, tmp_path / "twin")
     for arm in ("master", "slave"):
-        assert set(rows[arm]["state"].tolist()) == {State.ACTIVE}
+        assert set(rows[arm]["state"].tolist()) == {LifeState.ACTIVE}
         assert np.abs(signal(system, rows, arm, f"{arm}.q")[-1] - [3.5, 3.0]).max() < 0.02
         sent = rows[f"{arm}_control"]["sent"]
         assert np.abs(sent[:, :2]).max() <= 7.0
@@ -103,7 +103,7 @@ def test_a_drive_behaves_as_its_profile_says_and_by_the_joint(tmp_path):
     rows = run_twin(system_of(found, tmp_path, "run.stop=1"), tmp_path / "twin")["master"]
     first = int(np.flatnonzero(rows["reasons"])[0])
     assert 20 <= first <= 24
-    assert rows["state"][-1] == State.FAULT
+    assert rows["state"][-1] == LifeState.FAULT
 
 
 @pytest.mark.parametrize(

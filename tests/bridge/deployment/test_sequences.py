@@ -10,7 +10,7 @@ import pytest
 from bridge.drives.profiles import load_profile
 from bridge.native import node as native
 from bridge.native.frame import Frame
-from bridge.native.safety import Command, DriveState, State
+from bridge.native.safety import Command, DriveState, LifeState
 from bridge.records.lives import Life
 from bridge.replay import replay, twin
 from cosim.base.clock import monotonic_ns
@@ -46,8 +46,8 @@ def torque(frame):
 
 def test_an_emergency_stop_ramps_the_torque_to_0_and_then_disables_the_drives(tmp_path):
     rows, frames = stopped(named("can-damiao", "run.stop=0.5", RAMP, *DEAF), tmp_path)
-    fault = int(np.flatnonzero(rows["state"] == State.FAULT)[0])
-    assert rows["state"][fault - 1] == State.STOPPING
+    fault = int(np.flatnonzero(rows["state"] == LifeState.FAULT)[0])
+    assert rows["state"][fault - 1] == LifeState.STOPPING
     first = next(i for i, f in enumerate(frames) if f.payload == DISABLE)
     torques, rest = frames[:first], frames[first:]
     assert [(f.id, f.payload) for f in rest[:2]] == [(1, DISABLE), (2, DISABLE)]
@@ -72,7 +72,7 @@ def test_reset_arm_and_start_enable_them_again(tmp_path):
     ) as slots:
         slots.begin()
         slots.struct.alarm = native.RAISED
-        while slots.struct.life.state != State.FAULT:
+        while slots.struct.life.state != LifeState.FAULT:
             slots.step()
         slots.struct.stopping = 0
         for command in (Command.RESET, Command.ARM, Command.START):
@@ -183,7 +183,7 @@ def test_no_request_moves_a_drive_whose_node_is_in_fault(system, tmp_path):
     with Slots(system, "master", tmp_path) as slots:
         slots.begin()
         slots.struct.life.now |= 32
-        while slots.struct.life.state != State.FAULT:
+        while slots.struct.life.state != LifeState.FAULT:
             slots.step()
         for data in (CLEAR, ENABLE):
             slots.put("left", Frame.of(1, data), slots.struct.slot * slots.struct.h_ns * 1e-9)

@@ -10,7 +10,7 @@ import pytest
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Flags, Frame
 from bridge.native.message import Decoded, Header
-from bridge.native.safety import State, Why
+from bridge.native.safety import LifeState, Why
 from cosim.base.errors import ScenarioError
 from tests.bridge.deployments import document, named, system_of
 from tests.bridge.slots import Slots
@@ -37,12 +37,12 @@ def alone(folder, *settings):
 def payloads(system):
     """Of a good frame of each kind: what it has to be to be taken."""
     service = system.services["left"]
-    header = Header(status=State.ACTIVE | 128)
+    header = Header(status=LifeState.ACTIVE | 128)
     return {
         NMT: service.nmt.encode([STOP, 0]),
         ESTOP: service.estop.encode([1, 0]),
         SYNC: service.sync.encode([1]),
-        HEARTBEAT: service.heartbeats[1].encode([State.ACTIVE, 0, 1, 1]),
+        HEARTBEAT: service.heartbeats[1].encode([LifeState.ACTIVE, 0, 1, 1]),
         STATE: system.messages["STATE_1"].encoding.frame([0.0] * 4, header).payload,
         STRANGER: bytes(8),
     }
@@ -134,7 +134,7 @@ def test_on_a_bus_of_drives_there_is_nothing_but_their_frames(tmp_path):
         torques = [v[0] for ok, v, _ in map(command.decode, said) if ok is Decoded.OK]
     assert motors.keys() == {1, 2}
     assert link[ESTOP] == 10 and link[SYNC] and link[0x702]
-    assert rows["state"][-1] == State.FAULT and rows["scale"][-1] == 0.0
+    assert rows["state"][-1] == LifeState.FAULT and rows["scale"][-1] == 0.0
     assert abs(torques[-1]) < 0.01 and said[-1] == b"\xff" * 7 + b"\xfd"  # disabled at last
 
 

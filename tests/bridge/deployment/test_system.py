@@ -16,8 +16,8 @@ def test_structs_are_as_large_here_as_in_c():
     sizes = native.functions().node_sizes
     for number, kind in enumerate(native.STRUCTS):
         assert sizes(number) == c.sizeof(kind), kind.__name__
-    assert sizes(7) == c.sizeof(native.Played)
-    assert sizes(8) == c.sizeof(native.Forward)
+    assert sizes(7) == c.sizeof(native.PlayedStruct)
+    assert sizes(8) == c.sizeof(native.ForwardStruct)
     assert sizes(9) == c.sizeof(native.Services)
     assert sizes(11) == c.sizeof(native.Inside)
     assert sizes(12) == sizes(-1) == 0

@@ -13,7 +13,7 @@ from bridge.deployment.drive_sequences import REQUESTS
 from bridge.drives.model import Drive
 from bridge.drives.profiles import Joint, Part, Profile
 from bridge.native.message import Decoded
-from bridge.native.safety import DriveState, Request
+from bridge.native.safety import DriveRequest, DriveState
 from bridge.safety.limits import in_si
 from cosim.base.errors import ScenarioError
 
@@ -60,9 +60,9 @@ class EmulatedDrive:
         self._beat = None if host is None else profile.host_heartbeat(host)
         self._beat_ns = -1  # of the last heartbeat; its time-out runs from the first one on
         self.refused = 0  # frames of a rehearsal that a real drive must not follow
-        self.drive.request(Request.POWER_ON, 0)
+        self.drive.request(DriveRequest.POWER_ON, 0)
         if not profile.sequences["enable"]:
-            self.drive.request(Request.ENABLE, 0)
+            self.drive.request(DriveRequest.ENABLE, 0)
 
     def receive(self, identifier: int, data: bytes, now_ns: int) -> Raws:
         """Take a frame; what it is answered by at once (a register read back)."""

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.drives.model import Drive, DriveSpec
-from bridge.native.safety import DriveState, Request, Status
+from bridge.native.safety import DriveRequest, DriveState, Status
 from cosim.base.errors import ScenarioError
 
 H, MS = 1e-3, 1_000_000
@@ -20,8 +20,8 @@ SPEC = DriveSpec(tau_max=10.0, watchdog="5 ms", damping=0.5)
 
 def enabled(spec: DriveSpec = SPEC, joints: int = 1) -> Drive:
     drive = spec.build(joints, H)
-    assert drive.request(Request.POWER_ON, 0) == DriveState.READY
-    assert drive.request(Request.ENABLE, 0) == DriveState.ENABLED
+    assert drive.request(DriveRequest.POWER_ON, 0) == DriveState.READY
+    assert drive.request(DriveRequest.ENABLE, 0) == DriveState.ENABLED
     return drive
 
 
@@ -60,8 +60,8 @@ def test_nothing_of_the_torque_outlives_a_disable() -> None:
     drive = enabled(replace(SPEC, lag=5e-3))
     drive.step([4.0], True, [0.0], 0)
     assert drive.tau[0] > 0
-    drive.request(Request.DISABLE, 0)
-    drive.request(Request.ENABLE, 0)
+    drive.request(DriveRequest.DISABLE, 0)
+    drive.request(DriveRequest.ENABLE, 0)
     assert drive.step([0.0], True, [0.0], 0)[0] == 0.0
 
 
@@ -71,8 +71,8 @@ def test_ten_steps_are_one_step_of_ten_times_the_length() -> None:
         enabled(replace(SPEC, lag=5e-3)),
         DriveSpec(lag=5e-3, watchdog=0).build(1, 10 * H),
     )
-    coarse.request(Request.POWER_ON, 0)
-    coarse.request(Request.ENABLE, 0)
+    coarse.request(DriveRequest.POWER_ON, 0)
+    coarse.request(DriveRequest.ENABLE, 0)
     acted = [fine.step([4.0], True, [0.0], k * MS)[0] for k in range(10)]
     assert np.isclose(np.mean(acted), coarse.step([4.0], True, [0.0], 0)[0], rtol=1e-13)
     assert np.isclose(fine.tau[0], coarse.tau[0], rtol=1e-13)
@@ -100,16 +100,16 @@ def test_no_command_gets_more_than_tau_max_out(
 def test_every_request_in_every_state() -> None:
     """OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY; FAULT -CLEAR-> READY; any -OFF-> OFF."""
     allowed = {
-        (DriveState.OFF, Request.POWER_ON): DriveState.READY,
-        (DriveState.READY, Request.ENABLE): DriveState.ENABLED,
-        (DriveState.ENABLED, Request.DISABLE): DriveState.READY,
-        (DriveState.FAULT, Request.CLEAR): DriveState.READY,
+        (DriveState.OFF, DriveRequest.POWER_ON): DriveState.READY,
+        (DriveState.READY, DriveRequest.ENABLE): DriveState.ENABLED,
+        (DriveState.ENABLED, DriveRequest.DISABLE): DriveState.READY,
+        (DriveState.FAULT, DriveRequest.CLEAR): DriveState.READY,
     }
     drive = SPEC.build(1, H)
     for state in DriveState:
-        for request in Request:
+        for request in DriveRequest:
             drive.struct.state = state
-            off = request == Request.POWER_OFF
+            off = request == DriveRequest.POWER_OFF
             expected = DriveState.OFF if off else allowed.get((state, request), state)
             assert drive.request(request, 0) == expected
 
@@ -129,9 +129,9 @@ def test_the_watchdog_latches_a_fault_that_damps() -> None:
     assert drive.step([3.0], False, [1.0], 7 * MS)[0] == -0.5
     assert drive.state == DriveState.FAULT
     assert drive.step([3.0], True, [2.0], 8 * MS)[0] == -1.0  # commands again: still a fault
-    assert drive.request(Request.ENABLE, 9 * MS) == DriveState.FAULT
-    assert drive.request(Request.CLEAR, 9 * MS) == DriveState.READY
-    assert drive.request(Request.ENABLE, 9 * MS) == DriveState.ENABLED
+    assert drive.request(DriveRequest.ENABLE, 9 * MS) == DriveState.FAULT
+    assert drive.request(DriveRequest.CLEAR, 9 * MS) == DriveState.READY
+    assert drive.request(DriveRequest.ENABLE, 9 * MS) == DriveState.ENABLED
     assert drive.step([3.0], True, [1.0], 10 * MS)[0] == 3.0
     assert drive.struct.faults == 1
 

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.drives.profiles import load_profile
 from bridge.native.frame import Frame
-from bridge.native.safety import DriveState, State
+from bridge.native.safety import DriveState, LifeState
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
 from tests.bridge.bench import until
@@ -84,13 +84,18 @@ def test_a_sync_follows_the_commands_of_each_slot(tmp_path):
 
 @pytest.mark.parametrize(
     ("life", "said"),
-    [(State.INACTIVE, 0x7F), (State.STOPPING, 5), (State.FAULT, 4), (State.FINISHED, 4)],
+    [
+        (LifeState.INACTIVE, 0x7F),
+        (LifeState.STOPPING, 5),
+        (LifeState.FAULT, 4),
+        (LifeState.FINISHED, 4),
+    ],
 )
 def test_its_state_is_told_as_cia_301_numbers_it(tmp_path, life, said):
     with Slots(cia402(tmp_path, "run.stop=0.02"), "master_control", tmp_path) as slots:
         slots.begin()
         slots.struct.life.state, slots.struct.life.armed = life, 0
-        slots.struct.life.reasons = 128 if life in (State.STOPPING, State.FAULT) else 0
+        slots.struct.life.reasons = 128 if life in (LifeState.STOPPING, LifeState.FAULT) else 0
         slots.struct.life.ramp = 1000
         slots.run(begin=False)
         assert {f.payload[0] for b, f in slots.sent if b == "left" and f.id == BEAT} == {said}

@@ -16,7 +16,7 @@ from bridge.monitor.journal_signals import Held, ages, late
 from bridge.monitor.snapshot import SPAN, WAITING, snapshot
 from bridge.monitor.view import line, tables
 from bridge.native.journal import Journal, JournalError
-from bridge.native.safety import State, Why
+from bridge.native.safety import LifeState, Why
 from bridge.recording.journal_tail import Tail
 from bridge.recording.live_run import Watched, find_run, read_facts
 from bridge.records.lives import Life
@@ -110,7 +110,7 @@ def test_nodes_are_those_of_the_journals(made):
         assert node.slot == rows["slot"][-1]
         assert node.late is not None
         assert (node.late.count, node.late.maximum) == (len(last), lateness.max())
-        assert node.state == State(int(rows["state"][-1])).name.lower()
+        assert node.state == LifeState(int(rows["state"][-1])).name.lower()
 
 
 def test_inputs_have_the_ages_of_the_journals(made):
@@ -192,7 +192,7 @@ def test_what_stopped_a_node_is_said(run):
     row = Tail(run / NODES / "slave.journal").row
     path = run / NODES / "slave.journal"
     kept = Journal.open(path).copy()
-    kept["state"][-1], kept["reasons"][-1] = State.STOPPING, Why.PEER
+    kept["state"][-1], kept["reasons"][-1] = LifeState.STOPPING, Why.PEER
     kept["woke_ns"][-1] += 7_000_000
     with Journal.create(path, row, len(kept)) as journal:
         for values in kept:

@@ -14,7 +14,7 @@ from bridge.monitor.listener_view import tables, view
 from bridge.native import message as native
 from bridge.native.frame import Frame
 from bridge.native.message import Header
-from bridge.native.safety import State, Status, Why
+from bridge.native.safety import LifeState, Status, Why
 from bridge.node.buses import can_spec
 from bridge.safety.limits import explain
 from cosim.base.clock import monotonic_ns, sleep
@@ -67,7 +67,7 @@ def taken(listener, n):
 def test_values_status_and_losses(system, talker):
     carried = system.messages["LINK_2"]
     width, skipped = carried.outlet.width, (5, 6, 11)
-    status = State.ACTIVE | Status.DEADMAN | Status.SIMULATED
+    status = LifeState.ACTIVE | Status.DEADMAN | Status.SIMULATED
     with Listener(system) as listener:
         sent = 0
         for k in range(20):
@@ -105,7 +105,7 @@ def test_heartbeats_tell_the_state_of_a_node(system, talker):
     number = system.deployment.nodes["master_control"].number
     with Listener(system) as listener:
         assert "nobody there" in view(listener, monotonic_ns()).line
-        talker.bus.send(encoded(beats[number], [State.STOPPING, Why.PEER, 3, 1]))
+        talker.bus.send(encoded(beats[number], [LifeState.STOPPING, Why.PEER, 3, 1]))
         assert taken(listener, 1) == 1
         beat = listener.beats["master_control"]
         assert (beat.state, beat.boots, beat.armed) == ("stopping", 3, True)

@@ -15,7 +15,7 @@ from bridge.deployment.zenoh_keys import names_of
 from bridge.monitor.listener import Listener
 from bridge.monitor.listener_view import view
 from bridge.native.frame import Frame
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.node.buses import can_spec
 from bridge.zenoh.attach import open_bus
 from bridge.zenoh.certificates import make_keys
@@ -144,10 +144,10 @@ def test_can_and_zenoh_beside_each_other(tmp_path: Path, request):
     with Listener(system) as listener:
 
         def say() -> None:
-            arm.bus.send(encoded(state.encoding, [1.0, 2.0, 0.0, 0.0], 0, State.ACTIVE))
-            other.bus.send(encoded(far.encoding, [1.0, 1.5, 0.0, 0.0], 0, State.ACTIVE))
-            control.bus.send(beat(system, "master_control", State.ACTIVE))
-            control.bus.send(encoded(xi.encoding, [5.0, 6.0], 0, State.ACTIVE))
+            arm.bus.send(encoded(state.encoding, [1.0, 2.0, 0.0, 0.0], 0, LifeState.ACTIVE))
+            other.bus.send(encoded(far.encoding, [1.0, 1.5, 0.0, 0.0], 0, LifeState.ACTIVE))
+            control.bus.send(beat(system, "master_control", LifeState.ACTIVE))
+            control.bus.send(encoded(xi.encoding, [5.0, 6.0], 0, LifeState.ACTIVE))
 
         heard = [listener.heard[m] for m in ("STATE_1", "STATE_3", "xi_master")]
         reached(listener, lambda: all(h.t_ns > 0 for h in heard), say)

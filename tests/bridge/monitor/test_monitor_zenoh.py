@@ -18,7 +18,7 @@ from bridge.deployment.zenoh_keys import names_of
 from bridge.monitor.listener import Listener
 from bridge.monitor.listener_view import tables, view
 from bridge.monitor.messages import Heard, Sample
-from bridge.native.safety import State, Status, Why
+from bridge.native.safety import LifeState, Status, Why
 from bridge.zenoh.attach import open_bus, traffic_of
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.options import options_of
@@ -56,7 +56,7 @@ def test_values_states_and_losses(system: System, master: ZenohAttachment):
         followed(listener, master, system)
         heard = listener.heard["xi_master"]
         for k in (k for k in range(1, 21) if k not in skipped):
-            status = State.ACTIVE | Status.SIMULATED
+            status = LifeState.ACTIVE | Status.SIMULATED
             master.bus.send(encoded(carried.encoding, [k, -k], k, status))
         reached(listener, lambda: heard.values[0] == 20.0)
         assert heard.values.tolist() == [20.0, -20.0]
@@ -90,7 +90,7 @@ def test_a_payload_of_another_kind_is_refused(system: System, master: ZenohAttac
         master.bus.send(broken)
         key = names_of(system.deployment, "net").message("master", "master_control", "xi_master")
         master.session.put(key, bytes(1000))
-        master.bus.send(encoded(heard.carried.encoding, [np.nan, 1.0], 8, State.ACTIVE))
+        master.bus.send(encoded(heard.carried.encoding, [np.nan, 1.0], 8, LifeState.ACTIVE))
         why = {"CRC": 1, "length": 1, "not finite": 1}
         reached(listener, lambda: why.items() <= heard.refused.items())
         assert heard.values.tolist() == [0.0, 0.0]
@@ -137,9 +137,9 @@ def test_a_node_that_has_gone_is_listened_to_again_when_it_runs_again(
             for number, p in again._publishers.items()
             if number == system.messages["xi_master"].encoding.message.id
         )
-        again.bus.send(beat(system, "master", State.STOPPING, 2, Why.PEER | Why.ESTOP))
+        again.bus.send(beat(system, "master", LifeState.STOPPING, 2, Why.PEER | Why.ESTOP))
         heard, before = listener.heard["xi_master"], listener.heard["xi_master"].t_ns
-        sample = encoded(heard.carried.encoding, [3.0, 4.0], 0, State.STOPPING)
+        sample = encoded(heard.carried.encoding, [3.0, 4.0], 0, LifeState.STOPPING)
         reached(listener, lambda: heard.t_ns > before, lambda: again.bus.send(sample))
         assert heard.values.tolist() == [3.0, 4.0] and heard.lost == 0
         assert listener.beats["master"].boots == 2
@@ -154,12 +154,12 @@ def test_what_is_sent_before_the_run_counts_nothing(system: System, master: Zeno
         heard = listener.heard["xi_master"]
 
         def preview() -> None:
-            master.bus.send(beat(system, "master", State.INACTIVE))
-            master.bus.send(encoded(encoding, [1.0, 2.0], 0, State.INACTIVE))
+            master.bus.send(beat(system, "master", LifeState.INACTIVE))
+            master.bus.send(encoded(encoding, [1.0, 2.0], 0, LifeState.INACTIVE))
 
         reached(listener, lambda: len(heard.recent) > 2, preview)
         for k in (9, 10, 11):
-            master.bus.send(encoded(encoding, [k, k], k, State.ACTIVE))
+            master.bus.send(encoded(encoding, [k, k], k, LifeState.ACTIVE))
         reached(listener, lambda: heard.values[0] == 11.0)
         assert heard.lost == 0 and not heard.refused
         assert len(heard.late) <= 3  # a stamp is of the run

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.native import delay as native
-from bridge.native.delay import Delay, DelayLine, Sample, Waiting
+from bridge.native.delay import Delay, DelayLine, SampleStruct, WaitingStruct
 from cosim.base.errors import PlanError
 from cosim.links.grid import Grid
 from cosim.links.semantics import Packets, Playout, Signal
@@ -18,7 +18,7 @@ from tests.bridge.lines import MS, RULES, N, arrivals, arrived, drive, line, lin
 
 
 def test_structs_are_as_c_has_them():
-    for which, kind in enumerate((Sample, Waiting, Delay)):
+    for which, kind in enumerate((SampleStruct, WaitingStruct, Delay)):
         assert native.sizes(which) == c.sizeof(kind)
     assert native.sizes(3) == 0
 

@@ -12,7 +12,7 @@ from bridge.native import node as native
 from bridge.native import safety
 from bridge.native.frame import Frame
 from bridge.native.message import Header
-from bridge.native.safety import Command, State, Why
+from bridge.native.safety import Command, LifeState, Why
 from bridge.records.lives import Life
 from bridge.replay import replay, twin
 from bridge.safety.limits import step
@@ -67,10 +67,10 @@ def afterwards(slots):
 def test_a_stop_is_not_lost_beside_another_command(slots, other, stop_first, to):
     both = (STOP, other) if stop_first else (other, STOP)
     row = hear(slots, *both, to=to)
-    assert row["state"] == State.STOPPING and row["reasons"] == Why.COMMAND
+    assert row["state"] == LifeState.STOPPING and row["reasons"] == Why.COMMAND
     assert row["commands"] == digits(*both)
     last = afterwards(slots)
-    assert last["state"] == State.INACTIVE and last["scale"] == 0.0
+    assert last["state"] == LifeState.INACTIVE and last["scale"] == 0.0
     assert not slots.struct.life.armed
 
 
@@ -78,25 +78,25 @@ def test_a_stop_is_not_lost_beside_another_command(slots, other, stop_first, to)
 @pytest.mark.parametrize("last", [True, False])
 def test_an_emergency_stop_cancels_the_commands_of_its_slot(slots, others, last):
     row = hear(slots, *others, estop=len(others) if last else 0)
-    assert row["state"] == State.STOPPING and row["reasons"] & Why.ESTOP
+    assert row["state"] == LifeState.STOPPING and row["reasons"] & Why.ESTOP
     assert row["commands"] == digits(*others)
-    assert afterwards(slots)["state"] == State.FAULT
+    assert afterwards(slots)["state"] == LifeState.FAULT
     row = hear(slots, *others, estop=len(others) if last else 0)  # in FAULT, too
-    assert row["state"] == State.FAULT and slots.struct.life.refused == Why.ESTOP
+    assert row["state"] == LifeState.FAULT and slots.struct.life.refused == Why.ESTOP
 
 
 @pytest.mark.parametrize(
     ("commands", "state", "armed"),
     [
-        ((RESET, ARM, START), State.ACTIVE, True),
-        ((ARM, RESET, START), State.INACTIVE, False),
-        ((START, ARM, RESET), State.INACTIVE, False),
-        ((RESET, START, ARM), State.INACTIVE, True),
+        ((RESET, ARM, START), LifeState.ACTIVE, True),
+        ((ARM, RESET, START), LifeState.INACTIVE, False),
+        ((START, ARM, RESET), LifeState.INACTIVE, False),
+        ((RESET, START, ARM), LifeState.INACTIVE, True),
     ],
 )
 def test_other_commands_are_executed_in_the_order_heard(slots, commands, state, armed):
     hear(slots, estop=0)
-    assert afterwards(slots)["state"] == State.FAULT
+    assert afterwards(slots)["state"] == LifeState.FAULT
     row = hear(slots, *commands)
     assert (row["state"], bool(slots.struct.life.armed)) == (state, armed)
     assert row["commands"] == digits(*commands)
@@ -105,7 +105,7 @@ def test_other_commands_are_executed_in_the_order_heard(slots, commands, state, 
 def test_ten_commands_have_room_and_a_stop_always(slots):
     row = hear(slots, *[ARM] * 14, STOP, *[RESET] * 5)
     assert row["commands"] == digits(*[ARM] * 9, STOP)
-    assert row["state"] == State.STOPPING
+    assert row["state"] == LifeState.STOPPING
 
 
 def test_commands_of_its_owner_come_behind_those_heard(slots):
@@ -128,8 +128,8 @@ def test_threads_that_tell_at_once_lose_no_stop(slots):
 
 
 def test_an_unknown_command_among_others_is_a_fault_of_the_node():
-    life = safety.Life(state=State.ACTIVE, armed=1, ramp_ticks=4, commands=digits(ARM, 6))
-    assert step(life) == State.STOPPING
+    life = safety.LifeStruct(state=LifeState.ACTIVE, armed=1, ramp_ticks=4, commands=digits(ARM, 6))
+    assert step(life) == LifeState.STOPPING
     assert life.reasons == Why.COMPONENT
 
 
@@ -148,7 +148,7 @@ def test_what_was_commanded_is_replayed(tmp_path):
     rows = replay.load(tmp_path / "twin")
     mine = rows[Life("master_control")]
     row = mine[0]
-    assert (row["commands"], row["state"]) == (digits(ARM, STOP, RESET), State.STOPPING)
+    assert (row["commands"], row["state"]) == (digits(ARM, STOP, RESET), LifeState.STOPPING)
     assert not np.any(mine["sent"][-1][:2])
     found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
     assert found.first is None and found.greatest == 0.0
@@ -160,10 +160,10 @@ def test_a_drive_in_fault_is_cleared_and_enabled_in_one_slot(tmp_path):
         slots.begin()
         slots.step()
         hear(slots, estop=0)
-        assert afterwards(slots)["state"] == State.FAULT
+        assert afterwards(slots)["state"] == LifeState.FAULT
         (drive,) = slots.wired.drives
         assert drive.state == 3  # FAULT
-        assert hear(slots, RESET, ARM, START, to=TO_ALL)["state"] == State.ACTIVE
+        assert hear(slots, RESET, ARM, START, to=TO_ALL)["state"] == LifeState.ACTIVE
         assert drive.state == 2  # ENABLED
 
 

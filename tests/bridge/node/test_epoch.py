@@ -11,7 +11,7 @@ from bridge.native import epoch as native
 from bridge.native.frame import Flags
 from bridge.native.library import library
 from bridge.native.message import Decoded, Header
-from bridge.native.node import Node, functions
+from bridge.native.node import NodeStruct, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
 from bridge.node.hearing import watched
@@ -205,7 +205,7 @@ def test_who_is_to_start_at_once_takes_the_start_of_another(tmp_path):
 
 def test_a_node_that_has_heard_no_epoch_starts_after_its_lead():
     """Also within a second of the boot, when the monotonic clock itself is less than a second."""
-    node = Node()
+    node = NodeStruct()
     origin = functions().node_origin
     assert origin(c.byref(node), seconds(0.4), seconds(0.5)) == seconds(0.9)
     node.epoch.origin_ns, node.epoch.heard_ns = seconds(5), seconds(4)

@@ -11,7 +11,7 @@ import pytest
 
 from bridge.native.frame import Frame
 from bridge.native.message import Header
-from bridge.native.safety import State, Status, Why
+from bridge.native.safety import LifeState, Status, Why
 from cosim.base.clock import monotonic_ns
 from tests.bridge.bench import until
 from tests.bridge.deployments import named
@@ -78,9 +78,9 @@ def test_what_is_refused_does_not_go_on(gate):
 
 
 def test_senders_that_do_not_run_yet_are_seen_behind_it(gate):
-    gate.say("LINK_2", 0, [0, 0, 9, 9], State.INACTIVE | Status.SIMULATED)
+    gate.say("LINK_2", 0, [0, 0, 9, 9], LifeState.INACTIVE | Status.SIMULATED)
     ((values, header),) = gate.heard("xi_master")
-    assert values == [9, 9] and header.status & 7 == State.INACTIVE
+    assert values == [9, 9] and header.status & 7 == LifeState.INACTIVE
 
 
 def test_commands_go_to_the_other_buses_only(gate):
@@ -90,7 +90,7 @@ def test_commands_go_to_the_other_buses_only(gate):
     on_net = gate.system.services["net"].nmt
     assert [values for values, _ in gate.frames(on_net, "net")] == [[2, 9]]
     assert gate.frames(nmt, "left") == []
-    assert gate.struct.life.state == State.ACTIVE
+    assert gate.struct.life.state == LifeState.ACTIVE
     gate.put("net", on_net.frame([128, 3], Header()))
     time.sleep(0.1)
     assert [values for values, _ in gate.frames(nmt, "left")] == [[128, 3]]
@@ -108,15 +108,15 @@ def test_an_emergency_stop_goes_on_at_once(gate):
 def test_in_fault_it_forwards_still(tmp_path):
     with Gate(named("gateway", "run.stop=1000"), "left_gateway", tmp_path) as gate:
         gate.put("net", gate.system.services["net"].estop.frame([4, int(Why.ESTOP)], Header()))
-        until(lambda: gate.struct.life.state == State.FAULT)
-        gate.say("LINK_2", 60, [0, 0, 1, 1], State.FAULT | Status.SIMULATED)
+        until(lambda: gate.struct.life.state == LifeState.FAULT)
+        gate.say("LINK_2", 60, [0, 0, 1, 1], LifeState.FAULT | Status.SIMULATED)
         ((_, header),) = gate.heard("xi_master")
-        assert header.status & 7 == State.FAULT  # its sender's
+        assert header.status & 7 == LifeState.FAULT  # its sender's
 
 
 def test_a_start_over_the_network_starts_the_island_behind_it(tmp_path):
     with Gate(named("gateway", *SLOW), "left_gateway", tmp_path, start=False) as gate:
-        gate.say("LINK_2", 0, [0, 0, 1, 1], State.INACTIVE | Status.SIMULATED)
+        gate.say("LINK_2", 0, [0, 0, 1, 1], LifeState.INACTIVE | Status.SIMULATED)
         assert len(gate.heard("xi_master")) == 1  # already
         gate.put("net", gate.system.services["net"].nmt.frame([1, 0], Header()))
         gate.begun()
@@ -127,7 +127,7 @@ def test_a_start_over_the_network_starts_the_island_behind_it(tmp_path):
 def test_for_real_drives_nothing_simulated_goes_on(tmp_path):
     with Gate(named("gateway", *SLOW), "left_gateway", tmp_path, real=True) as gate:
         gate.say("LINK_2", 100, [0, 0, 1, 1])
-        gate.say("LINK_2", 101, [0, 0, 2, 2], State.ACTIVE)
+        gate.say("LINK_2", 101, [0, 0, 2, 2], LifeState.ACTIVE)
         assert [values for values, _ in gate.heard("xi_master")] == [[2, 2]]
         assert gate.wired.receivers["LINK_2"].simulated == 1
 

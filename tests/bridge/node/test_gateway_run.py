@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from bridge.native.safety import State, Why
+from bridge.native.safety import LifeState, Why
 from tests.bridge.rehearsing import (
     NAMESPACE,
     NODES,
@@ -74,7 +74,7 @@ def test_a_gateway_dies_and_comes_back(tmp_path):
     left = Left(folder)
     assert left.exact()
     for node in NODES:  # nobody was stopped by it
-        assert left.state(node) == State.ACTIVE and left.end(node) == "finished", node
+        assert left.state(node) == LifeState.ACTIVE and left.end(node) == "finished", node
     for node in ("master_control", "slave_control"):
         numbers = held(left, node)
         assert longest(numbers) > 60  # 0.3 s, and what it takes to start a process

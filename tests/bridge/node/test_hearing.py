@@ -10,7 +10,7 @@ from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Ring
 from bridge.native.message import Header
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 from bridge.node import hearing
 from bridge.replay import twin
 from bridge.wiring.wiring import Wired
@@ -49,7 +49,7 @@ def slots(master, n):
 def master(tmp_path):
     made = Slave(tmp_path, "deploy.silence='0.3 s'")
     with made.wired:
-        made.struct.life.state, made.struct.begun = State.ACTIVE, 1
+        made.struct.life.state, made.struct.begun = LifeState.ACTIVE, 1
         yield made
 
 
@@ -57,7 +57,7 @@ def test_a_message_is_unheard_until_a_preview_of_it_has_come(tmp_path):
     made = Slave(tmp_path)
     with made.wired:
         assert hearing.unheard(made.wired) == ["xi_slave from slave"]
-        made.say(State.INACTIVE)
+        made.say(LifeState.INACTIVE)
         slots(made, 1)
         assert hearing.unheard(made.wired) == []
 
@@ -75,35 +75,35 @@ def test_an_input_may_be_waited_for_without_an_end(tmp_path):
     made = Slave(tmp_path, "deploy.silence='0.3 s'", never)
     with made.wired:
         assert hearing.unheard(made.wired) == []
-        made.struct.life.state = State.ACTIVE
+        made.struct.life.state = LifeState.ACTIVE
         slots(made, 1000)
-        assert made.struct.life.state == State.ACTIVE
+        assert made.struct.life.state == LifeState.ACTIVE
 
 
 def test_a_node_that_hears_nothing_stops_and_says_what_it_misses(master):
     slots(master, 300)
-    assert master.struct.life.state == State.ACTIVE and hearing.silent(master.wired) == []
+    assert master.struct.life.state == LifeState.ACTIVE and hearing.silent(master.wired) == []
     slots(master, 10)
-    assert master.struct.life.state in (State.STOPPING, State.FAULT)
+    assert master.struct.life.state in (LifeState.STOPPING, LifeState.FAULT)
     assert hearing.silent(master.wired) == ["xi_slave from slave for 0.31 s"]
     assert hearing.never(master.wired) == ["xi_slave from slave"]
 
 
 def test_what_was_heard_once_is_missed_from_then_on(master):
     for k in range(40):
-        master.say(State.ACTIVE, k, k * 5e-3)
+        master.say(LifeState.ACTIVE, k, k * 5e-3)
     slots(master, 200)
     assert hearing.never(master.wired) == []
     slots(master, 290)
-    assert master.struct.life.state == State.ACTIVE
+    assert master.struct.life.state == LifeState.ACTIVE
     slots(master, 20)
-    assert master.struct.life.state != State.ACTIVE
+    assert master.struct.life.state != LifeState.ACTIVE
 
 
 def test_who_has_finished_is_not_missed(master):
     slots(master, 400)
     assert hearing.silent(master.wired)
-    master.wired.peers["slave"].state = State.FINISHED
+    master.wired.peers["slave"].state = LifeState.FINISHED
     assert hearing.silent(master.wired) == []
 
 
@@ -113,7 +113,9 @@ def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_pa
         assert hearing.unheard(slots.wired) == ["LINK_2 from master_control"]
         codec = slots.system.messages["LINK_2"].encoding
         for k in range(60):
-            header = Header(counter=k, status=State.FAULT | Status.SIMULATED, t_us=k * 5000 + 500)
+            header = Header(
+                counter=k, status=LifeState.FAULT | Status.SIMULATED, t_us=k * 5000 + 500
+            )
             slots.put("left", codec.frame([0.0] * 4, header), k * 5e-3 + 6e-4)
             slots.step()
         assert slots.wired.receivers["LINK_2"].ok > 50
@@ -127,7 +129,7 @@ def test_torques_of_a_node_in_fault_are_heard(tmp_path):
     with twin.wired(system, tmp_path) as nodes:
         nodes["master_control"].struct.alarm = 1  # an emergency stop in its first slot
         twin.run(system, nodes)
-        assert nodes["master_control"].struct.life.state == State.FAULT
+        assert nodes["master_control"].struct.life.state == LifeState.FAULT
         assert nodes["master"].receivers["LINK_2"].ok > 300
         assert hearing.silent(nodes["master"]) == []
 
@@ -138,7 +140,7 @@ def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path
     with made.wired, hearing.watched(made.wired, said.append, lambda: {"event": "ready"}):
         within(lambda: len(said) > 1)
         assert said[0] == {"event": "waiting", "for": ["xi_slave from slave"]}
-        made.say(State.INACTIVE)
+        made.say(LifeState.INACTIVE)
         slots(made, 1)
         within(lambda: said[-1] == {"event": "ready"})
 
@@ -165,5 +167,5 @@ def test_who_is_required_and_not_there_is_named(tmp_path):
     with made.wired:
         assert "a heartbeat of slave" in hearing.unheard(made.wired)
         peer = made.wired.peers["slave"]
-        peer.state, peer.heartbeat.last_ns = State.INACTIVE, monotonic_ns()
+        peer.state, peer.heartbeat.last_ns = LifeState.INACTIVE, monotonic_ns()
         assert "a heartbeat of slave" not in hearing.unheard(made.wired)

@@ -22,7 +22,7 @@ ROBOTS = tuple(f"robot{i}" for i in range(1, 7))
 
 def test_sizes():
     assert [native.sizes(i) for i in range(3)] == [
-        c.sizeof(native.Stream),
+        c.sizeof(native.StreamStruct),
         c.sizeof(native.LockstepStruct),
         0,
     ]
@@ -36,7 +36,9 @@ def test_sizes():
     capacity=st.integers(0, 60),
 )
 def test_what_a_slot_needs(period: int, offset: int, before: bool, deadline: int, capacity: int):
-    stream = native.Stream(period_ns=period, offset_ns=offset, before=before, capacity=capacity)
+    stream = native.StreamStruct(
+        period_ns=period, offset_ns=offset, before=before, capacity=capacity
+    )
     times = [s * period + offset for s in range(capacity)]
     needed = [t for t in times if t < deadline or (t == deadline and before)]
     assert stream.needed(deadline) == len(needed)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.deployment.system import load_system
-from bridge.native.safety import GuardBit, State, Why
+from bridge.native.safety import GuardBit, LifeState, Why
 from bridge.replay import replay, twin
 from tests.bridge.deployments import TELEOPERATION
 
@@ -38,17 +38,17 @@ def test_a_guard_stops_its_node(tmp_path, name):
     _, rows = run(tmp_path, setting, "run.stop=2" if name == "power" else "run.stop=0.6")
     mine = rows[node]
     tripped = int(np.flatnonzero(mine["guard"] & bit)[0])
-    assert mine["state"][tripped] == State.ACTIVE
-    assert mine["state"][tripped + 1] == State.STOPPING
-    assert mine["state"][-1] == State.FAULT
+    assert mine["state"][tripped] == LifeState.ACTIVE
+    assert mine["state"][tripped + 1] == LifeState.STOPPING
+    assert mine["state"][-1] == LifeState.FAULT
     assert mine["reasons"][-1] & why
     tau = mine["sent"][:, :2]
     assert np.isfinite(tau).all()
-    assert not tau[mine["state"] == State.FAULT].any()
+    assert not tau[mine["state"] == LifeState.FAULT].any()
     scale = mine["scale"][tripped + 1 :]
     assert (np.diff(scale) <= 0).all()
     assert ((scale > 0) & (scale < 1)).sum() >= 18  # 0.1 s of 5 ms
-    assert rows[other]["state"][-1] == State.ACTIVE  # does not require the other arm
+    assert rows[other]["state"][-1] == LifeState.ACTIVE  # does not require the other arm
 
 
 @pytest.mark.parametrize("name", ["torque", "jump"])
@@ -62,6 +62,6 @@ def test_a_run_that_a_guard_has_stopped_replays_exactly(tmp_path, name):
 def test_a_guard_that_does_not_stop_limits(tmp_path):
     _, rows = run(tmp_path, f'{GUARD}={{tau_max="5 N.m",stops=[]}}')
     mine = rows["master_control"]
-    assert mine["state"][-1] == State.ACTIVE
+    assert mine["state"][-1] == LifeState.ACTIVE
     assert np.abs(mine["sent"][:, :2]).max() == pytest.approx(5.0, abs=1e-6)
     assert mine["guard"].any()

@@ -14,7 +14,7 @@ from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
-from bridge.native.safety import State, Status, Why
+from bridge.native.safety import LifeState, Status, Why
 from bridge.node.control import why
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
@@ -33,7 +33,7 @@ def start(bench, lead=0.3):
 
 def refused(bench):
     until(lambda: bench.struct.refusals)
-    assert bench.struct.life.state in (State.INACTIVE, State.FAULT)
+    assert bench.struct.life.state in (LifeState.INACTIVE, LifeState.FAULT)
     assert bench.struct.start_ns == 0
     return Why(bench.struct.refused)
 
@@ -48,7 +48,7 @@ def test_nobody_starts_without_its_peers(tmp_path):
         assert "peer" in why(bench.struct)
         bench.there = True  # refused is not stuck
         bench.begin()
-        assert bench.struct.life.state == State.ACTIVE
+        assert bench.struct.life.state == LifeState.ACTIVE
 
 
 def test_a_peer_that_is_simulated_is_none_for_real_drives(tmp_path):
@@ -78,11 +78,11 @@ def test_arms_too_far_apart_do_not_start(tmp_path):
         codec = bench.system.messages["STATE_3"].encoding
         time.sleep(0.1)
         bench.there = False
-        status = State.INACTIVE | Status.SIMULATED
+        status = LifeState.INACTIVE | Status.SIMULATED
         bench.put("right", codec.frame([0.0] * 4, Header(status=status), monotonic_ns()))
         bench.control.start(monotonic_ns() + 30_000_000)
         for _ in range(30):
-            bench.beat(1, State.INACTIVE)
+            bench.beat(1, LifeState.INACTIVE)
             time.sleep(0.002)
         assert refused(bench) == Why.APART
         bench.there = True
@@ -93,7 +93,7 @@ def test_an_encoder_that_jumps_before_the_start_is_a_fault(tmp_path):
     with Bench(tmp_path) as bench:
         time.sleep(0.1)
         bench.q = [1.0, 0.2]
-        until(lambda: bench.struct.life.state == State.FAULT)
+        until(lambda: bench.struct.life.state == LifeState.FAULT)
         start(bench)
         assert refused(bench) & Why.JUMP
         bench.control.reset()
@@ -116,7 +116,7 @@ def test_a_rehearsal_has_its_torque_until_the_end_and_none_after_it(tmp_path):
     assert len(bench.wired.journal.path.read_bytes())
     assert not np.any(bench.torques[-1])
     assert np.any(bench.torques[-2])
-    assert bench.beats[-1][0][0] == State.FINISHED
+    assert bench.beats[-1][0][0] == LifeState.FINISHED
 
 
 @pytest.mark.parametrize("how", ["quit", "stop"])
@@ -127,7 +127,7 @@ def test_the_last_torque_is_zero(tmp_path, how):
         assert bench.end() == native.STOPPED
     assert np.any(bench.torques)
     assert not np.any(bench.torques[-1])
-    assert bench.beats[-1][0][0] == (State.FAULT if how == "quit" else State.INACTIVE)
+    assert bench.beats[-1][0][0] == (LifeState.FAULT if how == "quit" else LifeState.INACTIVE)
 
 
 def test_a_component_that_fails_is_let_down(tmp_path):
@@ -140,7 +140,7 @@ def test_a_component_that_fails_is_let_down(tmp_path):
     assert ramp == sorted(ramp, reverse=True)
     assert len(set(ramp)) > 10
     assert ramp[-1] == 0.0
-    assert bench.struct.life.state == State.FAULT
+    assert bench.struct.life.state == LifeState.FAULT
     assert bench.struct.life.reasons & Why.COMPONENT
 
 
@@ -170,7 +170,7 @@ def test_a_required_peer_that_goes_silent_stops_the_node(tmp_path):
     with Bench(tmp_path, 'deploy.nodes.master_control.within="100 ms"', "run.stop=3") as bench:
         bench.begin()
         bench.there = False
-        until(lambda: bench.struct.life.state == State.FAULT)
+        until(lambda: bench.struct.life.state == LifeState.FAULT)
         assert bench.struct.life.reasons & Why.PEER
 
 
@@ -180,7 +180,7 @@ def test_a_peer_that_has_restarted_may_count_anew(tmp_path):
         receiver = bench.wired.receivers["LINK_4"]
         codec = bench.system.messages["LINK_4"].encoding
         t_us = (monotonic_ns() - bench.struct.start_ns) // 1000
-        status = State.ACTIVE | Status.SIMULATED
+        status = LifeState.ACTIVE | Status.SIMULATED
         header = Header(counter=t_us // 5000, status=status, t_us=t_us)
         bench.beat(4)
         bench.put("right", codec.frame([0.0] * 4, header, monotonic_ns()))
@@ -189,7 +189,7 @@ def test_a_peer_that_has_restarted_may_count_anew(tmp_path):
         bench.boots[4] = 2
         bench.beat(4)
         until(lambda: receiver.sequence == -1)
-        assert bench.struct.life.state == State.ACTIVE
+        assert bench.struct.life.state == LifeState.ACTIVE
 
 
 def estop(bench, bus="left"):
@@ -202,7 +202,7 @@ def test_an_emergency_stop_is_obeyed_and_passed_on_to_all_buses(tmp_path):
     with Bench(tmp_path, "run.stop=3") as bench:
         bench.begin()
         estop(bench, "right")
-        until(lambda: bench.struct.life.state == State.FAULT)
+        until(lambda: bench.struct.life.state == LifeState.FAULT)
         assert bench.struct.life.reasons == Why.ESTOP
         until(lambda: bench.struct.alarms == 0)
         time.sleep(0.05)
@@ -215,9 +215,9 @@ def test_an_emergency_stop_of_its_own_is_repeated_until_reset(tmp_path):
         bench.control.estop()
         until(lambda: bench.estops() > 25)
         bench.control.reset()
-        until(lambda: bench.struct.life.state == State.INACTIVE)
+        until(lambda: bench.struct.life.state == LifeState.INACTIVE)
         bench.control.again()
-        until(lambda: bench.struct.life.state == State.ACTIVE)
+        until(lambda: bench.struct.life.state == LifeState.ACTIVE)
         told = bench.estops()
         until(lambda: np.any(bench.torques[-1]))
         assert bench.estops() <= told + 1
@@ -226,7 +226,7 @@ def test_an_emergency_stop_of_its_own_is_repeated_until_reset(tmp_path):
 def test_an_emergency_stop_before_the_start_keeps_it_from_starting(tmp_path):
     with Bench(tmp_path) as bench:
         estop(bench)
-        until(lambda: bench.struct.life.state == State.FAULT)
+        until(lambda: bench.struct.life.state == LifeState.FAULT)
         start(bench)
         assert refused(bench) & Why.ESTOP
 
@@ -248,7 +248,7 @@ def test_on_a_bus_with_protection_what_is_no_emergency_stop_is_none(tmp_path):
             assert node.life.reasons == 0
             data = system.services["net"].estop.encode([2, Why.ESTOP])
             rx.put(Frame.of(number, data, 0, monotonic_ns()))
-            until(lambda: node.life.state == State.FAULT)
+            until(lambda: node.life.state == LifeState.FAULT)
             assert node.life.reasons == Why.ESTOP
         finally:
             node.quit = 1

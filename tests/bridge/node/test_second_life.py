@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.native import node as native
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import RunError
@@ -35,7 +35,7 @@ def life(tmp_path):
         s = wired.struct
         s.slot = s.first = FIRST
         wired.begin(FIRST)
-        s.life.state, s.life.armed = State.ACTIVE, 1
+        s.life.state, s.life.armed = LifeState.ACTIVE, 1
         native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
         limits = np.arange(FIRST, wired.plan.slots, dtype=np.int64) * s.h_ns
         assert native.functions().node_follow(c.byref(s), limits.ctypes.data, len(limits)) == 0
@@ -94,10 +94,10 @@ def test_a_life_that_is_stopped_while_it_joins_ramps_down_in_its_first_slots(tmp
         monkeypatch.setattr(bench.wired, "begin", slowly)
         time.sleep(0.1)
         bench.control.start(monotonic_ns())  # too late for slot 0: it joins a later one
-        until(lambda: bench.struct.life.state == State.ACTIVE)
+        until(lambda: bench.struct.life.state == LifeState.ACTIVE)
         bench.control.stop()
         assert not bench.struct.begun and bench.struct.told
         goes_on.set()
         until(lambda: bench.result is not None)
-    assert bench.struct.life.state == State.INACTIVE
+    assert bench.struct.life.state == LifeState.INACTIVE
     assert bench.struct.slot >= bench.struct.first + bench.struct.life.ramp_ticks

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from bridge.native.safety import State, Why
+from bridge.native.safety import LifeState, Why
 from cosim.record import Run
 from tests.bridge.rehearsing import (
     NAMESPACE,
@@ -41,7 +41,7 @@ def test_a_controller_that_is_killed(tmp_path):
     assert done.returncode == 1, done.stderr
     left = Left(tmp_path / "run")
     assert left.end("master_control") == "killed"
-    assert left.state("master") == State.FAULT
+    assert left.state("master") == LifeState.FAULT
     assert left.why("master") & Why.WATCHDOG
     assert left.end("slave_control") == "finished"  # a single arm that goes on
     assert left.exact()
@@ -66,7 +66,7 @@ def test_a_drive_that_is_killed_stops_its_controller_and_comes_back(tmp_path):
     faults = script(tmp_path, fault("restart", "slave", 1, **{"for": 0.3}))
     run(tmp_path / "run", *faults, stop=6.0)
     left = Left(tmp_path / "run")
-    assert left.state("slave_control") == State.FAULT
+    assert left.state("slave_control") == LifeState.FAULT
     assert left.why("slave_control") & (Why.STALE | Why.PEER)
     assert len(left.rows["slave@2"]) > 10
     assert left.end("master") == left.end("master_control") == "finished"
@@ -77,9 +77,9 @@ def test_a_controller_that_freezes(tmp_path):
     faults = script(tmp_path, fault("freeze", "slave_control", 1, **{"for": 0.8}))
     run(tmp_path / "run", *faults, stop=3.0)
     left = Left(tmp_path / "run")
-    assert left.state("slave_control") == State.FAULT
+    assert left.state("slave_control") == LifeState.FAULT
     assert left.why("slave_control") & (Why.OVERRUN | Why.STALE | Why.PEER)
-    assert left.state("slave") == State.FAULT
+    assert left.state("slave") == LifeState.FAULT
     assert left.end("master_control") == "finished"
     assert left.exact()
 
@@ -91,7 +91,7 @@ def test_an_emergency_stop_stops_everybody(tmp_path):
     run(tmp_path / "run", *faults, stop=1.0)
     left = Left(tmp_path / "run")
     for node in ("master", "slave", "master_control", "slave_control"):
-        assert left.state(node) == State.FAULT, node
+        assert left.state(node) == LifeState.FAULT, node
         assert left.why(node) & Why.ESTOP, node
     (found,) = left.facts["rehearsal"]["faults"]
     assert found["kind"] == "babble" and found["places"][0]["signs"][0]["number"] >= 1
@@ -199,8 +199,8 @@ def test_an_arm_comes_back_by_reset_arm_and_start(tmp_path):
     assert done.returncode == 0, done.stderr
     left = Left(tmp_path / "run")
     states = left.rows["slave_control"]["state"]
-    assert (states == State.FAULT).any()
-    assert left.state("slave_control") == left.state("slave@2") == State.ACTIVE
+    assert (states == LifeState.FAULT).any()
+    assert left.state("slave_control") == left.state("slave@2") == LifeState.ACTIVE
     assert left.end("slave_control") == left.end("slave@2") == "finished"
     assert np.abs(left.column("slave@2", "slave.tau")[-20:]).max() > 0.1
     assert left.exact()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.can.log import FrameLog, write_log
-from bridge.native.bus import Bus, Kind
+from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Ring, frame_dtype
 from bridge.native.journal import Journal
 from bridge.replay import twin
@@ -28,7 +28,7 @@ def logged_twin(system, folder, monkeypatch):
             log = Journal.create(folder / f"{node}.{name}.frames", frame_dtype(64), 1 << 15)
             journals.append((name, log))
             rings = Ring(1024), Ring(1024)
-            found[name] = Bus.of_rings(*rings, number, log, kind=Kind.MEMORY)
+            found[name] = Bus.of_rings(*rings, number, log, kind=BusKind.MEMORY)
         return found
 
     monkeypatch.setattr(twin, "_buses", buses)

@@ -9,7 +9,7 @@ from bridge.deployment.system import load_system
 from bridge.native.frame import Frame
 from bridge.native.journal import Journal
 from bridge.native.message import Header
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import Life
 from bridge.replay import replay
@@ -48,7 +48,7 @@ def forge(system, message, to, t, values):
     carried = system.messages[message]
     number = round(t * 1e9 - carried.offset_ns) // carried.period_ns + 1
     sampled = number * carried.period_ns + carried.offset_ns
-    header = Header(number, State.ACTIVE, sampled // 1000)
+    header = Header(number, LifeState.ACTIVE, sampled // 1000)
     frame = carried.encoding.frame(np.asarray(values), header, round(t * 1e9))
     bus = system.buses_of(to.name).index(carried.bus)
     assert to._buses[bus].rx.put(Frame.of(frame.id, frame.payload, frame.flags, frame.t_ns))
@@ -155,7 +155,7 @@ def test_a_gateway_run_with_a_tripped_watchdog_is_identical_also_as_one_offline_
     run.mkdir()
     system = system_of(changed, tmp_path, STOP)
     rows = recorded(system, run)
-    assert rows["slave"]["state"][-1] == State.FAULT
+    assert rows["slave"]["state"][-1] == LifeState.FAULT
     found = replay.replay(system, rows, replay.heard_of(run / "nodes"), tmp_path)
     assert exact(found), str(found.first)
     assert found.altered == ()

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.deployment.system import make_system
 from bridge.native import node as native
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.records.lives import ByLife, Life
 from bridge.replay import replay, twin
 from bridge.wiring.wiring import Wired
@@ -153,7 +153,7 @@ def test_runs_that_were_stopped_replay_too(name, path, value, node, tmp_path):
     """By a guard, a drive's watchdog, an input that stays away."""
     system = system_of(changed(name, path, value), tmp_path, STOP)
     rows = run_twin(system, tmp_path / "twin")
-    assert rows[node]["state"][-1] == State.FAULT
+    assert rows[node]["state"][-1] == LifeState.FAULT
     found = replayed(system, rows, tmp_path)
     assert exact(found), str(found.first)
     del rows[Life(node)]
@@ -231,7 +231,7 @@ def make(system, node, path, t, boots=0):
     wired.__enter__()
     s = wired.struct
     s.slot = s.first = round(t / wired.plan.h)
-    s.life.state, s.life.armed = State.ACTIVE, 1
+    s.life.state, s.life.armed = LifeState.ACTIVE, 1
     for i in range(s.n_inlets):
         wired.receiving.inlets[i].heard_ns = s.slot * s.h_ns
     native.functions().node_enable(s, s.slot * s.h_ns)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bridge.native.safety import GuardBit, State, Why
+from bridge.native.safety import GuardBit, LifeState, Why
 from bridge.recording.run_folder import write_trajectories
 from bridge.replay import replay
 from cosim.record import Run
@@ -130,7 +130,7 @@ def test_a_guard_limits_what_is_sent_and_the_arms_still_arrive(tmp_path):
     sent = rows["master_control"]["sent"][:, :2]
     assert np.abs(sent).max() == 5.0
     assert (rows["master_control"]["guard"] & GuardBit.TORQUE).any()
-    assert set(rows["master_control"]["state"].tolist()) == {State.ACTIVE}
+    assert set(rows["master_control"]["state"].tolist()) == {LifeState.ACTIVE}
     assert np.abs(signal(system, rows, "master", "master.q")[-1] - Q_H).max() < 0.05
 
 
@@ -140,7 +140,7 @@ def test_a_guard_that_stops_lets_the_torque_down_and_takes_the_node_to_fault(tmp
     system = named("can", "run.stop=2", *(prefix + change for change in changes))
     rows = run_twin(system, tmp_path / "twin")["master_control"]
     states = rows["state"].tolist()
-    stopping, fault = states.index(State.STOPPING), states.index(State.FAULT)
+    stopping, fault = states.index(LifeState.STOPPING), states.index(LifeState.FAULT)
     assert rows["reasons"][-1] & Why.GUARD
     assert (fault - stopping) * 5e-3 == pytest.approx(0.1, abs=0.011)
     assert (np.diff(rows["scale"]) <= 0).all()
@@ -172,7 +172,7 @@ def test_with_a_neighbour_that_is_hardly_heard_the_robots_stay_stable(tmp_path):
     for arm in ("master", "slave"):
         late = signal(system, rows, arm, f"{arm}.dq")[-5000:]
         assert np.abs(late).max() < 0.2
-        assert set(rows[arm]["state"].tolist()) == {State.ACTIVE}
+        assert set(rows[arm]["state"].tolist()) == {LifeState.ACTIVE}
 
 
 def test_a_drive_whose_torque_stays_away_stops_and_brakes(tmp_path):
@@ -181,7 +181,7 @@ def test_a_drive_whose_torque_stays_away_stops_and_brakes(tmp_path):
     system = system_of(found, tmp_path, "run.stop=1")
     rows = run_twin(system, tmp_path / "twin")["master"]
     assert rows["reasons"][-1] & Why.WATCHDOG
-    assert rows["state"][-1] == State.FAULT
+    assert rows["state"][-1] == LifeState.FAULT
     first = int(np.flatnonzero(rows["reasons"] & Why.WATCHDOG)[0])
     assert 100 <= first <= 104  # its watchdog, 100 ms
 

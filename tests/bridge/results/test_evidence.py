@@ -14,7 +14,7 @@ from bridge.native.bus import Accept
 from bridge.native.faults import INJECTED
 from bridge.native.frame import Flags, Frame, frame_dtype
 from bridge.native.journal import Journal
-from bridge.native.safety import State, Status
+from bridge.native.safety import LifeState, Status
 from bridge.records.lives import ByLife, Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal import injector
@@ -34,7 +34,9 @@ def system():
     return load_system(SCENARIO, "zenoh", ["run.step='5 ms'", "run.stop='10 s'"])
 
 
-def injected(system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0, state=State.ACTIVE):
+def injected(
+    system, folder, n, kind, t=2.0, copies=1, changed=False, wait=0.0, state=LifeState.ACTIVE
+):
     """The record of `n` frames of xi_slave at the master, 5 ms apart."""
     encoding = system.messages["xi_slave"].encoding
     data = encoding.encode(np.zeros(len(encoding.signals)), int(state) | Status.SIMULATED)
@@ -74,7 +76,9 @@ def test_frames_that_were_dropped_have_to_be_counted_as_lost(
     assert found.kind in found.text() and found.facts()["verdict"] == verdict
 
 
-@pytest.mark.parametrize(("state", "verdict"), [(State.INACTIVE, "idle"), (State.ACTIVE, "unseen")])
+@pytest.mark.parametrize(
+    ("state", "verdict"), [(LifeState.INACTIVE, "idle"), (LifeState.ACTIVE, "unseen")]
+)
 def test_a_preview_is_no_sample_that_a_fault_could_take(system, tmp_path, state, verdict):
     """A node that was started again repeats its first values until it joins; nobody counts them."""
     injected(system, tmp_path, 9, native.DROP, copies=0, state=state)

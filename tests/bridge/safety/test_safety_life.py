@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.native import safety as native
-from bridge.native.safety import Command, Life, Peer, State, Watchdog, Why
+from bridge.native.safety import Command, LifeState, LifeStruct, Peer, WatchdogStruct, Why
 from bridge.safety.limits import LifeSpec, PeerSpec, WatchdogSpec, step
 from cosim.base.errors import ScenarioError
 
@@ -19,29 +19,29 @@ AT_ONCE = [why for why in Why if why not in NOT_YET and why != Why.COMMAND]
 MS = 1_000_000
 
 
-def tick(life: Life, command: Command = Command.NONE, now: int = 0) -> State:
+def tick(life: LifeStruct, command: Command = Command.NONE, now: int = 0) -> LifeState:
     life.commands, life.now = command, life.now | now
     return step(life)
 
 
-def inactive(ramp_ticks: int = 4) -> Life:
-    return Life(state=State.INACTIVE, ramp_ticks=ramp_ticks)
+def inactive(ramp_ticks: int = 4) -> LifeStruct:
+    return LifeStruct(state=LifeState.INACTIVE, ramp_ticks=ramp_ticks)
 
 
-def active(ramp_ticks: int = 4) -> Life:
+def active(ramp_ticks: int = 4) -> LifeStruct:
     life = inactive(ramp_ticks)
     tick(life, Command.ARM)
-    assert tick(life, Command.START) == State.ACTIVE
+    assert tick(life, Command.START) == LifeState.ACTIVE
     return life
 
 
 def test_start_needs_arming() -> None:
     life = inactive()
-    assert tick(life, Command.START) == State.INACTIVE
+    assert tick(life, Command.START) == LifeState.INACTIVE
     assert life.refused == Why.COMMAND
-    assert tick(life, Command.ARM) == State.INACTIVE
+    assert tick(life, Command.ARM) == LifeState.INACTIVE
     assert (life.armed, life.refused, life.scale) == (1, 0, 0.0)
-    assert tick(life, Command.START) == State.ACTIVE
+    assert tick(life, Command.START) == LifeState.ACTIVE
     assert (life.refused, life.scale) == (0, 1.0)
 
 
@@ -50,26 +50,26 @@ def test_any_reason_ramps_the_torque_down_and_latches(why: Why) -> None:
     life = active()
     scales = []
     states = [tick(life, now=why)]
-    while life.state == State.STOPPING:
+    while life.state == LifeState.STOPPING:
         scales.append(life.scale)
         states.append(tick(life))
     assert scales == [0.75, 0.5, 0.25]
     assert life.scale == 0.0
-    assert states == [State.STOPPING] * 3 + [State.FAULT]
+    assert states == [LifeState.STOPPING] * 3 + [LifeState.FAULT]
     for command in (Command.ARM, Command.START, Command.STOP):
-        assert tick(life, command) == State.FAULT
+        assert tick(life, command) == LifeState.FAULT
         assert life.reasons == why
-    assert tick(life, Command.RESET) == State.INACTIVE
+    assert tick(life, Command.RESET) == LifeState.INACTIVE
     assert (life.reasons, life.armed) == (0, 0)
-    assert tick(life, Command.START) == State.INACTIVE  # armed anew, not merely reset
-    assert tick(life, Command.ARM) == State.INACTIVE
-    assert tick(life, Command.START) == State.ACTIVE
+    assert tick(life, Command.START) == LifeState.INACTIVE  # armed anew, not merely reset
+    assert tick(life, Command.ARM) == LifeState.INACTIVE
+    assert tick(life, Command.START) == LifeState.ACTIVE
 
 
 def test_a_stop_by_command_ends_inactive_and_latched() -> None:
     life = active(ramp_ticks=2)
-    assert tick(life, Command.STOP) == State.STOPPING
-    assert tick(life) == State.INACTIVE
+    assert tick(life, Command.STOP) == LifeState.STOPPING
+    assert tick(life) == LifeState.INACTIVE
     assert life.reasons == Why.COMMAND
     tick(life, Command.ARM)
     assert (life.refused, life.armed) == (Why.COMMAND, 0)
@@ -81,17 +81,17 @@ def test_a_stop_by_command_ends_inactive_and_latched() -> None:
 def test_a_reason_that_comes_during_a_stop_makes_it_a_fault_and_does_not_restart_the_ramp() -> None:
     life = active()
     tick(life, Command.STOP)
-    assert tick(life, Command.RESET, now=Why.SYNC) == State.STOPPING
+    assert tick(life, Command.RESET, now=Why.SYNC) == LifeState.STOPPING
     assert life.scale == 0.5
     tick(life)
-    assert tick(life) == State.FAULT
+    assert tick(life) == LifeState.FAULT
     assert life.reasons == Why.COMMAND | Why.SYNC
 
 
 @pytest.mark.parametrize("ramp", [0, 1, -3])
 def test_without_a_ramp_the_torque_goes_at_once(ramp: int) -> None:
     life = active(ramp_ticks=ramp)
-    assert tick(life, now=Why.ESTOP) == State.FAULT
+    assert tick(life, now=Why.ESTOP) == LifeState.FAULT
     assert life.scale == 0.0
 
 
@@ -99,21 +99,21 @@ def test_without_a_ramp_the_torque_goes_at_once(ramp: int) -> None:
 def test_what_is_not_there_yet_refuses_to_arm_or_start_and_is_not_latched(why: Why) -> None:
     life = inactive()
     for command in (Command.NONE, Command.ARM, Command.START):
-        assert tick(life, command, now=why) == State.INACTIVE
+        assert tick(life, command, now=why) == LifeState.INACTIVE
         assert (life.reasons, life.armed) == (0, 0)
     assert life.refused == why
     tick(life, Command.ARM)
-    assert tick(life, Command.START, now=why) == State.FAULT  # armed: everybody was there
+    assert tick(life, Command.START, now=why) == LifeState.FAULT  # armed: everybody was there
     assert life.reasons == why
 
 
 @pytest.mark.parametrize("why", AT_ONCE)
 def test_other_reasons_latch_before_the_start_too(why: Why) -> None:
     life = inactive()
-    assert tick(life, now=why) == State.FAULT
-    assert tick(life, Command.RESET, now=why) == State.FAULT  # still so
+    assert tick(life, now=why) == LifeState.FAULT
+    assert tick(life, Command.RESET, now=why) == LifeState.FAULT  # still so
     assert life.reasons == why
-    assert tick(life, Command.RESET) == State.INACTIVE
+    assert tick(life, Command.RESET) == LifeState.INACTIVE
 
 
 @pytest.mark.parametrize("command", [Command.STOP, Command.RESET])
@@ -133,9 +133,9 @@ def test_a_ramp_overwritten_by_accident_starts_no_higher_than_full() -> None:
     assert life.scale == 0.75
 
 
-@pytest.mark.parametrize("state", [State.UNCONFIGURED, State.FINISHED])
-def test_what_is_not_configured_or_finished_does_not_start(state: State) -> None:
-    life = Life(state=state, ramp_ticks=3)
+@pytest.mark.parametrize("state", [LifeState.UNCONFIGURED, LifeState.FINISHED])
+def test_what_is_not_configured_or_finished_does_not_start(state: LifeState) -> None:
+    life = LifeStruct(state=state, ramp_ticks=3)
     for command in Command:
         assert tick(life, command) == state
         assert life.scale == 0.0
@@ -154,18 +154,18 @@ def test_whatever_is_commanded(ticks: list[tuple[int, int]], ramp: int) -> None:
     """Torque only when started since it was armed, never with a reason; down without a jump up."""
     life, seen = inactive(ramp), []
     for command, now in ticks:
-        before = State(life.state), bool(life.armed), life.reasons
+        before = LifeState(life.state), bool(life.armed), life.reasons
         life.commands, life.now = command, now
         state = step(life)
         assert (life.commands, life.now) == (0, 0)
         assert 0.0 <= life.scale <= 1.0
-        assert (life.scale == 1.0) == (state == State.ACTIVE)
-        assert not (state == State.ACTIVE and life.reasons)
-        if state == State.ACTIVE and before[0] != State.ACTIVE:
-            assert (before, command, now) == ((State.INACTIVE, True, 0), Command.START, 0)
+        assert (life.scale == 1.0) == (state == LifeState.ACTIVE)
+        assert not (state == LifeState.ACTIVE and life.reasons)
+        if state == LifeState.ACTIVE and before[0] != LifeState.ACTIVE:
+            assert (before, command, now) == ((LifeState.INACTIVE, True, 0), Command.START, 0)
         if command != Command.RESET:
             assert life.reasons & before[2] == before[2]
-        if state == State.FAULT:
+        if state == LifeState.FAULT:
             assert life.reasons
         seen.append(life.scale)
     assert all(b <= a or b == 1.0 for a, b in pairwise(seen))
@@ -180,11 +180,11 @@ def test_a_struct_overwritten_by_accident_gives_no_torque_above_full(
     numbers: list[int], why: int
 ) -> None:
     state, armed, command, ramp_ticks, ramp = numbers
-    life = Life(state, armed, why, 0, command, ramp_ticks, ramp, 0, 5.0)
+    life = LifeStruct(state, armed, why, 0, command, ramp_ticks, ramp, 0, 5.0)
     after = step(life)
     assert 0.0 <= life.scale <= 1.0
-    if state not in list(State):
-        assert after == State.FAULT
+    if state not in list(LifeState):
+        assert after == LifeState.FAULT
         assert life.reasons & Why.COMPONENT
 
 
@@ -192,7 +192,7 @@ def test_a_struct_overwritten_by_accident_gives_no_torque_above_full(
                                                   ("2.5 ms", 1e-3, 3)])  # fmt: skip
 def test_the_ramp_in_ticks(ramp: float | str, h: float, ticks: int) -> None:
     life = LifeSpec(ramp).build(h)
-    assert (life.ramp_ticks, life.state) == (ticks, State.UNCONFIGURED)
+    assert (life.ramp_ticks, life.state) == (ticks, LifeState.UNCONFIGURED)
 
 
 def test_specs_that_cannot_be_are_refused() -> None:
@@ -209,7 +209,7 @@ def test_specs_that_cannot_be_are_refused() -> None:
 # --- watchdogs -------------------------------------------------------------------------------
 
 
-def expired(watchdog: Watchdog, now_ns: int) -> bool:
+def expired(watchdog: WatchdogStruct, now_ns: int) -> bool:
     return bool(native.functions().watchdog_check(c.byref(watchdog), now_ns))
 
 
@@ -239,7 +239,7 @@ def test_a_watchdog_that_is_off_never_expires_and_food_of_the_past_does_not_coun
 # --- peers -----------------------------------------------------------------------------------
 
 
-def beat(peer: Peer, state: State, now_ns: int, boots: int = 1) -> Why:
+def beat(peer: Peer, state: LifeState, now_ns: int, boots: int = 1) -> Why:
     return Why(native.functions().peer_heartbeat(c.byref(peer), state, boots, now_ns))
 
 
@@ -251,7 +251,7 @@ def test_a_peer_is_lost_when_silent_and_there_when_heard_again() -> None:
     peer = PeerSpec(2, "50 ms").build(0)
     assert check(peer, 50 * MS) == 0
     assert check(peer, 51 * MS) == Why.PEER
-    assert beat(peer, State.INACTIVE, 60 * MS) == 0
+    assert beat(peer, LifeState.INACTIVE, 60 * MS) == 0
     assert check(peer, 61 * MS) == 0
     assert peer.heartbeat.trips == 1
 
@@ -259,14 +259,14 @@ def test_a_peer_is_lost_when_silent_and_there_when_heard_again() -> None:
 @pytest.mark.parametrize(
     ("state", "expected"),
     [
-        (State.INACTIVE, 0),
-        (State.ACTIVE, 0),
-        (State.STOPPING, Why.PEER),
-        (State.FAULT, Why.PEER),
-        (State.FINISHED, 0),
+        (LifeState.INACTIVE, 0),
+        (LifeState.ACTIVE, 0),
+        (LifeState.STOPPING, Why.PEER),
+        (LifeState.FAULT, Why.PEER),
+        (LifeState.FINISHED, 0),
     ],
 )
-def test_a_peer_that_stops_stops_those_who_require_it(state: State, expected: int) -> None:
+def test_a_peer_that_stops_stops_those_who_require_it(state: LifeState, expected: int) -> None:
     for required in (True, False):
         peer = PeerSpec(2, "50 ms", required=required).build(0)
         beat(peer, state, MS)
@@ -275,12 +275,12 @@ def test_a_peer_that_stops_stops_those_who_require_it(state: State, expected: in
 
 def test_a_peer_that_has_finished_may_be_silent() -> None:
     peer = PeerSpec(2, "50 ms").build(0)
-    beat(peer, State.FINISHED, MS)
+    beat(peer, LifeState.FINISHED, MS)
     assert check(peer, 999 * MS) == 0
 
 
 def test_a_restart_is_noticed_once() -> None:
     peer = PeerSpec(2).build(0)
-    assert beat(peer, State.ACTIVE, MS, boots=7) == 0  # the first is no restart
-    assert beat(peer, State.INACTIVE, 2 * MS, boots=8) == Why.PEER
-    assert beat(peer, State.INACTIVE, 3 * MS, boots=8) == 0
+    assert beat(peer, LifeState.ACTIVE, MS, boots=7) == 0  # the first is no restart
+    assert beat(peer, LifeState.INACTIVE, 2 * MS, boots=8) == Why.PEER
+    assert beat(peer, LifeState.INACTIVE, 3 * MS, boots=8) == 0

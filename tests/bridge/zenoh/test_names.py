@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bridge.deployment import zenoh_keys
 from bridge.deployment.system import load_system
-from bridge.native.message import Decoded, Header, Profile
+from bridge.native.message import Decoded, E2EProfile, Header
 from bridge.zenoh.attach import traffic_of
 from cosim.base.errors import ScenarioError
 
@@ -110,7 +110,7 @@ def test_numbers_are_the_same_at_both_ends_of_every_key():
 def test_on_a_network_services_are_protected_whatever_else_a_node_is_on(deployment: str):
     found = load_system(CONFIGS / "teleoperation.toml", deployment).services
     profiles = {name: e.message.e2e for name, e in found["net"].named().items()}
-    assert set(profiles.values()) == {Profile.P04}
+    assert set(profiles.values()) == {E2EProfile.P04}
     assert profiles.keys() == found["left"].named().keys() - {"SYNC"}
 
 

@@ -9,7 +9,7 @@ import pytest
 from bridge.deployment.system import load_system
 from bridge.deployment.zenoh_keys import Names
 from bridge.native import node as native
-from bridge.native.safety import State
+from bridge.native.safety import LifeState
 from bridge.node.buses import answer, attached
 from bridge.node.run import Control
 from bridge.records.lives import Life
@@ -68,7 +68,7 @@ def asked(client, wired: Wired, control: Control) -> None:
     ask(client, NAMES, "master", "stop")
     ran.join(10.0)
     assert not ran.is_alive()
-    assert wired.struct.life.state == State.INACTIVE
+    assert wired.struct.life.state == LifeState.INACTIVE
 
 
 def test_nobody_answers(tmp_path: Path):
@@ -101,7 +101,7 @@ def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.Fixt
             command(client, NAMES, nmt, "start", 2)  # another's number
             command(client, NAMES, nmt, "start")
             until(lambda: wired.struct.slot > 10)
-            assert wired.struct.life.state == State.ACTIVE
+            assert wired.struct.life.state == LifeState.ACTIVE
             command(client, NAMES, nmt, "stop")
             ran.join(10.0)
             assert not ran.is_alive()

@@ -132,10 +132,3 @@ int32_t bus_send(bus_t *bus, frame_t *frame)
     write_row(bus, frame, FRAME_SENT);
     return 0;
 }
-
-size_t bus_sizes(int32_t which)
-{
-    const size_t sizes[] = { sizeof(bus_t), sizeof(accept_t), sizeof(traffic_t), sizeof(journal_t) };
-
-    return which >= 0 && which < 4 ? sizes[which] : 0;
-}

@@ -93,6 +93,5 @@ void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns);
 API void traffic_add(traffic_t *traffic, const frame_t *frame);
 
 /* 0: bus_t, 1: accept_t, 2: traffic_t, 3: journal_t; else 0 */
-API size_t bus_sizes(int32_t which);
 
 #endif

@@ -226,9 +226,3 @@ int32_t delay_hold(delay_t *d, int64_t sequence)
         return 0;
     return 1;
 }
-
-size_t delay_sizes(int32_t which)
-{
-    const size_t sizes[] = {sizeof(sample_t), sizeof(waiting_t), sizeof(delay_t)};
-    return which >= 0 && which < 3 ? sizes[which] : 0;
-}

@@ -76,8 +76,6 @@ API void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arriva
 API int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns);
 /* Hold this one, whatever the law says (replay): 1, or 0: it is not there (yet, or any more). */
 API int32_t delay_hold(delay_t *d, int64_t sequence);
-/* Bytes of sample_t, waiting_t, delay_t. */
-API size_t delay_sizes(int32_t which);
 
 /* What is held stays there when its slot is used again; any other only while it is kept. */
 static inline const double *delay_values(const delay_t *d, int64_t sequence)

@@ -17,11 +17,16 @@ static int64_t origin_of(double us, int64_t arrival_ns)
     return arrival_ns - since;
 }
 
+API int64_t epoch_origin_us(int64_t date_ns)
+{
+    return (date_ns + UNIT_NS / 2) % TURN_NS / UNIT_NS * 10;
+}
+
 void node_epoch(node_t *n)
 {
     epoch_t *e = &n->epoch;
-    const int64_t date = n->start_ns + pace_date() + UNIT_NS / 2;
-    const double v[EPOCH_VALUES] = {e->run, e->host, e->kept, (double)(date % TURN_NS / UNIT_NS * 10)};
+    const double origin = (double)epoch_origin_us(n->start_ns + pace_date());
+    const double v[EPOCH_VALUES] = {e->run, e->host, e->kept, origin};
     const header_t header = {e->said++, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
     e->due_ns = pace_now() + APART_NS;
     for (int32_t b = 0; b < n->n_buses; b++)
@@ -66,14 +71,13 @@ API int64_t node_origin(const node_t *n, int64_t arrival_ns, int64_t lead_ns)
     return arrival_ns + lead_ns;
 }
 
-/* Of a run that is asked for with its t = 0: all who are told the same have the same. */
-static int32_t numbered(int64_t start_ns)
+API int32_t epoch_run(int64_t origin_ns)
 {
-    return (int32_t)(start_ns / 1000 % EPOCH_RUNS) + 1;
+    return (int32_t)(origin_ns / 1000 % EPOCH_RUNS) + 1;
 }
 
 int32_t node_run_of(const node_t *n, int64_t start_ns, int32_t told)
 {
     if (n->epoch.origin_ns && start_ns == n->epoch.origin_ns) return n->epoch.told;
-    return told ? numbered(start_ns) : 0;
+    return told ? epoch_run(start_ns) : 0;
 }

@@ -11,6 +11,8 @@
 
 #include <stdint.h>
 
+#include "frame.h"
+
 /* Values of the message, in this order. */
 enum { EPOCH_RUN, EPOCH_HOST, EPOCH_KEPT, EPOCH_ORIGIN, EPOCH_VALUES };
 enum { EPOCH_RUNS = 63 };   /* runs are numbered from 1; 0: a run that was started without EPOCH */
@@ -30,5 +32,10 @@ typedef struct {
     uint32_t said;
     int32_t reserved;
 } epoch_t;
+
+/* A number for the run with this t = 0 (any clock): all who are told the same t = 0 find the same. */
+API int32_t epoch_run(int64_t origin_ns);
+/* What the message says of a date of t = 0 (ns since 1970): us, a multiple of 10, modulo 2^33 * 10 us. */
+API int64_t epoch_origin_us(int64_t date_ns);
 
 #endif

@@ -265,9 +265,3 @@ int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns)
     f->n_waiting--;
     return 1;
 }
-
-size_t faults_sizes(int32_t which)
-{
-    const size_t sizes[] = {sizeof(fault_t), sizeof(injected_t), sizeof(faults_t)};
-    return which >= 0 && which < 3 ? sizes[which] : 0;
-}

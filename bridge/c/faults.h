@@ -82,7 +82,5 @@ typedef struct {
 API void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t started);
 /* The next that gets through by now: 1 and *frame with its new t_ns, or 0. */
 API int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns);
-/* Bytes of fault_t, injected_t, faults_t. */
-API size_t faults_sizes(int32_t which);
 
 #endif

@@ -41,8 +41,3 @@ int32_t ring_get(ring_t *ring, frame_t *frame)
     __atomic_store_n(&ring->tail, tail + 1, __ATOMIC_RELEASE);
     return 1;
 }
-
-size_t frame_sizes(int32_t which)
-{
-    return which == 0 ? sizeof(frame_t) : which == 1 ? sizeof(ring_t) : 0;
-}

@@ -64,6 +64,4 @@ typedef struct {
 API int32_t ring_put(ring_t *ring, const frame_t *frame);   /* 1, or 0: full */
 API int32_t ring_get(ring_t *ring, frame_t *frame);         /* 1, or 0: empty */
 
-API size_t frame_sizes(int32_t which);      /* 0: frame_t, 1: ring_t; else 0 */
-
 #endif

@@ -1,13 +1,6 @@
 /* life.c: life cycle, watchdogs and peers of a node; see safety.h. */
 #include "safety.h"
 
-API size_t safety_sizes(int32_t which)
-{
-    static const size_t sizes[] = {sizeof(life_t), sizeof(guard_t), sizeof(watchdog_t),
-                                   sizeof(peer_t), sizeof(drive_t)};
-    return which >= 0 && which < 5 ? sizes[which] : 0;
-}
-
 /* ---- life cycle ---- */
 
 /* Why a command that needs a quiet node is refused; 0: it is not. */

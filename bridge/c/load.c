@@ -139,8 +139,3 @@ int64_t frame_time_ns(const frame_t *frame, double bitrate, double data_bitrate)
         return 0;
     return (int64_t)(bits.nominal * 1e9 / bitrate + bits.data * 1e9 / rate + 0.5);
 }
-
-size_t load_sizes(int32_t which)
-{
-    return which == 0 ? sizeof(bits_t) : 0;
-}

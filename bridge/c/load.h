@@ -20,6 +20,5 @@ typedef struct {
 API void frame_bits_exact(const frame_t *frame, bits_t *bits);
 /* ns, to the nearest; rates in bit/s; data_bitrate 0: as the nominal. 0: no CAN frame. */
 API int64_t frame_time_ns(const frame_t *frame, double bitrate, double data_bitrate);
-API size_t load_sizes(int32_t which);   /* 0: bits_t; else 0 */
 
 #endif

@@ -7,11 +7,6 @@
 
 enum { LOOK_NS = 30000, SLEEP_NS = 1000000 };
 
-API size_t lockstep_sizes(int32_t which)
-{
-    return which == 0 ? sizeof(stream_t) : which == 1 ? sizeof(lockstep_t) : 0;
-}
-
 API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns)
 {
     const int64_t x = deadline_ns - s->offset_ns;

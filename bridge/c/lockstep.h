@@ -40,6 +40,4 @@ API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns);
 /* All slots to the end; waits for COMMAND_START first. Reads clocks, to wait and for patience only. */
 API int32_t lockstep_run(lockstep_t *l);
 
-API size_t lockstep_sizes(int32_t which);   /* 0: stream_t, 1: lockstep_t; else 0 */
-
 #endif

@@ -259,9 +259,3 @@ int32_t message_decode(const message_t *m, const frame_t *frame, double *values,
         memcpy(values, found, (size_t)m->n_fields * sizeof *values);
     return result;
 }
-
-size_t message_sizes(int32_t which)
-{
-    return which == 0 ? sizeof(field_t) : which == 1 ? sizeof(message_t) : which == 2 ? sizeof(header_t)
-         : which == 3 ? sizeof(receiver_t) : which == 4 ? sizeof(limit_t) : 0;
-}

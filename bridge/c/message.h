@@ -105,6 +105,9 @@ typedef struct {
     int32_t unturned;       /* frames in a row whose stamps agree with the counter only if shift is 0 */
 } receiver_t;
 
+/* How far ahead of its time a sample is believed, if its period is less; turns of a short time stamp
+ * among which the counter decides. */
+enum { RECEIVE_EARLY_NS = 2000000, RECEIVE_TURNS = 64 };
 enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
 
 /* The number of the sample in a frame that arrived at t_ns; M = 2^counter_bits.
@@ -115,8 +118,8 @@ enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
  * right as long as no frame is later than 3/4 M periods. Without a counter the arrival counts.
  *
  * No number is accepted that its sender cannot have sent: its nominal time lies at most a period
- * (2 ms, if that is more) after t_ns + L, L being by how much the sender's clock is ahead: 0 at first,
- * then learned from the fastest frame, at most 488 ppm of the time passed.
+ * (RECEIVE_EARLY_NS, if that is more) after t_ns + L, L being by how much the sender's clock is ahead:
+ * 0 at first, then learned from the fastest frame, at most 488 ppm of the time passed.
  *
  * Returns the number, which is above the last one, and counts it ok, the numbers between lost; or
  * RECEIVE_REPEATED; RECEIVE_OLDER than the last (counted reordered; its number is `older`); or
@@ -142,8 +145,5 @@ API int32_t limits_range(const limit_t *limits, int32_t n, const double *values)
 /* Whether none has changed faster than it may since `last`, so many seconds ago. */
 API int32_t limits_rate(const limit_t *limits, int32_t n, const double *values, const double *last,
                         double seconds);
-
-/* sizeof: field_t, message_t, header_t, receiver_t, limit_t for which = 0..4; else 0. */
-API size_t message_sizes(int32_t which);
 
 #endif

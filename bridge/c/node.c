@@ -4,21 +4,12 @@
 #include <errno.h>
 #include <string.h>
 
-API size_t node_sizes(int32_t which)
-{
-    static const size_t sizes[] = {sizeof(history_t), sizeof(reception_t), sizeof(inlet_t),
-                                   sizeof(outlet_t), sizeof(node_t), sizeof(row_t),
-                                   sizeof(inlet_row_t), sizeof(played_t), sizeof(forward_t),
-                                   sizeof(services_t), sizeof(heard_t), sizeof(inside_t)};
-    return which >= 0 && which < 12 ? sizes[which] : 0;
-}
-
 /* ---- outlets ---- */
 
 static void guarded(outlet_t *o, const double *signals)
 {
     node_t *n = o->node;
-    double out[32];
+    double out[SAFETY_JOINTS];
     guard_apply(o->guard, o->values + o->guarded, o->q < 0 ? 0 : signals + o->q,
                 o->dq < 0 ? 0 : signals + o->dq, n->life.scale, out);
     memcpy(o->values + o->guarded, out, (size_t)o->joints * sizeof *out);
@@ -40,7 +31,7 @@ static uint32_t status(const node_t *n, const outlet_t *o)
 /* As the drive's encoders see it; of what the message does not carry there is nothing to see. */
 static void measured(outlet_t *o)
 {
-    double none[32] = {0};
+    double none[SAFETY_JOINTS] = {0};
     double *q = o->measured_q < 0 ? none : o->values + o->measured_q;
     double *dq = o->measured_dq < 0 ? none : o->values + o->measured_dq;
     drive_measure(o->drive, q, dq, q, dq);
@@ -103,7 +94,7 @@ API int32_t inside_pass(void *context, int64_t tick, double *signals)
 {
     const inside_t *x = context;
     node_t *n = x->node;
-    double out[32];
+    double out[SAFETY_JOINTS];
     (void)tick;
     guard_apply(x->guard, signals + x->tau, x->q < 0 ? 0 : signals + x->q,
                 x->dq < 0 ? 0 : signals + x->dq, n->life.scale, out);

@@ -357,6 +357,4 @@ API int32_t node_replay(node_t *n);  /* along its recording, from what it held: 
 /* Slots of one node on the simulated clock, slot i with what has arrived by limits[i]: of a bus log. */
 API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count);
 
-API size_t node_sizes(int32_t which);
-
 #endif

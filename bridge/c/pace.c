@@ -193,8 +193,3 @@ int64_t pace_run(int64_t start_ns, int64_t period_ns, int64_t n, int64_t spin_ns
         woke[k] = pace_wait(start_ns + k * period_ns, spin_ns, stop);
     return k > 0 && stop && *stop ? k - 1 : k;
 }
-
-size_t pace_sizes(int32_t which)
-{
-    return which == 0 ? sizeof(histogram_t) : 0;
-}

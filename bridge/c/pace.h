@@ -35,6 +35,4 @@ API int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32
 API int64_t pace_run(int64_t start_ns, int64_t period_ns, int64_t n, int64_t spin_ns,
                      const volatile int32_t *stop, int64_t *woke);
 
-API size_t pace_sizes(int32_t which);   /* 0: histogram_t; else 0 */
-
 #endif

@@ -1,10 +1,8 @@
 /* receiver.c: see receiver_t in message.h */
 #include "message.h"
 
-/* WINDOW: consecutive frames that have to agree before a counter that does not fit is believed.
- * TURNS: turns of a short time stamp among which the counter decides. */
-enum { WINDOW = 3, TURNS = 64 };
-static const int64_t EARLY_NS = 2000000;    /* how far clocks may be apart, if a period is less */
+/* Consecutive frames that have to agree before a counter that does not fit is believed. */
+enum { WINDOW = 3 };
 
 static int64_t divided(int64_t a, int64_t b)    /* towards minus infinity, b > 0 */
 {
@@ -38,7 +36,7 @@ static int64_t lead(const receiver_t *r, int64_t t)
  * far if that says more, and the uncertainty of clocks. */
 static int64_t latest(const receiver_t *r, int64_t t)
 {
-    const int64_t early = r->period_ns > EARLY_NS ? r->period_ns : EARLY_NS;
+    const int64_t early = r->period_ns > RECEIVE_EARLY_NS ? r->period_ns : RECEIVE_EARLY_NS;
     const int64_t fastest = lead(r, t);
     const int64_t most = number_at(r, t + early + (fastest > 0 ? fastest : 0));
     const int64_t near = number_at(r, t + fastest) + (turn(r) > 4 ? turn(r) / 4 : 1);
@@ -57,7 +55,7 @@ static int64_t below(const receiver_t *r, uint32_t counter, int64_t top)
 static int64_t matching(const receiver_t *r, uint32_t counter, int64_t shift, int64_t newest, int64_t *time)
 {
     const int64_t span = (int64_t)1 << r->time_bits;
-    for (int32_t n = 0; n < TURNS; n++) {
+    for (int32_t n = 0; n < RECEIVE_TURNS; n++) {
         const int64_t stamp = newest - n * span, k = number_at(r, stamp * 1000 + 999);
         if (k < 0) break;
         *time = sampled(r, k);

@@ -11,8 +11,7 @@
 
 #include "frame.h"
 
-/* sizeof of life_t, guard_t, watchdog_t, peer_t, drive_t for which = 0..4; else 0. */
-API size_t safety_sizes(int32_t which);
+enum { SAFETY_JOINTS = 32 };     /* the most joints a guard or a drive can have */
 
 /* ---- status: the byte that travels with every sample ---- */
 

@@ -256,11 +256,6 @@ def traffic_add(traffic: TrafficStruct, frame: Frame) -> None:
     _declared().traffic_add(c.byref(traffic), c.byref(frame))
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of: 0 `bus_t`, 1 `accept_t`, 2 `traffic_t`, 3 `journal_t`."""
-    return int(_declared().bus_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
@@ -271,6 +266,4 @@ def _declared() -> c.CDLL:
     lib.bus_prepare.restype = c.c_int32
     lib.traffic_add.argtypes = (c.POINTER(TrafficStruct), c.POINTER(Frame))
     lib.traffic_add.restype = None
-    lib.bus_sizes.argtypes = (c.c_int32,)
-    lib.bus_sizes.restype = c.c_size_t
     return lib

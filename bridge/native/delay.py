@@ -139,11 +139,6 @@ class DelayLine:
         return held
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of a struct: 0 `sample_t`, 1 `waiting_t`, 2 `delay_t`."""
-    return int(_declared().delay_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
@@ -156,6 +151,4 @@ def _declared() -> c.CDLL:
     lib.delay_take.restype = c.c_int64
     lib.delay_hold.argtypes = (line, c.c_int64)
     lib.delay_hold.restype = c.c_int32
-    lib.delay_sizes.argtypes = (c.c_int32,)
-    lib.delay_sizes.restype = c.c_size_t
     return lib

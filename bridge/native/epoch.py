@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ctypes as c
+from functools import lru_cache
 
-#: Values of the message, in this order. `origin`: date of t = 0, us, modulo :data:`TURN_US`.
+from bridge.native.library import library
+
+#: Values of the message, in this order. `origin`: date of t = 0, us, modulo 2^33 * 10 us.
 SIGNALS = ("run", "host", "kept", "origin")
-#: Numbers of runs: 1 to RUNS; 0: a run that was started without EPOCH.
-RUNS = 63
-TURN_US = 10 * 2**33
 
 
 class Epoch(c.Structure):
@@ -33,9 +33,17 @@ class Epoch(c.Structure):
 
 def values(run: int, host: int, kept: bool, date_ns: int) -> list[float]:
     """Of the message, for a run whose t = 0 has this date (ns since 1970)."""
-    return [run, host, float(kept), (date_ns + 5_000) // 10_000 * 10 % TURN_US]
+    return [run, host, float(kept), float(_declared().epoch_origin_us(date_ns))]
 
 
 def new_run(origin_ns: int) -> int:
     """A number for the run with this t = 0."""
-    return origin_ns // 1000 % RUNS + 1
+    return int(_declared().epoch_run(origin_ns))
+
+
+@lru_cache(maxsize=1)
+def _declared() -> c.CDLL:
+    lib = library()
+    lib.epoch_run.argtypes, lib.epoch_run.restype = (c.c_int64,), c.c_int32
+    lib.epoch_origin_us.argtypes, lib.epoch_origin_us.restype = (c.c_int64,), c.c_int64
+    return lib

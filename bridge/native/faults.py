@@ -138,11 +138,6 @@ class Injector:
         return tuple(rule.hits for rule in self.rules)
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of a struct: 0 `fault_t`, 1 `injected_t`, 2 `faults_t`."""
-    return int(_declared().faults_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
@@ -150,6 +145,4 @@ def _declared() -> c.CDLL:
     lib.faults_put.restype = None
     lib.faults_get.argtypes = (c.POINTER(Faults), c.POINTER(Frame), c.c_int64)
     lib.faults_get.restype = c.c_int32
-    lib.faults_sizes.argtypes = (c.c_int32,)
-    lib.faults_sizes.restype = c.c_size_t
     return lib

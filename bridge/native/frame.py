@@ -121,17 +121,10 @@ class Ring:
         return int(self.struct.head - self.struct.tail)
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of a struct: 0 is `frame_t`, 1 `ring_t`."""
-    return int(_declared().frame_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
     for function in (lib.ring_put, lib.ring_get):
         function.argtypes = (c.POINTER(RingStruct), c.POINTER(Frame))
         function.restype = c.c_int32
-    lib.frame_sizes.argtypes = (c.c_int32,)
-    lib.frame_sizes.restype = c.c_size_t
     return lib

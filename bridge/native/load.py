@@ -31,11 +31,6 @@ def frame_time_ns(frame: Frame, timing: BusTiming) -> int:
     return int(lib.frame_time_ns(c.byref(frame), timing.bitrate, timing.data_bitrate or 0.0))
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of a struct: 0 `bits_t`."""
-    return int(_declared().load_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
@@ -44,6 +39,4 @@ def _declared() -> c.CDLL:
     lib.frame_bits_exact.restype = None
     lib.frame_time_ns.argtypes = (frame, c.c_double, c.c_double)
     lib.frame_time_ns.restype = c.c_int64
-    lib.load_sizes.argtypes = (c.c_int32,)
-    lib.load_sizes.restype = c.c_size_t
     return lib

@@ -53,16 +53,10 @@ def run(struct: LockstepStruct) -> int:
     return int(_declared().lockstep_run(c.byref(struct)))
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of: 0 `stream_t`, 1 `lockstep_t`."""
-    return int(_declared().lockstep_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
     lib.lockstep_run.argtypes, lib.lockstep_run.restype = (c.POINTER(LockstepStruct),), c.c_int32
     lib.lockstep_needed.argtypes = (c.POINTER(StreamStruct), c.c_int64)
     lib.lockstep_needed.restype = c.c_int64
-    lib.lockstep_sizes.argtypes, lib.lockstep_sizes.restype = (c.c_int32,), c.c_size_t
     return lib

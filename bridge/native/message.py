@@ -11,7 +11,8 @@ from bridge.native.frame import Frame
 from bridge.native.library import library
 from bridge.native.safety import LifeState, Status
 
-FIELDS = 256  # the most values a message may have (MESSAGE_FIELDS)
+#: The most values a message may have.
+FIELDS = 256
 
 
 class FieldKind(IntEnum):
@@ -59,7 +60,10 @@ class Rejection(IntEnum):
     WRONG = -3
 
 
-STAMP_TURNS = 64  # of a time stamp among which the counter decides (TURNS of receiver.c)
+#: Turns of a short time stamp among which the counter decides.
+STAMP_TURNS = 64
+#: How far ahead of its time a sample is believed, ns, if its period is less.
+EARLY_NS = 2_000_000
 #: What a receiver counts, in the order of ``receiver_t``.
 COUNTERS = (
     *("ok", "lost", "repeated", "reordered", "wrong_sequence", "crc", "length", "invalid"),
@@ -205,11 +209,6 @@ def check(profile: E2EProfile, data_ids: bytes, data: bytes) -> tuple[Decoded, i
     return Decoded(result), counter.value
 
 
-def sizes(which: int) -> int:
-    """What C takes for a struct: 0 is `field_t`, then `message_t`, `header_t`, `receiver_t`."""
-    return int(_declared().message_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
@@ -227,6 +226,4 @@ def _declared() -> c.CDLL:
     lib.e2e_check.restype = c.c_int32
     lib.receiver_accept.argtypes = (c.POINTER(Receiver), c.POINTER(Header), c.c_int64)
     lib.receiver_accept.restype = c.c_int64
-    lib.message_sizes.argtypes = (c.c_int32,)
-    lib.message_sizes.restype = c.c_size_t
     return lib

@@ -16,7 +16,6 @@ from bridge.native.pace import Histogram
 WALL, SIMULATED, REPLAY = 1, 2, 3
 #: Flags of a row: a missed slot, done late; a component failed; its drives were disabled, enabled.
 BURST, FAILED, DISABLED, ENABLED = 1, 2, 4, 8
-JOINTS = 32  # the most a guard can have
 RAISED = 1  # of `alarm`: emergency stop
 UNKNOWN, THERE = 0, 1  # a sample in a replay
 FINISHED, STOPPED, NEVER_STARTED, FAULT, NOT_JOINED = 0, -1, -2, -3, -4
@@ -304,15 +303,6 @@ class NodeStruct(c.Structure):
     )
 
 
-STRUCTS: tuple[type[c.Structure], ...] = (
-    HistoryStruct,
-    Reception,
-    InletStruct,
-    OutletStruct,
-    NodeStruct,
-)  # then rows
-
-
 @lru_cache(maxsize=1)
 def functions() -> c.CDLL:
     """The library with the functions of ``node.h`` declared. Raises CosimError without it."""
@@ -333,7 +323,6 @@ def functions() -> c.CDLL:
     found.nodes_simulate.restype = i32
     found.node_follow.argtypes = (node, c.c_void_p, c.c_int64)
     found.node_follow.restype = i32
-    found.node_sizes.argtypes, found.node_sizes.restype = (i32,), c.c_size_t
     return found
 
 

@@ -74,11 +74,6 @@ def run(
     return woke[: _declared().pace_run(start_ns, period_ns, n, spin_ns, flag, pointer)]
 
 
-def sizes(which: int) -> int:
-    """What C takes for the size of a struct: 0 is `histogram_t`."""
-    return int(_declared().pace_sizes(which))
-
-
 @lru_cache(maxsize=1)
 def _declared() -> c.CDLL:
     lib = library()
@@ -95,6 +90,4 @@ def _declared() -> c.CDLL:
         c.c_int64, c.c_int64, c.c_int64, c.c_int64, flag, c.POINTER(c.c_int64),
     )  # fmt: skip
     lib.pace_run.restype = c.c_int64
-    lib.pace_sizes.argtypes = (c.c_int32,)
-    lib.pace_sizes.restype = c.c_size_t
     return lib

@@ -9,6 +9,8 @@ from functools import lru_cache
 from bridge.native.library import library
 
 Doubles = c.POINTER(c.c_double)
+#: The most joints a guard or an emulated drive can have.
+JOINTS = 32
 
 
 class LifeState(IntEnum):
@@ -175,23 +177,15 @@ class DriveStruct(c.Structure):
     )
 
 
-#: In the order of ``safety_sizes``.
-STRUCTS: tuple[type[c.Structure], ...] = (LifeStruct, Guard, WatchdogStruct, Peer, DriveStruct)
-
-
-def _pointer(struct: type[c.Structure]) -> object:
-    return c.POINTER(struct)
-
-
 @lru_cache(maxsize=1)
 def functions() -> c.CDLL:
     """The library with the functions of ``safety.h`` declared. Raises CosimError without it."""
     found = library()
-    life, guard, watchdog, peer, drive = (_pointer(struct) for struct in STRUCTS)
+    structs: tuple[type[c.Structure], ...] = (LifeStruct, Guard, WatchdogStruct, Peer, DriveStruct)
+    life, guard, watchdog, peer, drive = (c.POINTER(struct) for struct in structs)
     u32, i32, i64, d = c.c_uint32, c.c_int32, c.c_int64, c.c_double
     vector = Doubles
     declared: dict[str, tuple[object, list[object]]] = {
-        "safety_sizes": (c.c_size_t, [i32]),
         "life_step": (i32, [life]),
         "guard_apply": (u32, [guard, vector, vector, vector, d, vector]),
         "guard_why": (u32, [guard]),

@@ -15,6 +15,7 @@ from bridge.deployment.protection import Span, emulated, limits, span
 from bridge.deployment.spec import GuardSpec
 from bridge.deployment.system import Carried, System
 from bridge.native import node as native
+from bridge.native.safety import JOINTS
 from bridge.safety import limits as safety
 from cosim.base.errors import ScenarioError
 
@@ -131,8 +132,8 @@ class Sending:
         self._alive.append(insides)
 
     def _built(self, spec: GuardSpec, at: Span, period: float, place: str) -> safety.TorqueGuard:
-        if at.size > native.JOINTS:
-            raise ScenarioError(f"{at.size} joints, expected at most {native.JOINTS}", place)
+        if at.size > JOINTS:
+            raise ScenarioError(f"{at.size} joints, expected at most {JOINTS}", place)
         guard = limits(spec, at).build(at.size, period, place)
         self._alive.append(guard)
         return guard

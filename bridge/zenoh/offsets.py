@@ -17,14 +17,13 @@ from bridge.deployment.spec import Deployment
 from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import Names, names_of
 from bridge.native.epoch import new_run, values
+from bridge.native.message import EARLY_NS
 from bridge.realtime.host_clock import HostClock, host_clock
 from bridge.zenoh.presence import present_now
 from bridge.zenoh.remote import ask, say
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from cosim.base.errors import RunError
 
-#: s; a receiver believes no sample that is further ahead of its time, nor a period ahead.
-EARLY = 0.002
 #: Questions to each node.
 TIMES = 5
 
@@ -81,9 +80,9 @@ def bearable(system: System) -> float:
     """
     d = system.deployment
     over = [m for m in system.messages.values() if d.buses[m.bus].kind == "zenoh"]
-    ahead = [max(EARLY, m.period_ns * 1e-9) for m in over]
+    ahead = [max(EARLY_NS, m.period_ns) * 1e-9 for m in over]
     behind = [m.max_age_ns * 1e-9 for m in over if m.max_age_ns > 0]
-    return min([*ahead, *behind], default=EARLY)
+    return min([*ahead, *behind], default=EARLY_NS * 1e-9)
 
 
 def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:

@@ -207,7 +207,7 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
             case OP_PLAY: result = play(e->players + op->index, s + op->target); break;
             case OP_STEP: result = step_unit(e, op->index); break;
             case OP_GATE:
-                if (e->gates[op->index].pass(e->gates[op->index].context, tick, s)) {
+                if (e->gates[op->index].passing(e->gates[op->index].context, tick, s)) {
                     e->failed_index = op->index;
                     result = RUN_GATE;
                 }

@@ -1,4 +1,5 @@
-/* engine.h: what a plan is in memory, and what engine.c has of FMI. cosim/native/structs.py says the same. */
+/* engine.h: what a plan is in memory, and what engine.c has of FMI. cosim/native/structs.py repeats it
+ * for Python; tests/bridge/native/test_mirrors.py compares the two. */
 #ifndef COSIM_ENGINE_H
 #define COSIM_ENGINE_H
 
@@ -156,7 +157,7 @@ typedef struct {
 
 /* Where signals leave the plan or enter it; what happens there is not the engine's business. */
 typedef struct {
-    int32_t (*pass)(void *context, int64_t tick, double *signals); /* not 0: the run stops */
+    int32_t (*passing)(void *context, int64_t tick, double *signals); /* not 0: the run stops */
     void *context;
 } gate_t;
 

@@ -1,4 +1,4 @@
-"""The C engine's structs and functions, as ctypes sees them (``engine.c`` is the definition)."""
+"""The C engine's structs and functions, as ctypes sees them (``engine.h`` is the definition)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ABI = 10
 
 
 class Code(IntEnum):
-    """What an operation does."""
+    """``OP_``: what an operation does."""
 
     COPY = 0
     SCALE = 1
@@ -38,7 +38,7 @@ SLOPES = frozenset({Code.SLOPE_AHEAD, Code.SLOPE_BETWEEN})
 
 
 class UnitKind(IntEnum):
-    """How a unit is stepped."""
+    """``UNIT_``: how a unit is stepped."""
 
     CALL = 0
     FMI2 = 2
@@ -47,7 +47,7 @@ class UnitKind(IntEnum):
 
 
 class EngineResult(IntEnum):
-    """Why ``engine_run`` returned."""
+    """``RUN_``: why ``engine_run`` returned."""
 
     OK = 0
     STOPPED = 1
@@ -67,7 +67,7 @@ class EngineResult(IntEnum):
 
 
 class ClockKind(IntEnum):
-    """What ticks an input clock."""
+    """``CLOCK_``: what ticks an input clock."""
 
     PERIODIC = 0
     CHANGING = 1
@@ -233,7 +233,7 @@ class PlayerStruct(c.Structure):
 
 
 class GateStruct(c.Structure):
-    """``gate_t``: a C function ``int32_t pass(void *context, int64_t tick, double *signals)``."""
+    """``gate_t``: ``int32_t passing(void *context, int64_t tick, double *signals)`` of C."""
 
     _fields_ = (("passing", c.c_void_p), ("context", c.c_void_p))
 

@@ -1,6 +1,5 @@
 """Buses that need no kernel: rings in memory, and python-can's virtual interface."""
 
-import ctypes
 import errno
 import socket
 import threading
@@ -16,7 +15,6 @@ from hypothesis import strategies as st
 from bridge.can.health import BusHealth, bus_health, interface_counters
 from bridge.can.interface import BusSpec, attach, configuration, parse_spec
 from bridge.can.socket import BusError
-from bridge.native import bus as native
 from bridge.native import frame as frames
 from bridge.native.bus import Accept, Bus, BusKind, BusState, TrafficStruct, traffic_add
 from bridge.native.frame import Flags, Frame, Ring
@@ -74,19 +72,6 @@ class TestVirtual(BusContract):
             return attach(spec, number=3, log=log, accepts=accepts), peer
 
         return connect
-
-
-def test_structs_are_those_of_c():
-    known = [native.BusStruct, Accept, TrafficStruct]
-    assert [ctypes.sizeof(s) for s in known] == [native.sizes(i) for i in range(3)]
-    assert [ctypes.sizeof(s) for s in (Frame, frames.RingStruct)] == [
-        frames.sizes(i) for i in range(2)
-    ]
-    whole = frames.frame_dtype(232)
-    assert whole.itemsize == ctypes.sizeof(Frame)
-    assert {n: whole.fields[n][1] for n in whole.names} == {
-        name: getattr(Frame, name).offset for name, *_ in Frame._fields_
-    }
 
 
 @given(st.lists(st.one_of(st.none(), st.binary(max_size=64))), st.sampled_from([1, 2, 8]))

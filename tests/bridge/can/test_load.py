@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from itertools import pairwise
 
 import numpy as np
@@ -33,10 +32,6 @@ def native_frame(drawn: Drawn) -> Frame:
     frame = Frame.of(identifier, data, flags_of(kind))
     frame.length = dlc
     return frame
-
-
-def test_structs_are_those_of_c() -> None:
-    assert native.sizes(0) == ctypes.sizeof(native.BitsStruct)
 
 
 @settings(max_examples=120)

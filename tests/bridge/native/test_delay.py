@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes as c
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.native import delay as native
-from bridge.native.delay import Delay, DelayLine, SampleStruct, WaitingStruct
+from bridge.native.delay import DelayLine
 from cosim.base.errors import PlanError
 from cosim.links.grid import Grid
 from cosim.links.semantics import Packets, Playout, Signal
 from tests.bridge.lines import MS, RULES, N, arrivals, arrived, drive, line, links, rows_of
-
-
-def test_structs_are_as_c_has_them():
-    for which, kind in enumerate((SampleStruct, WaitingStruct, Delay)):
-        assert native.sizes(which) == c.sizeof(kind)
-    assert native.sizes(3) == 0
 
 
 @pytest.mark.parametrize("capacity", [0, 3, -4])

@@ -19,11 +19,6 @@ from cosim.base import clock
 SECOND = 1_000_000_000
 
 
-def test_the_struct_is_as_large_as_in_c() -> None:
-    assert pace.sizes(0) == c.sizeof(pace.Histogram)
-    assert pace.sizes(1) == 0
-
-
 def filled(values: list[int]) -> pace.Histogram:
     histogram = pace.Histogram()
     for value in values:

@@ -24,7 +24,7 @@ RUN, HOST, OTHER = 7, 3, 4
 INACTIVE, ACTIVE = 1, 2
 START, STOP = 1, 2
 UNIT = 10_000  # ns
-TURN = native.TURN_US * 1000
+TURN = UNIT * 2**33
 
 
 class Alone(Bench):

@@ -1,6 +1,5 @@
 """Nodes in lock-step are the twin, to the bit; one that stalls or dies is named."""
 
-import ctypes as c
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,14 +17,6 @@ from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, 
 
 ARMS = ("master", "slave")
 ROBOTS = tuple(f"robot{i}" for i in range(1, 7))
-
-
-def test_sizes():
-    assert [native.sizes(i) for i in range(3)] == [
-        c.sizeof(native.StreamStruct),
-        c.sizeof(native.LockstepStruct),
-        0,
-    ]
 
 
 @given(

@@ -16,6 +16,7 @@ from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status, Why
 from bridge.node.control import why
+from bridge.wiring import outlets
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
@@ -101,7 +102,7 @@ def test_an_encoder_that_jumps_before_the_start_is_a_fault(tmp_path):
 
 
 def test_more_joints_than_a_guard_takes_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(native, "JOINTS", 1)
+    monkeypatch.setattr(outlets, "JOINTS", 1)
     with pytest.raises(ScenarioError, match="2 joints, expected at most 1"):
         Bench(tmp_path)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes as c
 from dataclasses import replace
 from math import inf, nan
 
@@ -269,12 +268,6 @@ def test_reasons_in_words() -> None:
     assert explain_guard(GuardBit.TORQUE | GuardBit.RATE) == "torque limit; rate limit"
     assert names(Why.COMMAND | Why.JUMP) == ("command", "jump")
     assert "unknown" not in explain(sum(Why)) + explain_guard(sum(GuardBit))
-
-
-def test_the_structs_are_as_large_as_in_c() -> None:
-    size = native.functions().safety_sizes
-    assert [size(n) for n in range(5)] == [c.sizeof(struct) for struct in native.STRUCTS]
-    assert size(5) == size(-1) == 0
 
 
 def test_a_guard_keeps_what_it_points_to() -> None:

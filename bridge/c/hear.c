@@ -36,12 +36,11 @@ static void preview(node_t *n, reception_t *r)
         if (in->reception != r || in->drive) continue;
         for (int32_t k = 0; k < in->count; k++) {
             const double x = in->gain * r->values[in->first + k] + in->offset;
-            if (r->previewed && jumped(n, in->target + k, x - in->initial[k])) n->life.now |= WHY_JUMP;
+            if (r->previewed_ns >= 0 && jumped(n, in->target + k, x - in->initial[k])) n->life.now |= WHY_JUMP;
             in->initial[k] = x;
             if (!n->simulated) n->signals[in->target + k] = x;
         }
     }
-    r->previewed = 1;
 }
 
 /* Whether it is a sample of the run: by the state of its sender, or else what comes from t = 0 on. */
@@ -103,6 +102,7 @@ static void sample(node_t *n, reception_t *r, const frame_t *frame)
     if (!runs(n, r, &header, t)) {
         keep(r, values);
         if (!n->begun) preview(n, r);
+        r->previewed_ns = frame->t_ns;
         if (tells_life(r->message)) node_forward(n, r, &header, frame);
         return;
     }

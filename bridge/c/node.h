@@ -82,9 +82,11 @@ typedef struct {
     int64_t max_age_ns;     /* older at its arrival is refused: by its stamp, else by the nominal time
                              * of its number; 0: any */
     int64_t newest, arrival_ns; /* accepted last; -1: none */
-    int32_t accept_simulated, previewed;
+    int64_t previewed_ns;   /* arrival of the last preview, on the clock of its frame; -1: none */
+    int32_t accept_simulated;
     int32_t awaited;        /* no start before it was heard, if it tells previews */
     int32_t of_fault;       /* 1: torques of a node in FAULT were heard: they are no samples that count */
+    int32_t reserved;
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
     history_t *history;     /* what was heard of it: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */

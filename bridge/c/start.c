@@ -14,7 +14,7 @@ static int32_t there(const peer_t *peer, int64_t now)
 
 static int32_t heard(const reception_t *r)
 {
-    return r->previewed || r->newest >= 0 || r->of_fault || !tells_life(r->message);
+    return r->previewed_ns >= 0 || r->newest >= 0 || r->of_fault || !tells_life(r->message);
 }
 
 API int32_t node_unheard(const node_t *n, int32_t i)

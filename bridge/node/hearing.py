@@ -37,25 +37,36 @@ def unheard(wired: Wired) -> list[str]:
         if functions.node_unheard(node, i)
     ]
     found += [
-        f"a heartbeat of {peer}"
+        f"a heartbeat of {peer}{_of_state(wired.peers[peer].state)}"
         for i, peer in enumerate(wired.peers)
         if functions.node_absent(node, i, now)
     ]
     return found
 
 
+def _of_state(state: int) -> str:
+    """Of a peer that is heard, but in a state in which nobody may start."""
+    ready = state in (-1, State.INACTIVE, State.ACTIVE)
+    return "" if ready else f" in another state than {State(state).name}"
+
+
 def silent(wired: Wired) -> list[str]:
     """What a running node has not heard for longer than it may, a phrase each.
 
-    Messages of nodes that have finished are not missed. Torques of a node in FAULT are heard,
-    although they feed no watchdog of a drive.
+    Messages of nodes that have finished are not missed. Torques of a node in FAULT and previews of
+    one that waits for its start show that it can be heard, although they are no samples of the run.
     """
     struct, d = wired.struct, wired.system.deployment
     over = {p for p, peer in wired.peers.items() if peer.state == LifeState.FINISHED}
     found = {}
     for i, inlet in enumerate(wired.plan.inlets):
         sender = wired.system.messages[inlet.message].node
-        last = max(wired.receiving.inlets[i].heard_ns, wired.receivers[inlet.message].arrival_ns)
+        reception = wired.receiving.receptions[inlet.message]
+        last = max(
+            wired.receiving.inlets[i].heard_ns,
+            wired.receivers[inlet.message].arrival_ns,
+            reception.previewed_ns - struct.start_ns if reception.previewed_ns >= 0 else 0,
+        )
         silence = (struct.slot * struct.h_ns - last) * 1e-9
         limit = max(wired.receiving.inlets[i].stop_ns * 1e-9, d.silence)
         if 0 < limit < silence and sender not in over:

@@ -125,7 +125,7 @@ def _of_frames(
         span = shown.span(life, fault.t0, fault.t1 + fault.b)
         for name, there in received.hit(fault).items():
             rows = _effective(record[there], fault)
-            if SIGNS[fault.kind] == ("age",) and not shown.arrives(life, name, *span):
+            if fault.kind == "delay" and not shown.arrives(life, name, *span):
                 rows = rows[:0]  # of a gateway: nobody was there who would know how old it is
             alike = [f for f in every if _counted_as(fault, f, life.node)]
             alike = [f for f in alike if name in {one.name for one in f.about(received.listened)}]
@@ -181,6 +181,9 @@ def _frame_signs(
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
         found = (*found, *shown.age(life, message, *span, least))
+    if "silence" in signs:  # what was sent behind it came with it: it was never the newest
+        held = shown.span(life, rows["t_ns"][-1] * 1e-9, rows["through_ns"][-1] * 1e-9)
+        found = (*found, *shown.silence(life, message, *held))
     return found
 
 
@@ -259,9 +262,14 @@ def _jumped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
 
 
 def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
+    """Errors of the bus; where it was down several times, a life that had it back as often."""
+    downs = sum(
+        isinstance(n, Done) and (n.action, n.target) == (first.action, bus) for n in shown.notes
+    )
     for report in shown.reports:
         health = report.said.buses.get(bus, {}) if report.said else {}
-        if any(health.get(k) for k in ("restarts", "peers_left", "error_frames", "send_failed")):
+        failed = any(health.get(k) for k in ("peers_left", "error_frames", "send_failed"))
+        if health.get("restarts", 0) >= downs or (failed and downs == 1):
             return (Sign(what="health", life=report.life),)
     return ()
 

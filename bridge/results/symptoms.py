@@ -33,7 +33,7 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "corrupt": ("crc", "length", "invalid", "range"),
     "duplicate": ("repeated", "reordered"),
     "reorder": ("reordered",),
-    "delay": ("age",),
+    "delay": ("age", "silence"),
     "jitter": ("age", "reordered"),
     "kill": ("ended",),
     "restart": ("life", "refusal"),

@@ -134,6 +134,16 @@ def test_torques_of_a_node_in_fault_are_heard(tmp_path):
         assert hearing.silent(nodes["master"]) == []
 
 
+def test_a_node_whose_peer_waits_for_its_start_is_not_deaf(master):
+    slots(master, 310)
+    assert hearing.silent(master.wired)
+    master.say(State.INACTIVE, 0, 0.31)
+    slots(master, 1)
+    assert hearing.silent(master.wired) == []
+    slots(master, 310)
+    assert hearing.silent(master.wired) == ["xi_slave from slave for 0.311 s"]
+
+
 def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path, monkeypatch):
     monkeypatch.setattr(hearing, "REPEAT", 0.02)
     made, said = Slave(tmp_path), []
@@ -169,3 +179,5 @@ def test_who_is_required_and_not_there_is_named(tmp_path):
         peer = made.wired.peers["slave"]
         peer.state, peer.heartbeat.last_ns = LifeState.INACTIVE, monotonic_ns()
         assert "a heartbeat of slave" not in hearing.unheard(made.wired)
+        peer.state = State.FAULT
+        assert "a heartbeat of slave in another state than FAULT" in hearing.unheard(made.wired)

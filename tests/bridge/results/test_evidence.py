@@ -113,6 +113,18 @@ def test_a_delay_shows_in_the_time_on_the_way(system, tmp_path):
     assert find(given, run)[0].shown == ("master xi_slave: up to 301 ms on the way",)
 
 
+def test_a_delay_shows_as_silence_where_what_was_held_up_came_with_what_was_sent_later(
+    system, tmp_path
+):
+    injected(system, tmp_path, 20, native.DELAY, wait=0.3)  # the last from 2.095 s to 2.395 s
+    given, run = script(drop(kind="delay", by=0.3)), shown(system, tmp_path)
+    newest = run.rows["master"]["inlets"]["newest"]
+    newest[440:479, 0] = 439
+    assert find(given, run)[0].verdict == "unseen"
+    newest[424:479, 0] = 423
+    assert find(given, run)[0].verdict == "seen"
+
+
 def test_a_frame_that_another_fault_has_hidden_is_none_of_this_one(system, tmp_path):
     injected(system, tmp_path, 20, native.DUPLICATE, copies=0)  # dropped by a later rule
     (found,) = find(script(drop(kind="duplicate")), shown(system, tmp_path))
@@ -315,6 +327,20 @@ def test_a_message_of_zenoh_is_hit_by_its_name(system):
     number = system.messages["xi_slave"].encoding.message.id
     rules.injector.put(Frame.of(number, bytes(40), 0, 2_000_000_000 + 1), 1)
     assert rules.hits() == {0: 1}
+
+
+@pytest.mark.parametrize(
+    ("health", "verdict"),
+    [({"restarts": 1}, "unseen"), ({"restarts": 2}, "seen"), ({"send_failed": 9}, "unseen")],
+)
+def test_a_bus_that_was_down_twice_has_to_come_back_twice(tmp_path, health, verdict):
+    system = load_system(SCENARIO, "can", ["run.step='5 ms'", "run.stop='10 s'"])
+    down = {"kind": "bus-down", "bus": "right", "for": 0.3}
+    notes = [done(1.0, "bus-down", "right"), done(3.0, "bus-down", "right")]
+    run = shown(system, tmp_path, notes=notes)
+    run = replace(run, reports=[report(Life("slave"), buses={"right": health})])
+    found = find(script({**down, "at": 1}, {**down, "at": 3}), run)
+    assert [evidence.verdict for evidence in found] == [verdict] * 2
 
 
 BABBLE = {"kind": "babble", "bus": "right", "id": 0x21, "rate": 100, "from": 1, "to": 2}

@@ -46,8 +46,8 @@ def unheard(wired: Wired) -> list[str]:
 
 def _of_state(state: int) -> str:
     """Of a peer that is heard, but in a state in which nobody may start."""
-    ready = state in (-1, State.INACTIVE, State.ACTIVE)
-    return "" if ready else f" in another state than {State(state).name}"
+    ready = state in (-1, LifeState.INACTIVE, LifeState.ACTIVE)
+    return "" if ready else f" in another state than {LifeState(state).name}"
 
 
 def silent(wired: Wired) -> list[str]:

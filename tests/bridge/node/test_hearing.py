@@ -137,7 +137,7 @@ def test_torques_of_a_node_in_fault_are_heard(tmp_path):
 def test_a_node_whose_peer_waits_for_its_start_is_not_deaf(master):
     slots(master, 310)
     assert hearing.silent(master.wired)
-    master.say(State.INACTIVE, 0, 0.31)
+    master.say(LifeState.INACTIVE, 0, 0.31)
     slots(master, 1)
     assert hearing.silent(master.wired) == []
     slots(master, 310)
@@ -179,5 +179,5 @@ def test_who_is_required_and_not_there_is_named(tmp_path):
         peer = made.wired.peers["slave"]
         peer.state, peer.heartbeat.last_ns = LifeState.INACTIVE, monotonic_ns()
         assert "a heartbeat of slave" not in hearing.unheard(made.wired)
-        peer.state = State.FAULT
+        peer.state = LifeState.FAULT
         assert "a heartbeat of slave in another state than FAULT" in hearing.unheard(made.wired)

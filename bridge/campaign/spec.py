@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -45,7 +45,7 @@ class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """One run: the script, relative to the campaign, and what has to come of it.
 
     `ends`: of the run; `node`: which node stopped, "": any; `because`: reasons of which it has
-    one at least; `sees`: counters that are not 0 at one receiver at least.
+    one at least; `sees`: counters that are not 0 at one receiver at least; `times`: how often.
     """
 
     script: str
@@ -53,6 +53,7 @@ class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     node: str = ""
     because: tuple[str, ...] = ()
     sees: tuple[str, ...] = ()
+    times: Annotated[int, msgspec.Meta(ge=1)] = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ def load_campaign(path: str | Path) -> Campaign:
         scenario=path.parent / _text(document, "scenario", path),
         deploy=_text(document, "deploy", path),
         settings=convert(document.get("settings", []), tuple[str, ...], path, "settings"),
-        runs=tuple((run, load(path.parent / run.script)) for run in runs),
+        runs=tuple((run, load(path.parent / run.script)) for run in runs for _ in range(run.times)),
     )
 
 

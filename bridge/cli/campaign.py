@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,10 +69,13 @@ def campaign(
     folder = out or Path("runs") / f"{file.stem}-{stamp()}"
     changes = [*found.settings, *(set_ or [])]
     judged = []
+    times = Counter[str]()
     for spec, script in found.runs:
         name = Path(spec.script).stem
         if only and name not in only:
             continue
+        times[name] += 1
+        name += f"-{times[name]}" if times[name] > 1 else ""
         one = _one(found, spec, script, changes, interface, folder / name, realtime)
         typer.echo(f"{name:<12} {_said(one)}", err=True)
         judged += [one] if one else []

@@ -42,11 +42,6 @@ API int32_t drive_request(drive_t *d, int32_t request, int64_t now_ns)
     return d->state;
 }
 
-API int32_t drive_accepts(const drive_t *d, uint32_t status)
-{
-    return d->accept_simulated || !(status & STATUS_SIMULATED);
-}
-
 static int all_finite(const double *x, int32_t n)
 {
     for (int32_t i = 0; i < n; i++)

@@ -153,15 +153,11 @@ typedef struct {
     double q_lsb, dq_lsb, tau_lsb;  /* encoder and velocity resolution, of the current loop; 0: none */
     double *tau;            /* (joints,) state: torque of the current loop at the end of the tick */
     int64_t faults;
-    int32_t accept_simulated;   /* an emulated drive does; a real one must not */
-    int32_t reserved;
 } drive_t;
 
 /* OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY, FAULT -CLEAR-> READY, any -OFF-> OFF. A request
  * that does not fit changes nothing: FAULT is left by CLEAR (or OFF) only. Returns the state. */
 API int32_t drive_request(drive_t *d, int32_t request, int64_t now_ns);
-/* 1, or 0: a frame with this status byte must not move this drive. */
-API int32_t drive_accepts(const drive_t *d, uint32_t status);
 /* One tick of the plant: `command` (joints,) as received last -> torque that acts on the joints
  * until the next tick, the mean of what the current loop gives over it. `valid`: a command has
  * arrived since the last tick and passed its checks. A command that is not finite, or its

@@ -7,15 +7,13 @@ drive behind which no torque arrives, would protect nobody without a word.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
 
 from bridge.deployment.cut import Inlet, NodePlan, Outlet
-from bridge.deployment.spec import Deployment, DriveSpec, GuardSpec, NodeSpec
-from bridge.drives import model
+from bridge.deployment.spec import Deployment, NodeSpec
+from bridge.drives.model import DEFAULTS, DriveSpec
 from bridge.drives.profiles import load_profile
-from bridge.safety import limits as safety
-from bridge.safety.limits import in_si
+from bridge.safety.limits import GuardSpec, in_si
 from cosim.base.errors import ScenarioError
 from cosim.schedule.plan import Slot
 
@@ -48,30 +46,11 @@ def span(outlet: Outlet, port: Slot | None, place: str) -> Span | None:
     return Span(value, entry, len(found))
 
 
-def limits(spec: GuardSpec, at: Span | None = None) -> safety.GuardSpec:
-    """A deployment's guard as :mod:`bridge.safety.limits` takes it, for the entries `at` of its
-    port.
-    """
-    names = [f.name for f in fields(safety.GuardSpec) if f.name not in ("brake", "stops")]
-    return safety.GuardSpec(
-        **{name: _listed(getattr(spec, name), at) for name in names},
-        brake=spec.brake,
-        stops=spec.stops,
-    )
-
-
-def emulated(
-    spec: DriveSpec, deployment: Deployment | None = None, at: Span | None = None
-) -> model.DriveSpec:
-    """A drive as :mod:`bridge.drives.model` takes it: what is said, else its profile's, else
-    defaults.
-    """
-    known = model.DriveSpec()
-    if spec.profile and deployment is not None:
-        known = load_profile(deployment.file(spec.profile)).drive
-    names = ("tau_max", "lag", "watchdog", "damping", "q_lsb", "dq_lsb", "tau_lsb")
-    said = {n: _listed(getattr(spec, n), at) for n in names if getattr(spec, n) is not None}
-    return replace(known, **said)
+def emulated(spec: DriveSpec, deployment: Deployment) -> DriveSpec:
+    """A drive with all its values: what is said, else its profile's, else defaults."""
+    if spec.profile:
+        spec = spec.over(load_profile(deployment.file(spec.profile)).drive)
+    return spec.over(DEFAULTS)
 
 
 def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
@@ -80,7 +59,7 @@ def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
     Raises ScenarioError for an age that is not positive.
     """
     if spec.max_age is None:
-        return round(in_si(emulated(spec, d).watchdog, "s", f"{place}.watchdog") * 1e9)
+        return round(in_si(emulated(spec, d).watchdog or 0.0, "s", f"{place}.watchdog") * 1e9)
     said = in_si(spec.max_age, "s", f"{place}.max_age")
     if not 0 < said < 1e6:
         raise ScenarioError(f"is {said:g} s, expected more than 0", f"{place}.max_age")
@@ -91,13 +70,6 @@ def drives_by(plan: NodePlan, spec: NodeSpec, message: str) -> bool:
     """Whether a message carries torques of the node's drive."""
     port = spec.drive.port if spec.drive else None
     return any(i.message == message and i.target.port == port for i in plan.inlets)
-
-
-def _listed(value: Any, at: Span | None) -> Any:
-    """A number for all joints as it is; one a joint: those of the span."""
-    if not isinstance(value, tuple):
-        return value
-    return list(value if at is None else value[at.entry : at.entry + at.size])
 
 
 def age_slot(plan: NodePlan, inlet: Inlet, text: str, place: str) -> int:

@@ -167,5 +167,5 @@ def _within(limit: PerJoint, value: Value, unit: str, place: str) -> Iterator[Ra
     if limit is None:
         return
     one = limit[value.entry] if isinstance(limit, list | tuple) else limit
-    most = BEYOND * in_si(one, unit, place)  # type: ignore[arg-type]
+    most = BEYOND * in_si(one, unit, place)
     yield -most, most

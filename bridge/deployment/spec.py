@@ -13,6 +13,8 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 import msgspec
 
 from bridge.deployment.signal_spec import SignalSpec
+from bridge.drives.model import DriveSpec
+from bridge.safety.limits import GuardSpec
 from cosim.base.convert import Number, convert, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import as_toml, change
@@ -20,7 +22,6 @@ from cosim.scenario.spec import read_document
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
-Numbers = Number | tuple[Number, ...]
 #: What nodes say besides the deployment's messages: commands, SYNC, stop, which run, who is there.
 ServiceName = Literal["nmt", "sync", "estop", "epoch", "heartbeat"]
 SERVICES: tuple[ServiceName, ...] = get_args(ServiceName)
@@ -48,50 +49,6 @@ class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     zenoh: str = ""
     prefix: str = ""
     options: dict[str, Any] = {}
-
-
-class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits between a controller and the codec, a joint each or one for all; see safety.h.
-
-    `port`: the component's torque output, by name; `q`, `dq`: its inputs of position and velocity.
-    `stops`: of ``finite torque rate position velocity power jump`` what stops the node.
-    """
-
-    port: str = "tau"
-    q: str = "q"
-    dq: str = "dq"
-    tau_max: Numbers | None = None
-    rate_max: Numbers | None = None
-    q_low: Numbers | None = None
-    q_high: Numbers | None = None
-    dq_max: Numbers | None = None
-    power_max: Numbers | None = None
-    q_jump: Numbers | None = None
-    brake: Number = 0.0
-    stops: tuple[str, ...] = ("finite", "jump")
-
-
-class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """An emulated drive between the bus and a plant's torque input `port`.
-
-    `q`, `dq`: the plant's outputs its encoders measure. `watchdog`: time without a valid command
-    after which it latches a fault. `max_age`: a torque that is older when it arrives, or when it is
-    to act, is refused; default: as long as the watchdog waits. `damping`: N.m.s/rad in fault.
-    `profile`: a file that gives what is not said here, beside the deployment.
-    """
-
-    port: str = "tau"
-    q: str = "q"
-    dq: str = "dq"
-    profile: str = ""
-    tau_max: Numbers | None = None
-    lag: Number | None = None
-    watchdog: Number | None = None
-    max_age: Number | None = None
-    damping: Number | None = None
-    q_lsb: Number | None = None
-    dq_lsb: Number | None = None
-    tau_lsb: Number | None = None
 
 
 class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -3,43 +3,65 @@
 from __future__ import annotations
 
 import ctypes as c
-from dataclasses import dataclass
 from math import inf
 from typing import final
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.native import safety as native
 from bridge.native.safety import DriveRequest, DriveState
-from bridge.safety.limits import PerJoint, Value, WatchdogSpec, in_si, limits
+from bridge.safety.limits import PerJoint, WatchdogSpec, address, in_si, limits, part, vector
+from cosim.base.convert import Number
 from cosim.base.errors import ScenarioError
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class DriveSpec:
-    """A torque-controlled drive; SI or with a unit.
+class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """An emulated torque-controlled drive between the bus and a plant's torque input `port`.
 
-    `tau_max`: N.m, one for all joints or one a joint, None: not limited. `lag`: s, of the current
-    loop. `damping`: N.m.s/rad in FAULT (a shorted winding), 0: freewheeling; keep damping·h well
-    below the inertia it acts on, or the plant's step makes it unstable. `q_lsb`, `dq_lsb`,
-    `tau_lsb`: resolutions, 0: none. `watchdog`: s without a valid command until FAULT, 0: off.
+    `q`, `dq`: the plant's outputs that its encoders measure. `profile`: a file beside the
+    deployment that gives what is not said here; what neither says is in :data:`DEFAULTS`.
+    `max_age`: a torque that is older when it arrives, or when it is to act, is refused; default:
+    as long as the watchdog waits. Values are SI or texts with a unit:
+
+    `tau_max`: N.m, one for all joints or one a joint; None: not limited. `lag`: s, of the current
+    loop. `watchdog`: s without a valid command until FAULT, 0: off. `damping`: N.m.s/rad in FAULT
+    (a shorted winding), 0: freewheeling; keep damping times h well below the inertia it acts on, or
+    the plant's step makes it unstable. `q_lsb`, `dq_lsb`, `tau_lsb`: resolutions, 0: none.
     """
 
+    port: str = "tau"
+    q: str = "q"
+    dq: str = "dq"
+    profile: str = ""
+    max_age: Number | None = None
     tau_max: PerJoint = None
-    lag: Value = 0.0
-    damping: Value = 0.0
-    q_lsb: Value = 0.0
-    dq_lsb: Value = 0.0
-    tau_lsb: Value = 0.0
-    watchdog: Value = "20 ms"
-    accept_simulated: bool = True
+    lag: Number | None = None
+    watchdog: Number | None = None
+    damping: Number | None = None
+    q_lsb: Number | None = None
+    dq_lsb: Number | None = None
+    tau_lsb: Number | None = None
+
+    def over(self, other: DriveSpec) -> DriveSpec:
+        """This drive, with the values of `other` where this one says none."""
+        missing = [name for name in VALUES if getattr(self, name) is None]
+        return msgspec.structs.replace(self, **{name: getattr(other, name) for name in missing})
+
+    def part(self, first: int, joints: int) -> DriveSpec:
+        """The drive of `joints` joints from number `first` of the arm on."""
+        return part(self, VALUES, first, joints)
+
+    def encoders(self) -> DriveSpec:
+        """Its encoders alone: no limit of torque, which may be one of more joints."""
+        return msgspec.structs.replace(self, tau_max=None)
 
     def build(self, joints: int, h: float, place: str = "drive") -> Drive:
         """The drive of so many joints, off, stepped every `h` s. Raises ScenarioError."""
-        return Drive(self, joints, h, place)
+        return Drive(self.over(DEFAULTS), joints, h, place)
 
 
 _UNITS = {
@@ -49,6 +71,9 @@ _UNITS = {
     "dq_lsb": "rad/s",
     "tau_lsb": "N.m",
 }
+#: What the struct of C is made of; a profile may say these.
+VALUES = ("tau_max", "watchdog", *_UNITS)
+DEFAULTS = DriveSpec(lag=0.0, damping=0.0, q_lsb=0.0, dq_lsb=0.0, tau_lsb=0.0, watchdog="20 ms")
 
 
 @final
@@ -65,12 +90,11 @@ class Drive:
         self.struct = native.DriveStruct(
             joints=joints,
             h=h,
-            watchdog=WatchdogSpec(spec.watchdog).build(0, f"{place}.watchdog"),
-            accept_simulated=spec.accept_simulated,
-            tau=_address(self.tau),
+            watchdog=WatchdogSpec(spec.watchdog or 0.0).build(0, f"{place}.watchdog"),
+            tau=address(self.tau),
         )
         if self.tau_max is not None:
-            self.struct.tau_max = _address(self.tau_max)
+            self.struct.tau_max = address(self.tau_max)
         for name, unit in _UNITS.items():
             value = in_si(getattr(spec, name), unit, f"{place}.{name}")
             if not 0 <= value < inf:
@@ -89,10 +113,6 @@ class Drive:
         call = native.functions().drive_request
         return DriveState(call(c.byref(self.struct), request, now_ns))
 
-    def accepts(self, status: int) -> bool:
-        """Whether a frame with this status byte may move this drive."""
-        return bool(native.functions().drive_accepts(c.byref(self.struct), status))
-
     def step(self, command: ArrayLike, valid: bool, dq: ArrayLike, now_ns: int) -> Array:
         """Torque (joints,), N.m, that acts until the next tick.
 
@@ -100,28 +120,18 @@ class Drive:
         dq (joints,), rad/s. Raises ScenarioError where a shape does not fit.
         """
         torque = np.empty(self.joints)
-        given = self._vector(command), self._vector(dq)
+        given = vector(command, self.joints, "drive"), vector(dq, self.joints, "drive")
         call = native.functions().drive_step
         call(
-            c.byref(self.struct), _address(given[0]), valid, _address(given[1]), now_ns,
-            _address(torque),
+            c.byref(self.struct), address(given[0]), valid, address(given[1]), now_ns,
+            address(torque),
         )  # fmt: skip
         return torque
 
     def measure(self, q: ArrayLike, dq: ArrayLike) -> tuple[Array, Array]:
         """Position (rad) and velocity (rad/s), (joints,) each, as its encoders resolve them."""
-        given = self._vector(q), self._vector(dq)
+        given = vector(q, self.joints, "drive"), vector(dq, self.joints, "drive")
         seen = np.empty(self.joints), np.empty(self.joints)
         call = native.functions().drive_measure
-        call(c.byref(self.struct), *(_address(x) for x in (*given, *seen)))
+        call(c.byref(self.struct), *(address(x) for x in (*given, *seen)))
         return seen
-
-    def _vector(self, values: ArrayLike) -> Array:
-        vector = np.ascontiguousarray(values, dtype=np.float64)
-        if vector.shape != (self.joints,):
-            raise ScenarioError(f"shape is {vector.shape}, expected ({self.joints},)", "drive")
-        return vector
-
-
-def _address(values: Array) -> object:
-    return values.ctypes.data_as(native.Doubles)

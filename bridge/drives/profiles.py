@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeVar
 from bridge.can import dbc
 from bridge.can.codec import Codec
 from bridge.can.layout import Layout, LayoutError, find
-from bridge.drives.model import DriveSpec
+from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
 from bridge.safety.limits import in_si
 from cosim.base import toml
@@ -92,7 +92,7 @@ class Profile:
     @property
     def timeout(self) -> float:
         """Of the drive's watchdog as it is set, s: what nodes can feed also before the start."""
-        return max(in_si(self.drive.watchdog, "s", f"{self.path}: drive.watchdog"), SHORTEST)
+        return max(in_si(self.drive.watchdog or 0.0, "s", f"{self.path}: drive.watchdog"), SHORTEST)
 
     def host_heartbeat(self, number: int) -> Codec | None:
         """Heartbeat of a host with this number, as these drives take it; None: they do not."""
@@ -209,7 +209,7 @@ def _profile(found: dict[str, Any], layouts: tuple[Layout, ...], path: str) -> P
             name: in_si(value, _LIMITS[name], f"{path}: limits.{name}")
             for name, value in table["limits"].items()
         },
-        drive=_made(DriveSpec, table["drive"], f"{path}: drive"),
+        drive=_drive(table["drive"], f"{path}: drive"),
         side=side,
         rated_torque=in_si(found.get("rated_torque", 0.0), "N.m", f"{path}: rated_torque"),
         counts=in_si(found.get("counts", 0.0), "1", f"{path}: counts"),
@@ -261,6 +261,13 @@ def _raw(table: dict[str, Any], place: str) -> Raw:
     raw = _made(Raw, table, place)
     raw.check(place)
     return raw
+
+
+def _drive(table: Mapping[str, Any], place: str) -> DriveSpec:
+    """Of the ``[drive]`` table of a profile; an array is one number a joint."""
+    _known(table, set(VALUES), place)
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+    return DriveSpec(**values).over(DEFAULTS)
 
 
 def _made(kind: type[T], table: Mapping[str, Any], place: str) -> T:

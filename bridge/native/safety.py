@@ -172,8 +172,6 @@ class DriveStruct(c.Structure):
         ("tau_lsb", c.c_double),
         ("tau", Doubles),
         ("faults", c.c_int64),
-        ("accept_simulated", c.c_int32),
-        ("reserved", c.c_int32),
     )
 
 
@@ -195,7 +193,6 @@ def functions() -> c.CDLL:
         "peer_heartbeat": (u32, [peer, i32, u32, i64]),
         "peer_check": (u32, [peer, i64]),
         "drive_request": (i32, [drive, i32, i64]),
-        "drive_accepts": (i32, [drive, u32]),
         "drive_step": (None, [drive, vector, i32, vector, i64, vector]),
         "drive_measure": (None, [drive, vector, vector, vector, vector]),
     }

@@ -87,7 +87,7 @@ def watchdogs(system: System) -> list[Watchdog]:
         for inlet in plan.inlets:
             if spec.drive is not None and inlet.target.port == spec.drive.port:
                 place = d.place("nodes", name, "drive")
-                timeout = in_si(emulated(spec.drive, d).watchdog, "s", place)
+                timeout = in_si(emulated(spec.drive, d).watchdog or 0.0, "s", place)
                 found.append(Watchdog(f"drive of {name}", inlet.message, timeout))
             stale = spec.stale.get(f"{inlet.component}.{inlet.target.port}")
             if stale is not None and stale.stop:

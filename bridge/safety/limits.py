@@ -7,23 +7,26 @@ SI floats or texts with a unit (``"5 ms"``). Errors are ScenarioError with the p
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from math import ceil, inf, isnan, nan
-from typing import final
+from typing import TypeVar, final
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.native import safety as native
 from bridge.native.safety import GuardBit, LifeState, LifeStruct, Peer, WatchdogStruct, Why
+from cosim.base.convert import Number
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import quantity
 
-Value = float | str
-PerJoint = Value | Sequence[Value] | None
+#: One number for all joints or one a joint, SI or with a unit; None: not limited.
+PerJoint = Number | tuple[Number, ...] | None
 Array = NDArray[np.float64]
+Spec = TypeVar("Spec", bound=msgspec.Struct)
 
 #: What a stop stands for, in the words of a report.
 REASONS = {
@@ -83,7 +86,7 @@ def _worded(flags: IntFlag, words: Mapping[Why, str] | Mapping[GuardBit, str]) -
     return "; ".join([*known, *([f"unknown bits {unknown:#x}"] if unknown else [])]) or "nothing"
 
 
-def in_si(value: Value, unit: str, place: str) -> float:
+def in_si(value: Number, unit: str, place: str) -> float:
     """A number as it is, a text (``"5 ms"``) in `unit`. Raises ScenarioError, also for NaN."""
     try:
         number = quantity(value, unit) if isinstance(value, str) else float(value)
@@ -98,7 +101,7 @@ def in_si(value: Value, unit: str, place: str) -> float:
 class LifeSpec:
     """`ramp`: s in which the torque goes to 0 when a node stops; 0: at once."""
 
-    ramp: Value = 0.1
+    ramp: Number = 0.1
 
     def build(self, h: float, place: str = "life") -> LifeStruct:
         """The life cycle of a node with slots of `h` s, unconfigured. Raises ScenarioError."""
@@ -112,7 +115,7 @@ class LifeSpec:
 class WatchdogSpec:
     """`timeout`: s without being fed after which it expires; 0: off."""
 
-    timeout: Value = 0.0
+    timeout: Number = 0.0
 
     def build(self, now_ns: int, place: str = "watchdog") -> WatchdogStruct:
         """A watchdog that counts from `now_ns`. Raises ScenarioError."""
@@ -129,7 +132,7 @@ class PeerSpec:
     """Another node: its number, the silence (s) after which it is lost, whether that stops us."""
 
     number: int
-    timeout: Value = 0.2
+    timeout: Number = 0.2
     required: bool = True
 
     def build(self, now_ns: int, place: str = "peer") -> Peer:
@@ -140,15 +143,18 @@ class PeerSpec:
         return Peer(heartbeat=watchdog, state=-1, required=self.required, number=self.number)
 
 
-@dataclass(frozen=True, slots=True)
-class GuardSpec:
-    """Limits of the torque of an arm, SI or with a unit, one for all joints or one a joint.
+class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Limits of the torque of an arm between its controller and the codec; see ``safety.h``.
 
-    None: not limited. `brake`: N.m.s/rad beyond a soft limit. `stops`: names of guards that do not
-    only limit but stop the node (`finite`, `torque`, `rate`, `position`, `velocity`, `power`,
-    `jump`).
+    `port`: the component's torque output, by name; `q`, `dq`: its inputs of position and velocity.
+    Limits are SI or with a unit, one for all joints or one a joint; None: not limited. `brake`:
+    N.m.s/rad beyond a soft limit. `stops`: names of guards that do not only limit but stop the
+    node (`finite`, `torque`, `rate`, `position`, `velocity`, `power`, `jump`).
     """
 
+    port: str = "tau"
+    q: str = "q"
+    dq: str = "dq"
     tau_max: PerJoint = None
     rate_max: PerJoint = None
     q_low: PerJoint = None
@@ -156,8 +162,12 @@ class GuardSpec:
     dq_max: PerJoint = None
     power_max: PerJoint = None
     q_jump: PerJoint = None
-    brake: Value = 0.0
+    brake: Number = 0.0
     stops: tuple[str, ...] = ("finite", "jump")
+
+    def part(self, first: int, joints: int) -> GuardSpec:
+        """The limits of `joints` joints from number `first` of the arm on."""
+        return part(self, _UNITS, first, joints)
 
     def build(self, joints: int, h: float, place: str = "guard") -> TorqueGuard:
         """The guard of so many joints, stepped every `h` s. Raises ScenarioError."""
@@ -187,8 +197,8 @@ class TorqueGuard:
             raise ScenarioError(f"is {brake:g}, expected 0 or more, finite", f"{place}.brake")
         self.struct = native.Guard(joints=joints, stops=_stops(spec.stops, place), brake=brake, h=h)
         for name, values in self.limits.items():
-            setattr(self.struct, name, None if values is None else _address(values))
-        self.struct.last_tau, self.struct.last_q = _address(self.last_tau), _address(self.last_q)
+            setattr(self.struct, name, None if values is None else address(values))
+        self.struct.last_tau, self.struct.last_q = address(self.last_tau), address(self.last_q)
 
     def _check_order(self, place: str) -> None:
         low, high = self.limits["q_low"], self.limits["q_high"]
@@ -206,10 +216,10 @@ class TorqueGuard:
         Raises ScenarioError where a shape does not fit.
         """
         out = np.empty(self.joints)
-        given = [None if x is None else self._vector(x) for x in (tau, q, dq)]
-        pointers = [None if x is None else _address(x) for x in given]
+        given = [None if x is None else vector(x, self.joints, "guard") for x in (tau, q, dq)]
+        pointers = [None if x is None else address(x) for x in given]
         call = native.functions().guard_apply
-        bits = call(c.byref(self.struct), *pointers, float(scale), _address(out))
+        bits = call(c.byref(self.struct), *pointers, float(scale), address(out))
         return out, GuardBit(bits)
 
     def why(self) -> Why:
@@ -220,11 +230,12 @@ class TorqueGuard:
         """Ticks in which each guard did something, by name."""
         return {name: self.struct.trips[n] for n, name in enumerate(names(GuardBit(127)))}
 
-    def _vector(self, values: ArrayLike) -> Array:
-        vector = np.ascontiguousarray(values, dtype=np.float64)
-        if vector.shape != (self.joints,):
-            raise ScenarioError(f"shape is {vector.shape}, expected ({self.joints},)", "guard")
-        return vector
+
+def part(spec: Spec, names: Iterable[str], first: int, joints: int) -> Spec:
+    """A spec of which only `joints` joints from number `first` on remain, in the fields `names`."""
+    listed = {name: getattr(spec, name) for name in names}
+    cut = {n: v[first : first + joints] for n, v in listed.items() if isinstance(v, tuple)}
+    return msgspec.structs.replace(spec, **cut)
 
 
 def per_joint(value: PerJoint, joints: int, unit: str, place: str) -> Array | None:
@@ -255,7 +266,16 @@ def _stops(stops: Iterable[str], place: str) -> int:
     return int(bits)
 
 
-def _address(values: Array) -> object:
+def vector(values: ArrayLike, joints: int, place: str) -> Array:
+    """Values of a vector (joints,) for C. Raises ScenarioError for another shape."""
+    found = np.ascontiguousarray(values, dtype=np.float64)
+    if found.shape != (joints,):
+        raise ScenarioError(f"shape is {found.shape}, expected ({joints},)", place)
+    return found
+
+
+def address(values: Array) -> object:
+    """Where the values of a vector are, as C takes it."""
     return values.ctypes.data_as(native.Doubles)
 
 

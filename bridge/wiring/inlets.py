@@ -11,7 +11,7 @@ import numpy as np
 from bridge.deployment import drive_sequences, ranges, start_positions
 from bridge.deployment.cut import Inlet
 from bridge.deployment.latency import delays_for, newest_for
-from bridge.deployment.protection import Span, age_slot, drives_by, emulated, input_of, torque_age
+from bridge.deployment.protection import age_slot, drives_by, emulated, input_of, torque_age
 from bridge.deployment.spec import StaleSpec
 from bridge.deployment.system import Carried, System
 from bridge.drives import model
@@ -167,13 +167,14 @@ class Receiving:
             input_of(self._plan, component, port, place).start
             for port in (spec.q, spec.dq, spec.port)
         )
-        at = Span(0, inlet.target.start - tau, joints)
-        drive = emulated(spec, d, at).build(joints, inlet.ticks * self._system.plan.h, place)
+        at = inlet.target.start - tau
+        period = inlet.ticks * self._system.plan.h
+        drive = emulated(spec, d).part(at, joints).build(joints, period, place)
         self.drives.append(drive)
         command = np.zeros(joints)
         entry.drive, entry.max_age_ns = c.pointer(drive.struct), torque_age(spec, d, place)
         entry.command = command.ctypes.data
-        entry.q, entry.dq = q + at.entry, dq + at.entry
+        entry.q, entry.dq = q + at, dq + at
         self._alive.append(command)
         self._follow(entry, inlet)
 

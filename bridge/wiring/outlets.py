@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 
 from bridge.deployment import drive_sequences
 from bridge.deployment.cut import Outlet, guard_gate
-from bridge.deployment.protection import Span, emulated, limits, span
-from bridge.deployment.spec import GuardSpec
+from bridge.deployment.protection import Span, emulated, span
 from bridge.deployment.system import Carried, System
 from bridge.native import node as native
 from bridge.native.safety import JOINTS
-from bridge.safety import limits as safety
+from bridge.safety.limits import GuardSpec, TorqueGuard
 from cosim.base.errors import ScenarioError
 
 
@@ -32,7 +30,7 @@ class Sending:
         self._system, self._name, self._struct = system, name, struct
         self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
         self._alive: list[Any] = []
-        self.guards: dict[str, safety.TorqueGuard] = {}
+        self.guards: dict[str, TorqueGuard] = {}
         self.gates: dict[str, tuple[int, int]] = {}
         self.outlets = self._outlets()
         self._insides()
@@ -131,10 +129,10 @@ class Sending:
         self._struct.insides, self._struct.n_insides = c.addressof(insides), len(guarded)
         self._alive.append(insides)
 
-    def _built(self, spec: GuardSpec, at: Span, period: float, place: str) -> safety.TorqueGuard:
+    def _built(self, spec: GuardSpec, at: Span, period: float, place: str) -> TorqueGuard:
         if at.size > JOINTS:
             raise ScenarioError(f"{at.size} joints, expected at most {JOINTS}", place)
-        guard = limits(spec, at).build(at.size, period, place)
+        guard = spec.part(at.entry, at.size).build(at.size, period, place)
         self._alive.append(guard)
         return guard
 
@@ -151,7 +149,7 @@ class Sending:
         if q is None and dq is None:
             return
         joints = (q or dq).size  # type: ignore[union-attr]
-        drive = replace(emulated(spec, d), tau_max=None).build(joints, self._plan.h, place)
+        drive = emulated(spec, d).encoders().build(joints, self._plan.h, place)
         entry.measured_q = q.first if q else -1
         entry.measured_dq = dq.first if dq else -1
         entry.drive = c.pointer(drive.struct)

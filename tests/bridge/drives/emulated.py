@@ -13,7 +13,7 @@ from bridge.deployment.drive_sequences import REQUESTS
 from bridge.drives.model import Drive
 from bridge.drives.profiles import Joint, Part, Profile
 from bridge.native.message import Decoded
-from bridge.native.safety import DriveRequest, DriveState
+from bridge.native.safety import DriveRequest, DriveState, Status
 from bridge.safety.limits import in_si
 from cosim.base.errors import ScenarioError
 
@@ -46,7 +46,6 @@ class EmulatedDrive:
         if not 1 <= self.joints <= profile.joints:
             raise ScenarioError(f"{self.joints} joints, expected 1 to {profile.joints}", place)
         self.drive: Drive = profile.drive.build(self.joints, h, place)
-        self.drive.struct.accept_simulated = not profile.refuses_simulated
         self._command = profile.codec(profile.command, node)
         self._feedback = [(part, profile.codec(part, node)) for part in profile.feedback]
         self._si = {
@@ -114,7 +113,7 @@ class EmulatedDrive:
         result, values, header = self._command.decode(data)
         if result is not Decoded.OK:
             return
-        if not self.drive.accepts(header.status):
+        if self.profile.refuses_simulated and header.status & Status.SIMULATED:
             self.refused += 1
             return
         si = self._joint_values(self.profile.command.tau, values)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
@@ -10,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
 
+from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.native import safety as native
 from bridge.native.safety import GuardBit, Why
 from bridge.safety.limits import GuardSpec, TorqueGuard, explain, explain_guard, names
@@ -274,3 +275,25 @@ def test_a_guard_keeps_what_it_points_to() -> None:
     assert isinstance(SPEC.build(2, H), TorqueGuard)
     guards = [GuardSpec(tau_max=float(n)).build(2, H) for n in range(50)]
     assert [guard.apply([99.0, 99.0], None, None)[0][0] for guard in guards] == list(range(50))
+
+
+def test_a_guard_and_a_drive_say_nothing_that_their_structs_in_c_have_not() -> None:
+    where = {"port", "q", "dq"}
+    guard = {name for name, *_ in native.Guard._fields_}
+    assert set(GuardSpec.__struct_fields__) - where <= guard
+    drive = {name for name, *_ in native.DriveStruct._fields_}
+    assert set(VALUES) <= drive
+    assert set(DriveSpec.__struct_fields__) - where - {"profile", "max_age"} == set(VALUES)
+    assert all(getattr(DEFAULTS, name) is not None for name in VALUES if name != "tau_max")
+
+
+def test_a_part_of_an_arm_has_the_limits_of_its_joints() -> None:
+    spec = GuardSpec(tau_max=(1.0, 2.0, 3.0), dq_max=4.0, stops=("torque",)).part(1, 2)
+    assert (spec.tau_max, spec.dq_max, spec.stops) == ((2.0, 3.0), 4.0, ("torque",))
+    assert DriveSpec(tau_max=(1.0, 2.0, 3.0)).part(0, 1).tau_max == (1.0,)
+
+
+def test_a_drive_has_what_is_said_then_what_its_profile_says() -> None:
+    said = DriveSpec(port="u", lag=1.0, watchdog=0.0).over(DriveSpec(lag=2.0, tau_max=3.0))
+    assert (said.port, said.lag, said.watchdog, said.tau_max) == ("u", 1.0, 0.0, 3.0)
+    assert said.over(DEFAULTS).damping == 0.0

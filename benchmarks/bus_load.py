@@ -18,7 +18,7 @@ from bridge.can.load import log_bits, log_times, measured  # noqa: E402
 from bridge.native import load as native  # noqa: E402
 from bridge.native.frame import Frame  # noqa: E402
 from bridge.native.library import library  # noqa: E402
-from cosim.bus.timing import BusTiming, Kind, frame_bits  # noqa: E402
+from cosim.bus.timing import BusTiming, FrameFormat, frame_bits  # noqa: E402
 
 LOG = 1_000_000
 
@@ -31,7 +31,7 @@ def best_of(work: Callable[[], object], times: int) -> float:
 def frames(length: int, flags: int) -> list[str]:
     """A row: us a frame in Python and C, s a log of 10^6, s its busiest window."""
     random = np.random.default_rng(1)
-    kind = Kind(fd=bool(flags), brs=bool(flags))
+    kind = FrameFormat(fd=bool(flags), brs=bool(flags))
     data = [random.bytes(length) for _ in range(1000)]
     structs = (Frame * 1000)(*(Frame.of(0x123, d, flags) for d in data))
     refs, bits = [ctypes.byref(s) for s in structs], native.BitsStruct()

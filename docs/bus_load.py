@@ -15,7 +15,7 @@ if str(ROOT) not in sys.path:
 from bridge.can.dbc import load  # noqa: E402
 from bridge.can.layout import Layout, find  # noqa: E402
 from bridge.can.messages import BusMessage, Role, bus_responses, bus_share  # noqa: E402
-from cosim.bus.timing import BusTiming, Kind, best, mean, worst  # noqa: E402
+from cosim.bus.timing import BusTiming, FrameFormat, best, mean, worst  # noqa: E402
 
 SLOW, CLASSIC = BusTiming(5e5), BusTiming(1e6)
 FLEXIBLE, FAST = BusTiming(5e5, 2e6, fd=True), BusTiming(1e6, 5e6, fd=True)
@@ -111,7 +111,7 @@ def frame_table() -> str:
         "| 1M/5M: best | mean | worst |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    flexible = Kind(fd=True, brs=True)
+    flexible = FrameFormat(fd=True, brs=True)
     for n in (0, 1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64):
         cells = ["", "", ""]
         if n <= 8:

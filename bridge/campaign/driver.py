@@ -19,7 +19,7 @@ from bridge.campaign.spec import RunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
 from cosim.sweeps.drive import Begun
-from cosim.sweeps.perform import Row
+from cosim.sweeps.perform import StudyRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ def runs_for(job: Job, faults: int) -> int:
     raise AssertionError("not reached")
 
 
-def perform(job: Job, k: int) -> Row:
+def perform(job: Job, k: int) -> StudyRow:
     """Run `k`, simulated or rehearsed, judged."""
     channel, rehearsed = job.kind_of_run(k)
     many, system = job.many, _system(job.many, channel, rehearsed)
@@ -106,7 +106,7 @@ def campaign(
     parallel: int,
     retry: bool = False,
     begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[Row], None] = lambda row: None,
+    done: Callable[[StudyRow], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""

@@ -33,7 +33,7 @@ from cosim.base.interrupts import terminated
 from cosim.fmi.failures import sentence
 from cosim.record import seal
 from cosim.record.recover import unfinished
-from cosim.sweeps.perform import Row
+from cosim.sweeps.perform import StudyRow
 
 RUNS, SCRIPT = "runs", "script.toml"
 
@@ -62,7 +62,7 @@ class Job:
 Drawn = Callable[[System, tuple[str, ...]], Table]
 
 
-def perform(job: Job, k: int) -> Row:
+def perform(job: Job, k: int) -> StudyRow:
     """Run `k`; what goes wrong becomes the reason of its row."""
 
     def drawn(system: System, links: tuple[str, ...]) -> Table:
@@ -71,7 +71,7 @@ def perform(job: Job, k: int) -> Row:
     return performed(job, k, lambda folder: rehearsed(job, k, folder, drawn))
 
 
-def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> Row:
+def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
     """Judge what `run` makes in the folder of run `k`; what goes wrong becomes its row's reason."""
     name, watch = f"{k:05d}", stopwatch()
     folder = job.folder / RUNS / name
@@ -96,7 +96,7 @@ def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> Row:
     else:
         found = _sealed(folder, found)
     cells["verdict"] = str(found.word)
-    return Row(
+    return StudyRow(
         name, cells, job.changes, well, "; ".join(found.reasons), wall=watch(), measures=measures
     )
 

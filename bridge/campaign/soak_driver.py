@@ -19,7 +19,7 @@ from cosim.engine.simulate import versions
 from cosim.sweeps import store as stores
 from cosim.sweeps import workers
 from cosim.sweeps.drive import Begun
-from cosim.sweeps.perform import Row
+from cosim.sweeps.perform import StudyRow
 from cosim.sweeps.store import Store
 
 #: Of the measures of a run, besides numbers of faults.
@@ -39,7 +39,7 @@ def soak(
     parallel: int,
     retry: bool = False,
     begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[Row], None] = lambda row: None,
+    done: Callable[[StudyRow], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
 ) -> list[Record]:
     """All runs of a soak; see :func:`drive`."""
@@ -53,13 +53,13 @@ def drive(
     folder: Path,
     title: str,
     facts: Mapping[str, Any],
-    perform: Callable[[int], Row],
+    perform: Callable[[int], StudyRow],
     runs: int,
     parallel: int,
     *,
     retry: bool = False,
     begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[Row], None] = lambda row: None,
+    done: Callable[[StudyRow], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, in their order.
@@ -93,11 +93,11 @@ def drive(
 
 
 def _run(
-    perform: Callable[[int], Row],
+    perform: Callable[[int], StudyRow],
     todo: Sequence[int],
     parallel: int,
     store: Store,
-    done: Callable[[Row], None],
+    done: Callable[[StudyRow], None],
     stopping: Callable[[], None],
 ) -> None:
     pressed: list[bool] = []
@@ -110,7 +110,7 @@ def _run(
     with deferred(stop):
         for k, result in workers.spread(opened, perform, todo, lambda: bool(pressed)):
             if isinstance(result, str):
-                result = Row(
+                result = StudyRow(
                     f"{k:05d}", {"faults": "", "verdict": str(Word.ERROR)}, (), False, result
                 )
             store.append(result)

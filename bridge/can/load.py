@@ -16,7 +16,7 @@ from cosim.bus.timing import (
     TAIL,
     Bits,
     BusTiming,
-    Kind,
+    FrameFormat,
     TimingError,
     best,
     mean,
@@ -41,7 +41,7 @@ class Share(NamedTuple):
     worst: float
 
 
-def planned(frames: Iterable[tuple[int, Kind, float]], timing: BusTiming) -> Share:
+def planned(frames: Iterable[tuple[int, FrameFormat, float]], timing: BusTiming) -> Share:
     """Load of periodic frames: (length in bytes, kind, period in s) each."""
     total = [0.0, 0.0, 0.0]
     for length, kind, period in frames:
@@ -104,10 +104,10 @@ def _start(key: int) -> tuple[int, int, int, int, int, int]:
     return (*start(key >> 16, on_bus, kind), on_bus, phases)
 
 
-def kind_of(flags: int) -> Kind:
+def kind_of(flags: int) -> FrameFormat:
     """The kind of a frame with these flags; BRS and ESI count in FD frames only."""
     fd = bool(flags & Flags.FD)
-    return Kind(
+    return FrameFormat(
         extended=bool(flags & Flags.EXTENDED),
         fd=fd,
         brs=fd and bool(flags & Flags.BRS),

@@ -10,8 +10,8 @@ from bridge.can.layout import Layout
 from bridge.can.load import Share, kind_of, planned
 from bridge.native.frame import Flags
 from cosim.bus.arbitration import rank
-from cosim.bus.response import Response, Stream, responses
-from cosim.bus.timing import BusTiming, Kind, worst
+from cosim.bus.response import FrameStream, Response, responses
+from cosim.bus.timing import BusTiming, FrameFormat, worst
 
 Role = Literal["data", "nmt", "sync", "emergency", "time", "sdo", "heartbeat", "drive"]
 #: Stands for a message that has no period: it comes once in any busy period. ns
@@ -80,7 +80,7 @@ class BusMessage:
         )
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> FrameFormat:
         """What its frames are."""
         flags = Flags.EXTENDED * self.extended | Flags.FD * self.fd | Flags.BRS * self.brs
         return kind_of(flags)
@@ -118,7 +118,7 @@ def bus_responses(
     """
     owner = {rank(m.identifier, m.extended): m for m in messages}
     streams = [
-        Stream(
+        FrameStream(
             m.name,
             rank(m.identifier, m.extended),
             round(m.period * 1e9) if m.period else ONCE,

@@ -17,7 +17,7 @@ from bridge.native.delay import DelayLine
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, FloatArray
-from cosim.links.semantics import Packets, Playout, Rule, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable, TableSpec, generator
 from cosim.schedule.plan import Link, Wire
@@ -128,11 +128,11 @@ def newest_for(edge: Wire | Link, period: int, look: int, h: float) -> DelaySpec
 def _kind(rule: Rule, name: str) -> tuple[int, float]:
     """The kind and the buffer (s) of a semantics."""
     match rule:
-        case Signal():
+        case SignalSemantics():
             return native.SIGNAL, 0.0
-        case Packets(order):
+        case PacketSemantics(order):
             return _ORDERS[order], 0.0
-        case Playout(buffer):
+        case PlayoutSemantics(buffer):
             return native.PLAYOUT, buffer
     raise _unknown(f"semantics {type(rule).__name__}", name)
 

@@ -10,7 +10,7 @@ from bridge.monitor import window
 from bridge.monitor.listener import Listener
 from bridge.monitor.messages import SPAN_NS, Beat, Heard
 from bridge.monitor.view import Table, View, result, values
-from cosim.analysis.metrics import Result
+from cosim.analysis.metrics import MetricResult
 
 
 def view(listener: Listener, now_ns: int) -> View:
@@ -32,7 +32,7 @@ def tables(listener: Listener, now_ns: int) -> list[Table]:
 
 
 def _tables(
-    listener: Listener, now_ns: int, metrics: tuple[list[Result], tuple[str, ...]]
+    listener: Listener, now_ns: int, metrics: tuple[list[MetricResult], tuple[str, ...]]
 ) -> list[Table]:
     found = [
         _nodes(listener, now_ns),
@@ -96,7 +96,7 @@ def _heard_row(h: Heard, now_ns: int) -> tuple[str, ...]:
     return (h.carried.name, h.carried.node, rate, ago, *jitter, lost, sender)
 
 
-def _metrics(found: list[Result], missing: tuple[str, ...]) -> Table:
+def _metrics(found: list[MetricResult], missing: tuple[str, ...]) -> Table:
     rows = [(r.label, result(r)) for r in found]
     rows += [("others", f"need what is on no bus: {', '.join(missing)}")] if missing else []
     return Table("metrics", ("metric", "of the last second"), rows)

@@ -25,7 +25,7 @@ from bridge.recording.live_run import Watched
 from bridge.records.lives import Life
 from bridge.safety.limits import explain, explain_guard
 from cosim.analysis import declared
-from cosim.analysis.metrics import Result, evaluate
+from cosim.analysis.metrics import MetricResult, evaluate
 from cosim.bus.timing import BusTiming
 
 Rows = NDArray[np.void]
@@ -99,7 +99,7 @@ class Snapshot:
     nodes: Sequence[NodeView]
     inlets: Sequence[InletView]
     buses: Sequence[BusView]
-    metrics: Sequence[Result]
+    metrics: Sequence[MetricResult]
     signals: Sequence[SignalView]
     unreadable: Mapping[str, str]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isnan
 
 from bridge.monitor.snapshot import NodeView, Snapshot
-from cosim.analysis.metrics import Result
+from cosim.analysis.metrics import MetricResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def _ms(value: float) -> str:
     return "never" if isnan(value) else f"{value:.2f}"
 
 
-def result(r: Result) -> str:
+def result(r: MetricResult) -> str:
     """A number with its unit, or why there is none."""
     if isnan(r.value):
         return f"no number: {r.detail}"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bridge.deployment.system import System
 from bridge.monitor.messages import SPAN_NS, Heard
 from cosim.analysis import declared
-from cosim.analysis.metrics import Error, Metric, Result
+from cosim.analysis.metrics import Error, Metric, MetricResult
 from cosim.base.errors import ScenarioError
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class Recent:
 
 def metrics(
     system: System, heard: Iterable[Heard], now_ns: int
-) -> tuple[list[Result], tuple[str, ...]]:
+) -> tuple[list[MetricResult], tuple[str, ...]]:
     """The scenario's over the last second; and signals others would need that nobody sends."""
     recent = Recent(system, heard, now_ns)
     found, missing = [], []

@@ -24,7 +24,7 @@ from bridge.deployment.system import System
 from bridge.recording.run_folder import at_hits, places
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Rows
-from cosim.analysis.trace import Played
+from cosim.analysis.trace import RepeatedValues
 from cosim.base.errors import PlanError
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble
@@ -78,7 +78,7 @@ def _players(
     for slot in (inlet.target, *([inlet.age] if inlet.age else [])):
         for name, place, column in _entries(system, node, slot):
             values = _given(system, rows, node, inlet, column)
-            yield Player(replace(slot, name=name, start=place, shape=()), Played(values))
+            yield Player(replace(slot, name=name, start=place, shape=()), RepeatedValues(values))
 
 
 def _entries(system: System, node: str, slot: Slot) -> Iterator[tuple[str, int, int]]:
@@ -169,4 +169,4 @@ def _silence(
         return np.asarray(found["signals"][:, at])
 
     target = replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
-    return Player(target, Played(at_hits(system, rows, node, inlet.ticks, told, 0.0)))
+    return Player(target, RepeatedValues(at_hits(system, rows, node, inlet.ticks, told, 0.0)))

@@ -12,10 +12,10 @@ from cosim.analysis import closed_form as closed
 from cosim.analysis.contacts import by_grip, by_wall, margin
 from cosim.analysis.experiments import Bench, rest_position
 from cosim.analysis.facts import Array
-from cosim.analysis.network import Network, network
-from cosim.analysis.port import Port
+from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.port import PortSignals
 from cosim.analysis.quantity import Quantity, absent
-from cosim.analysis.recorded import Recorded, least_feedback, numbers, read
+from cosim.analysis.recorded import RecordedPort, least_feedback, numbers, read
 from cosim.analysis.subject import Subject
 from cosim.analysis.tested import (
     LOWEST,
@@ -38,10 +38,10 @@ class Analysis:
     """
 
     title: str
-    port: Port
+    port: PortSignals
     run: tuple[Quantity, ...]
     tests: tuple[Quantity, ...]
-    recorded: Recorded
+    recorded: RecordedPort
     bound: Array | None
     swept: tuple[Swept, ...] = ()
     remarks: tuple[str, ...] = field(default=())
@@ -53,7 +53,7 @@ class Analysis:
 
     def as_data(self) -> dict[str, Any]:
         """For JSON."""
-        names = Port.__dataclass_fields__
+        names = PortSignals.__dataclass_fields__
         return {
             "title": self.title,
             "port": {name: getattr(self.port, name) for name in names},
@@ -113,7 +113,7 @@ def analyse(
     )
 
 
-def _bound(net: Network | None, recorded: Recorded) -> Array | None:
+def _bound(net: RobotNetwork | None, recorded: RecordedPort) -> Array | None:
     if net is None:
         return None
     return closed.manipulability_bound(net, np.asarray(recorded.t), least_feedback(net))

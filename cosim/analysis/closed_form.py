@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cosim.analysis.facts import Array, DynamicFeedback
-from cosim.analysis.network import Complex, Network, spread
+from cosim.analysis.network import Complex, RobotNetwork, spread
 
 #: Where p stands for 0, 1/s: well below any corner, well above rounding.
 _ZERO = 1e-6
@@ -21,7 +21,7 @@ _ZERO = 1e-6
 # ---- O3, O4, O5: slow pole, felt damping, stiffness ---------------------------------------------
 
 
-def felt_damping(net: Network, K: float) -> float:
+def felt_damping(net: RobotNetwork, K: float) -> float:
     """O4, tau_h over velocity under a constant push, N.m.s/rad; inf where it comes to rest.
 
     One robot: K alpha/lambda_M. Two: K alpha (2 + lambda (T_12 + T_21))/lambda_M.
@@ -30,7 +30,7 @@ def felt_damping(net: Network, K: float) -> float:
     return damping if damping < 1e-3 / _ZERO else inf
 
 
-def felt_stiffness(net: Network, K: float) -> float:
+def felt_stiffness(net: RobotNetwork, K: float) -> float:
     """Torque over displacement under a constant push, N.m/rad; 0 where it moves for ever.
 
     alpha K for one robot with lambda_M = 0 (O2: M^t -> 1/(alpha K)).
@@ -56,7 +56,7 @@ def quasi_static_poles(law: DynamicFeedback, K: float, k_p: float, k_d: float) -
 
 
 def poles(
-    net: Network,
+    net: RobotNetwork,
     q: Sequence[float],
     estimates: Sequence[Sequence[float]],
     k_p: Sequence[float],
@@ -108,7 +108,7 @@ def _newton(f: Callable[[Complex], Complex], p: Complex) -> Complex:
 # ---- O6, O9: gains ------------------------------------------------------------------------------
 
 
-def manipulability_bound(net: Network, t: Array, K: float) -> Array:
+def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
     """O6, M^t <= (1 + 2 lambda_M t/π) ‖H‖/(alpha lambda_min(K)), rad/(N.m), theta known.
 
     1/lambda_min(K) bounds tau_h -> s, 1/alpha is a filter, 2 t/π the norm of the integral over
@@ -151,7 +151,7 @@ def stiffest_grip(law: DynamicFeedback, M: float, K: float, k_d: float = 0.0) ->
 
 
 def stiffest_network_grip(
-    net: Network, q: Sequence[float], ratio: float = 0.0, count: int = 800
+    net: RobotNetwork, q: Sequence[float], ratio: float = 0.0, count: int = 800
 ) -> float:
     """The k_p, alike for all joints, at which a grip at the port begins to swing, theta known.
 

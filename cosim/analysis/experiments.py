@@ -16,10 +16,10 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.frequency import MultiSine, PortGain
-from cosim.analysis.network import Network, network
-from cosim.analysis.port import Port
-from cosim.analysis.system import System
-from cosim.analysis.trace import Change, Trace, changed, trace
+from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.port import PortSignals
+from cosim.analysis.system import AnalyzedSystem
+from cosim.analysis.trace import Change, SignalTrace, changed, trace
 from cosim.base.errors import RunError, ScenarioError
 
 #: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.
@@ -41,8 +41,8 @@ class Bench:
     `known`: M_hat = M in every controller, and not adapted.
     """
 
-    system: System
-    port: Port
+    system: AnalyzedSystem
+    port: PortSignals
     q: Vector
     known: bool = False
 
@@ -52,7 +52,7 @@ class Bench:
         return self.system.arms.get(self.port.arm)
 
     @property
-    def network(self) -> Network | None:
+    def network(self) -> RobotNetwork | None:
         """The robots under dynamic feedback around the arm, if it is a position that responds."""
         if not self.system.is_position(self.port.response):
             return None
@@ -98,14 +98,14 @@ class Bench:
             raise ScenarioError(f"{name} controls no arm whose inertia is known")
         return (*arm.parameters, *arm.gravity)[: len(law.theta_hat)]
 
-    def run(self, change: Change, signals: Sequence[str]) -> Trace:
+    def run(self, change: Change, signals: Sequence[str]) -> SignalTrace:
         """What comes of a change. Raises RunError where the run has to stop."""
         found = trace(changed(self.system.plan, change), signals, self.every)
         if found.stopped:
             raise RunError(found.stopped)
         return found
 
-    def push(self, seconds: float, force: float = FORCE) -> Trace:
+    def push(self, seconds: float, force: float = FORCE) -> SignalTrace:
         """A constant push on every joint, from rest; force and response are recorded."""
         if not self.port.inject:
             raise ScenarioError("no input for a test force; name it in [analysis] as inject")
@@ -239,7 +239,7 @@ def stiffest(settles: Callable[[float], bool], most: float, least: float = 1.0) 
     return exp(low)
 
 
-def rest_position(system: System, port: Port, response: Array) -> Vector:
+def rest_position(system: AnalyzedSystem, port: PortSignals, response: Array) -> Vector:
     """Where the bench puts the arms: where the port's arm ends, or where it starts.
 
     `response` (n, m): as recorded; not used where it is no position, or has run away.

@@ -37,7 +37,7 @@ _KINDS = ("error", *get_args(Kind))
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class MetricResult:
     """What a metric says: `value` in `unit`, the rest in words and, by name, as numbers.
 
     `parts` are in `unit`, or in s where the name ends in ``_s``.
@@ -81,14 +81,14 @@ class Error:
         """Names of the signals it reads."""
         return (*self.of, self.target) if isinstance(self.target, str) else self.of
 
-    def evaluate(self, signals: Signals) -> Result:
+    def evaluate(self, signals: Signals) -> MetricResult:
         """E(t_n), with RMSE, maximum and settle time in the detail and the parts."""
         place = f"metrics.{self.name}"
         whole = stack(signals, self.signals, place)
         each = [stack(signals, [name], place) for name in self.of]
         target = self._target(signals, [s.x.shape[1] for s in each], place)
         if whole.flaw:
-            return Result(self.name, self.label or self.name, nan, whole.unit, whole.flaw)
+            return MetricResult(self.name, self.label or self.name, nan, whole.unit, whole.flaw)
         distance = _largest if self.norm == "max" else _length
         t, E = whole.t, np.max([distance(s.x - target) for s in each], axis=0)
         worst, rmse = int(np.argmax(E)), _root_mean_square(E, whole.t)
@@ -102,7 +102,9 @@ class Error:
                 else f"; not below {self.within:g} at the end"
             )
         parts = {key: float(value) for key, value in parts.items()}
-        return Result(self.name, self.label or self.name, parts["final"], whole.unit, words, parts)
+        return MetricResult(
+            self.name, self.label or self.name, parts["final"], whole.unit, words, parts
+        )
 
     def _target(self, signals: Signals, sizes: Sequence[int], place: str) -> Array:
         """Target as (n, m), or (1, m) if it is fixed; m is checked against every signal."""
@@ -136,21 +138,21 @@ class Measure:
         """Names of the signals it reads."""
         return self.of
 
-    def evaluate(self, signals: Signals) -> Result:
+    def evaluate(self, signals: Signals) -> MetricResult:
         """The number, over all that was recorded."""
         s = stack(signals, self.of, f"metrics.{self.name}")
         unit = _times(s.unit, {"norm": "√s", "integral_abs": "s"}.get(self.kind, ""))
         if s.flaw:
-            return Result(self.name, self.label or self.name, nan, unit, s.flaw)
+            return MetricResult(self.name, self.label or self.name, nan, unit, s.flaw)
         value, words, parts = _MEASURES[self.kind](s, self.window)
         parts = {key: float(part) for key, part in parts.items()}
-        return Result(self.name, self.label or self.name, float(value), unit, words, parts)
+        return MetricResult(self.name, self.label or self.name, float(value), unit, words, parts)
 
 
 Metric = Error | Measure
 
 
-def evaluate(metrics: Iterable[Metric], signals: Signals) -> tuple[Result, ...]:
+def evaluate(metrics: Iterable[Metric], signals: Signals) -> tuple[MetricResult, ...]:
     """Result of each metric, in order. Raises ScenarioError for one that makes no sense."""
     return tuple(metric.evaluate(signals) for metric in metrics)
 

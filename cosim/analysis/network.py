@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.analysis.facts import Arm, Array, DynamicFeedback
-from cosim.analysis.system import System
+from cosim.analysis.system import AnalyzedSystem
 
 Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class RobotNetwork:
     """The robots that hear each other, `port` the one that is held.
 
     `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `outside` (n,): lambda w of
@@ -84,7 +84,7 @@ class Network:
 class Linear:
     """The robots of `net` in one posture: `M`, `M_hat`, kg.m2, `K`, N.m.s/rad, (n, m, m) each."""
 
-    net: Network
+    net: RobotNetwork
     M: Array
     M_hat: Array
     K: Array
@@ -109,7 +109,7 @@ class Linear:
         return np.asarray(np.linalg.inv(self.A(p))[..., at, at])
 
 
-def network(system: System, port: str) -> Network | None:
+def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     """The network that the arm `port` is part of; None where its law is not of this kind."""
     laws = system.of(DynamicFeedback)
     start = system.controls.get(port, "")
@@ -135,7 +135,7 @@ def network(system: System, port: str) -> Network | None:
             outside[i] += strength
     arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
     chosen = tuple(laws[name] for name in names)
-    return Network(tuple(names), arms, chosen, coupling, delay, outside, names.index(start))
+    return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, names.index(start))
 
 
 def spread(values: Sequence[float], m: int) -> Array:

@@ -10,14 +10,14 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.system import System
+from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import AnalysisSpec
 
 
 @dataclass(frozen=True, slots=True)
-class Port:
+class PortSignals:
     """Names of signals, "" where there is none; `arm`, `far` are the components they belong to.
 
     `force` on the robot, its position `response` and velocity `rate`; `inject`, the input of a test
@@ -56,9 +56,9 @@ _NAMES = ("tau_h", "q", "dq", "tau_ext", "tau_e")
 
 
 def port_of(
-    spec: AnalysisSpec, known: Collection[str], system: System | None, chosen: str = "",
+    spec: AnalysisSpec, known: Collection[str], system: AnalyzedSystem | None, chosen: str = "",
     place: str = "",
-) -> Port:  # fmt: skip
+) -> PortSignals:  # fmt: skip
     """The port that `spec` names, that of the arm `chosen`, or of the only arm that is held.
 
     `known`: names of the signals there are. Raises ScenarioError at `place` where it takes more to
@@ -73,7 +73,7 @@ def port_of(
     _, far_q, far_dq, _, environment = _names(system, far)
     pick = _picker(known, place)
     own = spec if chosen in ("", _component(spec.force or spec.response)) else AnalysisSpec()
-    return Port(
+    return PortSignals(
         arm=arm,
         force=pick(own.force, f"{arm}.{hand}", True),
         response=pick(own.response, f"{arm}.{q}", True),
@@ -109,7 +109,7 @@ def _component(signal: str) -> str:
     return signal.split(".")[0]
 
 
-def _held(system: System | None, place: str) -> str:
+def _held(system: AnalyzedSystem | None, place: str) -> str:
     held = system.held() if system is not None else ()
     if len(held) == 1:
         return held[0]
@@ -122,20 +122,20 @@ def _held(system: System | None, place: str) -> str:
     )
 
 
-def _far(system: System | None, arm: str) -> str:
+def _far(system: AnalyzedSystem | None, arm: str) -> str:
     """The other of two arms."""
     others = [name for name in (system.arms if system is not None else ()) if name != arm]
     return others[0] if len(others) == 1 else ""
 
 
-def _estimate(system: System | None, arm: str) -> str:
+def _estimate(system: AnalyzedSystem | None, arm: str) -> str:
     """The signal theta_hat of the law that controls `arm`."""
     law = system.controls.get(arm, "") if system is not None else ""
     found = system.of(DynamicFeedback).get(law) if system is not None else None
     return f"{law}.{found.estimate}" if found is not None else ""
 
 
-def _names(system: System | None, name: str) -> tuple[str, str, str, str, str]:
+def _names(system: AnalyzedSystem | None, name: str) -> tuple[str, str, str, str, str]:
     arm = system.arms.get(name) if system is not None else None
     if not isinstance(arm, Arm):
         return _NAMES

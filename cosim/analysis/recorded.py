@@ -12,15 +12,15 @@ from cosim.analysis.energy import effort, observer
 from cosim.analysis.facts import Arm, Array
 from cosim.analysis.felt import felt, is_the_hand
 from cosim.analysis.manipulability import growth, manipulability, running_integral
-from cosim.analysis.network import Network
-from cosim.analysis.port import Port
+from cosim.analysis.network import RobotNetwork
+from cosim.analysis.port import PortSignals
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.signals import Signals
 from cosim.base.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedPort:
     """What was recorded at a port: `t` (n,) s, the rest (n, m) by the role it plays.
 
     `far`: (torque, velocity) at the other end; `units` of force and response; `estimate`: theta_hat
@@ -55,12 +55,12 @@ class Recorded:
         return observer(self.t, ends)
 
 
-def read(signals: Signals, port: Port) -> Recorded:
+def read(signals: Signals, port: PortSignals) -> RecordedPort:
     """The port's signals of a run. Raises ScenarioError where one was not recorded."""
     far = None
     if port.far_force and port.far_rate:
         far = (signals.array(port.far_force), signals.array(port.far_rate))
-    return Recorded(
+    return RecordedPort(
         t=np.asarray(signals.t, dtype=np.float64),
         force=signals.array(port.force),
         response=signals.array(port.response),
@@ -80,7 +80,7 @@ def _last(signals: Signals, name: str) -> tuple[float, ...]:
     return tuple(float(x) for x in rows[-1]) if len(rows) else ()
 
 
-def numbers(found: Recorded, net: Network | None, arm: Arm | None) -> Iterator[Quantity]:
+def numbers(found: RecordedPort, net: RobotNetwork | None, arm: Arm | None) -> Iterator[Quantity]:
     """The numbers of a run; closed forms where `net` and `arm` are known."""
     if len(found.t) < 4:
         yield absent("manipulability", "manipulability M^t", found.unit, "run", "nothing recorded")
@@ -94,13 +94,13 @@ def numbers(found: Recorded, net: Network | None, arm: Arm | None) -> Iterator[Q
         yield _approach(found, net, arm)
 
 
-def least_feedback(net: Network) -> float:
+def least_feedback(net: RobotNetwork) -> float:
     """lambda_min(K) at the port, N.m.s/rad; lambda_c lambda_min(M) with Remark 3."""
     law, arm = net.law, net.arms[net.port]
     return law.lambda_c * arm.inertia_range[0] if law.lambda_c else min(law.K)
 
 
-def _manipulability(found: Recorded, net: Network | None) -> Iterator[Quantity]:
+def _manipulability(found: RecordedPort, net: RobotNetwork | None) -> Iterator[Quantity]:
     t, M = found.t, found.M
     bound: dict[str, object] = {}
     if net is not None:
@@ -118,7 +118,7 @@ def _manipulability(found: Recorded, net: Network | None) -> Iterator[Quantity]:
     )  # fmt: skip
 
 
-def _effort(found: Recorded) -> Iterator[Quantity]:
+def _effort(found: RecordedPort) -> Iterator[Quantity]:
     unit = found.units[0]
     e = effort(found.t, found.force, min(1.0, float(found.t[-1]) / 10))
     yield quantity("effort", "effort ‖f‖₂", e.norm, f"{unit}.√s", "sqrt(∫ |f|² dt)")
@@ -128,7 +128,7 @@ def _effort(found: Recorded) -> Iterator[Quantity]:
     yield quantity("holding", "holding torque", e.holding, unit, how)
 
 
-def _energy(found: Recorded) -> Iterator[Quantity]:
+def _energy(found: RecordedPort) -> Iterator[Quantity]:
     if found.rate is None or found.E is None:
         why = "no velocity at the port was recorded"
         yield absent("observer_min", "passivity observer", "J", "min E(t)", why)
@@ -144,7 +144,7 @@ def _energy(found: Recorded) -> Iterator[Quantity]:
     )  # fmt: skip
 
 
-def _felt(found: Recorded) -> Iterator[Quantity]:
+def _felt(found: RecordedPort) -> Iterator[Quantity]:
     assert found.rate is not None
     window = max(float(found.t[-1]) / 12, 2.0)
     windows = felt(found.t, found.force, found.response, found.rate, window)
@@ -173,7 +173,7 @@ def _felt(found: Recorded) -> Iterator[Quantity]:
         yield quantity(name, f"felt {part}, in windows", medians, unit, how, note=note)
 
 
-def _approach(found: Recorded, net: Network, arm: Arm) -> Quantity:
+def _approach(found: RecordedPort, net: RobotNetwork, arm: Arm) -> Quantity:
     """Rate at which the error to where the hand wants the arm decays, against the slowest pole."""
     error = np.abs(found.response - np.asarray(arm.grip.place)).max(axis=1)
     rate = approach(found.t, error)

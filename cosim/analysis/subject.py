@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.analysis.port import Port, port_of
+from cosim.analysis.port import PortSignals, port_of
 from cosim.analysis.signals import Signals
-from cosim.analysis.system import System, system
-from cosim.analysis.trace import Trace, trace
+from cosim.analysis.system import AnalyzedSystem, system
+from cosim.analysis.trace import SignalTrace, trace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
@@ -30,8 +30,8 @@ class Subject:
 
     title: str
     signals: Signals
-    port: Port
-    system: System | None = None
+    port: PortSignals
+    system: AnalyzedSystem | None = None
     remarks: tuple[str, ...] = ()
 
 
@@ -49,14 +49,16 @@ def of_scenario(path: str | Path, settings: Sequence[str] = (), chosen: str = ""
     return Subject(scenario.title, run, port, known, remarks)
 
 
-def find_port(scenario: Scenario, plan: Plan, chosen: str = "") -> tuple[System, Port]:
+def find_port(
+    scenario: Scenario, plan: Plan, chosen: str = ""
+) -> tuple[AnalyzedSystem, PortSignals]:
     """The system of a plan and its port. Raises ScenarioError."""
     known = system(scenario, plan)
     place = scenario.place("analysis")
     return known, port_of(scenario.analysis, plan.slots(), known, chosen, place)
 
 
-def record(scenario: Scenario, plan: Plan, port: Port) -> Trace:
+def record(scenario: Scenario, plan: Plan, port: PortSignals) -> SignalTrace:
     """The scenario run as it is, in memory, with the port's signals recorded."""
     every = max(scenario.run.record.every, -(-plan.ticks // ROWS))
     return trace(plan, port.signals(), every)
@@ -107,7 +109,7 @@ def _stored(metadata: dict[str, Any]) -> Scenario:
     return build(document, Path(str(data.get("path", "scenario.toml"))))
 
 
-def _recorded(port: Port, names: Collection[str], folder: Path) -> Port:
+def _recorded(port: PortSignals, names: Collection[str], folder: Path) -> PortSignals:
     """The port, without what was not recorded. Raises ScenarioError where that leaves none."""
     for name in (port.force, port.response):
         if name not in names:

@@ -18,7 +18,7 @@ from cosim.analysis.facts import Arm, DynamicFeedback, Facts, Hand, SpringDamper
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
 from cosim.links.losses import Lossy
-from cosim.links.semantics import Playout, Signal
+from cosim.links.semantics import PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.scenario.connect import EdgeWeight
 from cosim.scenario.spec import Scenario
@@ -57,7 +57,7 @@ class Edge:
 
 
 @dataclass(frozen=True, slots=True)
-class System:
+class AnalyzedSystem:
     """A plan with the facts of its components, by component; `silent`: why facts are missing."""
 
     scenario: Scenario
@@ -107,7 +107,7 @@ def values_of(step: Step) -> dict[str, tuple[float, ...]]:
     return found
 
 
-def system(scenario: Scenario, plan: Plan) -> System:
+def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
     """What is known of a plan. A function of a model that fails is noted, not raised."""
     facts: dict[str, Facts] = {}
     silent: dict[str, str] = {}
@@ -119,14 +119,14 @@ def system(scenario: Scenario, plan: Plan) -> System:
             continue
         if found is not None:
             facts[step.name] = found
-    bare = System(scenario, plan, facts, silent)
+    bare = AnalyzedSystem(scenario, plan, facts, silent)
     controls = dict(_controls(bare))
-    known = System(scenario, plan, facts, silent, (), controls)
+    known = AnalyzedSystem(scenario, plan, facts, silent, (), controls)
     edges = tuple(e for name in known.of(DynamicFeedback) for e in _edges(known, name))
-    return System(scenario, plan, facts, silent, edges, controls)
+    return AnalyzedSystem(scenario, plan, facts, silent, edges, controls)
 
 
-def _controls(system: System) -> Iterable[tuple[str, str]]:
+def _controls(system: AnalyzedSystem) -> Iterable[tuple[str, str]]:
     for name, arm in system.arms.items():
         for wire in system.plan.wires:
             if _port(wire.target) == f"{name}.{arm.torque}":
@@ -140,7 +140,7 @@ def _port(slot: Slot) -> str:
 # ---- edges --------------------------------------------------------------------------------------
 
 
-def _edges(system: System, name: str) -> Iterable[Edge]:
+def _edges(system: AnalyzedSystem, name: str) -> Iterable[Edge]:
     law, step = system.facts[name], system.plan.component(name)
     assert isinstance(law, DynamicFeedback)
     slots = {s.port: s for s in step.inputs}
@@ -169,7 +169,7 @@ def _source(plan: Plan, at: int) -> Wire | Link | None:
     return None
 
 
-def _weight(system: System, slot: Slot | None, row: int) -> tuple[float, bool]:
+def _weight(system: AnalyzedSystem, slot: Slot | None, row: int) -> tuple[float, bool]:
     """(mean weight, whether it is there again and again) of a row."""
     if slot is None:
         return 1.0, True
@@ -191,7 +191,7 @@ def _played(player: Player) -> tuple[float, bool]:
     return mean, mean > 0
 
 
-def _origin(system: System, name: str) -> str:
+def _origin(system: AnalyzedSystem, name: str) -> str:
     """The law that a component belongs to: itself, or that of the arm it listens to."""
     seen: set[str] = set()
     waiting = [name]
@@ -212,7 +212,7 @@ def _origin(system: System, name: str) -> str:
 def age(link: Link) -> Age:
     """Mean age of what a link holds once it holds something, and the bound its law declares."""
     table = link.table
-    if isinstance(table, DrawnTable) and isinstance(table.rule, Signal):
+    if isinstance(table, DrawnTable) and isinstance(table.rule, SignalSemantics):
         return Age(table.law.mean, _bound(table))
     rows = LOOKS
     while rows:
@@ -243,7 +243,7 @@ def _bound(table: TableSpec) -> float:
     if isinstance(law, Lossy):
         longest, law = law.loss.longest, law.delay
     oldest = law.maximum
-    if isinstance(table.rule, Playout):
+    if isinstance(table.rule, PlayoutSemantics):
         if law.maximum > table.rule.buffer:
             return inf  # what comes later than the buffer is never played
         oldest = table.rule.buffer

@@ -13,7 +13,7 @@ from cosim.analysis.experiments import FORCE, RESOLVED, Bench
 from cosim.analysis.facts import Array
 from cosim.analysis.frequency import PortGain, degree
 from cosim.analysis.manipulability import manipulability
-from cosim.analysis.network import Network
+from cosim.analysis.network import RobotNetwork
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded import least_feedback
 from cosim.base.errors import CosimError, RunError
@@ -72,7 +72,7 @@ def title_of(bench: Bench) -> str:
     return "M_hat = M" if bench.known else "as it starts"
 
 
-def _closed(bench: Bench, net: Network, omega: Array) -> PortGain:
+def _closed(bench: Bench, net: RobotNetwork, omega: Array) -> PortGain:
     """The closed form at some frequencies; continuous, so its step is as good as none."""
     estimates = net.known() if bench.known else net.started()
     return PortGain(omega, net.at(bench.q, estimates).gain(1j * omega), 1e-9)
@@ -173,7 +173,7 @@ def by_push(bench: Bench) -> Iterator[Quantity]:
         )  # fmt: skip
 
 
-def _growth(t: Array, y: Array, net: Network | None, how: str) -> Quantity:
+def _growth(t: Array, y: Array, net: RobotNetwork | None, how: str) -> Quantity:
     size = np.sqrt((y**2).sum(axis=1))
     half = len(t) // 2
     k = log(size[-1] / size[half]) / log(t[-1] / t[half]) if size[half] > 0 else nan
@@ -186,7 +186,7 @@ def _growth(t: Array, y: Array, net: Network | None, how: str) -> Quantity:
     )  # fmt: skip
 
 
-def _pushed(t: Array, y: Array, net: Network | None, how: str) -> Iterator[Quantity]:
+def _pushed(t: Array, y: Array, net: RobotNetwork | None, how: str) -> Iterator[Quantity]:
     half, tail = (int(np.searchsorted(t, t[-1] * share)) for share in (0.5, 0.75))
     late = (y[-1] - y[tail]) / (t[-1] - t[tail])
     early = (y[tail] - y[half]) / (t[tail] - t[half])
@@ -214,14 +214,14 @@ def _pushed(t: Array, y: Array, net: Network | None, how: str) -> Iterator[Quant
         yield absent("push_damping", "felt damping, push", "N.m.s/rad", how, why)
 
 
-def _damping_formula(net: Network | None) -> str:
+def _damping_formula(net: RobotNetwork | None) -> str:
     if net is None:
         return ""
     few = {1: "O4, Kα/λ_M", 2: "O4, Kα(2 + λΣT)/λ_M"}
     return few.get(len(net.laws), "A(p)/p for p -> 0, mean weights")
 
 
-def each_feedback(net: Network | None, m: int) -> list[float]:
+def each_feedback(net: RobotNetwork | None, m: int) -> list[float]:
     """The feedback gain of each joint; with Remark 3 the least."""
     if net is None:
         return []

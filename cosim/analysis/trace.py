@@ -23,7 +23,7 @@ _CHUNK = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class SignalTrace:
     """What was recorded of some signals, every so often; `stopped`: why it ended early, or "".
 
     `t` (n,) s; the rest is as for a run read back from its folder.
@@ -52,7 +52,7 @@ class Trace:
         return self.units[prefix]
 
 
-def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> Trace:
+def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> SignalTrace:
     """Run a plan from its start, recording each `every`-th tick of `signals`.
 
     A run that has to stop is not an error here: what there is until then comes back.
@@ -81,7 +81,7 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> Trace:
     for name, slot in chosen.items():
         columns[name] = x[:, first : first + slot.size]
         first += slot.size
-    return Trace(
+    return SignalTrace(
         plan.h * (every * np.arange(len(x), dtype=np.float64)),
         columns,
         {name: s.unit for name, s in chosen.items()},
@@ -94,7 +94,7 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> Trace:
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
+class RepeatedValues:
     """Values, (n,), one a hit of the receiver, again from the start after the last."""
 
     values: Array
@@ -148,7 +148,7 @@ def changed(plan: Plan, change: Change) -> Plan:
             raise ScenarioError(unknown(name, slots, "signal"))
     taken = [slots[name] for name in change.forces]
     players = [
-        Player(_scalar(slots[name], i), Played(np.ascontiguousarray(values[:, i])))
+        Player(_scalar(slots[name], i), RepeatedValues(np.ascontiguousarray(values[:, i])))
         for name, values in change.forces.items()
         for i in range(slots[name].size)
     ]

@@ -23,7 +23,7 @@ def rank(identifier: int, extended: bool = False, remote: bool = False) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class PendingFrame:
     """A frame that waits from `at` ns on and takes `duration` ns, intermission included."""
 
     at: int
@@ -36,15 +36,15 @@ class Request:
 class Sent:
     """A request, when its frame began, and when the next could begin, ns."""
 
-    request: Request
+    request: PendingFrame
     start: int
     end: int
 
 
-def arbitrate(requests: Iterable[Request], *, fifo: bool = False) -> list[Sent]:
+def arbitrate(requests: Iterable[PendingFrame], *, fifo: bool = False) -> list[Sent]:
     """All of them in the order of sending. Equals: who waited longer, then who was named first."""
     coming = sorted(requests, key=lambda r: r.at)
-    waiting: list[Request] = []
+    waiting: list[PendingFrame] = []
     sent: list[Sent] = []
     now = 0
     while coming or waiting:
@@ -58,9 +58,9 @@ def arbitrate(requests: Iterable[Request], *, fifo: bool = False) -> list[Sent]:
     return sent
 
 
-def _heads(waiting: list[Request]) -> list[Request]:
+def _heads(waiting: list[PendingFrame]) -> list[PendingFrame]:
     """Of each node the request it was handed first."""
-    heads: dict[int, Request] = {}
+    heads: dict[int, PendingFrame] = {}
     for request in waiting:
         heads.setdefault(request.node, request)
     return list(heads.values())

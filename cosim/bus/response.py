@@ -29,7 +29,7 @@ ERROR_BITS = 31
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class FrameStream:
     """Frames of one identifier: ns each; `rank` as in :func:`cosim.bus.arbitration.rank`."""
 
     name: str
@@ -66,7 +66,7 @@ NO_ERRORS = Errors()
 class Response:
     """What a stream can come to: `worst` ns from its event to its end, None: no bound."""
 
-    stream: Stream
+    stream: FrameStream
     worst: int | None
     instances: int
 
@@ -82,7 +82,7 @@ class Response:
 
 
 def responses(
-    streams: Sequence[Stream], bit_ns: int, errors: Errors = NO_ERRORS
+    streams: Sequence[FrameStream], bit_ns: int, errors: Errors = NO_ERRORS
 ) -> tuple[Response, ...]:
     """The worst-case response time of every stream, in order of priority.
 
@@ -95,7 +95,7 @@ def responses(
     return tuple(_response(ordered, i, bit_ns, errors) for i in range(len(ordered)))
 
 
-def _response(ordered: Sequence[Stream], i: int, bit_ns: int, errors: Errors) -> Response:
+def _response(ordered: Sequence[FrameStream], i: int, bit_ns: int, errors: Errors) -> Response:
     own, above = ordered[i], ordered[:i]
     blocking = max((s.duration for s in ordered[i + 1 :]), default=0)
     cost = ERROR_BITS * bit_ns + max(s.duration for s in ordered[: i + 1])
@@ -122,12 +122,12 @@ def _response(ordered: Sequence[Stream], i: int, bit_ns: int, errors: Errors) ->
     return Response(own, worst, instances)
 
 
-def _queued(streams: Sequence[Stream], t: int) -> int:
+def _queued(streams: Sequence[FrameStream], t: int) -> int:
     """What streams can ask of the bus in `t` ns."""
     return sum(-(-(t + s.jitter) // s.period) * s.duration for s in streams)
 
 
-def _diverges(streams: Sequence[Stream], cost: int, errors: Errors) -> bool:
+def _diverges(streams: Sequence[FrameStream], cost: int, errors: Errors) -> bool:
     """Whether they, and errors, ask for all of the bus or more; in integers."""
     shares = [(s.duration, s.period) for s in streams]
     if errors.interval:

@@ -52,7 +52,7 @@ class Bits(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FrameFormat:
     """What a frame is apart from identifier and data."""
 
     extended: bool = False
@@ -68,7 +68,7 @@ class Kind:
             raise TimingError("found BRS or ESI in a classic frame; expected it in FD frames only")
 
 
-CLASSIC = Kind()
+CLASSIC = FrameFormat()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def code(length: int) -> int:
     return length if length <= 8 else 9 + LONG.index(length)
 
 
-def header(identifier: int | None, length: int, kind: Kind) -> list[int | None]:
+def header(identifier: int | None, length: int, kind: FrameFormat) -> list[int | None]:
     """Bits from start of frame to DLC; None where they are the identifier's and it is not given."""
     width = 29 if kind.extended else 11
     if identifier is not None and not 0 <= identifier < 1 << width:
@@ -130,7 +130,7 @@ def header(identifier: int | None, length: int, kind: Kind) -> list[int | None]:
     return [*bits, *bits_of(code(length), 4)]
 
 
-class Start(NamedTuple):
+class HeaderState(NamedTuple):
     """What a frame's header leaves behind: bits sent with stuffing, state of stuffing, CRC."""
 
     nominal: int
@@ -140,16 +140,16 @@ class Start(NamedTuple):
 
 
 @lru_cache(maxsize=65536)
-def start(identifier: int, length: int, kind: Kind) -> Start:
+def start(identifier: int, length: int, kind: FrameFormat) -> HeaderState:
     """A frame's header, sent. `length`: on the bus."""
     bits = [int(bit or 0) for bit in header(identifier, length, kind)]
     split = len(bits) - 5 if kind.fd else len(bits)
     state, stuffed = walk(IDLE, bits[:split])
     after, late = walk(state, bits[split:])
-    return Start(split + stuffed, len(bits) - split + late, after, crc15(bits))
+    return HeaderState(split + stuffed, len(bits) - split + late, after, crc15(bits))
 
 
-def frame_bits(identifier: int, data: bytes, kind: Kind = CLASSIC, dlc: int = 0) -> Bits:
+def frame_bits(identifier: int, data: bytes, kind: FrameFormat = CLASSIC, dlc: int = 0) -> Bits:
     """Exact bit times of a frame. `dlc`: what a remote frame asks for, bytes.
 
     FD frames of a length there is none of are filled with zeros to the next, as Linux does.
@@ -163,7 +163,7 @@ def frame_bits(identifier: int, data: bytes, kind: Kind = CLASSIC, dlc: int = 0)
     return _phases(begun.nominal, begun.data + stuffed + _body(length, kind) + 1, kind)
 
 
-def worst(length: int, kind: Kind = CLASSIC) -> Bits:
+def worst(length: int, kind: FrameFormat = CLASSIC) -> Bits:
     """A bound over all identifiers and data: a stuff bit for the first five bits, and each four.
 
     The nominal phase of FD frames gets as many of them as it could have.
@@ -178,7 +178,7 @@ def worst(length: int, kind: Kind = CLASSIC) -> Bits:
     return _phases(stuffable - 5 + early, body, kind)
 
 
-def best(length: int, kind: Kind = CLASSIC) -> Bits:
+def best(length: int, kind: FrameFormat = CLASSIC) -> Bits:
     """A bound from below: no stuff bits but the fixed ones of FD frames."""
     length = padded(length, kind.fd)
     bits = len(header(None, length, kind))
@@ -187,7 +187,7 @@ def best(length: int, kind: Kind = CLASSIC) -> Bits:
     return _phases(bits - 5, 5 + _body(length, kind) + 1, kind)
 
 
-def mean(length: int, kind: Kind = CLASSIC, identifier: int | None = None) -> Bits:
+def mean(length: int, kind: FrameFormat = CLASSIC, identifier: int | None = None) -> Bits:
     """Expected bit times for uniformly random data, and a random identifier if none is given.
 
     The CRC of a classic frame is taken as random, too; stuff bits are then a Markov chain.
@@ -205,14 +205,14 @@ def mean(length: int, kind: Kind = CLASSIC, identifier: int | None = None) -> Bi
     return Bits(least.nominal + early, least.data + all_ - early)
 
 
-def _body(length: int, kind: Kind) -> int:
+def _body(length: int, kind: FrameFormat) -> int:
     """Bits of data and CRC field, without dynamic stuffing."""
     if kind.fd:
         return 8 * length + (27 if length <= 16 else 32)
     return (0 if kind.remote else 8 * length) + 15
 
 
-def _phases(before: float, within: float, kind: Kind) -> Bits:
+def _phases(before: float, within: float, kind: FrameFormat) -> Bits:
     if kind.brs:
         return Bits(before + FD_TAIL, within)
     return Bits(before + within + FD_TAIL)

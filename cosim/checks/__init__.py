@@ -1,7 +1,7 @@
 """Pre-flight: what can be said of a scenario before it runs, and what to change.
 
 ``check(scenario, plan)`` gives findings, worst first. Rules are functions of a
-:class:`cosim.analysis.system.System`, a file a subject:
+:class:`cosim.analysis.system.AnalyzedSystem`, a file a subject:
 
 =============  ====================================================================
 ``reach``      is every controller reached from the operator's arm; who hears nobody

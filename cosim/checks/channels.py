@@ -7,11 +7,11 @@ from math import inf, isinf
 
 import numpy as np
 
-from cosim.analysis.system import System, age
+from cosim.analysis.system import AnalyzedSystem, age
 from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
 from cosim.links.losses import GilbertElliott, Independent, Lossy
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.schedule.plan import Link
 
@@ -21,7 +21,7 @@ GAP = 0.5
 _DRAWS = 4000
 
 
-def bounded(system: System) -> Iterator[Finding]:
+def bounded(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 4 and 5 need delays with a bound: losses at random have none."""
     stop = system.plan.ticks * system.plan.h
     for link in system.plan.links:
@@ -29,7 +29,7 @@ def bounded(system: System) -> Iterator[Finding]:
         table = link.table
         if not isinstance(table, DrawnTable) or not (isinf(bound) or bound > stop):
             continue
-        if isinstance(table.rule, Playout) and not table.law.loses:
+        if isinstance(table.rule, PlayoutSemantics) and not table.law.loses:
             continue  # a rule of its own
         gap = _gap(link)
         severity: Severity = "warning" if bound > stop and gap > GAP else "note"
@@ -59,11 +59,11 @@ def _gap(link: Link) -> float:
     return inf
 
 
-def buffer(system: System) -> Iterator[Finding]:
+def buffer(system: AnalyzedSystem) -> Iterator[Finding]:
     """A playout buffer that is shorter than the longest delay: what is late is never played."""
     for link in system.plan.links:
         table = link.table
-        if not isinstance(table, DrawnTable) or not isinstance(table.rule, Playout):
+        if not isinstance(table, DrawnTable) or not isinstance(table.rule, PlayoutSemantics):
             continue
         law, b = table.law, table.rule.buffer
         if law.maximum <= b:
@@ -84,14 +84,14 @@ def buffer(system: System) -> Iterator[Finding]:
         )
 
 
-def backwards(system: System) -> Iterator[Finding]:
+def backwards(system: AnalyzedSystem) -> Iterator[Finding]:
     """Rules that let an older sample follow a newer one."""
     for link in system.plan.links:
         table = link.table
         if not isinstance(table, DrawnTable) or is_constant(link):
             continue
-        last = isinstance(table.rule, Packets) and table.rule.order == "last-arrival"
-        if last or isinstance(table.rule, Signal):
+        last = isinstance(table.rule, PacketSemantics) and table.rule.order == "last-arrival"
+        if last or isinstance(table.rule, SignalSemantics):
             name = table.rule.facts()["semantics"]
             mean = age(link).mean
             yield Finding(
@@ -106,7 +106,7 @@ def backwards(system: System) -> Iterator[Finding]:
             )
 
 
-def like_a_wire(system: System) -> Iterator[Finding]:
+def like_a_wire(system: AnalyzedSystem) -> Iterator[Finding]:
     """A least delay of 0 orders components like a wire."""
     for link in system.plan.links:
         if link.table.minimum_delay_ticks == 0:

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Mapping
 from math import sqrt
 
 from cosim.analysis.facts import SpringDamper
-from cosim.analysis.system import System
+from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding
 from cosim.links.losses import Lossy
-from cosim.links.semantics import Playout
+from cosim.links.semantics import PlayoutSemantics
 from cosim.links.table import DrawnTable
 from cosim.schedule.plan import Link
 
 
-def ground(system: System) -> Iterator[Finding]:
+def ground(system: AnalyzedSystem) -> Iterator[Finding]:
     """2 ground >= T_rt stiffness (means over the two sides): the delayed spring makes energy.
 
     T_rt, the longest delay there and back. Lee and Spong (2006): K_d >= T_rt K_p/2; Nuño et al.
@@ -44,7 +44,7 @@ def ground(system: System) -> Iterator[Finding]:
         )
 
 
-def _pairs(system: System) -> Mapping[tuple[str, str], tuple[float, float]]:
+def _pairs(system: AnalyzedSystem) -> Mapping[tuple[str, str], tuple[float, float]]:
     """Longest delay each way of every two coupled controllers, s."""
     springs = system.of(SpringDamper)
     longest: dict[tuple[str, str], float] = {}
@@ -66,7 +66,7 @@ def longest_delay(link: Link) -> float:
     table = link.table
     if not isinstance(table, DrawnTable):
         return table.history * table.grid.n_s * table.grid.h
-    return table.rule.buffer if isinstance(table.rule, Playout) else table.law.maximum
+    return table.rule.buffer if isinstance(table.rule, PlayoutSemantics) else table.law.maximum
 
 
 def is_constant(link: Link) -> bool:
@@ -77,12 +77,12 @@ def is_constant(link: Link) -> bool:
     law = table.law.delay if isinstance(table.law, Lossy) else table.law
     if table.law.loses:
         return False
-    if isinstance(table.rule, Playout):
+    if isinstance(table.rule, PlayoutSemantics):
         return law.maximum <= table.rule.buffer
     return law.minimum == law.maximum
 
 
-def constant_delay(system: System) -> Iterator[Finding]:
+def constant_delay(system: AnalyzedSystem) -> Iterator[Finding]:
     """Laws that are proved for a constant delay only, on links whose delay varies."""
     springs = system.of(SpringDamper)
     for link in system.plan.links:

@@ -9,20 +9,20 @@ import numpy as np
 
 from cosim.analysis import closed_form as closed
 from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.network import Network, network
-from cosim.analysis.system import System
+from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.sampling import laws
 
 
-def dynamic(system: System) -> Iterator[tuple[str, DynamicFeedback, Arm]]:
+def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]]:
     """Controllers of this law, with their arms."""
     for name, law, arm in laws(system):
         if isinstance(law, DynamicFeedback):
             yield name, law, arm
 
 
-def passivity(system: System) -> Iterator[Finding]:
+def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
     """O9: lambda_M <= alpha + lambda_min(K M⁻¹), in the heaviest posture; alpha + lambda_c."""
     for name, law, arm in dynamic(system):
         M = arm.inertia(arm.parameters, arm.heaviest)
@@ -43,7 +43,7 @@ def passivity(system: System) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def grip(system: System) -> Iterator[Finding]:
+def grip(system: AnalyzedSystem) -> Iterator[Finding]:
     """The scenario's own grip, theta known: where det(1 + (k_p + k_d jω) G) would reach 0.
 
     Only looked into where one arm alone fails by Routh. An error at the start, a warning elsewhere.
@@ -77,7 +77,7 @@ def grip(system: System) -> Iterator[Finding]:
         )
 
 
-def degenerate(system: System) -> Iterator[Finding]:
+def degenerate(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = alpha and z(0) = 0 without neighbours: z stays 0, nothing adapts (finding 1)."""
     for name, law, _ in dynamic(system):
         hears = law.lambda_ > 0 and any(e.receiver == name and e.lasting for e in system.edges)
@@ -94,7 +94,7 @@ def degenerate(system: System) -> Iterator[Finding]:
             )
 
 
-def no_integral(system: System) -> Iterator[Finding]:
+def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = 0: no integral, a force that has to be held for ever."""
     for name, law, _ in dynamic(system):
         if law.lambda_M == 0 and law.alpha > 0:
@@ -116,7 +116,7 @@ def no_integral(system: System) -> Iterator[Finding]:
             )
 
 
-def gravity(system: System) -> Iterator[Finding]:
+def gravity(system: AnalyzedSystem) -> Iterator[Finding]:
     """Gravity that is adapted takes the manipulability away; gravity unknown makes arms sag."""
     for name, law, arm in laws(system):
         weight = max((abs(g) for g in arm.gravity), default=0.0)
@@ -151,7 +151,7 @@ def gravity(system: System) -> Iterator[Finding]:
 # ---- what follows from the gains ----------------------------------------------------------------
 
 
-def prediction(system: System) -> Iterator[Finding]:
+def prediction(system: AnalyzedSystem) -> Iterator[Finding]:
     """O3, O4, O5 of whoever is held: felt damping, stiffness, slowest pole."""
     for start in system.held():
         net = network(system, start)
@@ -180,7 +180,7 @@ def prediction(system: System) -> Iterator[Finding]:
         yield from _pole(net, where)
 
 
-def _coupling(net: Network, where: str, K: float) -> Iterator[Finding]:
+def _coupling(net: RobotNetwork, where: str, K: float) -> Iterator[Finding]:
     weight = net.coupling[net.port].sum() / net.law.lambda_ if net.law.lambda_ else 0.0
     if len(net.laws) == 2 and weight and net.law.lambda_M:
         kappa = closed.static_stiffness(net.law, weight, K)
@@ -191,7 +191,7 @@ def _coupling(net: Network, where: str, K: float) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _pole(net: Network, where: str) -> Iterator[Finding]:
+def _pole(net: RobotNetwork, where: str) -> Iterator[Finding]:
     arm = net.arms[net.port]
     if not any(arm.grip.stiffness) or not net.law.lambda_M:
         return

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.analysis.facts import Array
-from cosim.analysis.network import Network
+from cosim.analysis.network import RobotNetwork
 
 #: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
 _DOUBLINGS, _STEP = 9, 0.02
@@ -29,7 +29,7 @@ class Peaks:
     tau: Array
 
 
-def peaks(net: Network) -> Peaks:
+def peaks(net: RobotNetwork) -> Peaks:
     """What the robots of `net` will reach when their grips pull them from where they start."""
     n, m = len(net.laws), min(len(arm.q) for arm in net.arms)
     dz, tau = np.zeros(n), np.zeros(n)
@@ -44,7 +44,7 @@ def peaks(net: Network) -> Peaks:
     return Peaks(np.sqrt(dz), tau)
 
 
-def _linear(net: Network, j: int) -> tuple[Array, Array, Array]:
+def _linear(net: RobotNetwork, j: int) -> tuple[Array, Array, Array]:
     """(A, b, x(0)) of dx/dt = A x + b, x = (q, dq, z) of joint `j`, (3 n,)."""
     n, I = len(net.laws), np.eye(len(net.laws))  # noqa: E741
     laws, arms = net.laws, net.arms

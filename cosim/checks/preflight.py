@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from cosim.analysis.system import System, system
+from cosim.analysis.system import AnalyzedSystem, system
 from cosim.checks import channels, couplings, laws, reach, sampling, wiring
 from cosim.checks.finding import Finding, merged
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 
-Rule = Callable[[System], Iterator[Finding]]
+Rule = Callable[[AnalyzedSystem], Iterator[Finding]]
 
 #: Rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (

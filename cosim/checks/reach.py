@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from cosim.analysis.facts import DynamicFeedback
-from cosim.analysis.system import System, values_of
+from cosim.analysis.system import AnalyzedSystem, values_of
 from cosim.checks.finding import Finding
 from cosim.scenario.connect import topology
 
 
-def held(system: System) -> tuple[str, ...]:
+def held(system: AnalyzedSystem) -> tuple[str, ...]:
     """The arms where somebody acts: as [analysis] says, or those that are held or pushed."""
     named = system.scenario.analysis.force.split(".")[0]
     return (named,) if named in system.arms else system.held()
 
 
-def reached(system: System, start: Sequence[str]) -> frozenset[str]:
+def reached(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
     """Components that what `start` does gets to, along wires, links and edges that last."""
     silent = {
         e.link.name for e in system.edges if e.link is not None and not e.lasting
@@ -33,7 +33,7 @@ def reached(system: System, start: Sequence[str]) -> frozenset[str]:
     return _closure(edges, start)
 
 
-def _muted(system: System, target: str, source: str) -> bool:
+def _muted(system: AnalyzedSystem, target: str, source: str) -> bool:
     """Whether a wire only carries rows whose weight is 0 for ever."""
     law = system.of(DynamicFeedback).get(target)
     if law is None or not law.received:
@@ -68,7 +68,7 @@ def _closure(edges: Mapping[str, set[str]], start: Sequence[str]) -> frozenset[s
 # ---- rules --------------------------------------------------------------------------------------
 
 
-def unreached(system: System) -> Iterator[Finding]:
+def unreached(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 3 to 5: who is held must be a root, or the others never learn of it."""
     start = held(system)
     if not start:
@@ -91,7 +91,7 @@ def unreached(system: System) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def _exchanging(system: System) -> set[str]:
+def _exchanging(system: AnalyzedSystem) -> set[str]:
     """Controllers that exchange signals with others."""
     ends = {name for e in system.edges for name in (e.receiver, e.sender)}
     linked = {name for x in system.plan.links for name in (x.source.component, x.target.component)}
@@ -99,12 +99,12 @@ def _exchanging(system: System) -> set[str]:
     return (ends | linked | arms) & set(system.controls.values())
 
 
-def _roots(system: System) -> list[str]:
+def _roots(system: AnalyzedSystem) -> list[str]:
     wanted = _exchanging(system)
     return [arm for arm in sorted(system.arms) if wanted <= reached(system, [arm])]
 
 
-def spanning_tree(system: System) -> Iterator[Finding]:
+def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 3 and 4: the graphs that last have a spanning tree together."""
     try:
         graphs = topology(system.scenario)
@@ -122,7 +122,7 @@ def spanning_tree(system: System) -> Iterator[Finding]:
         )
 
 
-def unheard(system: System) -> Iterator[Finding]:
+def unheard(system: AnalyzedSystem) -> Iterator[Finding]:
     """A row that nothing feeds, with a weight: the controller is tied to the number it holds."""
     for e in system.edges:
         law = system.of(DynamicFeedback)[e.receiver]
@@ -139,7 +139,7 @@ def unheard(system: System) -> Iterator[Finding]:
             )
 
 
-def stale(system: System) -> Iterator[Finding]:
+def stale(system: AnalyzedSystem) -> Iterator[Finding]:
     """An age limit without an age never finds anything stale."""
     fed = {x.age.name.split("[")[0] for x in system.plan.links if x.age is not None}
     fed |= {w.target.name.split("[")[0] for w in system.plan.wires}

@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
 from cosim.analysis.network import network
-from cosim.analysis.system import System
+from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import peaks
 
@@ -18,7 +18,7 @@ RK4 = 2.8
 CLOSE = 0.7
 
 
-def laws(system: System) -> Iterator[tuple[str, Law, Arm]]:
+def laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
     """Every controller whose law and arm are known."""
     for arm, name in sorted(system.controls.items()):
         law = system.facts.get(name)
@@ -26,7 +26,7 @@ def laws(system: System) -> Iterator[tuple[str, Law, Arm]]:
             yield name, law, system.arms[arm]
 
 
-def feedback(system: System) -> Iterator[Finding]:
+def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     """T_s lambda_max(K) < 2 lambda_min(M): a held torque -K dq must not overshoot.
 
     From M (dq⁺ - dq) = -T_s K dq; half of that where everybody sees the tick before (jacobi). An
@@ -69,7 +69,7 @@ def _least(arm: Arm, q: Sequence[float]) -> float:
     return float(np.linalg.eigvalsh(arm.inertia(arm.parameters, q))[0])
 
 
-def adaptation(system: System) -> Iterator[Finding]:
+def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
     """T_s Γ ‖Y‖² < lambda_min(K): the estimate must not outrun the damping of s.
 
     From s⁺ = s - T_s/M (K s + Y θ̃), θ̃⁺ = θ̃ + T_s Γ Yᵀ s with Y frozen: stable iff
@@ -101,7 +101,7 @@ def adaptation(system: System) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def contact(system: System) -> Iterator[Finding]:
+def contact(system: AnalyzedSystem) -> Iterator[Finding]:
     """Grips and walls inside an arm against the step of its integrator."""
     for name, arm in sorted(system.arms.items()):
         h = system.period(name) * arm.h_max
@@ -126,7 +126,7 @@ def contact(system: System) -> Iterator[Finding]:
             )
 
 
-def hand(system: System) -> Iterator[Finding]:
+def hand(system: AnalyzedSystem) -> Iterator[Finding]:
     """A sampled hand: its spring makes energy that damping must take, k_p T/2 < k_d + K."""
     for wire in system.plan.wires:
         spring = system.facts.get(wire.source.component)

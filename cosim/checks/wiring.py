@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cosim.analysis.network import network
-from cosim.analysis.system import System
+from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import peaks
 from cosim.schedule.plan import Plan, Slot
@@ -44,7 +44,7 @@ def _fed(plan: Plan) -> list[Slot]:
     return found + [p.target for p in plan.players]
 
 
-def saturation(system: System) -> Iterator[Finding]:
+def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
     """tau_max against the torque that the linear behaviour from the start will want."""
     for start in system.held():
         net = network(system, start)
@@ -67,7 +67,7 @@ def saturation(system: System) -> Iterator[Finding]:
             )
 
 
-def size(system: System) -> Iterator[Finding]:
+def size(system: AnalyzedSystem) -> Iterator[Finding]:
     """How much is recorded, uncompressed."""
     from cosim.engine.simulate import columns
 
@@ -88,7 +88,7 @@ def size(system: System) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def jacobi(system: System) -> Iterator[Finding]:
+def jacobi(system: AnalyzedSystem) -> Iterator[Finding]:
     """Everybody sees the tick before: one more sample of delay in each loop."""
     if system.plan.algorithm == "jacobi":
         yield Finding(
@@ -102,7 +102,7 @@ def jacobi(system: System) -> Iterator[Finding]:
         )
 
 
-def unknown(system: System) -> Iterator[Finding]:
+def unknown(system: AnalyzedSystem) -> Iterator[Finding]:
     """Components of which nothing is known: what was not checked."""
     for step in system.plan.components:
         if step.name in system.silent:

@@ -14,7 +14,7 @@ from cosim.cli.check import Strict
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
-    from cosim.comparison.variants import Selection, Variants
+    from cosim.comparison.variants import ComparisonSelection, Variants
 
 
 def compare(
@@ -101,7 +101,9 @@ def _command() -> str:
     return shlex.join(["cosim", *sys.argv[1:]])
 
 
-def _title(known: Variants, chosen: Selection, scenario: Path, seeds: int, runs: int) -> str:
+def _title(
+    known: Variants, chosen: ComparisonSelection, scenario: Path, seeds: int, runs: int
+) -> str:
     return (
         f"{known.title}\n{scenario}, {known.path}: {len(chosen.controllers)} controllers x "
         f"{len(chosen.operators)} operators x {len(chosen.links)} link laws x {seeds} "

@@ -10,7 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent
-    from cosim.fmi.variables import Variable
+    from cosim.fmi.variables import FmuVariable
 
 
 def info(
@@ -46,7 +46,7 @@ def _signals(component: FmuComponent) -> list[list[str]]:
     return rows
 
 
-def _type(v: Variable, clocks: Mapping[int, str]) -> str:
+def _type(v: FmuVariable, clocks: Mapping[int, str]) -> str:
     """``Float64 of fast, slow`` for what belongs to clocks, ``Clock constant`` for one."""
     kind = f"Clock {v.attributes.get('intervalVariability', '')}" if v.type == "Clock" else v.type
     belongs = ", ".join(clocks.get(r, str(r)) for r in v.clocks)

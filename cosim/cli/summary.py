@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from cosim.analysis.metrics import Result
-    from cosim.engine.simulate import Outcome
+    from cosim.analysis.metrics import MetricResult
+    from cosim.engine.simulate import RunOutcome
     from cosim.record import Column, Run
     from cosim.reporting.figures import Figure
     from cosim.scenario.spec import Scenario
@@ -104,7 +104,7 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
                 raise ScenarioError(str(error), place) from None
 
 
-def summary(scenario: Scenario, run: Run, outcome: Outcome) -> list[str]:
+def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
     """The numbers of a run, a line each."""
     from cosim.analysis import declared
     from cosim.analysis.metrics import evaluate
@@ -130,7 +130,7 @@ def _line(label: str, text: str) -> str:
     return f"{label:<{_WIDTH}} {text}"
 
 
-def _settled(scenario: Scenario, results: tuple[Result, ...]) -> str:
+def _settled(scenario: Scenario, results: tuple[MetricResult, ...]) -> str:
     parts = []
     for r in results:
         if "settle_s" in r.parts:
@@ -141,7 +141,7 @@ def _settled(scenario: Scenario, results: tuple[Result, ...]) -> str:
     return ", ".join(parts)
 
 
-def late_ticks(outcome: Outcome) -> list[str]:
+def late_ticks(outcome: RunOutcome) -> list[str]:
     """Where clocks of an FMU ticked after their time, a line an FMU."""
     return [
         f"{name}: clocks ticked late {n} times, by up to {most:g} s: it takes no shorter steps, so "
@@ -150,7 +150,7 @@ def late_ticks(outcome: Outcome) -> list[str]:
     ]
 
 
-def _ages(outcome: Outcome) -> list[str]:
+def _ages(outcome: RunOutcome) -> list[str]:
     """Mean and p95 of the age of what each link held."""
     lines = []
     for name, s in outcome.ages.items():

@@ -14,7 +14,7 @@ from cosim.cli.check import Strict
 
 if TYPE_CHECKING:
     from cosim.sweeps.drive import Begun
-    from cosim.sweeps.perform import Row
+    from cosim.sweeps.perform import StudyRow
     from cosim.sweeps.workers import Opened
 
 #: Seconds between two lines of progress where there is no terminal.
@@ -137,7 +137,7 @@ class Progress:
             typer.echo(f"the study has changed: {begun.others} rows here are not part of it now")
         self._start()
 
-    def done(self, row: Row) -> None:
+    def done(self, row: StudyRow) -> None:
         """Count a row."""
         self.count += 1
         self._failed += bool(row.reason)

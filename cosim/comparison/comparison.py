@@ -8,10 +8,10 @@ from itertools import product
 from pathlib import Path
 
 from cosim.comparison.documents import Base, Case, scenario
-from cosim.comparison.measure import Outcome, Task, lost, run_case
+from cosim.comparison.measure import CaseOutcome, Task, lost, run_case
 from cosim.comparison.pool import spread
 from cosim.comparison.sameness import Tables
-from cosim.comparison.variants import Selection, Variants
+from cosim.comparison.variants import ComparisonSelection, Variants
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,12 +20,12 @@ class Comparison:
 
     base: Base
     variants: Variants
-    chosen: Selection
+    chosen: ComparisonSelection
     seeds: tuple[int, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CaseOutcome, ...]
     tables: Tables
 
-    def of(self, link: str, operator: str, controller: str) -> tuple[Outcome, ...]:
+    def of(self, link: str, operator: str, controller: str) -> tuple[CaseOutcome, ...]:
         """The outcomes of one row of the table, a seed each."""
         wanted = (link, operator, controller)
         return tuple(
@@ -34,7 +34,7 @@ class Comparison:
         )  # fmt: skip
 
 
-def cases(chosen: Selection, seeds: Sequence[int]) -> list[Case]:
+def cases(chosen: ComparisonSelection, seeds: Sequence[int]) -> list[Case]:
     """Every combination: by link law, operator, controller, seed."""
     return [
         Case(controller, operator, link, seed)
@@ -47,7 +47,7 @@ def cases(chosen: Selection, seeds: Sequence[int]) -> list[Case]:
 def compare(
     base: Base,
     variants: Variants,
-    chosen: Selection,
+    chosen: ComparisonSelection,
     seeds: Sequence[int],
     *,
     jobs: int = 1,
@@ -70,7 +70,7 @@ def compare(
         )
         for case in cases(chosen, seeds)
     ]
-    tables, found, told = Tables(), dict[Case, Outcome](), 0
+    tables, found, told = Tables(), dict[Case, CaseOutcome](), 0
     for task, result in spread(run_case, tasks, jobs):
         found[task.case] = result or lost(task.case, "its process died: a component crashed")
         while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first

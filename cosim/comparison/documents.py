@@ -18,7 +18,14 @@ from cosim.base import toml
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.settings import change
 from cosim.comparison.toml import Section
-from cosim.comparison.variants import Controller, LinkLaw, Operator, Role, Selection, Variants
+from cosim.comparison.variants import (
+    ComparisonSelection,
+    Controller,
+    LinkLaw,
+    Operator,
+    Role,
+    Variants,
+)
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import Scenario, build, read_document
@@ -112,7 +119,7 @@ def read_by(variants: Variants) -> Iterator[tuple[str, str]]:
             yield name.partition("[")[0], f"{variants.path} at {place}"
 
 
-def check(base: Base, variants: Variants, chosen: Selection) -> list[Plan]:
+def check(base: Base, variants: Variants, chosen: ComparisonSelection) -> list[Plan]:
     """Refuse what cannot be assembled, before anything runs: each variant once; their plans.
 
     Raises ScenarioError that starts with the place of the variant, or of all that were tried

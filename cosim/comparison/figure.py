@@ -19,7 +19,7 @@ import numpy as np
 
 from cosim.base.errors import RunError
 from cosim.comparison.comparison import Comparison
-from cosim.comparison.measure import Curve, Outcome
+from cosim.comparison.measure import CaseOutcome, Curve
 from cosim.comparison.rows import columns, shown
 from cosim.reporting.figures import DPI, load
 
@@ -133,7 +133,7 @@ def _cell(
     ax: Axes,
     cells: _Cells,
     corner: tuple[float, float],
-    outcome: Outcome,
+    outcome: CaseOutcome,
     comparison: Comparison,
 ) -> None:
     from matplotlib.patches import Rectangle
@@ -160,7 +160,7 @@ def _curves(ax: Axes, corner: tuple[float, float], cells: _Cells, curves: Sequen
         ax.plot(x, y, color=colour, linewidth=0.8, solid_joinstyle="round")
 
 
-def _said(outcome: Outcome, comparison: Comparison) -> str:
+def _said(outcome: CaseOutcome, comparison: Comparison) -> str:
     """The first time that there is, or what became of the run."""
     v = outcome.verdict
     if not v.ended:

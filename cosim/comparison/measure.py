@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.metrics import Result
+from cosim.analysis.metrics import MetricResult
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.documents import Case
-from cosim.comparison.variants import Column, Picture, Stability
-from cosim.comparison.verdict import Verdict, judge
+from cosim.comparison.variants import MetricColumn, Picture, Stability
+from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
 from cosim.links.grid import Grid
 from cosim.links.storage import load_table
@@ -37,14 +37,14 @@ class Task:
 
     case: Case
     scenario: Scenario
-    columns: tuple[Column, ...]
+    columns: tuple[MetricColumn, ...]
     stability: Stability
     picture: Picture
     folder: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedTable:
     """The table that links of one channel and grid recorded: its facts, and a row a look, (n,)."""
 
     channel: str
@@ -57,7 +57,7 @@ class Recorded:
         sender, receiver = self.facts["sender_period"], self.facts["receiver_period"]
         return Grid(int(sender), int(receiver), float(self.facts["h"]))
 
-    def agrees(self, other: Recorded) -> bool:
+    def agrees(self, other: RecordedTable) -> bool:
         """Whether both are of one channel, and hold the same as far as both go."""
         n = min(len(self.rows), len(other.rows))
         return (
@@ -77,26 +77,26 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CaseOutcome:
     """What became of a case: numbers by column, each (value, unit); NaN where there is none."""
 
     case: Case
-    verdict: Verdict
+    verdict: RunVerdict
     numbers: Mapping[str, tuple[float, str]] = field(default_factory=dict)
-    tables: tuple[Recorded, ...] = ()
+    tables: tuple[RecordedTable, ...] = ()
     curves: tuple[Curve, ...] = ()
 
-    def without_tables(self) -> Outcome:
+    def without_tables(self) -> CaseOutcome:
         """The same, but for its tables."""
         return replace(self, tables=())
 
 
-def lost(case: Case, reason: str) -> Outcome:
+def lost(case: Case, reason: str) -> CaseOutcome:
     """The outcome of a case that left nothing behind."""
-    return Outcome(case, Verdict("stopped", nan, reason=reason))
+    return CaseOutcome(case, RunVerdict("stopped", nan, reason=reason))
 
 
-def run_case(task: Task) -> Outcome:
+def run_case(task: Task) -> CaseOutcome:
     """Run and measure a case. A case that fails is an outcome with its reason, not an error.
 
     What no case is to blame for, such as an engine of another version, is raised: CosimError.
@@ -119,16 +119,16 @@ def _folder(folder: Path | None) -> AbstractContextManager[str | Path]:
     return tempfile.TemporaryDirectory(prefix="cosim-") if folder is None else nullcontext(folder)
 
 
-def _measured(task: Task, run: Run, failure: RunError | None) -> Outcome:
+def _measured(task: Task, run: Run, failure: RunError | None) -> CaseOutcome:
     verdict = judge(run, task.stability, failure)
     numbers = {}
     if verdict.ended:
         numbers = {c.name: _number(c.metric.evaluate(run), c.part) for c in task.columns}
     curves = _curves(run, task.picture)
-    return Outcome(task.case, verdict, numbers, _tables(run), curves)
+    return CaseOutcome(task.case, verdict, numbers, _tables(run), curves)
 
 
-def _number(result: Result, part: str) -> tuple[float, str]:
+def _number(result: MetricResult, part: str) -> tuple[float, str]:
     """The value of a metric, or the named part of it."""
     if not part:
         return result.value, result.unit
@@ -147,12 +147,12 @@ def _curves(run: Run, picture: Picture) -> tuple[Curve, ...]:
     return tuple(found)
 
 
-def _tables(run: Run) -> tuple[Recorded, ...]:
+def _tables(run: Run) -> tuple[RecordedTable, ...]:
     """The recorded tables: one for all links of a channel, where these agree, as they should."""
-    found: list[Recorded] = []
+    found: list[RecordedTable] = []
     for path in run.link_tables.values():
         facts, rows = load_table(path)
-        table = Recorded(str(facts["name"]), facts, rows)
+        table = RecordedTable(str(facts["name"]), facts, rows)
         if not any(table.agrees(other) for other in found):
             found.append(table)
     return tuple(found)

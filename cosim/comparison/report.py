@@ -20,7 +20,7 @@ from pathlib import Path
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.comparison.comparison import Comparison
-from cosim.comparison.rows import Row, columns, header, notes, rows, runs_as_data
+from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, runs_as_data
 from cosim.comparison.variants import Controller
 from cosim.engine.simulate import versions
 from cosim.record.folder import SUMS, reason
@@ -81,7 +81,7 @@ def _described(controller: Controller) -> str:
     return f"**{controller.name}**: {controller.title}; sends {sends}{condition}"
 
 
-def _cells(row: Row, comparison: Comparison) -> list[str]:
+def _cells(row: ComparisonRow, comparison: Comparison) -> list[str]:
     numbers = [row.cell(c, unit) for c, unit in columns(comparison)]
     return [row.link, row.operator, row.label, *numbers, row.stable]
 

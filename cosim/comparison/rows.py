@@ -12,8 +12,8 @@ from statistics import median
 from typing import Any
 
 from cosim.comparison.comparison import Comparison
-from cosim.comparison.measure import Outcome
-from cosim.comparison.variants import Column
+from cosim.comparison.measure import CaseOutcome
+from cosim.comparison.variants import MetricColumn
 
 #: What stands where there is no number.
 NOTHING = "–"
@@ -24,28 +24,28 @@ SMALL = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ComparisonRow:
     """A controller under an operator over a link law: one outcome a seed."""
 
     link: str
     operator: str
     controller: str
     marked: bool
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CaseOutcome, ...]
 
     @property
     def label(self) -> str:
         """The controller's name, marked where its condition does not hold."""
         return f"{self.controller} {MARK}" if self.marked else self.controller
 
-    def values(self, column: Column) -> list[float]:
+    def values(self, column: MetricColumn) -> list[float]:
         """The numbers of a column, one a seed; empty where a run has none."""
         if not all(o.verdict.ended for o in self.outcomes):
             return []
         values = [o.numbers.get(column.name, (nan, ""))[0] for o in self.outcomes]
         return [] if any(isnan(v) for v in values) else values
 
-    def cell(self, column: Column, unit: str) -> str:
+    def cell(self, column: MetricColumn, unit: str) -> str:
         """What a column shows."""
         values = self.values(column)
         if not values:
@@ -63,7 +63,7 @@ class Row:
         return bad[0].text + (f" ({len(bad)} of {len(verdicts)} seeds)")
 
 
-def rows(comparison: Comparison) -> Iterator[Row]:
+def rows(comparison: Comparison) -> Iterator[ComparisonRow]:
     """The rows: by link law, operator, controller."""
     c = comparison
     for link in c.chosen.links:
@@ -71,10 +71,10 @@ def rows(comparison: Comparison) -> Iterator[Row]:
         for operator in c.chosen.operators:
             for name in c.chosen.controllers:
                 marked = varies and c.variants.controllers[name].constant_delay
-                yield Row(link, operator, name, marked, c.of(link, operator, name))
+                yield ComparisonRow(link, operator, name, marked, c.of(link, operator, name))
 
 
-def columns(comparison: Comparison) -> list[tuple[Column, str]]:
+def columns(comparison: Comparison) -> list[tuple[MetricColumn, str]]:
     """The columns that say something for an operator that was chosen, each with its unit."""
     c = comparison
     operators = [c.variants.operators[name] for name in c.chosen.operators]
@@ -93,7 +93,7 @@ def shown(value: float, unit: str) -> str:
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
-def header(column: Column, unit: str) -> str:
+def header(column: MetricColumn, unit: str) -> str:
     """A column's label with its unit."""
     return column.label if unit in ("", "1") else f"{column.label} [{unit.replace('.', '·')}]"
 
@@ -134,6 +134,6 @@ def _plain(value: float) -> float | str | None:
     return value if isfinite(value) else str(value)
 
 
-def _unit(column: Column, outcomes: Sequence[Outcome]) -> str:
+def _unit(column: MetricColumn, outcomes: Sequence[CaseOutcome]) -> str:
     units = [o.numbers[column.name][1] for o in outcomes if column.name in o.numbers]
     return units[0] if units else ""

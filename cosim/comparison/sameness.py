@@ -17,7 +17,7 @@ from urllib.parse import quote
 import numpy as np
 
 from cosim.comparison.documents import Case
-from cosim.comparison.measure import Recorded
+from cosim.comparison.measure import RecordedTable
 from cosim.links.statistics import LinkStatistics, statistics
 from cosim.links.writer import TableWriter
 
@@ -28,7 +28,7 @@ Key = tuple[str, int, str]  # link law, seed, channel
 class _Channel:
     """The longest table of a channel, from which case, and in how many runs it was recorded."""
 
-    table: Recorded
+    table: RecordedTable
     case: Case
     runs: int = 1
 
@@ -40,7 +40,7 @@ class Tables:
     channels: dict[Key, _Channel] = field(default_factory=dict)
     differences: list[str] = field(default_factory=list)
 
-    def add(self, case: Case, tables: Sequence[Recorded]) -> None:
+    def add(self, case: Case, tables: Sequence[RecordedTable]) -> None:
         """Take the tables that a run recorded."""
         for table in tables:
             key = (case.link, case.seed, table.channel)
@@ -124,7 +124,7 @@ class Tables:
                 writer.write(known.table.rows)
 
 
-def _difference(known: _Channel, case: Case, table: Recorded) -> str:
+def _difference(known: _Channel, case: Case, table: RecordedTable) -> str:
     where = f"{case.link}, seed {case.seed}, {table.channel}"
     if known.table.grid != table.grid:
         return (
@@ -136,14 +136,14 @@ def _difference(known: _Channel, case: Case, table: Recorded) -> str:
     return f"{where}: {case.controller} and {known.case.controller} differ from look {row} on"
 
 
-def _varies(table: Recorded) -> bool:
+def _varies(table: RecordedTable) -> bool:
     """Whether the age differs between two looks after the first arrival, by a sample or more."""
     grid, look = table.grid, np.flatnonzero(table.rows > 0)
     age = grid.n_r * look - grid.n_s * table.rows[look].astype(np.int64)
     return bool(len(age)) and bool(np.ptp(age) >= max(grid.n_s, grid.n_r))
 
 
-def _digest(tables: Sequence[Recorded]) -> str:
+def _digest(tables: Sequence[RecordedTable]) -> str:
     total = sha256()
     for table in tables:
         total.update(np.ascontiguousarray(table.rows, dtype="<i4").tobytes())

@@ -21,7 +21,7 @@ class Role:
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class ControllerSide:
     """A controller on one side: its component's keys, and wires as input -> (owner, port).
 
     The owner is ``arm`` or ``controller``: of the own side in `inputs` and `drives`, of the other
@@ -42,7 +42,7 @@ class Controller:
     title: str
     condition: str
     constant_delay: bool
-    sides: Mapping[str, Side]
+    sides: Mapping[str, ControllerSide]
 
     @property
     def sends(self) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class LinkLaw:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class MetricColumn:
     """A metric, or the number `part` of it; `only` for some operators."""
 
     name: str
@@ -107,7 +107,7 @@ class Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class ComparisonSelection:
     """Names of what is compared, in order."""
 
     controllers: tuple[str, ...]
@@ -126,16 +126,16 @@ class Variants:
     controllers: Mapping[str, Controller]
     operators: Mapping[str, Operator]
     links: Mapping[str, LinkLaw]
-    columns: tuple[Column, ...]
+    columns: tuple[MetricColumn, ...]
     stability: Stability
     picture: Picture
-    default: Selection
+    default: ComparisonSelection
 
     def select(
         self, controllers: Sequence[str], operators: Sequence[str], links: Sequence[str]
-    ) -> Selection:
+    ) -> ComparisonSelection:
         """What is asked for; nothing is the default, ``all`` is all. Raises ScenarioError."""
-        return Selection(
+        return ComparisonSelection(
             choose(controllers, self.controllers, self.default.controllers, "controller"),
             choose(operators, self.operators, self.default.operators, "operator"),
             choose(links, self.links, self.default.links, "link"),

@@ -46,14 +46,14 @@ from cosim.base import toml
 from cosim.base.errors import ScenarioError
 from cosim.comparison.toml import Section
 from cosim.comparison.variants import (
-    Column,
+    ComparisonSelection,
     Controller,
+    ControllerSide,
     LinkLaw,
+    MetricColumn,
     Operator,
     Picture,
     Role,
-    Selection,
-    Side,
     Stability,
     Variants,
     choose,
@@ -100,7 +100,7 @@ def read(path: str | Path) -> Variants:
     _check_without(top, operators, columns)
     given = top.table("default")
     given.only("controllers", "operators", "links")
-    default = Selection(
+    default = ComparisonSelection(
         _known(given, "controllers", controllers, "controller"),
         _known(given, "operators", operators, "operator"),
         _known(given, "links", links, "link"),
@@ -149,7 +149,7 @@ def _controller(name: str, table: Section, top: Section, roles: Mapping[str, Rol
     )
 
 
-def _side(shared: Section, own: Section, wiring: Section) -> Side:
+def _side(shared: Section, own: Section, wiring: Section) -> ControllerSide:
     """A role's own keys before those of both sides; parameters and start values are joined."""
     own.only(*_COMPONENT, *_WIRING)
     component = {key: (own if key in own else shared).data.get(key) for key in _COMPONENT}
@@ -160,7 +160,7 @@ def _side(shared: Section, own: Section, wiring: Section) -> Side:
     for key in _WIRING:
         table = next((t for t in (own, shared, wiring) if key in t), shared)
         wires.append(_wires(table.table(key)))
-    return Side({k: v for k, v in component.items() if v not in (None, {})}, *wires)
+    return ControllerSide({k: v for k, v in component.items() if v not in (None, {})}, *wires)
 
 
 def _wires(table: Section) -> dict[str, tuple[str, str]]:
@@ -190,7 +190,7 @@ def _link(name: str, table: Section) -> LinkLaw:
     return LinkLaw(name, table.text("title", name), options)
 
 
-def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> Column:
+def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> MetricColumn:
     table.only("part", "only", *_METRIC)
     label = table.text("label", name)
     found = metric(
@@ -205,7 +205,7 @@ def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> Col
         place=table.place(),
     )
     only = _known(table, "only", operators, "operator") if "only" in table else ()
-    return Column(name, label, table.text("part", ""), found, only)
+    return MetricColumn(name, label, table.text("part", ""), found, only)
 
 
 def _target(table: Section) -> str | tuple[float, ...] | None:
@@ -242,7 +242,7 @@ def _picture(table: Section) -> Picture:
 
 
 def _check_without(
-    top: Section, operators: Mapping[str, Operator], columns: Sequence[Column]
+    top: Section, operators: Mapping[str, Operator], columns: Sequence[MetricColumn]
 ) -> None:
     names = [column.name for column in columns]
     for operator in operators.values():

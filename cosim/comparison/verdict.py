@@ -37,7 +37,7 @@ DECAYS, GROWS = 0.9, 1.1
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class RunVerdict:
     """What became of a run: `time` (s) of its end if that was early, `speed` v, rad/s."""
 
     kind: Kind
@@ -67,30 +67,30 @@ class Verdict:
         return f"{answer}: {self.kind}, {self.speed:.2g} rad/s"
 
 
-def judge(run: Signals, how: Stability, failure: RunError | None = None) -> Verdict:
+def judge(run: Signals, how: Stability, failure: RunError | None = None) -> RunVerdict:
     """The verdict on a run, which ended early if there is a `failure`."""
     reason = str(failure or "")
     t, x, v = np.asarray(run.t), _largest(run, how.position), _largest(run, how.velocity)
     outside = np.flatnonzero(~((x <= how.position_limit) & (v <= how.velocity_limit)))
     if len(outside):
-        return Verdict("diverged", float(t[outside[0]]), reason=reason)
+        return RunVerdict("diverged", float(t[outside[0]]), reason=reason)
     if failure is not None:
-        return Verdict("stopped", failure.time, reason=reason)
+        return RunVerdict("stopped", failure.time, reason=reason)
     return _motion(run, v, how)
 
 
-def _motion(run: Signals, v: Array, how: Stability) -> Verdict:
+def _motion(run: Signals, v: Array, how: Stability) -> RunVerdict:
     """The verdict on a whole run; `v`: the largest |velocity| of each row, (n,)."""
     t = np.asarray(run.t)
     speed = float(v[t >= t[-1] - how.window].max())
     if speed < how.rest:
-        return Verdict("at rest", speed=speed)
+        return RunVerdict("at rest", speed=speed)
     squares = (stack(run, how.velocity, "stable").x ** 2).mean(axis=1)
     quarter = (t - t[0]) * 4 / (t[-1] - t[0])
     r_0 = sqrt(squares[(quarter >= 2) & (quarter < 3)].mean())
     r_1 = sqrt(squares[quarter >= 3].mean())
     kind: Kind = "settling" if r_1 < DECAYS * r_0 else "growing" if r_1 > GROWS * r_0 else "moving"
-    return Verdict(kind, speed=speed)
+    return RunVerdict(kind, speed=speed)
 
 
 def _largest(run: Signals, names: Sequence[str]) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError
 from cosim.fmi import FmuComponent, moves
 from cosim.fmi.failures import starting
-from cosim.fmi.layout import Layout, bind, late
+from cosim.fmi.layout import StepLayout, bind, late
 from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
 from cosim.fmi.remote import RemoteInstance, RemoteStep
@@ -32,7 +32,7 @@ Views = dict[str, Vector]
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class Termination:
     """An FMU that ended the simulation at `time` (s)."""
 
     component: str
@@ -128,7 +128,7 @@ class Binding:
         }
 
     def _remote_call_back(
-        self, index: int, step: Step, layout: Layout, remote: RemoteInstance
+        self, index: int, step: Step, layout: StepLayout, remote: RemoteInstance
     ) -> Callable[[int, float, float], int]:
         assert isinstance(step.component, FmuComponent)
         there = moves.isolated(step.component, layout)
@@ -153,7 +153,7 @@ class Binding:
 
         return call
 
-    def ended(self, index: int, result: EngineResult) -> End | None:
+    def ended(self, index: int, result: EngineResult) -> Termination | None:
         """How the FMU of component `index` ended the simulation, if `result` means that."""
         at = None
         if result in ENDS:
@@ -162,7 +162,7 @@ class Binding:
             component = self.plan.components[index].component
             assert isinstance(component, FmuComponent)
             at = component.instance.terminated()
-        return None if at is None else End(self.plan.components[index].name, at)
+        return None if at is None else Termination(self.plan.components[index].name, at)
 
     def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
         inputs, outputs, component = self._inputs[index], self._outputs[index], step.component

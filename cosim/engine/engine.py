@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.base.interrupts import deferred
-from cosim.engine.binding import Binding, End, Vector, Views
+from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
 from cosim.fmi import FmuComponent
 from cosim.fmi.failures import not_finite, sentence
@@ -43,7 +43,7 @@ class Engine:
     ) -> None:
         self.plan = plan
         self.signals: Vector = np.zeros(plan.n_signals)
-        self.ended: End | None = None
+        self.ended: Termination | None = None
         self._keep_tables = keep_tables
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
@@ -123,7 +123,7 @@ class Engine:
         """What a result of ``engine_run`` other than OK and STOPPED means, as an error."""
         return self._error(EngineResult(result))
 
-    def end(self, result: int) -> End | None:
+    def end(self, result: int) -> Termination | None:
         """Which FMU ended the simulation, if that is what a result of ``engine_run`` means."""
         return self._bound.ended(self._state.failed_index, EngineResult(result))
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from cosim.base.errors import RunError
-from cosim.engine.binding import End, Vector, Views, store
+from cosim.engine.binding import Termination, Vector, Views, store
 from cosim.fmi import FmuComponent
 from cosim.fmi.failures import starting
 from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
@@ -16,7 +16,7 @@ from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
 
 def initialize(
     plan: Plan, signals: Vector, inputs: Sequence[Views], outputs: Sequence[Views]
-) -> End | None:
+) -> Termination | None:
     """Start all components, and fill in `signals` (n_signals,).
 
     Initial outputs travel along wires and links until nothing changes, FMUs being in Initialization
@@ -88,12 +88,16 @@ def _exits(plan: Plan) -> list[int]:
     return sorted(fmus, key=lambda i: place.get(plan.components[i].name, -1))
 
 
-def _exit(step: Step, outputs: Views) -> End | None:
+def _exit(step: Step, outputs: Views) -> Termination | None:
     assert isinstance(step.component, FmuComponent)
     with starting(step.name):
         for port, value in step.component.exit_initialization().items():
             outputs[port][...] = value
-        return End(step.name, step.component.begin) if step.component.instance.has_ended() else None
+        return (
+            Termination(step.name, step.component.begin)
+            if step.component.instance.has_ended()
+            else None
+        )
 
 
 def _check(plan: Plan, signals: Vector) -> None:

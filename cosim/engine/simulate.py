@@ -17,7 +17,7 @@ import cosim
 from cosim.base.clock import stopwatch
 from cosim.base.errors import Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import deferred
-from cosim.engine.binding import End
+from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
 from cosim.links.statistics import Ages, LinkStatistics
@@ -38,7 +38,7 @@ COUNTED = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """What a run was: `wall` s for `seconds` s of simulated time, recorded in `folder`."""
 
     folder: Path
@@ -48,7 +48,7 @@ class Outcome:
     wall: float
     ages: Mapping[str, LinkStatistics]
     late: Mapping[str, tuple[int, float]]  # clocks of FMUs: how often, and by how much (s)
-    ended: End | None = None  # by an FMU, before its time
+    ended: Termination | None = None  # by an FMU, before its time
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
@@ -84,7 +84,7 @@ def simulate(
     plan: Plan | None = None,
     *,
     force: bool = False,
-) -> Outcome:
+) -> RunOutcome:
     """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 
     The folder is made once all components have started: what cannot start leaves nothing behind.
@@ -137,7 +137,7 @@ def simulate(
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
     statistics = {name: counted.result() for name, counted in counts.items()}
-    return Outcome(
+    return RunOutcome(
         folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended
     )
 

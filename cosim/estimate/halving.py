@@ -23,7 +23,7 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(slots=True)
-class Group:
+class StepGroup:
     """Components of one period (ticks) that are tried together, in the order they step in.
 
     `values`: a row for each of `ticks`; in it for each component its outputs after the step whole,
@@ -36,7 +36,7 @@ class Group:
     values: list[tuple[Vector, ...]] = field(default_factory=list)
 
 
-def again(behind: Engine, group: Group, used: Vector, tick: int, parts: int) -> Vector:
+def again(behind: Engine, group: StepGroup, used: Vector, tick: int, parts: int) -> Vector:
     """Signals after the group's step from `tick` in `parts` parts; the components go back then.
 
     `used`: signals after the whole step: its inputs are those that were held. Raises RunError for
@@ -59,7 +59,9 @@ def again(behind: Engine, group: Group, used: Vector, tick: int, parts: int) -> 
     return signals
 
 
-def _part(plan: Plan, group: Group, signals: Vector, t: float, length: float, part: int) -> None:
+def _part(
+    plan: Plan, group: StepGroup, signals: Vector, t: float, length: float, part: int
+) -> None:
     """One part of a step, all components; Gauss-Seidel's wires are carried in between."""
     newest = plan.algorithm == "gauss-seidel"
     names = [step.name for step in group.steps]

@@ -29,7 +29,7 @@ import numpy as np
 
 from cosim.base.errors import RunError
 from cosim.engine.engine import Engine
-from cosim.estimate.halving import Group, Vector, again, extent, outputs
+from cosim.estimate.halving import StepGroup, Vector, again, extent, outputs
 from cosim.fmi import FmuComponent
 from cosim.schedule.plan import Plan, Step
 
@@ -154,23 +154,23 @@ def _reason(step: Step) -> str:
     return f"cannot save its state (no {' and no '.join(missing)})" if missing else ""
 
 
-def _groups(plan: Plan, left_out: Mapping[str, str]) -> list[Group]:
-    groups: dict[int, Group] = {}
+def _groups(plan: Plan, left_out: Mapping[str, str]) -> list[StepGroup]:
+    groups: dict[int, StepGroup] = {}
     for name in plan.later:
         step = plan.component(name)
         if step.kind == "continuous" and name not in left_out:
-            groups.setdefault(step.period, Group(step.period)).steps.append(step)
+            groups.setdefault(step.period, StepGroup(step.period)).steps.append(step)
     return [groups[period] for period in sorted(groups)]
 
 
-def _without(group: Group, name: str) -> Group:
+def _without(group: StepGroup, name: str) -> StepGroup:
     """The group with nothing found for one component."""
     kept = [i for i, s in enumerate(group.steps) if s.name != name]
     values = [tuple(v for i, v in enumerate(row) if i // 3 in kept) for row in group.values]
-    return Group(group.period, [group.steps[i] for i in kept], group.ticks, values)
+    return StepGroup(group.period, [group.steps[i] for i in kept], group.ticks, values)
 
 
-def _points(plan: Plan, groups: Sequence[Group], samples: int) -> Iterator[int]:
+def _points(plan: Plan, groups: Sequence[StepGroup], samples: int) -> Iterator[int]:
     """Ticks at which every group begins a step, spread evenly."""
     if not groups:
         return
@@ -195,7 +195,7 @@ def _changed(plan: Plan, expected: Vector, found: Vector) -> str:
     return ""
 
 
-def _try(ahead: Engine, behind: Engine, groups: Sequence[Group], tick: int) -> bool:
+def _try(ahead: Engine, behind: Engine, groups: Sequence[StepGroup], tick: int) -> bool:
     """All groups at one point; `ahead` is some ticks further afterwards, `behind` as it was.
 
     Returns whether `ahead` got there.
@@ -215,7 +215,7 @@ def _try(ahead: Engine, behind: Engine, groups: Sequence[Group], tick: int) -> b
 # ---- what it comes to -------------------------------------------------------------------------
 
 
-def _results(group: Group, h: float, tolerance: float) -> list[ComponentError]:
+def _results(group: StepGroup, h: float, tolerance: float) -> list[ComponentError]:
     found = []
     times = h * np.array(group.ticks)
     step = group.period * h

@@ -2,6 +2,6 @@
 
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.description import Description, read
-from cosim.fmi.options import Options
+from cosim.fmi.options import FmuOptions
 
-__all__ = ["Description", "FmuComponent", "Options", "read"]
+__all__ = ["Description", "FmuComponent", "FmuOptions", "read"]

@@ -15,8 +15,8 @@ from cosim.base.component import Values
 from cosim.base.errors import FmuError
 from cosim.fmi.description import Description
 from cosim.fmi.layout import Ticker
-from cosim.fmi.library import Clocked, Clocks, Triggered
-from cosim.fmi.variables import TEXTS, Variable
+from cosim.fmi.library import Clocked, Clocks, TriggeredClock
+from cosim.fmi.variables import TEXTS, FmuVariable
 from cosim.native.structs import ClockKind
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def tickers(
     return tuple(_ticker(v, h, name, said, places) for v in _inputs(description))
 
 
-def is_signal(variable: Variable) -> bool:
+def is_signal(variable: FmuVariable) -> bool:
     """Whether a clock can be wired: output clocks, and input clocks that these trigger."""
     if variable.type != "Clock":
         return False
@@ -65,7 +65,7 @@ def of(x: FmuComponent) -> Clocks:
     )
 
 
-def _variability(clock: Variable) -> str:
+def _variability(clock: FmuVariable) -> str:
     return clock.attributes.get("intervalVariability", "")
 
 
@@ -78,21 +78,21 @@ def unstated(description: Description) -> list[int]:
     ]  # fmt: skip
 
 
-def _inputs(description: Description) -> list[Variable]:
+def _inputs(description: Description) -> list[FmuVariable]:
     return [v for v in description.variables if v.type == "Clock" and v.causality == "input"]
 
 
-def triggered(description: Description, name: str) -> tuple[Triggered, ...]:
+def triggered(description: Description, name: str) -> tuple[TriggeredClock, ...]:
     """The clocks the FMU ticks, those that others depend on first. Raises FmuError for no such."""
     clocks = [v for v in description.variables if v.type == "Clock"]
     known = {v.reference for v in clocks if v.causality == "input"}
     waiting = [v for v in clocks if v.causality == "output"]
-    found: list[Triggered] = []
+    found: list[TriggeredClock] = []
     while waiting:
         ready = [v for v in waiting if set(v.clocks) <= known]
         if not ready:
             _check_clocks(waiting[0], known, name)
-        found += [Triggered(v.reference, v.clocks) for v in ready]
+        found += [TriggeredClock(v.reference, v.clocks) for v in ready]
         known |= {v.reference for v in ready}
         waiting = [v for v in waiting if v not in ready]
     for v in description.variables:
@@ -101,7 +101,7 @@ def triggered(description: Description, name: str) -> tuple[Triggered, ...]:
     return tuple(found)
 
 
-def _check_clocks(variable: Variable, known: Collection[int], name: str) -> None:
+def _check_clocks(variable: FmuVariable, known: Collection[int], name: str) -> None:
     """Raises FmuError where a variable belongs to what is no clock, or to itself."""
     for reference in variable.clocks:
         if reference not in known:
@@ -112,7 +112,7 @@ def _check_clocks(variable: Variable, known: Collection[int], name: str) -> None
 
 
 def _ticker(
-    clock: Variable, h: float, name: str, said: Intervals, places: Mapping[int, int]
+    clock: FmuVariable, h: float, name: str, said: Intervals, places: Mapping[int, int]
 ) -> Ticker:
     kind = _KINDS.get(_variability(clock))
     if kind is None:
@@ -146,7 +146,7 @@ def set_intervals(x: FmuComponent, values: Values) -> Intervals:
     return found
 
 
-def _interval(clock: Variable, name: str) -> tuple[float, float]:
+def _interval(clock: FmuVariable, name: str) -> tuple[float, float]:
     """Interval and shift (s), written as decimals or as counts of a resolution."""
     a = clock.attributes
     try:

@@ -15,10 +15,10 @@ from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import of_content
 from cosim.fmi.library import OK, Instance, Setup, instantiate
-from cosim.fmi.options import Options
-from cosim.fmi.ports import Group, groups
+from cosim.fmi.options import FmuOptions
+from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.remote import RemoteInstance
-from cosim.fmi.start import Given, Start
+from cosim.fmi.start import InstanceStart, StartValue
 from cosim.fmi.values import (
     check_range,
     has_text,
@@ -53,9 +53,9 @@ class FmuComponent:
         path: str | Path,
         name: str = "fmu",
         kind: Kind | None = None,
-        options: Options | None = None,
+        options: FmuOptions | None = None,
     ) -> None:
-        self.options = options or Options()
+        self.options = options or FmuOptions()
         self.archive = archives.unpack(path)
         path, folder = self.archive.path, self.archive.folder
         self.description = of_content(folder, path)
@@ -80,11 +80,11 @@ class FmuComponent:
         #: Time at which it is initialised, s.
         self.begin = 0.0
         self._instance: Instance | None = None
-        self._start: Start | None = None  # while in Initialization Mode
+        self._start: InstanceStart | None = None  # while in Initialization Mode
         self._private: str | None = None
         self._last_text = ""
 
-    def carried(self, causality: str) -> list[Group]:
+    def carried(self, causality: str) -> list[VariableGroup]:
         """Inputs or outputs that are signals."""
         return [
             g for g in self.groups.values()
@@ -159,10 +159,10 @@ class FmuComponent:
         self.close()
         self._instance = self._instantiate()
         numbers = {k: v for k, v in values.items() if self.groups[k].first.type != "Clock"}
-        given = [Given(self.groups[k], self._checked(k, v)) for k, v in numbers.items()]
-        given += [Given(group, texts) for group, texts in self._texts]
-        given += [Given(self.groups[k], (n,)) for k, n in self._sizes.items()]
-        self._start = Start(self._instance, self.name, given)
+        given = [StartValue(self.groups[k], self._checked(k, v)) for k, v in numbers.items()]
+        given += [StartValue(group, texts) for group, texts in self._texts]
+        given += [StartValue(self.groups[k], (n,)) for k, n in self._sizes.items()]
+        self._start = InstanceStart(self._instance, self.name, given)
         self._start.enter(self.begin)
         self.intervals = clocks.set_intervals(self, values)
 
@@ -200,7 +200,7 @@ class FmuComponent:
                 self._set(name, value)
         return self._outputs(self.carried("output"))
 
-    def _outputs(self, groups: Sequence[Group]) -> dict[str, np.ndarray[Any, Any]]:
+    def _outputs(self, groups: Sequence[VariableGroup]) -> dict[str, np.ndarray[Any, Any]]:
         return {
             g.name: self._shaped(
                 g.name,

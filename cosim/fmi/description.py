@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
-from cosim.fmi.variables import Variable, variables2, variables3
+from cosim.fmi.variables import FmuVariable, variables2, variables3
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Description:
     token: str
     description: str
     tool: str
-    variables: tuple[Variable, ...]
+    variables: tuple[FmuVariable, ...]
     units: Mapping[str, Unit]
     flags: Mapping[str, bool]
     default_step: float | None
@@ -119,7 +119,7 @@ def _positive(text: str) -> float:
     return value
 
 
-def _check_names(variables: Iterable[Variable], origin: Path) -> None:
+def _check_names(variables: Iterable[FmuVariable], origin: Path) -> None:
     seen: set[str] = set()
     for variable in variables:
         if variable.name in seen:

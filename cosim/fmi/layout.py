@@ -1,7 +1,7 @@
 """Which variables of an FMU move when, and where their signals are: data, then what C steps by.
 
-A :class:`Layout` is plain data and can be sent to another process; :func:`bind` turns it into the
-engine's structs for an instance there is.
+A :class:`StepLayout` is plain data and can be sent to another process; :func:`bind` turns it into
+the engine's structs for an instance there is.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import chain
 from typing import Any
 
 from cosim.base.errors import FmuError
-from cosim.fmi.library import NEVER, Clocked, Instance, Triggered
+from cosim.fmi.library import NEVER, Clocked, Instance, TriggeredClock
 from cosim.native import structs
 
 #: Clocks whose next tick the FMU says.
@@ -74,7 +74,7 @@ class Partition:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class StepLayout:
     """How an FMU is stepped: `h` s, every `period` ticks, `lag` ticks after its interval began.
 
     `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.
@@ -95,7 +95,7 @@ class Layout:
     discrete: tuple[Move, ...] = ()
     partitions: tuple[Partition, ...] = ()
     clocks: tuple[Ticker, ...] = ()
-    triggered: tuple[Triggered, ...] = ()
+    triggered: tuple[TriggeredClock, ...] = ()
     counts: tuple[int, ...] = ()
     slopes: Move | None = None
     fmi: str = "2.0"
@@ -104,7 +104,7 @@ class Layout:
     plain: bool = True
 
 
-def bind(instance: Instance, layout: Layout, alive: list[Any]) -> structs.UnitStruct:
+def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.UnitStruct:
     """The engine's unit for an instance; what it points to goes into `alive`. Raises FmuError."""
     x = layout
     unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
@@ -123,7 +123,7 @@ def bind(instance: Instance, layout: Layout, alive: list[Any]) -> structs.UnitSt
     return unit
 
 
-def _typed(instance: Instance, x: Layout, alive: list[Any]) -> structs.Typed:
+def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed:
     typed = structs.Typed(
         fmi=int(x.fmi[0]), variable=x.variable, next_event=instance.next_event
     )  # fmt: skip
@@ -143,7 +143,7 @@ def _typed(instance: Instance, x: Layout, alive: list[Any]) -> structs.Typed:
     return typed
 
 
-def _clocked(typed: structs.Typed, instance: Instance, x: Layout, alive: list[Any]) -> None:
+def _clocked(typed: structs.Typed, instance: Instance, x: StepLayout, alive: list[Any]) -> None:
     """Clocks, and what they move; `active` has a place for each clock."""
     next_ = instance.next_ticks
     references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]

@@ -112,7 +112,7 @@ class Instance(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Triggered:
+class TriggeredClock:
     """A clock that the FMU ticks; `clocks`: it can do so only while one of these is active."""
 
     reference: int
@@ -138,7 +138,7 @@ class Clocks:
 
     changing: tuple[int, ...] = ()
     countdown: tuple[int, ...] = ()
-    triggered: tuple[Triggered, ...] = ()
+    triggered: tuple[TriggeredClock, ...] = ()
     clocked: tuple[Clocked, ...] = ()
     texts: tuple[Clocked, ...] = ()
 

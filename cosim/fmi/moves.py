@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cosim.fmi import clocks
-from cosim.fmi.layout import Layout, Move, Partition
+from cosim.fmi.layout import Move, Partition, StepLayout
 from cosim.fmi.library import Clocked
-from cosim.fmi.ports import REAL, Group
+from cosim.fmi.ports import REAL, VariableGroup
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent
@@ -26,7 +26,7 @@ class Moves:
     events: bool
     _found: dict[Key, dict[str, Move]] = field(default_factory=dict)
 
-    def add(self, group: Group, place: int) -> None:
+    def add(self, group: VariableGroup, place: int) -> None:
         """A signal whose scalars are from `place` on."""
         found = self._found.setdefault(self._key(group), {})
         before = found.get(group.first.type, Move(group.first.type, (), ()))
@@ -35,7 +35,7 @@ class Moves:
             before.type, before.references + group.references, before.places + places
         )
 
-    def _key(self, group: Group) -> Key:
+    def _key(self, group: VariableGroup) -> Key:
         first = group.first
         if self.events and first.clocks:
             return first.causality, "clocked", tuple(sorted(first.clocks))
@@ -70,7 +70,7 @@ def layout(
     inputs: int,
     outputs: int,
     slopes: Mapping[int, int],
-) -> Layout:
+) -> StepLayout:
     """How `x` is stepped every `h` s = `period` ticks; its signals start at these places.
 
     `slopes`: places of slopes by those of their inputs. Raises FmuError for a step or a clock that
@@ -87,7 +87,7 @@ def layout(
                 moves.add(group, place)
             place += group.size
     real = all(g.first.type in REAL for c in ("input", "output") for g in x.carried(c))
-    return Layout(
+    return StepLayout(
         h=h, lag=lag, period=period, input=inputs, output=outputs,
         input_count=sum(p.size for p in x.inputs),
         output_count=sum(p.size for p in x.outputs),
@@ -109,7 +109,7 @@ def _slopes(x: FmuComponent, inputs: int, slopes: Mapping[int, int]) -> Move | N
     return Move("Real", tuple(found), tuple(found.values())) if found else None
 
 
-def isolated(x: FmuComponent, here: Layout) -> Layout:
+def isolated(x: FmuComponent, here: StepLayout) -> StepLayout:
     """The same in a process of its own, where inputs come first, then outputs, then slopes."""
     first = here.input_count + here.output_count
     sloped = {r: first + i for i, r in enumerate(here.slopes.references if here.slopes else ())}

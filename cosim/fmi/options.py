@@ -11,7 +11,7 @@ PATIENCE = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class FmuOptions:
     """`sizes`: structural parameters; `texts`: String and Binary (hexadecimal) start values.
 
     `given`: parameters and start values as a scenario has them; those that are sizes or texts are

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 from itertools import product
 from math import prod
 
-from cosim.fmi.variables import Variable
+from cosim.fmi.variables import FmuVariable
 
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]$")
 REAL = ("Real", "Float64")
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class VariableGroup:
     """Variables that make up one signal, row-major: one array, or scalars of one array."""
 
     name: str
     shape: tuple[int, ...]
-    variables: tuple[Variable, ...]
+    variables: tuple[FmuVariable, ...]
 
     @property
     def size(self) -> int:
@@ -28,7 +28,7 @@ class Group:
         return prod(self.shape)
 
     @property
-    def first(self) -> Variable:
+    def first(self) -> FmuVariable:
         """The variable that stands for all: its type, unit and causality are everybody's."""
         return self.variables[0]
 
@@ -46,13 +46,13 @@ class Group:
         return texts if len(texts) == self.size else ()
 
 
-def groups(variables: Iterable[Variable]) -> tuple[Group, ...]:
+def groups(variables: Iterable[FmuVariable]) -> tuple[VariableGroup, ...]:
     """Group variables into signals, in the order of their first appearance.
 
     FMI 2.0 scalars ``a[i]``/``a[i,j]`` become one array when they fill a whole grid from 0 or 1
     and share type, unit, causality and clocks; what does not stays scalar under its own name.
     """
-    families: dict[str, list[tuple[tuple[int, ...], Variable]]] = {}
+    families: dict[str, list[tuple[tuple[int, ...], FmuVariable]]] = {}
     order: list[str] = []
     for variable in variables:
         match = _INDEXED.match(variable.name) if not variable.shape else None
@@ -64,8 +64,10 @@ def groups(variables: Iterable[Variable]) -> tuple[Group, ...]:
     return tuple(group for name in order for group in _family(name, families[name]))
 
 
-def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> Iterable[Group]:
-    alone = [Group(v.name, v.shape, (v,)) for _, v in members]
+def _family(
+    name: str, members: Sequence[tuple[tuple[int, ...], FmuVariable]]
+) -> Iterable[VariableGroup]:
+    alone = [VariableGroup(v.name, v.shape, (v,)) for _, v in members]
     indices = [index for index, _ in members]
     first = members[0][1]
     alike = all(_kind(v) == _kind(first) for _, v in members)
@@ -79,10 +81,10 @@ def _family(name: str, members: Sequence[tuple[tuple[int, ...], Variable]]) -> I
     table = dict(members)
     if base > 1 or any(i not in table for i in grid):
         return alone
-    return [Group(name, shape, tuple(table[i] for i in grid))]
+    return [VariableGroup(name, shape, tuple(table[i] for i in grid))]
 
 
-def _kind(v: Variable) -> tuple[object, ...]:
+def _kind(v: FmuVariable) -> tuple[object, ...]:
     """What members of one array have in common."""
     ticks = v.attributes.get("intervalVariability")
     return v.type, v.unit, v.causality, v.initial, v.clocks, ticks

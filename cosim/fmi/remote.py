@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from cosim.base.errors import FmuError
-from cosim.fmi.layout import Layout
+from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
-from cosim.fmi.options import PATIENCE, Options
+from cosim.fmi.options import PATIENCE, FmuOptions
 from cosim.fmi.worker import ANSWER, STEP
 from cosim.native import fmu_log, structs
 
@@ -51,7 +51,7 @@ class RemoteInstance:
     next_event = NEVER  # known where the FMU is
     next_ticks: Mapping[int, float] = {}
 
-    def __init__(self, setup: Setup, options: Options, scalars: int, room: int) -> None:
+    def __init__(self, setup: Setup, options: FmuOptions, scalars: int, room: int) -> None:
         if os.name != "posix":
             raise FmuError(f"{setup.name}: isolate needs Linux or macOS")
         self._name, self._scalars = setup.name, scalars
@@ -216,7 +216,7 @@ class RemoteInstance:
         """Give a state saved there back."""
         self._call("free_state", state)
 
-    def bind(self, layout: Layout) -> None:
+    def bind(self, layout: StepLayout) -> None:
         """Get ready for :meth:`step`."""
         self._call("bind", layout)
 
@@ -254,7 +254,11 @@ class RemoteStep:
     """
 
     def __init__(
-        self, remote: RemoteInstance, here: Layout, there: Layout, signals: NDArray[np.float64]
+        self,
+        remote: RemoteInstance,
+        here: StepLayout,
+        there: StepLayout,
+        signals: NDArray[np.float64],
     ) -> None:
         n, m = here.input_count, here.output_count
         self._fed = signals[here.input : here.input + n]

@@ -16,17 +16,17 @@ from dataclasses import dataclass
 
 from cosim.base.errors import FmuError
 from cosim.fmi.library import Clocks, Instance
-from cosim.fmi.ports import Group
+from cosim.fmi.ports import VariableGroup
 from cosim.fmi.variables import TEXTS
 
 Found = Sequence[float] | Sequence[str]
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class StartValue:
     """A variable and what was set: numbers, or texts (Binary: hexadecimal); all scalars."""
 
-    group: Group
+    group: VariableGroup
     values: Found
 
     @property
@@ -59,10 +59,10 @@ class Given:
         return None if wanted == [_carried(first.type, v) for v in found] else found
 
 
-class Start:
+class InstanceStart:
     """The start of an instance: from what is `given` to its first step. Raises FmuError."""
 
-    def __init__(self, x: Instance, name: str, given: Sequence[Given]) -> None:
+    def __init__(self, x: Instance, name: str, given: Sequence[StartValue]) -> None:
         by = defaultdict(list)
         for one in given:
             by[one.group.first.causality].append(one)
@@ -101,7 +101,7 @@ class Start:
         self._check([*self._sizes, *(one for one in exact if one.is_parameter)])
         return found
 
-    def _check(self, given: Sequence[Given]) -> None:
+    def _check(self, given: Sequence[StartValue]) -> None:
         lines = list(_differences(self._x, given))
         if lines:
             raise FmuError(
@@ -110,7 +110,7 @@ class Start:
             )
 
 
-def _differences(x: Instance, given: Sequence[Given]) -> Iterator[str]:
+def _differences(x: Instance, given: Sequence[StartValue]) -> Iterator[str]:
     for one in given:
         found = one.differs(x)
         if found is not None:

@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 from cosim.base.component import Parameter, Port
 from cosim.base.errors import FmuError
-from cosim.fmi.ports import Group
-from cosim.fmi.variables import NUMERIC, TEXTS, Variable, number
+from cosim.fmi.ports import VariableGroup
+from cosim.fmi.variables import NUMERIC, TEXTS, FmuVariable, number
 
 _KINDS: Mapping[str, Literal["real", "integer", "boolean"]] = {
     "Real": "real", "Float64": "real", "Float32": "real", "Boolean": "boolean",
@@ -26,7 +26,7 @@ _RANGES = {
 }
 
 
-def port(group: Group, optional: bool = False) -> Port:
+def port(group: VariableGroup, optional: bool = False) -> Port:
     """An input or output; inputs hold their start value where nothing is wired to them.
 
     `optional`: that this is normal.
@@ -38,7 +38,7 @@ def port(group: Group, optional: bool = False) -> Port:
     return Port(group.name, group.shape, v.unit or "1", v.description, start, optional, low, high)
 
 
-def parameter(group: Group) -> Parameter:
+def parameter(group: VariableGroup) -> Parameter:
     """A parameter, the start value of a variable that has one, or the interval of a clock."""
     v = group.first
     if v.type == "Clock":
@@ -48,7 +48,7 @@ def parameter(group: Group) -> Parameter:
     return Parameter(group.name, _numbers(group), group.shape, v.unit or "1", v.description, kind)
 
 
-def settable(group: Group) -> bool:
+def settable(group: VariableGroup) -> bool:
     """Whether a scenario may set it before the start; sizes are set otherwise."""
     v = group.first
     if v.type == "Clock":
@@ -60,17 +60,17 @@ def settable(group: Group) -> bool:
     )
 
 
-def tunes(clock: Variable) -> bool:
+def tunes(clock: FmuVariable) -> bool:
     """Whether an importer may set the interval of a clock (FMI 3.0.2 §2.2.8)."""
     periodic = clock.attributes.get("intervalVariability") in ("fixed", "tunable")
     return clock.causality == "input" and periodic and "intervalDecimal" in clock.attributes
 
 
-def _numbers(group: Group) -> tuple[float, ...]:
+def _numbers(group: VariableGroup) -> tuple[float, ...]:
     return tuple(number(t) for t in group.start or ("0",) * group.size)
 
 
-def check_range(group: Group, values: Sequence[float]) -> None:
+def check_range(group: VariableGroup, values: Sequence[float]) -> None:
     """Refuse a value outside of min and max, or that the type has not. Raises FmuError."""
     low, high = _RANGES.get(group.first.type, (float("-inf"), float("inf")))
     least, most = group.first.limits
@@ -87,7 +87,7 @@ def check_range(group: Group, values: Sequence[float]) -> None:
             )
 
 
-def item(group: Group, name: str) -> int:
+def item(group: VariableGroup, name: str) -> int:
     """The number of an enumeration's item. Raises FmuError naming the items there are."""
     items = group.first.items
     if name not in items:
@@ -96,7 +96,7 @@ def item(group: Group, name: str) -> int:
     return items[name]
 
 
-def item_numbers(group: Group, value: Any) -> Any:
+def item_numbers(group: VariableGroup, value: Any) -> Any:
     """A value, or nested lists of them, with names of items replaced by their numbers.
 
     Raises FmuError naming the items there are.
@@ -106,7 +106,7 @@ def item_numbers(group: Group, value: Any) -> Any:
     return item(group, value) if isinstance(value, str) else value
 
 
-def sizes_among(variables: Iterable[Variable], given: Mapping[str, Any]) -> dict[str, int]:
+def sizes_among(variables: Iterable[FmuVariable], given: Mapping[str, Any]) -> dict[str, int]:
     """Those of the given values that are structural parameters. Raises FmuError for no size."""
     found = {}
     for v in variables:
@@ -118,14 +118,14 @@ def sizes_among(variables: Iterable[Variable], given: Mapping[str, Any]) -> dict
     return found
 
 
-def has_text(groups: Mapping[str, Group], name: str) -> bool:
+def has_text(groups: Mapping[str, VariableGroup], name: str) -> bool:
     """Whether `name` is a String or Binary variable."""
     return name in groups and groups[name].first.type in TEXTS
 
 
 def texts_for(
-    groups: Mapping[str, Group], given: Mapping[str, str | Sequence[str]], name: str
-) -> list[tuple[Group, tuple[str, ...]]]:
+    groups: Mapping[str, VariableGroup], given: Mapping[str, str | Sequence[str]], name: str
+) -> list[tuple[VariableGroup, tuple[str, ...]]]:
     """String and Binary variables with the values they start from. Raises FmuError."""
     found = []
     for key, value in given.items():

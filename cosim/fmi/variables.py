@@ -25,7 +25,7 @@ LARGEST = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
+class FmuVariable:
     """One variable: a scalar in FMI 2.0, possibly an array in FMI 3.0.
 
     `limits` are min and max in `unit`; `items` the names of an enumeration; `dimensions` what
@@ -54,7 +54,7 @@ class Variable:
         return prod(self.shape)
 
 
-def variables2(root: Element) -> Iterable[Variable]:
+def variables2(root: Element) -> Iterable[FmuVariable]:
     """Those of FMI 2.0. Raises ValueError or KeyError for what cannot be one."""
     types = {
         t.get("name", ""): child for t in root.iterfind("TypeDefinitions/SimpleType") for child in t
@@ -75,7 +75,7 @@ def variables2(root: Element) -> Iterable[Variable]:
         )
 
 
-def variables3(root: Element, sizes: Mapping[str, int]) -> Iterable[Variable]:
+def variables3(root: Element, sizes: Mapping[str, int]) -> Iterable[FmuVariable]:
     """Those of FMI 3.0; `sizes`: of structural parameters by name, where they are not the start.
 
     Raises ValueError or KeyError for what cannot be one, and for a size of what is no structural
@@ -100,7 +100,9 @@ def variables3(root: Element, sizes: Mapping[str, int]) -> Iterable[Variable]:
         )
 
 
-def _variable(element: Element, typed: Element, declared: Element | None, **found: Any) -> Variable:
+def _variable(
+    element: Element, typed: Element, declared: Element | None, **found: Any
+) -> FmuVariable:
     inherited = {} if declared is None else declared.attrib
     attributes = {**inherited, **typed.attrib, **element.attrib}
     if "name" not in attributes or not (name := element.attrib["name"]):
@@ -115,7 +117,7 @@ def _variable(element: Element, typed: Element, declared: Element | None, **foun
         raise ValueError(f"variable {name!r}: valueReference {reference} is no 32-bit number")
     if prod(found["shape"]) > LARGEST:
         raise ValueError(f"variable {name!r} has more than {LARGEST} entries: {found['shape']}")
-    return Variable(
+    return FmuVariable(
         name=name,
         type=typed.tag,
         reference=reference,

@@ -15,7 +15,7 @@ import sys
 from typing import Any
 
 from cosim.base.errors import FmuError
-from cosim.fmi.layout import Layout, bind, late
+from cosim.fmi.layout import StepLayout, bind, late
 from cosim.fmi.library import Instance, Setup, instantiate
 from cosim.native import fmu_log, structs
 
@@ -43,7 +43,7 @@ class Worker:
             _limit(limit)
         self._instance = instantiate(setup, fmu_log.log(self._memory, room))
 
-    def bind(self, layout: Layout) -> None:
+    def bind(self, layout: StepLayout) -> None:
         """Get ready to step."""
         assert self._instance is not None
         self._unit = bind(self._instance, layout, self._alive)

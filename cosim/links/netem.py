@@ -27,7 +27,7 @@ from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.table import generator
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
 LIMIT = 1000  # packets, netem's own
 JITTER_MAXIMUM = 2.147483647  # s; netem keeps it as a signed 32-bit number of nanoseconds
@@ -113,7 +113,7 @@ def _delay(law: Law) -> Parts:
             remarks.append(
                 "netem keeps how often each level occurs, not how long it lasts: it has no chain"
             )
-        case Trace():
+        case DelayTrace():
             remarks.append("netem keeps how often each delay of the trace occurs, not their order")
         case _:
             pass
@@ -155,7 +155,7 @@ def _limit(law: Law, period: float | None) -> Parts:
 
 
 def _trace_loss(law: Law, loss: None) -> Parts:
-    if not isinstance(law, Trace) or not law.loses:
+    if not isinstance(law, DelayTrace) or not law.loses:
         return [], []
     share = float(np.mean(~np.isfinite(law.delay)))
     return ["loss", "random", _percent(share)], [

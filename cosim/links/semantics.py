@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 Ordering = Literal["last-arrival", "newest-stamp", "fifo"]
 
 
-class Rows(Protocol):
+class RowStream(Protocol):
     """The rows of one link, in order."""
 
     def take(self, n: int) -> IntArray:
@@ -72,12 +72,12 @@ class Rule(Protocol):
     def asks(self, grid: Grid, rows: int) -> tuple[Fraction, int]:
         """The delays it takes from a law for `rows` rows: their period (s) and number."""
 
-    def stream(self, law: Law, grid: Grid, rng: Generator) -> Rows:
+    def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """The rows from the first look on."""
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class SignalSemantics:
     """j = the nearest to (K - T/h)/n_s among the samples sent: ξ(t - T(t)), paper Sec. V, VI."""
 
     def facts(self) -> dict[str, Any]:
@@ -104,7 +104,7 @@ class Signal:
         """One delay a look."""
         return grid.looking, rows
 
-    def stream(self, law: Law, grid: Grid, rng: Generator) -> Rows:
+    def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """Rows from the first look on."""
         return _SignalRows(law, grid, rng)
 
@@ -131,7 +131,7 @@ class _SignalRows:
 
 
 @dataclass(frozen=True, slots=True)
-class Packets:
+class PacketSemantics:
     """Packets that arrive ceil(T/h) ticks after they were sent, and the order that counts."""
 
     order: Ordering
@@ -160,7 +160,7 @@ class Packets:
         """One delay a sample sent."""
         return grid.sending, grid.sent(rows)
 
-    def stream(self, law: Law, grid: Grid, rng: Generator) -> Rows:
+    def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """Rows from the first look on."""
         return _PacketRows(law, grid, rng, self.order)
 
@@ -232,7 +232,7 @@ def _hold(fresh: IntArray, held: int) -> IntArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Playout:
+class PlayoutSemantics:
     """Plays the newest sample sent at or before t - buffer (s) if it has arrived, else holds."""
 
     buffer: float
@@ -267,7 +267,7 @@ class Playout:
         last = grid.n_r * (rows - 1) - grid.ticks(self.buffer)
         return grid.sending, max(0, last // grid.n_s + 1) if rows else 0
 
-    def stream(self, law: Law, grid: Grid, rng: Generator) -> Rows:
+    def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """Rows from the first look on."""
         return _PlayoutRows(law, grid, rng, grid.ticks(self.buffer))
 

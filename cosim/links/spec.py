@@ -33,7 +33,7 @@ from cosim.links.laws import Constant, Law, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.semantics import Packets, Playout, Rule, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
@@ -261,13 +261,13 @@ def _rule(semantics: Semantics, playout: Seconds | None) -> Rule:
     if semantics == "playout":
         if playout is None:
             raise ScenarioError('semantics = "playout" needs the length of its buffer, playout (s)')
-        return Playout(si(playout, "playout"))
+        return PlayoutSemantics(si(playout, "playout"))
     if playout is not None:
         raise ScenarioError(
             f'playout = {playout!r} is a buffer, but semantics = "{semantics}" has none;'
             ' expected semantics = "playout"'
         )
-    return Signal() if semantics == "signal" else Packets(semantics)
+    return SignalSemantics() if semantics == "signal" else PacketSemantics(semantics)
 
 
 def si(value: Number, name: str, unit: str = "s") -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Law
-from cosim.links.semantics import Rows, Rule
+from cosim.links.semantics import RowStream, Rule
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -126,7 +126,7 @@ class DrawnTable:
 class TableStream:
     """Rows in order, in chunks whose sizes do not change them."""
 
-    def __init__(self, rows: Rows, grid: Grid, length: int | None = None) -> None:
+    def __init__(self, rows: RowStream, grid: Grid, length: int | None = None) -> None:
         self._rows, self._grid = rows, grid
         self._length = INDEX_MAXIMUM if length is None else length
         self._row = 0

@@ -28,7 +28,7 @@ COLUMNS = ("t_send", "delay")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class DelayTrace:
     """Delays that were measured: row i was sent at t_send[i] and arrived delay[i] later.
 
     `t_send` (n,), s, increasing, counted from its first row; `delay` (n,), s, not finite where
@@ -112,7 +112,7 @@ class Trace:
 
 
 class _Looked:
-    def __init__(self, trace: Trace, period: Fraction) -> None:
+    def __init__(self, trace: DelayTrace, period: Fraction) -> None:
         self._trace, self._period, self._limit = trace, float(period), trace.limit(period)
         self._t = trace.t_send - trace.t_send[0]  # (n,), s
         self._sample = 0
@@ -130,7 +130,7 @@ class _Looked:
         return self._trace.delay[np.searchsorted(self._t, t, side="right") - 1]
 
 
-def read_trace(path: str | Path, *, lookup: str = "time", repeat: bool = False) -> Trace:
+def read_trace(path: str | Path, *, lookup: str = "time", repeat: bool = False) -> DelayTrace:
     """The trace in a file (``.parquet``, otherwise CSV).
 
     Raises ScenarioError with the file and the line (CSV) or row (Parquet) that cannot be.
@@ -149,7 +149,7 @@ def read_trace(path: str | Path, *, lookup: str = "time", repeat: bool = False) 
     if problem is not None:
         row, sentence = problem
         raise ScenarioError(sentence, f"{path}:{word}{places[row]}" if places else str(path))
-    return Trace(t_send, delay, lookup, repeat, str(path))
+    return DelayTrace(t_send, delay, lookup, repeat, str(path))
 
 
 def _csv(path: Path) -> tuple[FloatArray, FloatArray, list[int]]:

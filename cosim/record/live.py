@@ -39,7 +39,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class RecordLayout:
     """What is recorded, and the sizes of the arrays it is recorded with.
 
     `columns`: those of the trajectories; `everything`: those of ``last.parquet``; `h`: base step,
@@ -86,7 +86,7 @@ class Live:
     + 1, rows), row 0 is t; `chunks`: (chunks, rows, n_signals).
     """
 
-    def __init__(self, layout: Layout, memory: Any, text: int, held: int = -1) -> None:
+    def __init__(self, layout: RecordLayout, memory: Any, text: int, held: int = -1) -> None:
         self.layout, self._held = layout, held
         start = -(-(HEADER + text) // PAGE) * PAGE
         spans, group, chunks = layout.sizes
@@ -100,7 +100,7 @@ class Live:
         self.chunks: Rows = np.frombuffer(memory, np.float64, chunks // 8, start).reshape(shape)
 
     @classmethod
-    def create(cls, path: Path, layout: Layout) -> Self:
+    def create(cls, path: Path, layout: RecordLayout) -> Self:
         """A new file. Raises OSError; then there is no file."""
         text = layout.text()
         start = -(-(HEADER + len(text)) // PAGE) * PAGE
@@ -118,7 +118,7 @@ class Live:
             text = int.from_bytes(data[8:16], sys.byteorder)
             if data[:8] != MAGIC:
                 raise ValueError(f"begins with {data[:8]!r}, expected {MAGIC!r}")
-            return cls(Layout.parse(data[HEADER : HEADER + text]), data, text)
+            return cls(RecordLayout.parse(data[HEADER : HEADER + text]), data, text)
         except (OSError, ValueError, TypeError, KeyError) as error:
             raise ScenarioError(f"cannot be read: {error}", str(path)) from error
 

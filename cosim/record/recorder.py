@@ -25,7 +25,7 @@ import numpy as np
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import LIVE, PART, TRAJECTORIES, reason
 from cosim.record.groups import GroupWriter, group_rows
-from cosim.record.live import Column, Layout, Live, Rows
+from cosim.record.live import Column, Live, RecordLayout, Rows
 
 __all__ = ["Column", "Recorder"]
 
@@ -80,7 +80,7 @@ class Recorder:
         self._out: list[Rows] = []  # with the engine
         self._held: deque[tuple[Rows, int, int]] = deque()  # handed in, not yet reused
         self._buffers = max(3, 1 + ceil(keep / max(1, rows_per_chunk - 1)))
-        layout = Layout(
+        layout = RecordLayout(
             self._columns, h, every, n_signals, rows_per_chunk, self._buffers,
             group_rows(len(columns)), metadata or {}, tuple(everything),
         )  # fmt: skip
@@ -91,7 +91,7 @@ class Recorder:
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
-    def _create(self, layout: Layout) -> tuple[Live, GroupWriter]:
+    def _create(self, layout: RecordLayout) -> tuple[Live, GroupWriter]:
         """Open the files here, so that a folder that cannot be written fails at once.
 
         And so that pyarrow is imported before the run: next to it, the import would hold up

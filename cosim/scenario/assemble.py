@@ -30,7 +30,7 @@ def assemble(scenario: Scenario) -> Plan:
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
     ticks = _ticks(stop, h, scenario.place("run.stop"))
     steps = _steps(scenario, h)
-    parts = connect.Parts(scenario, {c.name: c for c in steps}, h, ticks)
+    parts = connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks)
     wires, links, players = connect.wires(parts), connect.links(parts), connect.players(parts)
     connect.check_single_sources(parts, wires, links, players)
     try:

@@ -30,7 +30,7 @@ Causality = Literal["input", "output"]
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class ScenarioComponents:
     """The components of a scenario by name, its base step `h` (s) and length in `ticks`."""
 
     scenario: Scenario
@@ -103,7 +103,7 @@ def _part(slot: Slot, index: str, place: str) -> Slot:
 # ---- wires ----------------------------------------------------------------------------------
 
 
-def wires(parts: Parts) -> list[Wire]:
+def wires(parts: ScenarioComponents) -> list[Wire]:
     """What the components' `inputs` say."""
     found = []
     for name, spec in parts.scenario.components.items():
@@ -117,7 +117,7 @@ def wires(parts: Parts) -> list[Wire]:
     return found
 
 
-def _fit(parts: Parts, source: Slot, target: Slot, place: str) -> tuple[float, float]:
+def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tuple[float, float]:
     """(gain, offset) between two slots of one shape. Raises ScenarioError."""
     if source.shape != target.shape:
         raise ScenarioError(
@@ -137,7 +137,7 @@ def _fit(parts: Parts, source: Slot, target: Slot, place: str) -> tuple[float, f
         ) from None
 
 
-def _unit(parts: Parts, slot: Slot) -> str | Unit:
+def _unit(parts: ScenarioComponents, slot: Slot) -> str | Unit:
     component = parts.steps[slot.component].component
     if isinstance(component, FmuComponent):
         return component.description.units.get(slot.unit, slot.unit)
@@ -147,7 +147,7 @@ def _unit(parts: Parts, slot: Slot) -> str | Unit:
 # ---- links ----------------------------------------------------------------------------------
 
 
-def links(parts: Parts) -> list[Link]:
+def links(parts: ScenarioComponents) -> list[Link]:
     """What [[links]] says."""
     found: dict[str, Link] = {}
     for i, spec in enumerate(parts.scenario.links):
@@ -159,7 +159,7 @@ def links(parts: Parts) -> list[Link]:
     return list(found.values())
 
 
-def _link(parts: Parts, spec: LinkSpec, place: str) -> Link:
+def _link(parts: ScenarioComponents, spec: LinkSpec, place: str) -> Link:
     from cosim.links.spec import link_table
 
     source = parts.endpoint(spec.source, "output", f"{place}.from")
@@ -188,7 +188,7 @@ def _link(parts: Parts, spec: LinkSpec, place: str) -> Link:
     )
 
 
-def _age(parts: Parts, spec: LinkSpec, target: Slot, place: str) -> Slot | None:
+def _age(parts: ScenarioComponents, spec: LinkSpec, target: Slot, place: str) -> Slot | None:
     if not spec.age:
         return None
     age = parts.scalar_input(spec.age, f"{place}.age")
@@ -252,7 +252,7 @@ def topology(scenario: Scenario) -> Topology | None:
     )
 
 
-def players(parts: Parts) -> list[Player]:
+def players(parts: ScenarioComponents) -> list[Player]:
     """What [topology.weights] says: an input, and the edge whose weight it gets."""
     found = topology(parts.scenario)
     if found is None or parts.scenario.topology is None:
@@ -273,7 +273,10 @@ def players(parts: Parts) -> list[Player]:
 
 
 def check_single_sources(
-    parts: Parts, wires: Sequence[Wire], links: Sequence[Link], players: Sequence[Player]
+    parts: ScenarioComponents,
+    wires: Sequence[Wire],
+    links: Sequence[Link],
+    players: Sequence[Player],
 ) -> None:
     """Refuse an input that two feed, or one that is fed and given a start value."""
     fed = [(w.target, w.source.name) for w in wires]

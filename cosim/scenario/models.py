@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from cosim.base.component import Component, Kind, Parameter, Port
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, ScenarioError
-from cosim.fmi import FmuComponent, Options
+from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
 from cosim.scenario.spec import ComponentSpec
@@ -75,7 +75,7 @@ def _fmu(
     seconds = PATIENCE if spec.timeout is None else number(spec.timeout, "s", f"{place}.timeout")
     if not seconds > 0.0:
         raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
-    options = Options(
+    options = FmuOptions(
         sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
         timeout=seconds, memory=spec.memory, build=spec.build,
     )  # fmt: skip

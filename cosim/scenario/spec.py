@@ -52,7 +52,7 @@ class WireSpec(
 class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One component: its model, how often it steps, its values, and what feeds its inputs.
 
-    The last five are for FMUs, see :class:`cosim.fmi.Options`.
+    The last five are for FMUs, see :class:`cosim.fmi.FmuOptions`.
     """
 
     model: str

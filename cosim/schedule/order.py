@@ -14,7 +14,7 @@ from cosim.base.errors import CosimError
 Edge = tuple[str, str]
 
 
-class Waiting(CosimError, ValueError):
+class CycleError(CosimError, ValueError):
     """Names that wait for each other: `cycle`, first and last entry the same, along the edges."""
 
     def __init__(self, cycle: tuple[str, ...]) -> None:
@@ -23,7 +23,7 @@ class Waiting(CosimError, ValueError):
 
 
 def topological(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
-    """Every name after all that it waits for. Raises Waiting where there is a cycle."""
+    """Every name after all that it waits for. Raises CycleError where there is a cycle."""
     sources, targets = _neighbours(names, edges)
     ready = [name for name, waits in sources.items() if not waits]
     heapq.heapify(ready)
@@ -37,7 +37,7 @@ def topological(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
             if not sources[other]:
                 heapq.heappush(ready, other)
     if sources:
-        raise Waiting(_cycle(sources))
+        raise CycleError(_cycle(sources))
     return tuple(order)
 
 

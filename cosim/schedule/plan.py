@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from cosim.base.component import Component, Kind
 from cosim.base.errors import PlanError
 from cosim.schedule.operations import Connections, Line, Operation, lay_out
-from cosim.schedule.order import Waiting, sequence, topological
+from cosim.schedule.order import CycleError, sequence, topological
 
 if TYPE_CHECKING:
     import numpy as np
@@ -97,17 +97,17 @@ class Link:
     age: Slot | None = None
 
 
-class Rows(Protocol):
+class ValueStream(Protocol):
     """Values in order, in chunks whose sizes do not change them."""
 
     def rows(self, n: int) -> NDArray[np.float64]:
         """The next `n` values."""
 
 
-class Source(Protocol):
+class ValueSource(Protocol):
     """What a player plays: one value a hit of its receiver."""
 
-    def stream(self) -> Rows:
+    def stream(self) -> ValueStream:
         """The values from the first on."""
 
     def facts(self) -> dict[str, Any]:
@@ -119,7 +119,7 @@ class Player:
     """A table of values that feeds a scalar input: the weight of an edge over time."""
 
     target: Slot
-    source: Source
+    source: ValueSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +264,7 @@ def _order(sampled: set[str], wires: Sequence[Wire], links: Sequence[Link]) -> t
     edges = _same_tick(sampled, wires, links)
     try:
         return topological(sampled, ((e.source.component, e.target.component) for e in edges))
-    except Waiting as waiting:
+    except CycleError as waiting:
         raise PlanError(_loop(waiting.cycle, edges)) from None
 
 

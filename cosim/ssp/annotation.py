@@ -15,7 +15,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from cosim.base.errors import ScenarioError
-from cosim.ssp.nodes import Node
+from cosim.ssp.nodes import XmlNode
 
 TYPE = "cosim-bridge.scenario"
 NAMESPACE = "urn:cosim-bridge:scenario:1"
@@ -39,7 +39,7 @@ def untold(table: Mapping[str, Any]) -> dict[str, Any]:
     return said
 
 
-def read(root: Node) -> dict[str, Any] | None:
+def read(root: XmlNode) -> dict[str, Any] | None:
     """The annotation of an SSD, if it has one. Raises ScenarioError."""
     for node in root.children("Annotations", "Annotation"):
         if node.get("type") == TYPE:

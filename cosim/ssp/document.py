@@ -12,15 +12,15 @@ from cosim.base.errors import CosimError, ScenarioError, UnitError
 from cosim.base.settings import change
 from cosim.base.units import Unit, conversion
 from cosim.fmi import FmuComponent
-from cosim.fmi.ports import Group
+from cosim.fmi.ports import VariableGroup
 from cosim.fmi.values import item
 from cosim.fmi.variables import TEXTS
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import Scenario, build
 from cosim.ssp import annotation
 from cosim.ssp.archive import unpack
-from cosim.ssp.structure import Connector, Edge, Structure, read
-from cosim.ssp.values import Given
+from cosim.ssp.structure import Connector, SspConnection, Structure, read
+from cosim.ssp.values import SspValue
 
 #: Where an SSP says how long a step of the master is (local names of elements).
 _MASTERS = ("FixedStepMaster", "FixedStepSolver")
@@ -125,7 +125,7 @@ class _Component:
         path = str(self.fmu.archive.path)
         return {"model": path, "inputs": self._inputs, "parameters": self._values}
 
-    def variable(self, name: str, place: str) -> tuple[Group, tuple[int, ...]]:
+    def variable(self, name: str, place: str) -> tuple[VariableGroup, tuple[int, ...]]:
         """The signal a variable is in, and its index there (0-based). Raises ScenarioError."""
         if name not in self._variables:
             raise ScenarioError(unknown(name, self._variables, f"variable of {self.name}"), place)
@@ -145,7 +145,7 @@ class _Component:
         group, index = self.variable(name, place)
         self._inputs[f"{group.name}{_brackets(index)}"] = wire
 
-    def set(self, name: str, value: Given) -> None:
+    def set(self, name: str, value: SspValue) -> None:
         """Set a parameter or start value. Raises ScenarioError."""
         group, index = self.variable(name, value.place)
         entries = self._entries(group, value)
@@ -168,7 +168,7 @@ class _Component:
             nested = nested[i]
         nested[index[-1]] = entries[0]
 
-    def _entries(self, group: Group, value: Given) -> list[Any]:
+    def _entries(self, group: VariableGroup, value: SspValue) -> list[Any]:
         if group.first.type in TEXTS:
             return list(value.entries)
         try:
@@ -185,7 +185,7 @@ class _Component:
         return [value.factor * (gain * x + offset) + value.offset for x in numbers]
 
 
-def _variables(fmu: FmuComponent) -> Iterator[tuple[str, tuple[Group, tuple[int, ...]]]]:
+def _variables(fmu: FmuComponent) -> Iterator[tuple[str, tuple[VariableGroup, tuple[int, ...]]]]:
     for group in fmu.groups.values():
         if len(group.variables) == 1 and group.first.name == group.name:
             yield group.name, (group, ())
@@ -199,13 +199,13 @@ def _brackets(index: tuple[int, ...]) -> str:
     return f"[{','.join(map(str, index))}]" if index else ""
 
 
-def _number(group: Group, text: str) -> float:
+def _number(group: VariableGroup, text: str) -> float:
     if group.first.type == "Enumeration" and text in group.first.items:
         return float(item(group, text))
     return {"true": 1.0, "false": 0.0}[text] if text in ("true", "false") else float(text)
 
 
-def _starts(group: Group) -> list[float]:
+def _starts(group: VariableGroup) -> list[float]:
     return [_number(group, text) for text in group.start] or [0.0] * group.size
 
 
@@ -240,7 +240,7 @@ def _feed(
 
 def _traced(
     structure: Structure, parts: Mapping[tuple[str, ...], _Component], target: Connector
-) -> tuple[Connector, Edge]:
+) -> tuple[Connector, SspConnection]:
     """Where the connections to `target` begin, and all of them as one edge."""
     way = structure.edges[target]
     passed = {target}
@@ -249,7 +249,7 @@ def _traced(
             raise ScenarioError("connections run in a circle without a component", way.place)
         passed.add(way.source)
         before = structure.edges[way.source]
-        way = Edge(
+        way = SspConnection(
             before.source,
             way.factor * before.factor,
             way.factor * before.offset + way.offset,
@@ -259,7 +259,9 @@ def _traced(
     return way.source, way
 
 
-def _wire(sender: _Component, output: str, receiver: _Component, name: str, way: Edge) -> Any:
+def _wire(
+    sender: _Component, output: str, receiver: _Component, name: str, way: SspConnection
+) -> Any:
     """What the scenario says of a connection: an endpoint, or one with gain and offset."""
     for part, variable, expected in ((sender, output, "output"), (receiver, name, "input")):
         found = part.variable(variable, way.place)[0].first.causality

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from cosim.base.errors import ScenarioError
 from cosim.fmi import FmuComponent
-from cosim.fmi.ports import Group
+from cosim.fmi.ports import VariableGroup
 from cosim.scenario.spec import Scenario, as_data
 from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
 from cosim.ssp import annotation
@@ -213,17 +213,17 @@ def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
     return step.component
 
 
-def _carried(fmu: FmuComponent) -> list[Group]:
+def _carried(fmu: FmuComponent) -> list[VariableGroup]:
     """The signals that SSP has connectors for: clocks are none."""
     groups = [fmu.groups[p.name] for p in (*fmu.inputs, *fmu.outputs)]
     return [g for g in groups if g.first.type != "Clock"]
 
 
-def _scalars(group: Group) -> list[str]:
+def _scalars(group: VariableGroup) -> list[str]:
     return [v.name for v in group.variables]
 
 
-def _type(group: Group) -> str:
+def _type(group: VariableGroup) -> str:
     return _TYPES.get(group.first.type, "Integer")
 
 
@@ -252,7 +252,7 @@ def _parameters(element: Element, step: Step, fmu: FmuComponent, texts: Mapping[
         SubElement(parameter, f"{{{SSV}}}{fmu.groups[name].first.type}", value=str(text))
 
 
-def literal(group: Group, value: float) -> str:
+def literal(group: VariableGroup, value: float) -> str:
     """A value as the type of a signal is written."""
     kind = _type(group)
     if kind == "Real":

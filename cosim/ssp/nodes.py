@@ -12,7 +12,7 @@ from cosim.base.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class XmlNode:
     """An element and its place, ``FILE at /System[@name='x']/Elements/...``."""
 
     element: ElementTree.Element
@@ -23,12 +23,12 @@ class Node:
         """Its name without the namespace: SSP 1.0 and 2.0 share theirs."""
         return self.element.tag.rpartition("}")[2]
 
-    def children(self, *path: str) -> Iterator[Node]:
+    def children(self, *path: str) -> Iterator[XmlNode]:
         """The children at the end of `path`; no path: all children."""
         if not path:
             for child in self.element:
                 if isinstance(child.tag, str):  # neither comment nor processing instruction
-                    yield Node(child, self._inside(child))
+                    yield XmlNode(child, self._inside(child))
             return
         for node in self.children():
             if node.tag == path[0]:
@@ -39,7 +39,7 @@ class Node:
         step = f"{tag}[@name={name!r}]" if name else tag
         return f"{self.place}{'' if self.place.endswith('/') else '/'}{step}"
 
-    def child(self, *path: str) -> Node | None:
+    def child(self, *path: str) -> XmlNode | None:
         """The first child at the end of `path`, if there is one."""
         return next(self.children(*path), None)
 
@@ -71,7 +71,7 @@ class Node:
         return self.get(name) in ("true", "1")
 
 
-def read(path: Path, label: str, root: str) -> Node:
+def read(path: Path, label: str, root: str) -> XmlNode:
     """The root of an XML file, which must be called `root` and be of SSP 1.0 or 2.0.
 
     `label` names the file in messages. Raises ScenarioError.
@@ -80,12 +80,12 @@ def read(path: Path, label: str, root: str) -> Node:
         element = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, ValueError, LookupError, OSError) as error:
         raise ScenarioError(f"not well-formed XML: {error}", label) from None
-    node = Node(element, f"{label} at /")
+    node = XmlNode(element, f"{label} at /")
     check(node, root)
     return node
 
 
-def check(node: Node, root: str) -> None:
+def check(node: XmlNode, root: str) -> None:
     """Refuse a root of another name, or of a version that is not known. Raises ScenarioError."""
     if node.tag != root:
         raise ScenarioError(f"found <{node.tag}>, expected <{root}>", node.place)

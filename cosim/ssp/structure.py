@@ -13,8 +13,8 @@ from pathlib import Path
 from cosim.base.errors import ScenarioError
 from cosim.ssp import nodes
 from cosim.ssp.archive import ROOT, inside
-from cosim.ssp.nodes import Node
-from cosim.ssp.values import Files, Given, bound, linear
+from cosim.ssp.nodes import XmlNode
+from cosim.ssp.values import Files, SspValue, bound, linear
 
 #: A connector: the names of systems and component, and its own.
 Connector = tuple[tuple[str, ...], str]
@@ -23,7 +23,7 @@ _FMU = "application/x-fmu-sharedlibrary"
 
 
 @dataclass(frozen=True, slots=True)
-class Edge:
+class SspConnection:
     """What feeds a connector: ``factor * value + offset``, after units unless `suppress`."""
 
     source: Connector
@@ -34,7 +34,7 @@ class Edge:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SspComponent:
     """A component: its FMU in the unpacked archive, and where it is said."""
 
     fmu: Path
@@ -45,11 +45,11 @@ class Part:
 class Structure:
     """A flattened system. `edges` and `values` are by the connector that gets them."""
 
-    root: Node
-    system: Node
-    parts: dict[tuple[str, ...], Part] = field(default_factory=dict)
-    edges: dict[Connector, Edge] = field(default_factory=dict)
-    values: dict[Connector, Given] = field(default_factory=dict)
+    root: XmlNode
+    system: XmlNode
+    parts: dict[tuple[str, ...], SspComponent] = field(default_factory=dict)
+    edges: dict[Connector, SspConnection] = field(default_factory=dict)
+    values: dict[Connector, SspValue] = field(default_factory=dict)
 
 
 def read(folder: Path, label: str) -> Structure:
@@ -69,9 +69,9 @@ class _Reader:
     def __init__(self, files: Files, found: Structure) -> None:
         self._files, self._found = files, found
 
-    def system(self, system: Node, path: tuple[str, ...]) -> None:
+    def system(self, system: XmlNode, path: tuple[str, ...]) -> None:
         kinds: dict[str | None, dict[str, str]] = {None: _kinds(system)}
-        children: dict[str, Node] = {}
+        children: dict[str, XmlNode] = {}
         for element in system.children("Elements"):
             for child in element.children():
                 name = child.need("name")
@@ -80,12 +80,14 @@ class _Reader:
                 children[name] = child
                 kinds[name] = _kinds(child)
                 self._element(child, (*path, name))
-        ends = _Ends(path, kinds, {n: c for n, c in children.items() if _is_dictionary(c)})
+        ends = _ConnectionEnds(
+            path, kinds, {n: c for n, c in children.items() if _is_dictionary(c)}
+        )
         for connection in system.children("Connections", "Connection"):
             self._connect(connection, ends)
         self._bind(system, path, children)
 
-    def _element(self, child: Node, path: tuple[str, ...]) -> None:
+    def _element(self, child: XmlNode, path: tuple[str, ...]) -> None:
         if child.tag == "System":
             self.system(child, path)
         elif child.tag == "Component":
@@ -93,7 +95,7 @@ class _Reader:
         elif child.tag != "SignalDictionaryReference":
             raise ScenarioError(f"<{child.tag}> is not supported", child.place)
 
-    def _component(self, child: Node, path: tuple[str, ...]) -> None:
+    def _component(self, child: XmlNode, path: tuple[str, ...]) -> None:
         kind, source = child.get("type", _FMU), child.need("source")
         if kind != _FMU:
             message = f"a component of type {kind!r} is not supported; expected an FMU"
@@ -104,35 +106,37 @@ class _Reader:
         fmu = inside(self._files.folder, source, child.place)
         if fmu.suffix != ".fmu":
             raise ScenarioError(f"source {source!r} is no .fmu", child.place)
-        self._found.parts[path] = Part(fmu, child.place)
+        self._found.parts[path] = SspComponent(fmu, child.place)
         self._bind(child, path, {})
 
-    def _connect(self, connection: Node, ends: _Ends) -> None:
+    def _connect(self, connection: XmlNode, ends: _ConnectionEnds) -> None:
         source, target = ends.directed(connection)
         if target in self._found.edges:
             name = ".".join((*target[0], target[1]))
             raise ScenarioError(f"{name} is fed by a second connection", connection.place)
-        self._found.edges[target] = Edge(source, *linear(connection), connection.place)
+        self._found.edges[target] = SspConnection(source, *linear(connection), connection.place)
 
-    def _bind(self, element: Node, path: tuple[str, ...], children: Mapping[str, Node]) -> None:
+    def _bind(
+        self, element: XmlNode, path: tuple[str, ...], children: Mapping[str, XmlNode]
+    ) -> None:
         for binding in element.children("ParameterBindings", "ParameterBinding"):
             for name, value in bound(binding, self._files).items():
                 self._found.values[_resolve(element, path, name, children)] = value
 
 
-def _kinds(element: Node) -> dict[str, str]:
+def _kinds(element: XmlNode) -> dict[str, str]:
     """Kinds of an element's connectors by name."""
     return {
         c.need("name"): c.get("kind", "inout") for c in element.children("Connectors", "Connector")
     }
 
 
-def _is_dictionary(child: Node) -> bool:
+def _is_dictionary(child: XmlNode) -> bool:
     return child.tag == "SignalDictionaryReference"
 
 
 def _resolve(
-    element: Node, path: tuple[str, ...], name: str, children: Mapping[str, Node]
+    element: XmlNode, path: tuple[str, ...], name: str, children: Mapping[str, XmlNode]
 ) -> Connector:
     """The connector a parameter's name means: ``k``, or ``inner.controller.k`` of a system."""
     if element.tag != "System" or name in _kinds(element):
@@ -150,14 +154,14 @@ def _resolve(
 
 
 @dataclass(frozen=True, slots=True)
-class _Ends:
+class _ConnectionEnds:
     """The ends a connection in the system at `path` can have; None is the system itself."""
 
     path: tuple[str, ...]
     kinds: Mapping[str | None, Mapping[str, str]]
-    dictionaries: Mapping[str, Node]
+    dictionaries: Mapping[str, XmlNode]
 
-    def directed(self, connection: Node) -> tuple[Connector, Connector]:
+    def directed(self, connection: XmlNode) -> tuple[Connector, Connector]:
         """(source, target): start and end do not tell the direction, kinds do (clause 4.5.4)."""
         start, end = self._end(connection, "start"), self._end(connection, "end")
         (first, from_first), (second, from_second) = start, end
@@ -168,7 +172,7 @@ class _Ends:
         forward = from_first if from_first is not None else not from_second
         return (first, second) if forward else (second, first)
 
-    def _end(self, connection: Node, which: str) -> tuple[Connector, bool | None]:
+    def _end(self, connection: XmlNode, which: str) -> tuple[Connector, bool | None]:
         """An end, and whether it is a source inside this system (None: either)."""
         name = connection.get(f"{which}Element") or None
         connector = connection.need(f"{which}Connector")

@@ -9,13 +9,13 @@ from pathlib import Path
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import BASE, Unit, parse
 from cosim.ssp.archive import inside
-from cosim.ssp.nodes import Node, check, read
+from cosim.ssp.nodes import XmlNode, check, read
 
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
 
 
 @dataclass(frozen=True, slots=True)
-class Given:
+class SspValue:
     """A value as written: its `type` (Real, ..., String), entries as text, unit and place.
 
     What is to be done to it on its way: ``factor * value + offset``, after the unit is converted
@@ -30,7 +30,7 @@ class Given:
     offset: float = 0.0
     suppress: bool = False
 
-    def through(self, factor: float, offset: float, suppress: bool) -> Given:
+    def through(self, factor: float, offset: float, suppress: bool) -> SspValue:
         """The same after one more linear transformation."""
         if (factor, offset, suppress) == (1.0, 0.0, False):
             return self
@@ -48,9 +48,9 @@ class Files:
 
     folder: Path
     label: str
-    loaded: dict[Path, Node] = field(default_factory=dict)
+    loaded: dict[Path, XmlNode] = field(default_factory=dict)
 
-    def open(self, source: str, root: str, place: str) -> Node:
+    def open(self, source: str, root: str, place: str) -> XmlNode:
         """The root of another file of the archive. Raises ScenarioError."""
         path = inside(self.folder, source, place)
         if path not in self.loaded:
@@ -58,7 +58,7 @@ class Files:
         return self.loaded[path]
 
 
-def bound(binding: Node, files: Files) -> dict[str, Given]:
+def bound(binding: XmlNode, files: Files) -> dict[str, SspValue]:
     """The values of one ParameterBinding by name, mapped and prefixed. Raises ScenarioError."""
     kind = binding.get("type", "application/x-ssp-parameter-set")
     if kind != "application/x-ssp-parameter-set":
@@ -71,7 +71,7 @@ def bound(binding: Node, files: Files) -> dict[str, Given]:
     return {prefix + name: value for name, value in values.items()}
 
 
-def _root(binding: Node, element: str, root: str, files: Files) -> Node:
+def _root(binding: XmlNode, element: str, root: str, files: Files) -> XmlNode:
     """The set or mapping of a binding, from a file or from inside."""
     place = binding.child(element)
     holder = place if element == "ParameterMapping" else binding
@@ -88,7 +88,7 @@ def _root(binding: Node, element: str, root: str, files: Files) -> Node:
     return inner
 
 
-def _set(root: Node) -> dict[str, Given]:
+def _set(root: XmlNode) -> dict[str, SspValue]:
     units = _units(root)
     found = {}
     for parameter in root.children("Parameters", "Parameter"):
@@ -102,7 +102,7 @@ def _set(root: Node) -> dict[str, Given]:
     return found
 
 
-def _given(typed: Node, units: Mapping[str, Unit]) -> Given:
+def _given(typed: XmlNode, units: Mapping[str, Unit]) -> SspValue:
     if typed.element.get("value") is None and typed.tag != "String":
         raise ScenarioError(f"{typed.tag} has no attribute 'value'", typed.place)
     text = typed.get("value")
@@ -113,10 +113,10 @@ def _given(typed: Node, units: Mapping[str, Unit]) -> Given:
             unit = units[name] if name in units else parse(name)
         except UnitError as error:
             raise ScenarioError(str(error), typed.place) from None
-    return Given(typed.tag, entries, typed.place, unit)
+    return SspValue(typed.tag, entries, typed.place, unit)
 
 
-def _units(root: Node) -> dict[str, Unit]:
+def _units(root: XmlNode) -> dict[str, Unit]:
     """Units as a file defines them; one that is not used is not looked at."""
     units = {}
     for unit in root.children("Units", "Unit"):
@@ -128,7 +128,7 @@ def _units(root: Node) -> dict[str, Unit]:
     return units
 
 
-def _mapped(values: Mapping[str, Given], root: Node) -> dict[str, Given]:
+def _mapped(values: Mapping[str, SspValue], root: XmlNode) -> dict[str, SspValue]:
     found = {}
     for entry in root.children("MappingEntry"):
         source, target = entry.need("source"), entry.need("target")
@@ -139,7 +139,7 @@ def _mapped(values: Mapping[str, Given], root: Node) -> dict[str, Given]:
     return found
 
 
-def linear(node: Node) -> tuple[float, float, bool]:
+def linear(node: XmlNode) -> tuple[float, float, bool]:
     """(factor, offset, unit conversion suppressed) of a connection or mapping entry.
 
     Raises ScenarioError for a transformation that is not linear.
@@ -153,7 +153,7 @@ def linear(node: Node) -> tuple[float, float, bool]:
     return factor, offset, node.flag("suppressUnitConversion")
 
 
-def transformed(value: Given, entry: Node) -> Given:
+def transformed(value: SspValue, entry: XmlNode) -> SspValue:
     """A value after the transformation of a mapping entry, if it has one."""
     for child in entry.children():
         if child.tag.endswith("MappingTransformation"):

@@ -21,10 +21,10 @@ from cosim.sweeps import figures
 from cosim.sweeps import store as stores
 from cosim.sweeps.axes import Listed
 from cosim.sweeps.design import Point, count, points
-from cosim.sweeps.perform import Job, Row, job, perform, preview
+from cosim.sweeps.perform import StudyRow, StudySetup, job, perform, preview
 from cosim.sweeps.store import Store
 from cosim.sweeps.study import Study
-from cosim.sweeps.table import Table
+from cosim.sweeps.table import SweepTable
 from cosim.sweeps.workers import Opened, spread
 
 STUDY, RUNS = "study.toml", "runs"
@@ -57,10 +57,10 @@ def sweep(
     force: bool = False,
     limit: int | None = None,
     begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[Row], None] = lambda row: None,
+    done: Callable[[StudyRow], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
     checked: Callable[[Plan], None] = lambda plan: None,
-) -> Table:
+) -> SweepTable:
     """Run what `folder` does not have yet, at most `limit` runs; the table of all there is.
 
     With `retry`, which goes on as `resume` does, runs that failed count as not there.
@@ -95,10 +95,10 @@ def sweep(
 
 def _run(
     opened: Opened,
-    common: Job,
+    common: StudySetup,
     todo: Sequence[Point],
     store: Store,
-    done: Callable[[Row], None],
+    done: Callable[[StudyRow], None],
     stopping: Callable[[], None],
 ) -> None:
     if not todo:
@@ -113,27 +113,27 @@ def _run(
         rows = spread(opened, partial(perform, common), todo, lambda: bool(pressed))
         for point, result in rows:
             if isinstance(result, str):
-                result = Row(point.run, point.cells, point.settings, False, result)
+                result = StudyRow(point.run, point.cells, point.settings, False, result)
             store.append(result)
             done(result)
 
 
 def _table(
     study: Study, folder: Path, fingerprint: str, units: Mapping[str, str], total: int
-) -> Table:
+) -> SweepTable:
     rows = stores.rows(folder)
     records = [
         {**rows[point.run], **point.cells}
         for point in points(study, fingerprint)
         if point.run in rows
     ]
-    return Table(tuple(axis.name for axis in study.axes), units, records, total)
+    return SweepTable(tuple(axis.name for axis in study.axes), units, records, total)
 
 
 # ---- before the first run -----------------------------------------------------------------------
 
 
-def check(study: Study, common: Job) -> tuple[Plan, dict[str, str]]:
+def check(study: Study, common: StudySetup) -> tuple[Plan, dict[str, str]]:
     """The plan of the first run, and the unit of each measure.
 
     The first run is assembled, and one for each choice that is not just another number. Raises

@@ -26,10 +26,10 @@ from cosim.analysis.signals import Array
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import reason
 from cosim.reporting.figures import DPI, load
-from cosim.sweeps.spec import FigureSpec
+from cosim.sweeps.spec import SweepFigureSpec
 from cosim.sweeps.study import Study
 from cosim.sweeps.summary import cell
-from cosim.sweeps.table import Table, column, groups
+from cosim.sweeps.table import SweepTable, column, groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,14 +69,14 @@ def check(study: Study, axes: Sequence[str], units: Mapping[str, str]) -> None:
                 )
 
 
-def draw_all(study: Study, table: Table, folder: Path) -> list[Path]:
+def draw_all(study: Study, table: SweepTable, folder: Path) -> list[Path]:
     """Draw every figure of the study into ``folder/NAME.png``. Raises RunError with the path."""
     if not table.records:
         return []
     return [_draw(spec, table, folder / f"{name}.png") for name, spec in study.figures.items()]
 
 
-def _draw(spec: FigureSpec, table: Table, path: Path) -> Path:
+def _draw(spec: SweepFigureSpec, table: SweepTable, path: Path) -> Path:
     load()
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -102,24 +102,24 @@ def _draw(spec: FigureSpec, table: Table, path: Path) -> Path:
     return path
 
 
-def _reduced(spec: FigureSpec, records: Sequence[Mapping[str, Any]], name: str) -> float:
+def _reduced(spec: SweepFigureSpec, records: Sequence[Mapping[str, Any]], name: str) -> float:
     x = column(records, name)
     x = x[~np.isnan(x)]
     return float(_REDUCE[spec.reduce](x)) if len(x) else float("nan")
 
 
-def _values(table: Table, axis: str) -> list[Any]:
+def _values(table: SweepTable, axis: str) -> list[Any]:
     """The values of an axis: numbers in order, texts as listed."""
     values = list(dict.fromkeys(record[axis] for record in table.records))
     return sorted(values) if all(isinstance(v, int | float) for v in values) else values
 
 
-def _name(table: Table, name: str, given: str) -> str:
+def _name(table: SweepTable, name: str, given: str) -> str:
     unit = table.units.get(name, "1")
     return given or (name if unit == "1" else f"{name} [{unit}]")
 
 
-def _map(ax: Axes, spec: FigureSpec, table: Table) -> None:
+def _map(ax: Axes, spec: SweepFigureSpec, table: SweepTable) -> None:
     xs, ys = _values(table, spec.x), _values(table, spec.y)
     z = np.full((len(ys), len(xs)), np.nan)
     for (x, y), records in groups(table, (spec.x, spec.y)).items():
@@ -159,7 +159,7 @@ def _short(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else cell(value)
 
 
-def _line(ax: Axes, spec: FigureSpec, table: Table) -> None:
+def _line(ax: Axes, spec: SweepFigureSpec, table: SweepTable) -> None:
     xs = _values(table, spec.x)
     numeric = all(isinstance(v, int | float) for v in xs)
     series = _values(table, spec.by) if spec.by else [None]
@@ -198,7 +198,7 @@ def _colours(n: int) -> list[Any]:
     return list(few[:n]) if n <= len(few) else [scale(i / (n - 1) * 0.95) for i in range(n)]
 
 
-def _points(ax: Axes, spec: FigureSpec, table: Table) -> None:
+def _points(ax: Axes, spec: SweepFigureSpec, table: SweepTable) -> None:
     try:
         x, y, z = (column(table.records, name) for name in (spec.x, spec.y, spec.z))
     except ValueError:
@@ -219,7 +219,7 @@ def _points(ax: Axes, spec: FigureSpec, table: Table) -> None:
     ax.set_ylabel(_name(table, spec.y, spec.ylabel))
 
 
-def _scales(ax: Axes, spec: FigureSpec, *, logx: bool) -> None:
+def _scales(ax: Axes, spec: SweepFigureSpec, *, logx: bool) -> None:
     if logx:
         ax.set_xscale("log")
     if spec.logy:

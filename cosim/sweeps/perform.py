@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cosim.analysis import declared
-from cosim.analysis.metrics import Metric, Result, evaluate
+from cosim.analysis.metrics import Metric, MetricResult, evaluate
 from cosim.analysis.preview import Preview
 from cosim.analysis.signals import Signals
 from cosim.base.clock import stopwatch
@@ -31,7 +31,7 @@ from cosim.sweeps.study import RESERVED, Study
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class StudySetup:
     """What all runs of a study have in common: the scenario as parsed, at its `path`.
 
     `stable`: the largest size of each measure; `keep`: where run folders stay, None: nowhere.
@@ -44,7 +44,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class StudyRow:
     """What came out of a run. `reason`: why it has no measures, empty if it has.
 
     `stopped_at`: simulated time of a run that stopped, s, else NaN; `wall`: what it took, s.
@@ -60,7 +60,7 @@ class Row:
     measures: Mapping[str, float] = field(default_factory=dict)
 
 
-def job(study: Study, keep: Path | None) -> Job:
+def job(study: Study, keep: Path | None) -> StudySetup:
     """The study's scenario, read once; the study's metrics are added to it, figures left out.
 
     Raises ScenarioError.
@@ -75,10 +75,10 @@ def job(study: Study, keep: Path | None) -> Job:
             )
         metrics[name] = table
     document["figures"] = {}
-    return Job(path, document, study.stable, keep)
+    return StudySetup(path, document, study.stable, keep)
 
 
-def scenario_of(job: Job, settings: Sequence[str]) -> Scenario:
+def scenario_of(job: StudySetup, settings: Sequence[str]) -> Scenario:
     """The scenario with these settings. Raises ScenarioError."""
     document = deepcopy(dict(job.document))
     for setting in settings:
@@ -86,7 +86,7 @@ def scenario_of(job: Job, settings: Sequence[str]) -> Scenario:
     return build(document, job.path)
 
 
-def preview(job: Job, point: Point) -> tuple[Plan, dict[str, str]]:
+def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     """The plan of a point, and the unit of each measure by its name; nothing runs.
 
     Raises CosimError where it could not run, or a metric or a bound of `stable` makes no sense.
@@ -107,7 +107,7 @@ def preview(job: Job, point: Point) -> tuple[Plan, dict[str, str]]:
     return plan, units
 
 
-def perform(job: Job, point: Point) -> Row:
+def perform(job: StudySetup, point: Point) -> StudyRow:
     """Run one point; what goes wrong becomes the reason of its row."""
     watch = stopwatch()
     measures: dict[str, float] = {}
@@ -123,12 +123,12 @@ def perform(job: Job, point: Point) -> Row:
     except Exception as error:
         reason = sentence(error)
     stable = not reason and _stable(job.stable, measures)
-    return Row(
+    return StudyRow(
         point.run, point.cells, point.settings, stable, reason, stopped_at, watch(), measures
     )
 
 
-def _measure(job: Job, point: Point) -> tuple[Result, ...]:
+def _measure(job: StudySetup, point: Point) -> tuple[MetricResult, ...]:
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)
     metrics = declared.metrics(scenario)
@@ -161,11 +161,11 @@ def _needed(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Colum
     return [column for column in recorded if column.name in wanted]
 
 
-def _named(result: Result) -> list[tuple[str, float]]:
+def _named(result: MetricResult) -> list[tuple[str, float]]:
     """``effort``, and its parts as ``effort.NAME``."""
     parts = [(f"{result.name}.{part}", float(value)) for part, value in result.parts.items()]
     return [(result.name, float(result.value)), *parts]
 
 
-def _unit(result: Result, name: str) -> str:
+def _unit(result: MetricResult, name: str) -> str:
     return "s" if name != result.name and name.endswith("_s") else result.unit

@@ -42,7 +42,7 @@ class SampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     seed: Natural = 0
 
 
-class FigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SweepFigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A figure of the table; see :mod:`cosim.sweeps.figures`."""
 
     kind: Literal["map", "line", "points"]

@@ -22,7 +22,7 @@ from typing import Any, final
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import reason
-from cosim.sweeps.perform import Row
+from cosim.sweeps.perform import StudyRow
 
 JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
 #: Rows of a part.
@@ -70,7 +70,7 @@ class Store:
         finally:
             os.close(self._file)
 
-    def append(self, row: Row) -> None:
+    def append(self, row: StudyRow) -> None:
         """Keep a row, at once. Raises RunError with the path."""
         record = asdict(row)
         line = json.dumps(record, ensure_ascii=False) + "\n"

@@ -23,7 +23,7 @@ from cosim.sweeps.axes import (
     path_of,
     spaced,
 )
-from cosim.sweeps.spec import AxisSpec, FigureSpec, SampleSpec, StudySpec, convert, each
+from cosim.sweeps.spec import AxisSpec, SampleSpec, StudySpec, SweepFigureSpec, convert, each
 
 #: Columns of the table that are neither axes nor measures.
 RESERVED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
@@ -47,7 +47,7 @@ class Study:
     sample: SampleSpec | None
     metrics: Mapping[str, Any]
     stable: Mapping[str, float]
-    figures: Mapping[str, FigureSpec]
+    figures: Mapping[str, SweepFigureSpec]
 
     def place(self, *path: str) -> str:
         """``FILE at vary.K``."""
@@ -67,7 +67,7 @@ def load_study(path: str | Path) -> Study:
         path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
         spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
         spec.metrics, _bounds(spec.stable, f"{path} at stable"),
-        each(spec.figures, FigureSpec, path, "figures"),
+        each(spec.figures, SweepFigureSpec, path, "figures"),
     )  # fmt: skip
     _check(study)
     return study

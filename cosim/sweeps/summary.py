@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from cosim.sweeps.store import replace, write_table
-from cosim.sweeps.table import Table, column, groups
+from cosim.sweeps.table import SweepTable, column, groups
 
 TABLE, SUMMARY = "table.parquet", "summary.csv"
 #: The axis that is averaged over in the summary: it is there to repeat a run.
 REPEATS = "seed"
 
 
-def lines(table: Table) -> list[str]:
+def lines(table: SweepTable) -> list[str]:
     """What came out: how many are stable, why others stopped, the range of measures."""
     records = table.records
     if not records:
@@ -51,7 +51,7 @@ def _kind(reason: str) -> str:
     return reason.split(" = ")[0].split(" at tick")[0]
 
 
-def _ranges(table: Table) -> list[str]:
+def _ranges(table: SweepTable) -> list[str]:
     rows = [("measure", "least", "median", "largest", "unit")]
     for name, unit in table.units.items():
         x = column(table.records, name)
@@ -80,7 +80,7 @@ def cell(value: object) -> str:
 # ---- files --------------------------------------------------------------------------------------
 
 
-def write(table: Table, folder: Path) -> list[Path]:
+def write(table: SweepTable, folder: Path) -> list[Path]:
     """Write ``table.parquet``, a row a run, and ``summary.csv``, a row for all of a point's seeds.
 
     Each is replaced in one step. Raises RunError with the path.
@@ -91,7 +91,7 @@ def write(table: Table, folder: Path) -> list[Path]:
     return [folder / TABLE, folder / SUMMARY]
 
 
-def _csv(table: Table) -> str:
+def _csv(table: SweepTable) -> str:
     axes = [axis for axis in table.axes if axis != REPEATS]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -13,7 +13,7 @@ from cosim.analysis.signals import Array
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class SweepTable:
     """Flat records in the order of the study: axes, measures, ``run``, ``stable``, ``reason``, ...
 
     `axes`: names of the columns that vary; `units`: of each measure, by its name; `points`: how
@@ -32,7 +32,9 @@ def column(records: Sequence[Mapping[str, Any]], name: str) -> Array:
     return np.array([nan if v is None else float(v) for v in values], dtype=np.float64)
 
 
-def groups(table: Table, axes: Sequence[str]) -> dict[tuple[Any, ...], list[Mapping[str, Any]]]:
+def groups(
+    table: SweepTable, axes: Sequence[str]
+) -> dict[tuple[Any, ...], list[Mapping[str, Any]]]:
     """Records that agree in these axes, in the order of the table."""
     found: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for record in table.records:

@@ -34,7 +34,7 @@ Exchange = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class BilateralSide:
     """One side: a model by its module's name, values of its parameters, and what it sends."""
 
     model: str
@@ -47,22 +47,22 @@ class Pair:
     """Two sides; `constant_delay`: the law needs a delay that does not vary to be passive."""
 
     title: str
-    first: Side
-    second: Side
+    first: BilateralSide
+    second: BilateralSide
     constant_delay: bool = False
 
 
-def _side(model: ModuleType, preset: str) -> Side:
-    return Side(model.__name__, model.PRESETS[preset], model.EXCHANGE)
+def _side(model: ModuleType, preset: str) -> BilateralSide:
+    return BilateralSide(model.__name__, model.PRESETS[preset], model.EXCHANGE)
 
 
-def _paper(lambda_M: float) -> Side:
+def _paper(lambda_M: float) -> BilateralSide:
     """The paper's controller, eqs (76)-(81), with the gains of Sec. VII-C."""
     values = {"K": 16.0, "Gamma": 1.0, "alpha": 0.5, "lambda": 2.0, "lambda_M": lambda_M}
-    return Side("fmus.models.teleoperation", values, (("control.xi", "control.xi_in[0]"),))
+    return BilateralSide("fmus.models.teleoperation", values, (("control.xi", "control.xi_in[0]"),))
 
 
-def _same(title: str, side: Side, *, constant_delay: bool = False) -> Pair:
+def _same(title: str, side: BilateralSide, *, constant_delay: bool = False) -> Pair:
     return Pair(title, side, side, constant_delay)
 
 
@@ -128,7 +128,7 @@ def controls(
     }
 
 
-def _inputs(side: Side) -> set[str]:
+def _inputs(side: BilateralSide) -> set[str]:
     model: Model = import_module(side.model).model()
     return {port.name for port in model.inputs()}
 

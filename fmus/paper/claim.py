@@ -96,7 +96,7 @@ class Claim:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ClaimVerdict:
     """A claim with what was measured; NaN, and why in `note`, where nothing could be."""
 
     claim: Claim
@@ -116,7 +116,7 @@ class Verdict:
         }  # fmt: skip
 
 
-def judge(claim: Claim, found: Mapping[str, Run | Stop]) -> Verdict:
+def judge(claim: Claim, found: Mapping[str, Run | Stop]) -> ClaimVerdict:
     """Measure a claim on what its cases left behind, by name.
 
     A case that stopped where the claim does not provide for it is a verdict, not an error.
@@ -124,11 +124,11 @@ def judge(claim: Claim, found: Mapping[str, Run | Stop]) -> Verdict:
     runs = [found[case] for case in claim.cases]
     for case, run in zip(claim.cases, runs, strict=True):
         if isinstance(run, Stop) and not claim.stops:
-            return Verdict(claim, nan, f"{case} stopped: {run.reason}")
+            return ClaimVerdict(claim, nan, f"{case} stopped: {run.reason}")
     try:
-        return Verdict(claim, float(claim.measure(*runs)))
+        return ClaimVerdict(claim, float(claim.measure(*runs)))
     except CosimError as error:
-        return Verdict(claim, nan, str(error))
+        return ClaimVerdict(claim, nan, str(error))
 
 
 def stopped(found: Run | Stop) -> float:

@@ -30,7 +30,7 @@ def cases(seed: int) -> dict[str, Document]:
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class ClaimSelection:
     """What is to be reproduced: claims by section, figures, whether the graphs are drawn."""
 
     sections: Mapping[str, tuple[Claim, ...]]
@@ -49,7 +49,7 @@ class Selection:
         return frozenset(needed | {figure.case for figure in self.figures})
 
 
-def select(wanted: Sequence[str] = ()) -> Selection:
+def select(wanted: Sequence[str] = ()) -> ClaimSelection:
     """What is about `wanted`: ``6`` is ``fig6``; ``thm2``, ``o5``, ``robust``, or a claim's name.
 
     Everything if nothing is wanted. Raises ScenarioError for what nothing is about.
@@ -65,7 +65,7 @@ def select(wanted: Sequence[str] = ()) -> Selection:
     }
     figures = tuple(f for f in FIGURES if not keys or f"fig{f.number}" in keys)
     sections = {title: claims for title, claims in chosen.items() if claims}
-    return Selection(sections, figures, not keys or bool(keys & GRAPHS))
+    return ClaimSelection(sections, figures, not keys or bool(keys & GRAPHS))
 
 
 def topics() -> set[str]:

@@ -24,7 +24,7 @@ from cosim.engine.simulate import simulate, versions
 from cosim.record import Run
 from cosim.scenario.spec import build
 from fmus.paper.claim import Stop, judge
-from fmus.paper.claims import Selection, cases, select
+from fmus.paper.claims import ClaimSelection, cases, select
 from fmus.paper.experiments import Document
 from fmus.paper.figures import PaperFigure, draw_figure
 from fmus.paper.graphs import draw_graphs
@@ -128,7 +128,7 @@ def _draw(figure: PaperFigure, runs: Path, folder: Path) -> Path:
 
 
 def _draw_all(
-    chosen: Selection,
+    chosen: ClaimSelection,
     found: Mapping[str, Run | Stop],
     folder: Path,
     submit: Submit,

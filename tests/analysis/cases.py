@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.analysis.analysis import Analysis, analyse
 from cosim.analysis.experiments import Bench
-from cosim.analysis.network import Network, network
+from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.quantity import Quantity
 from cosim.analysis.subject import Subject, find_port, record
 from cosim.scenario.assemble import assemble
@@ -62,7 +62,7 @@ def subject(document: Document, port: str = "") -> Subject:
     return Subject(scenario.title, record(scenario, plan, place), place, known)
 
 
-def net_of(document: Document) -> Network:
+def net_of(document: Document) -> RobotNetwork:
     """The network at the port that is held."""
     scenario = build(document, Path("test.toml"))
     known, port = find_port(scenario, assemble(scenario))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.analysis import closed_form as closed
 from cosim.analysis.facts import DynamicFeedback
-from cosim.analysis.network import Network
+from cosim.analysis.network import RobotNetwork
 from fmus.paper import oracles
 from fmus.paper.experiments import THETA
 from tests.analysis.cases import DOCUMENTS, net_of
@@ -156,7 +156,9 @@ def test_stiffest_grip_by_frequency_is_that_of_routh(lambda_M: float) -> None:
     document = DOCUMENTS["single-6"]
     net = net_of(document)
     one = law(lambda_M, 2.0)
-    changed = Network(net.names, net.arms, (one,), net.coupling, net.delay, net.outside, net.port)
+    changed = RobotNetwork(
+        net.names, net.arms, (one,), net.coupling, net.delay, net.outside, net.port
+    )
     M = np.linalg.eigvalsh(net.arms[0].inertia(THETA, (0.0, 0.0)))
     expected = min(closed.stiffest_grip(one, float(m), K) for m in M)
     assert closed.stiffest_network_grip(changed, (0.0, 0.0)) == pytest.approx(expected, rel=2e-3)

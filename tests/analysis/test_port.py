@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from cosim.analysis.port import Port
+from cosim.analysis.port import PortSignals
 from cosim.analysis.subject import find_port
 from cosim.base.errors import ScenarioError
 from cosim.scenario.assemble import assemble
@@ -15,7 +15,7 @@ from cosim.scenario.spec import build
 from tests.analysis.cases import DOCUMENTS, pointmass
 
 
-def port(document: dict[str, Any], chosen: str = "") -> Port:
+def port(document: dict[str, Any], chosen: str = "") -> PortSignals:
     scenario = build(document, Path("test.toml"))
     return find_port(scenario, assemble(scenario), chosen)[1]
 

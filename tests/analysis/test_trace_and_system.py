@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
-from cosim.analysis.system import System, age, system
+from cosim.analysis.system import AnalyzedSystem, age, system
 from cosim.analysis.trace import Change, changed, trace
 from cosim.base.errors import ScenarioError
 from cosim.scenario.assemble import assemble
@@ -26,7 +26,7 @@ def planned(document: dict[str, Any]) -> Plan:
     return assemble(build(document, Path("test.toml")))
 
 
-def known(document: dict[str, Any]) -> System:
+def known(document: dict[str, Any]) -> AnalyzedSystem:
     scenario = build(document, Path("test.toml"))
     return system(scenario, assemble(scenario))
 

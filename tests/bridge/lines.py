@@ -8,18 +8,18 @@ from hypothesis import strategies as st
 from bridge.native import delay as native
 from bridge.native.delay import DelayLine
 from cosim.links.grid import Grid
-from cosim.links.semantics import Packets, Signal
+from cosim.links.semantics import PacketSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
 MS = 1_000_000  # ns
 LOOKS = 40
 N = 280  # samples sent by then, at most
 RULES = {
-    native.SIGNAL: Signal(),
-    native.LAST: Packets("last-arrival"),
-    native.STAMP: Packets("newest-stamp"),
-    native.FIFO: Packets("fifo"),
+    native.SIGNAL: SignalSemantics(),
+    native.LAST: PacketSemantics("last-arrival"),
+    native.STAMP: PacketSemantics("newest-stamp"),
+    native.FIFO: PacketSemantics("fifo"),
 }
 periods = st.integers(1, 7)
 steps = st.sampled_from([0.005, 0.001, 0.0125, 1 / 3, 0.0007, 1e-9 * 333_333])
@@ -66,7 +66,7 @@ def arrived(grid, j, network, row):
 
 def rows_of(rule, grid, T, looks=LOOKS):
     """What the table holds for delays T, s, by look or by sample."""
-    law = Trace(np.arange(len(T)), np.array(T), lookup="index")
+    law = DelayTrace(np.arange(len(T)), np.array(T), lookup="index")
     return DrawnTable("x", grid, law, rule, 0).stream(looks).rows(looks).tolist()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.comparison.comparison import Comparison, compare
 from cosim.comparison.documents import check, read_base
-from cosim.comparison.measure import Outcome, Recorded
+from cosim.comparison.measure import CaseOutcome, RecordedTable
 from cosim.comparison.rows import rows
 from cosim.comparison.sameness import Tables
 from cosim.links.storage import load_table
@@ -27,12 +27,12 @@ SIDE_BY_SIDE = {
 }  # fmt: skip
 
 
-def one(comparison: Comparison, controller: str, operator: str, link: str = "paper") -> Outcome:
+def one(comparison: Comparison, controller: str, operator: str, link: str = "paper") -> CaseOutcome:
     (outcome,) = comparison.of(link, operator, controller)
     return outcome
 
 
-def number(outcome: Outcome, column: str) -> float:
+def number(outcome: CaseOutcome, column: str) -> float:
     return outcome.numbers[column][0]
 
 
@@ -165,12 +165,12 @@ def test_rows_that_differ_are_noticed(small: Comparison) -> None:
     rows_ = np.arange(100, dtype=np.int32)
     facts = {"name": "a->b", "sender_period": 1, "receiver_period": 1, "h": 0.005}
     tables = Tables()
-    tables.add(case, [Recorded("a->b", facts, rows_)])
-    tables.add(case, [Recorded("a->b", facts, rows_[:40])])  # a run that ended early
+    tables.add(case, [RecordedTable("a->b", facts, rows_)])
+    tables.add(case, [RecordedTable("a->b", facts, rows_[:40])])  # a run that ended early
     assert tables.same
     changed = rows_.copy()
     changed[17] = 3
-    tables.add(case, [Recorded("a->b", facts, changed)])
+    tables.add(case, [RecordedTable("a->b", facts, changed)])
     assert tables.differences == [
         f"paper, seed 0, a->b: {case.controller} and {case.controller} differ from look 17 on"
     ]

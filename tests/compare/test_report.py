@@ -17,7 +17,7 @@ from cosim.base.errors import RunError, ScenarioError
 from cosim.comparison import report
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.figure import _Cells, draw
-from cosim.comparison.measure import Outcome
+from cosim.comparison.measure import CaseOutcome
 from cosim.comparison.rows import columns, rows, shown
 from cosim.reporting.figures import DPI
 from tests.compare.parts import VARIANTS, compared
@@ -140,7 +140,7 @@ def test_a_file_that_cannot_be_written_is_named(found: Comparison, tmp_path: Pat
 # ---- the figure --------------------------------------------------------------------------------
 
 
-def colour(outcome: Outcome, comparison: Comparison, picture: np.ndarray) -> tuple[int, ...]:
+def colour(outcome: CaseOutcome, comparison: Comparison, picture: np.ndarray) -> tuple[int, ...]:
     """The ground of an outcome's cell, near its upper right corner."""
     c, cells = comparison.chosen, _Cells.of(comparison)
     i, j = c.operators.index(outcome.case.operator), c.controllers.index(outcome.case.controller)

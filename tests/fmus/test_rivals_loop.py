@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmus.models.bilateral import PAIRS, Pair, Side
+from fmus.models.bilateral import PAIRS, BilateralSide, Pair
 from tests.fmus.pairs import (
     CONSTANT,
     JITTER,
@@ -36,7 +36,7 @@ def speed(trajectories: Trajectories, seconds: float) -> float:
 def with_values(pair: Pair, **values: float) -> Pair:
     """A pair with other values on both sides."""
 
-    def changed(side: Side) -> Side:
+    def changed(side: BilateralSide) -> BilateralSide:
         return replace(side, values={**side.values, **values})
 
     return replace(pair, first=changed(pair.first), second=changed(pair.second))

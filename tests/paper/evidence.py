@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cosim.record import Run
-from fmus.paper.claim import Claim, Stop, Verdict, judge
+from fmus.paper.claim import Claim, ClaimVerdict, Stop, judge
 from fmus.paper.claims import SECTIONS, cases
 from fmus.paper.reproduction import open_case, run_case
 
@@ -32,7 +32,7 @@ class Evidence:
         assert isinstance(found, Run), found
         return found
 
-    def verdict(self, claim: Claim) -> Verdict:
+    def verdict(self, claim: Claim) -> ClaimVerdict:
         """A claim, measured."""
         return judge(claim, {name: self[name] for name in claim.cases})
 

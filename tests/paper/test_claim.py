@@ -72,7 +72,7 @@ def test_an_error_while_measuring_is_a_verdict() -> None:
 
 @pytest.mark.parametrize("value", [0.0, inf, -inf, nan, 1e-300])
 def test_what_is_written_is_json_that_any_reader_takes(value: float) -> None:
-    verdict = c.Verdict(made(c.never()), value)
+    verdict = c.ClaimVerdict(made(c.never()), value)
     text = json.dumps(verdict.as_data(), allow_nan=False)
     assert json.loads(text)["passed"] == (value == inf)
 

@@ -16,7 +16,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
 from cosim.ssp import load
-from cosim.ssp.values import Given
+from cosim.ssp.values import SspValue
 from tests.ssp.parts import (
     bindings,
     component,
@@ -156,7 +156,7 @@ def test_a_linear_transformation_scales_a_connection(tmp_path: Path) -> None:
 
 @given(st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), max_size=6), st.integers(-9, 9))
 def test_transformations_in_a_row_are_one(steps: list[tuple[int, int]], start: int) -> None:
-    value, x = Given("Real", (str(start),), ""), start
+    value, x = SspValue("Real", (str(start),), ""), start
     for factor, offset in steps:
         value, x = value.through(factor, offset, False), factor * x + offset
     assert value.factor * start + value.offset == x

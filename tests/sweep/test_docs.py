@@ -21,7 +21,7 @@ STUDIES = sorted((ROOT / "configs" / "studies").glob("*.toml"))
 
 
 @pytest.mark.parametrize(
-    "struct", [spec.StudySpec, spec.AxisSpec, spec.SampleSpec, spec.FigureSpec]
+    "struct", [spec.StudySpec, spec.AxisSpec, spec.SampleSpec, spec.SweepFigureSpec]
 )
 def test_every_key_of_a_study_is_explained(struct: type[msgspec.Struct]) -> None:
     code = " ".join(re.findall(r"`[^`]*`", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)))

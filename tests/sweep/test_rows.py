@@ -20,13 +20,13 @@ from cosim.sweeps import figures
 from cosim.sweeps.design import points
 from cosim.sweeps.drive import check
 from cosim.sweeps.memory import record
-from cosim.sweeps.perform import Job, Row, job, perform, scenario_of
+from cosim.sweeps.perform import StudyRow, StudySetup, job, perform, scenario_of
 from cosim.sweeps.study import load_study
 from tests.cosim import scenarios
 from tests.sweep.studies import ROOT, STUDY, written
 
 
-def row(folder: Path, study: str, **changes: object) -> Row:
+def row(folder: Path, study: str, **changes: object) -> StudyRow:
     loaded = load_study(written(folder, study))
     return perform(replace(job(loaded, None), **changes), next(points(loaded)))
 
@@ -158,5 +158,5 @@ def test_a_job_is_small_and_plain(tmp_path: Path) -> None:
     import pickle
 
     loaded = load_study(written(tmp_path, gain(1)))
-    common: Job = job(loaded, None)
+    common: StudySetup = job(loaded, None)
     assert pickle.loads(pickle.dumps(common)) == common

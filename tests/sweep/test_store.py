@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
 from cosim.sweeps import store as stores
-from cosim.sweeps.perform import Row
+from cosim.sweeps.perform import StudyRow
 from cosim.sweeps.store import Store, locked, parts, rows
 
 
-def made(i: int, **measures: float) -> Row:
-    return Row(f"run{i}", {"K": float(i)}, (f"a.K={i}",), True, "", nan, 0.1, measures)
+def made(i: int, **measures: float) -> StudyRow:
+    return StudyRow(f"run{i}", {"K": float(i)}, (f"a.K={i}",), True, "", nan, 0.1, measures)
 
 
 def filled(folder: Path, numbers: range) -> None:
@@ -31,7 +31,7 @@ def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
     with Store(tmp_path, {"e": "rad"}) as store:
         store.append(made(1, e=0.1, settle=inf))
         store.append(made(2, e=nan))
-        store.append(Row("run3", {"K": 3.0}, (), False, "diverged", 1.5))
+        store.append(StudyRow("run3", {"K": 3.0}, (), False, "diverged", 1.5))
     found = rows(tmp_path)
     assert list(found) == ["run1", "run2", "run3"]
     assert (found["run1"]["e"], found["run1"]["settle"], found["run1"]["K"]) == (0.1, inf, 1.0)
@@ -43,8 +43,8 @@ def test_rows_come_back_as_they_were(tmp_path: Path) -> None:
     assert pq.read_schema(part).field("e").metadata == {b"unit": b"rad"}
 
 
-def failed(i: int, wall: float) -> Row:
-    return Row(f"run{i}", {"K": float(i)}, (), False, "no memory", nan, wall)
+def failed(i: int, wall: float) -> StudyRow:
+    return StudyRow(f"run{i}", {"K": float(i)}, (), False, "no memory", nan, wall)
 
 
 @pytest.mark.parametrize("flushed", [False, True])

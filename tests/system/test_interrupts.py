@@ -14,7 +14,7 @@ import cosim.engine.simulate
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import Interrupted
 from cosim.base.interrupts import deferred
-from cosim.engine.simulate import Outcome, simulate
+from cosim.engine.simulate import RunOutcome, simulate
 from cosim.record import Run
 from tests.system.runs import Document, scenario
 
@@ -118,7 +118,7 @@ def test_somebody_else_s_handler_is_left_alone() -> None:
 
 
 def test_a_run_in_another_thread_has_no_handler(tmp_path: Path) -> None:
-    done: list[Outcome] = []
+    done: list[RunOutcome] = []
     work = threading.Thread(
         target=lambda: done.append(simulate(scenario(DOCUMENT), tmp_path / "run"))
     )

@@ -21,7 +21,7 @@ from bridge.relay import namespaces
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import seal, verify
 from cosim.scenario.spec import read_document
-from cosim.sweeps.perform import Row
+from cosim.sweeps.perform import StudyRow
 from cosim.sweeps.store import Store
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import COSIM, ROOT, environment
@@ -199,7 +199,7 @@ def rows():
     good = {"s": 20.0, "drop.injected": 2.0, "drop.seen": 1.0, "drop.idle": 1.0, "torque": 50.0}
     bad = {"s": 20.0, "freeze.injected": 1.0, "freeze.unseen": 1.0, "torque": 7.0, "crashes": 1.0}
     return [
-        Row(
+        StudyRow(
             "00000",
             {"faults": "drop, drop", "verdict": "passed"},
             (),
@@ -207,7 +207,7 @@ def rows():
             measures=good,
             wall=21.0,
         ),
-        Row(
+        StudyRow(
             "00001",
             {"faults": "freeze", "verdict": "failed"},
             (),

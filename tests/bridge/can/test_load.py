@@ -13,15 +13,15 @@ from bridge.can.load import kind_of, log_bits, log_times, measured, of_rows, pla
 from bridge.native import load as native
 from bridge.native.frame import Flags, Frame, frame_dtype
 from cosim.bus.arbitration import rank
-from cosim.bus.timing import Bits, BusTiming, Kind, TimingError, frame_bits
+from cosim.bus.timing import Bits, BusTiming, FrameFormat, TimingError, frame_bits
 from tests.cosim.bus.test_timing import frames
 
 MEGABIT = BusTiming(1e6)
 FAST = BusTiming(1e6, 5e6, True)
-Drawn = tuple[int, bytes, Kind, int]
+Drawn = tuple[int, bytes, FrameFormat, int]
 
 
-def flags_of(kind: Kind) -> int:
+def flags_of(kind: FrameFormat) -> int:
     names = {"extended": Flags.EXTENDED, "fd": Flags.FD, "brs": Flags.BRS}
     names |= {"remote": Flags.REMOTE, "esi": Flags.ESI}
     return sum(int(flag) for name, flag in names.items() if getattr(kind, name))
@@ -79,17 +79,17 @@ def test_lengths_between_and_error_frames_in_a_log() -> None:
     ids, data = np.array([1, 2], np.uint32), np.full((2, 64), 0xFF, np.uint8)
     flags = np.array([Flags.FD, Flags.ERROR], np.uint8)
     bits = log_bits(ids, flags, np.array([9, 8], np.uint16), data)
-    assert bits.tolist() == [[*frame_bits(1, b"\xff" * 9, Kind(fd=True))], [0, 0]]
+    assert bits.tolist() == [[*frame_bits(1, b"\xff" * 9, FrameFormat(fd=True))], [0, 0]]
     assert log_bits(ids[:0], flags[:0], ids[:0].astype(np.uint16), data[:0]).shape == (0, 2)
 
 
 def test_planned_load_is_the_sum_over_messages() -> None:
-    kind = Kind()
+    kind = FrameFormat()
     share = planned([(8, kind, 1e-3), (8, kind, 1e-3)], MEGABIT)
     assert (share.best, share.worst) == pytest.approx((0.222, 0.27))
     assert share.best < share.mean < share.worst
     # the budget of one FD bus: 4 nodes with 64 bytes at 1 kHz, SYNC and 10 Hz heartbeats
-    fd = Kind(fd=True, brs=True)
+    fd = FrameFormat(fd=True, brs=True)
     all_ = [(64, fd, 1e-3)] * 4 + [(1, kind, 1e-3)] + [(1, kind, 0.1)] * 4
     assert planned(all_, FAST).worst == pytest.approx(0.743, abs=0.001)
 

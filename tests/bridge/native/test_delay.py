@@ -11,7 +11,7 @@ from bridge.native import delay as native
 from bridge.native.delay import DelayLine
 from cosim.base.errors import PlanError
 from cosim.links.grid import Grid
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from tests.bridge.lines import MS, RULES, N, arrivals, arrived, drive, line, links, rows_of
 
 
@@ -51,7 +51,7 @@ def test_playout_is_the_rows_of_the_table(link, quarters):
     grid, T = link
     buffer = max(quarters / 4 * grid.h, np.nanmin(T))  # the table refuses what never plays
     d = line(native.PLAYOUT, grid, T, buffer=buffer)
-    assert drive(d, grid, arrivals(grid, [0] * N)) == rows_of(Playout(buffer), grid, T)
+    assert drive(d, grid, arrivals(grid, [0] * N)) == rows_of(PlayoutSemantics(buffer), grid, T)
 
 
 @settings(max_examples=60)
@@ -101,7 +101,7 @@ def test_playout_covers_the_network(link, network, lost, quarters):
     ]
     buffer = max(quarters / 4 * grid.h, np.nanmin(total))
     rows = drive(line(native.PLAYOUT, grid, T, buffer=buffer), grid, arrivals(grid, network, lost))
-    assert rows == rows_of(Playout(buffer), grid, total)
+    assert rows == rows_of(PlayoutSemantics(buffer), grid, total)
 
 
 @settings(max_examples=50)
@@ -122,7 +122,7 @@ def test_fifo_keeps_the_order_and_the_delay(link, network, lost):
 def test_fifo_over_a_constant_network_is_the_table(link, late):
     grid, T = link
     rows = drive(line(native.FIFO, grid, T), grid, arrivals(grid, [late] * N))
-    assert rows == rows_of(Packets("fifo"), grid, [t + 1e-9 * late for t in T])
+    assert rows == rows_of(PacketSemantics("fifo"), grid, [t + 1e-9 * late for t in T])
 
 
 @settings(max_examples=50)
@@ -152,7 +152,7 @@ def test_a_constant_network_delays_a_signal_by_just_that(link, late):
     grid, T = link
     coming = arrivals(grid, [late] * N)
     rows = drive(line(native.SIGNAL, grid, T), grid, coming)
-    expected = rows_of(Signal(), grid, [t + 1e-9 * late for t in T])
+    expected = rows_of(SignalSemantics(), grid, [t + 1e-9 * late for t in T])
     for row, (j, nearest) in enumerate(zip(rows, expected, strict=True)):
         there = max((i for i, _, _ in coming if arrived(grid, i, late, row)), default=-1)
         assert j == min(nearest, there)

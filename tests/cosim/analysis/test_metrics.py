@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis.metrics import Error, Measure, Result, evaluate, metric, settle_time
+from cosim.analysis.metrics import Error, Measure, MetricResult, evaluate, metric, settle_time
 from cosim.analysis.signals import Array
 from cosim.base.errors import ScenarioError
 
@@ -42,7 +42,7 @@ def recorded(t: Array = T, **signals: Array | tuple[Array, str]) -> Recorded:
     return Recorded(t, pairs)
 
 
-def number(kind: str, x: Array, t: Array = T, **options: float) -> Result:
+def number(kind: str, x: Array, t: Array = T, **options: float) -> MetricResult:
     return metric("m", kind, ["x"], **options).evaluate(recorded(t, x=(x, "N.m")))
 
 

@@ -9,23 +9,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.bus.arbitration import Request, arbitrate, rank
-from cosim.bus.response import NO_ERRORS, Errors, Stream, responses
+from cosim.bus.arbitration import PendingFrame, arbitrate, rank
+from cosim.bus.response import NO_ERRORS, Errors, FrameStream, responses
 from cosim.bus.timing import TimingError, worst
 
 US, MS = 1_000, 1_000_000
 
 
-def stream(name: str, place: int, period: int, duration: int, jitter: int = 0) -> Stream:
-    return Stream(name, rank(place), period, duration, jitter)
+def stream(name: str, place: int, period: int, duration: int, jitter: int = 0) -> FrameStream:
+    return FrameStream(name, rank(place), period, duration, jitter)
 
 
 def test_the_example_that_refuted_the_first_analysis() -> None:
     """Davis, 2007, section 3.3: the second instance of C is the late one; 125 kbit/s."""
     set_ = [
-        Stream("A", rank(1), 2500 * US, MS),
-        Stream("B", rank(2), 3500 * US, MS, deadline=3250 * US),
-        Stream("C", rank(3), 3500 * US, MS, deadline=3250 * US),
+        FrameStream("A", rank(1), 2500 * US, MS),
+        FrameStream("B", rank(2), 3500 * US, MS, deadline=3250 * US),
+        FrameStream("C", rank(3), 3500 * US, MS, deadline=3250 * US),
     ]
     found = responses(set_, bit_ns=8 * US)
     assert [r.worst for r in found] == [2 * MS, 3 * MS, 3500 * US]
@@ -64,9 +64,9 @@ def test_what_cannot_be_is_refused() -> None:
 
 
 @st.composite
-def sets(draw: st.DrawFn) -> list[Stream]:
+def sets(draw: st.DrawFn) -> list[FrameStream]:
     """Up to six streams that ask for at most 98 % of the bus; jitter up to two periods."""
-    found: list[Stream] = []
+    found: list[FrameStream] = []
     share = 0.0
     for place in range(draw(st.integers(1, 6))):
         duration = draw(st.integers(1, 12))
@@ -78,22 +78,24 @@ def sets(draw: st.DrawFn) -> list[Stream]:
     return found
 
 
-def released(stream_: Stream, phase: int, late: list[int], until: int) -> list[tuple[int, int]]:
+def released(
+    stream_: FrameStream, phase: int, late: list[int], until: int
+) -> list[tuple[int, int]]:
     """(event, request) of instances: late by at most the jitter, and queued in their order."""
     events = range(phase, until, stream_.period)
     asked = [event + late[i % len(late)] for i, event in enumerate(events)]
     return list(zip(events, accumulate(asked, max), strict=True))
 
 
-def simulated(releases: dict[Stream, list[tuple[int, int]]]) -> dict[Stream, int]:
+def simulated(releases: dict[FrameStream, list[tuple[int, int]]]) -> dict[FrameStream, int]:
     """The longest time from an event to the end of its frame; a node sends in order."""
-    owner: dict[int, tuple[Stream, int]] = {}
+    owner: dict[int, tuple[FrameStream, int]] = {}
     requests = []
     for s, instances in releases.items():
         for event, at in instances:
-            requests.append(Request(at, s.rank, s.duration))
+            requests.append(PendingFrame(at, s.rank, s.duration))
             owner[id(requests[-1])] = (s, event)
-    longest: dict[Stream, int] = dict.fromkeys(releases, 0)
+    longest: dict[FrameStream, int] = dict.fromkeys(releases, 0)
     for sent in arbitrate(requests):
         s, event = owner[id(sent.request)]
         longest[s] = max(longest[s], sent.end - event)
@@ -102,7 +104,7 @@ def simulated(releases: dict[Stream, list[tuple[int, int]]]) -> dict[Stream, int
 
 @settings(max_examples=80)
 @given(sets(), st.data())
-def test_no_run_takes_longer(set_: list[Stream], data: st.DataObject) -> None:
+def test_no_run_takes_longer(set_: list[FrameStream], data: st.DataObject) -> None:
     releases = {}
     for s in set_:
         phase = data.draw(st.integers(0, s.period))
@@ -116,7 +118,9 @@ def test_no_run_takes_longer(set_: list[Stream], data: st.DataObject) -> None:
 
 @settings(max_examples=80)
 @given(sets(), st.data())
-def test_it_is_reached_at_the_critical_instant(set_: list[Stream], data: st.DataObject) -> None:
+def test_it_is_reached_at_the_critical_instant(
+    set_: list[FrameStream], data: st.DataObject
+) -> None:
     """The longest of lower priority has just begun, all others are asked for, most late first."""
     found = responses(set_, bit_ns=1)
     place = data.draw(st.integers(0, len(set_) - 1))
@@ -140,10 +144,10 @@ def test_a_node_that_sends_in_order_can_take_longer() -> None:
     other = stream("other", 5, 1000, 400)
     bound = responses([urgent, slow, other], 1)[0].worst
     requests = [
-        Request(0, rank(7), 10, node=2),
-        Request(1, slow.rank, slow.duration, node=0),
-        Request(2, urgent.rank, urgent.duration, node=0),
-        Request(3, other.rank, other.duration, node=1),
+        PendingFrame(0, rank(7), 10, node=2),
+        PendingFrame(1, slow.rank, slow.duration, node=0),
+        PendingFrame(2, urgent.rank, urgent.duration, node=0),
+        PendingFrame(3, other.rank, other.duration, node=1),
     ]
     ends = {s.request.rank: s.end for s in arbitrate(requests, fifo=True)}
     assert bound is not None

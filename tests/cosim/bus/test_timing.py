@@ -13,7 +13,7 @@ from cosim.bus.stuffing import IDLE, STATES, bits_of, step, walk
 from cosim.bus.timing import (
     Bits,
     BusTiming,
-    Kind,
+    FrameFormat,
     TimingError,
     best,
     frame_bits,
@@ -24,17 +24,19 @@ from cosim.bus.timing import (
 )
 from tests.bridge.can import naive
 
-FD = Kind(fd=True, brs=True)
+FD = FrameFormat(fd=True, brs=True)
 LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
-KINDS = [Kind(extended=e) for e in (False, True)]
-KINDS += [Kind(extended=e, remote=True) for e in (False, True)]
-KINDS += [Kind(extended=e, fd=True, brs=b, esi=s) for e, b, s in product((False, True), repeat=3)]
+KINDS = [FrameFormat(extended=e) for e in (False, True)]
+KINDS += [FrameFormat(extended=e, remote=True) for e in (False, True)]
+KINDS += [
+    FrameFormat(extended=e, fd=True, brs=b, esi=s) for e, b, s in product((False, True), repeat=3)
+]
 #: Runs of equal bits are what stuffing is about: bytes that have them, often.
 BYTES = st.one_of(st.sampled_from([0x00, 0xFF, 0x0F, 0xF0, 0x1F, 0x83, 0x7C]), st.integers(0, 255))
 
 
 @st.composite
-def frames(draw: st.DrawFn) -> tuple[int, bytes, Kind, int]:
+def frames(draw: st.DrawFn) -> tuple[int, bytes, FrameFormat, int]:
     kind = draw(st.sampled_from(KINDS))
     top = (1 << (29 if kind.extended else 11)) - 1
     identifier = draw(st.one_of(st.sampled_from([0, top, 0x7C0 & top, 0x555]), st.integers(0, top)))
@@ -43,7 +45,7 @@ def frames(draw: st.DrawFn) -> tuple[int, bytes, Kind, int]:
     return identifier, b"" if kind.remote else data, kind, length
 
 
-def by_hand(identifier: int, data: bytes, kind: Kind, dlc: int) -> Bits:
+def by_hand(identifier: int, data: bytes, kind: FrameFormat, dlc: int) -> Bits:
     if not kind.fd:
         extended, remote = kind.extended, kind.remote
         return Bits(len(naive.classic(identifier, data, extended=extended, remote=remote, dlc=dlc)))
@@ -54,7 +56,7 @@ def by_hand(identifier: int, data: bytes, kind: Kind, dlc: int) -> Bits:
 
 @settings(max_examples=120)
 @given(frames())
-def test_a_frame_has_the_bits_it_is_built_of(frame: tuple[int, bytes, Kind, int]) -> None:
+def test_a_frame_has_the_bits_it_is_built_of(frame: tuple[int, bytes, FrameFormat, int]) -> None:
     identifier, data, kind, dlc = frame
     bits = frame_bits(identifier, data, kind, dlc)
     assert bits == by_hand(identifier, data, kind, dlc)
@@ -67,10 +69,10 @@ def test_a_frame_has_the_bits_it_is_built_of(frame: tuple[int, bytes, Kind, int]
 def test_classic_frames_have_the_bits_of_the_formulas(n: int) -> None:
     assert best(n) == Bits(47 + 8 * n)
     assert worst(n) == Bits(55 + 10 * n)
-    extended = Kind(extended=True)
+    extended = FrameFormat(extended=True)
     assert best(n, extended) == Bits(67 + 8 * n)
     assert worst(n, extended) == Bits(80 + 10 * n)
-    assert worst(n, Kind(remote=True)) == worst(0)
+    assert worst(n, FrameFormat(remote=True)) == worst(0)
 
 
 def test_after_the_first_bit_every_fourth_can_be_stuffed() -> None:
@@ -95,7 +97,7 @@ def most_stuffing(pattern: list[int | None]) -> int:
 @pytest.mark.parametrize(
     ("n", "kind"), [(n, kind) for kind in KINDS for n in (LENGTHS if kind.fd else range(9))]
 )
-def test_the_worst_case_is_at_most_a_few_bits_above_what_can_be(n: int, kind: Kind) -> None:
+def test_the_worst_case_is_at_most_a_few_bits_above_what_can_be(n: int, kind: FrameFormat) -> None:
     free = 0 if kind.remote else 8 * n
     reached = most_stuffing([*header(None, n, kind), *[None] * (free + (0 if kind.fd else 15))])
     bound = worst(n, kind).total - best(n, kind).total
@@ -117,7 +119,7 @@ def test_known_worst_cases_of_fd_frames(n: int, at_5m: float, at_2m: float, with
     """us at 1 and 5 Mbit/s, at 500 kbit/s and 2 Mbit/s, and at 1 Mbit/s without BRS."""
     assert BusTiming(1e6, 5e6).time_ns(worst(n, FD)) == pytest.approx(at_5m * 1e3)
     assert BusTiming(5e5, 2e6).time_ns(worst(n, FD)) == pytest.approx(at_2m * 1e3)
-    assert BusTiming(1e6, 5e6).time_ns(worst(n, Kind(fd=True))) == without * 1e3
+    assert BusTiming(1e6, 5e6).time_ns(worst(n, FrameFormat(fd=True))) == without * 1e3
 
 
 @pytest.mark.parametrize(
@@ -128,11 +130,13 @@ def test_overhead_of_fd_frames_is_the_fields_of_the_standard(
     n: int, extended: bool, bits: int
 ) -> None:
     """SOF 1, identifier, RRS, IDE, FDF, res, BRS, ESI, DLC 4, count 4, CRC, 6 or 7, 1, 2, 7, 3."""
-    assert best(n, Kind(fd=True, extended=extended)).total - 8 * n == bits
+    assert best(n, FrameFormat(fd=True, extended=extended)).total - 8 * n == bits
 
 
-@pytest.mark.parametrize("kind", [Kind(), Kind(extended=True), FD, Kind(fd=True, extended=True)])
-def test_the_mean_is_that_of_random_frames(kind: Kind) -> None:
+@pytest.mark.parametrize(
+    "kind", [FrameFormat(), FrameFormat(extended=True), FD, FrameFormat(fd=True, extended=True)]
+)
+def test_the_mean_is_that_of_random_frames(kind: FrameFormat) -> None:
     random = np.random.default_rng(1)
     n = 8
     ids = random.integers(0, 1 << (29 if kind.extended else 11), 4000)
@@ -171,7 +175,7 @@ def test_the_mean_is_that_of_random_frames(kind: Kind) -> None:
 def test_what_canbusload_counts(frame: str, bits: int) -> None:
     """``canbusload -e`` of can-utils, data frames: it counts data in remote ones, too."""
     identifier, data = frame.split("#")
-    kind = Kind(extended=len(identifier) == 8)
+    kind = FrameFormat(extended=len(identifier) == 8)
     assert frame_bits(int(identifier, 16), bytes.fromhex(data), kind) == Bits(bits)
 
 
@@ -188,9 +192,9 @@ def test_what_is_no_frame_is_refused() -> None:
     with pytest.raises(TimingError, match="0x800, expected 11 bits"):
         frame_bits(0x800, b"")
     with pytest.raises(TimingError, match="remote FD"):
-        Kind(fd=True, remote=True)
+        FrameFormat(fd=True, remote=True)
     with pytest.raises(TimingError, match="classic frame"):
-        Kind(brs=True)
+        FrameFormat(brs=True)
     for rate in (0, -1, float("nan")):
         with pytest.raises(TimingError, match="bit/s"):
             BusTiming(rate)

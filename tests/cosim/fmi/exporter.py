@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.component import Kind
 from cosim.engine.engine import Engine
-from cosim.fmi import FmuComponent, Options
+from cosim.fmi import FmuComponent, FmuOptions
 from cosim.schedule.plan import Plan, Slot, Step, compile_plan
 from fmus.toolchain import compile_shared, shared_suffix
 
@@ -269,7 +269,7 @@ def plan_of(
     h: float = 0.1,
     values: dict[str, tuple[float, ...]] | None = None,
     start: dict[str, tuple[float, ...]] | None = None,
-    options: Options | None = None,
+    options: FmuOptions | None = None,
     kind: Kind | None = None,
     period: int = 1,
 ) -> Plan:

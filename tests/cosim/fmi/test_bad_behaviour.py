@@ -14,7 +14,7 @@ import pytest
 
 from cosim.base.errors import CosimError, RunError
 from cosim.engine.engine import Engine
-from cosim.fmi import Options
+from cosim.fmi import FmuOptions
 from fmus.models import planar2r
 from tests.cosim.fmi.exporter import column, export, nasty2, plan_of, run
 
@@ -29,7 +29,7 @@ def nasty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def stopped(path: Path, how: int, **options) -> RunError:
     """The error of a run that goes wrong at tick 3, t = 0.3 s."""
     plan = plan_of(
-        path, 10, values={"how": (float(how),), "when": (0.25,)}, options=Options(**options)
+        path, 10, values={"how": (float(how),), "when": (0.25,)}, options=FmuOptions(**options)
     )
     with pytest.raises(RunError) as caught:
         run(plan)
@@ -74,7 +74,7 @@ def test_what_kills_a_process_does_not_kill_the_run(
 
 def test_rows_before_a_crash_are_kept(nasty: Path) -> None:
     plan = plan_of(nasty, 10, values={"how": (float(CRASH),), "when": (0.25,)},
-                   options=Options(isolate=True))  # fmt: skip
+                   options=FmuOptions(isolate=True))  # fmt: skip
     record = np.full((10, plan.n_signals), -1.0)
     with Engine(plan) as engine:
         engine.initialize()
@@ -85,7 +85,7 @@ def test_rows_before_a_crash_are_kept(nasty: Path) -> None:
 
 
 def test_a_crash_at_the_start_is_a_sentence(nasty: Path) -> None:
-    plan = plan_of(nasty, 1, values={"how": (float(NO_START),)}, options=Options(isolate=True))
+    plan = plan_of(nasty, 1, values={"how": (float(NO_START),)}, options=FmuOptions(isolate=True))
     with pytest.raises(CosimError, match="its process ended in enter_initialization: SIGABRT"):
         run(plan)
 
@@ -94,7 +94,7 @@ def test_a_crash_at_the_start_is_a_sentence(nasty: Path) -> None:
 def test_a_process_of_its_own_gives_the_same_bits(fmi: str) -> None:
     rows = []
     for isolate in (False, True):
-        plan = plan_of(planar2r.fmu(fmi), 200, h=0.001, options=Options(isolate=isolate))  # type: ignore[arg-type]
+        plan = plan_of(planar2r.fmu(fmi), 200, h=0.001, options=FmuOptions(isolate=isolate))  # type: ignore[arg-type]
         tau = np.sin(np.arange(400.0)).reshape(200, 2)
         found, engine = run(plan, {"tau": tau})
         engine.close()
@@ -104,7 +104,7 @@ def test_a_process_of_its_own_gives_the_same_bits(fmi: str) -> None:
 
 @pytest.mark.parametrize("isolate", [False, True])
 def test_logging_is_kept_up_to_a_bound(nasty: Path, isolate: bool) -> None:
-    options = Options(log=True, isolate=isolate)
+    options = FmuOptions(log=True, isolate=isolate)
     _, engine = run(plan_of(nasty, 200, values={"how": (float(SAY),)}, options=options))
     engine.close()
     text = engine.logs()["x"]
@@ -124,7 +124,7 @@ def test_two_isolated_instances_know_nothing_of_each_other(nasty: Path) -> None:
     found = []
     engines = []
     for value in (1.0, 2.0):
-        plan = plan_of(nasty, 3, start={"u": (value,)}, options=Options(isolate=True))
+        plan = plan_of(nasty, 3, start={"u": (value,)}, options=FmuOptions(isolate=True))
         rows, engine = run(plan)
         engines.append(engine)
         found.append(column(plan, rows, "y")[-1])
@@ -145,7 +145,7 @@ def test_sources_are_built_when_asked_for(tmp_path: Path) -> None:
     path = export(nasty2(), tmp_path / "sources.fmu", sources=True)
     with pytest.raises(CosimError, match=r"could be built: build = true"):
         run(plan_of(path, 1))
-    rows, engine = run(plan_of(path, 2, options=Options(build=True)))
+    rows, engine = run(plan_of(path, 2, options=FmuOptions(build=True)))
     engine.close()
     assert rows.shape[0] == 3
 
@@ -155,7 +155,7 @@ def test_sources_that_do_not_build_are_a_sentence(tmp_path: Path) -> None:
                               "</CoSimulation>", 1)  # fmt: skip
     path = export(listed, tmp_path / "gone.fmu", sources=True)
     with pytest.raises(CosimError, match=r"lists the source 'gone\.c', which is not there"):
-        run(plan_of(path, 1, options=Options(build=True)))
+        run(plan_of(path, 1, options=FmuOptions(build=True)))
 
 
 def test_the_command_survives_a_crash_and_says_where_the_data_is(nasty: Path) -> None:
@@ -182,7 +182,7 @@ def test_the_command_survives_a_crash_and_says_where_the_data_is(nasty: Path) ->
 def test_a_step_that_hangs_can_be_stopped(nasty: Path) -> None:
     """What Ctrl-C asks of the engine: the FMU gets a moment more, then the run ends."""
     plan = plan_of(nasty, 10, values={"how": (float(HANG),), "when": (0.25,)},
-                   options=Options(isolate=True))  # fmt: skip
+                   options=FmuOptions(isolate=True))  # fmt: skip
     with Engine(plan) as engine:
         engine.initialize()
         timer = threading.Timer(0.3, engine.stop)

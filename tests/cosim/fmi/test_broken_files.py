@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from cosim.base import archive
 from cosim.base.errors import CosimError, FmuError
-from cosim.fmi import FmuComponent, Options
+from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.description import read
 from cosim.fmi.ports import groups
 from cosim.fmi.values import parameter, port, settable
@@ -160,7 +160,7 @@ def test_part_of_a_library_is_refused(tmp_path: Path, size: int) -> None:
 @pytest.mark.parametrize("isolate", [False, True])
 def test_functions_that_are_absent_are_named(tmp_path: Path, isolate: bool) -> None:
     wrong = events3().replace('modelIdentifier="events3"', 'modelIdentifier="passing3"')
-    plan = plan_of(export(wrong, tmp_path / "x.fmu"), 1, options=Options(isolate=isolate))
+    plan = plan_of(export(wrong, tmp_path / "x.fmu"), 1, options=FmuOptions(isolate=isolate))
     with pytest.raises(CosimError, match="the binary lacks fmi3UpdateDiscreteStates"):
         run(plan)
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import CosimError, RunError
-from cosim.engine.engine import End, Engine
-from cosim.fmi import FmuComponent, Options
+from cosim.engine.engine import Engine, Termination
+from cosim.fmi import FmuComponent, FmuOptions
 from cosim.schedule.plan import Plan, Slot, Step, compile_plan
 from tests.cosim.fmi.exporter import column, export, plan_of, run, strict2, strict3
 from tests.cosim.oracle import execute
@@ -55,7 +55,7 @@ def plan_that(path: Path, how: int, status: int = 0, when: float = 1e9, *, isola
     if gain is not None:
         values["gain"] = (gain,)
     start = {"u": (1.0,)}
-    return plan_of(path, 10, values=values, start=start, options=Options(isolate=isolate))
+    return plan_of(path, 10, values=values, start=start, options=FmuOptions(isolate=isolate))
 
 
 # ---- parameters and start values ----------------------------------------------------------------
@@ -79,7 +79,7 @@ def test_parameters_that_an_exporter_resets_are_set_all_the_same(
 @ISOLATE
 def test_a_start_value_that_an_exporter_resets_is_set_all_the_same(fmus, fmi, isolate) -> None:
     values = {"how": (float(LATER),), "x": (7.0,)}
-    plan = plan_of(fmus[fmi], 1, values=values, options=Options(isolate=isolate))
+    plan = plan_of(fmus[fmi], 1, values=values, options=FmuOptions(isolate=isolate))
     rows, engine = run(plan)
     engine.close()
     assert column(plan, rows, "y").tolist() == [7.0, 7.0]
@@ -136,7 +136,7 @@ def chain(path: Path, second: Path, isolate: bool, **of_a: float) -> Plan:
     from cosim.links.spec import link_table
     from cosim.schedule.plan import Link, Wire
 
-    options = Options(isolate=isolate)
+    options = FmuOptions(isolate=isolate)
     components = {
         "a": FmuComponent(path, "a", None, options), "b": Follower("sampled"),
         "d": FmuComponent(second, "d", "sampled", options), "e": Follower("continuous"),
@@ -277,7 +277,7 @@ def test_fmi2_is_asked_after_discard_and_ends_the_run(fmus, calls, isolate: bool
     with Engine(plan) as engine:
         engine.initialize()
         assert engine.run(10, record) == 4
-    assert engine.ended == End("x", pytest.approx(0.325))
+    assert engine.ended == Termination("x", pytest.approx(0.325))
     assert str(engine.ended) == "ended by x at t = 0.325 s"
     assert engine.tick == 3
     assert after(calls(), "DoStep") == [
@@ -299,7 +299,7 @@ def test_fmi3_ends_the_run_after_its_step(fmus, calls, isolate, fmi, how, time) 
         assert engine.run(10, record) == 4
         assert engine.run(6, record) == 0
         last = engine.signals.copy()
-    assert engine.ended == End("x", pytest.approx(time))
+    assert engine.ended == Termination("x", pytest.approx(time))
     assert engine.tick == 4
     assert last[plan.slots()["x.y"].start] == pytest.approx(1.8)
     assert not [line for line in calls() if "ILLEGAL" in line]
@@ -312,6 +312,6 @@ def test_an_fmu_may_end_the_run_in_the_event_at_its_start(fmus, calls, isolate) 
     with Engine(plan) as engine:
         engine.initialize()
         assert engine.run(10) == 0
-    assert engine.ended == End("x", 0.0)
+    assert engine.ended == Termination("x", 0.0)
     assert "DoStep" not in calls()
     assert not [line for line in calls() if "ILLEGAL" in line]

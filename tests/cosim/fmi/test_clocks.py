@@ -11,7 +11,7 @@ from fmpy import extract, read_model_description
 from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.errors import CosimError
-from cosim.fmi import Options
+from cosim.fmi import FmuOptions
 from tests.cosim.fmi.exporter import clocked3, export, outputs, plan_of, run
 
 STEPS = 10  # of 0.1 s
@@ -35,7 +35,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("kind", ["continuous", "sampled"])
 def test_outputs_hold_what_they_were_when_their_clock_ticked(clocked, kind, isolate) -> None:
-    found = outputs(plan_of(clocked, STEPS, kind=kind, options=Options(isolate=isolate)), FED)
+    found = outputs(plan_of(clocked, STEPS, kind=kind, options=FmuOptions(isolate=isolate)), FED)
     steps = range(STEPS)
     assert found["y_fast"] == [-1.0, *(sum(range(k + 1)) for k in steps)]
     slow = [sum(100.0 + i for i in range(1, k + 1, 3)) or -1.0 for k in steps]
@@ -62,7 +62,7 @@ def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, i
     silent = re.sub(r'="constant" [^/]*/>', f'="{kind}"/>', clocked3())
     assert "intervalDecimal" not in silent and kind in silent
     path = export(silent, tmp_path / "x.fmu")
-    found = outputs(plan_of(path, STEPS, options=Options(isolate=isolate)), FED)
+    found = outputs(plan_of(path, STEPS, options=FmuOptions(isolate=isolate)), FED)
     assert found == outputs(plan_of(clocked, STEPS), FED)
 
 
@@ -71,7 +71,7 @@ def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, i
 def test_an_interval_is_set_like_a_parameter(tmp_path, kind, isolate) -> None:
     """Where it is the importer's to choose: every second step then takes its input."""
     path = export(clocked3().replace('="constant"', f'="{kind}"', 1), tmp_path / "x.fmu")
-    options = Options(isolate=isolate)
+    options = FmuOptions(isolate=isolate)
     found = outputs(plan_of(path, STEPS, values={"fast": (0.2,)}, options=options), FED)
     assert found["y_fast"] == [-1.0, *(sum(range(0, k + 1, 2)) for k in range(STEPS))]
     with pytest.raises(CosimError, match="no such interval"):

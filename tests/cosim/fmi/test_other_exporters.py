@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import RunError
-from cosim.fmi import Options
+from cosim.fmi import FmuOptions
 from tests.cosim.fmi.exporter import column, plan_of, run
 
 SLAVES = Path(__file__).parent / "slaves"
@@ -37,7 +37,7 @@ def expected(k: float, u: np.ndarray) -> list[float]:
 @pytest.mark.parametrize("isolate", [False, True])
 def test_it_runs_to_the_last_bit(fmu: Path, isolate: bool) -> None:
     u = np.sin(np.arange(STEPS) * 0.1)
-    plan = plan_of(fmu, STEPS, h=H, values={"k": (9.0,)}, options=Options(isolate=isolate))
+    plan = plan_of(fmu, STEPS, h=H, values={"k": (9.0,)}, options=FmuOptions(isolate=isolate))
     rows, engine = run(plan, {"u": u})
     with engine:
         assert column(plan, rows, "x").tolist() == expected(9.0, u)
@@ -48,7 +48,9 @@ def test_it_runs_to_the_last_bit(fmu: Path, isolate: bool) -> None:
 
 @pytest.mark.parametrize("isolate", [False, True])
 def test_its_exceptions_are_a_sentence(fmu: Path, isolate: bool) -> None:
-    plan = plan_of(fmu, 3, h=H, values={"k": (-1.0,)}, options=Options(isolate=isolate, log=True))
+    plan = plan_of(
+        fmu, 3, h=H, values={"k": (-1.0,)}, options=FmuOptions(isolate=isolate, log=True)
+    )
     with pytest.raises(RunError, match="a negative spring") as caught:
         run(plan)
     assert "\n" not in str(caught.value)

@@ -13,7 +13,7 @@ from fmpy.fmi3 import FMU3Slave
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.engine import Engine
-from cosim.fmi import Options
+from cosim.fmi import FmuOptions
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
 from cosim.ssp.export import write
@@ -52,7 +52,7 @@ def held(events: list[tuple[float, float]], first: float) -> list[float]:
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("kind", ["continuous", "sampled"])
 def test_clocks_tick_when_they_were_said_to(timed, kind, isolate) -> None:
-    found = outputs(plan_of(timed, STEPS, kind=kind, options=Options(isolate=isolate)), FED)
+    found = outputs(plan_of(timed, STEPS, kind=kind, options=FmuOptions(isolate=isolate)), FED)
     assert found["at_pulse"] == pytest.approx(held([(t, t) for t in PULSES], -1.0))
     seen = [int(t / 0.1 + 1e-6) for t in PULSES]
     assert found["y_pulse"] == held([*zip(PULSES, np.cumsum(seen), strict=True)], -1.0)
@@ -71,7 +71,7 @@ def test_a_countdown_of_nothing_ticks_in_the_same_event(timed: Path) -> None:
 def test_texts_of_clocks_are_kept_from_their_last_tick(tmp_path: Path, isolate: bool) -> None:
     text = '<String name="said" valueReference="60" causality="output" clocks="4"/>'
     path = export(timed3(variables=text), tmp_path / "x.fmu")
-    plan = plan_of(path, STEPS, options=Options(isolate=isolate))
+    plan = plan_of(path, STEPS, options=FmuOptions(isolate=isolate))
     _, engine = run(plan, FED)
     with engine:
         assert engine.texts() == {"x.said": ["109"]}
@@ -83,7 +83,7 @@ def test_texts_of_clocks_are_kept_from_their_last_tick(tmp_path: Path, isolate: 
 @pytest.mark.parametrize("isolate", [False, True])
 def test_where_steps_cannot_be_cut_ticks_are_late_and_counted(tmp_path, isolate: bool) -> None:
     path = export(timed3(flags=""), tmp_path / "x.fmu")
-    options = Options(isolate=isolate)
+    options = FmuOptions(isolate=isolate)
     plan = plan_of(path, STEPS, values={"lenient": (1.0,)}, options=options)
     rows, engine = run(plan, FED)
     with engine:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import CosimError, FmuError, RunError
 from cosim.base.units import conversion
-from cosim.fmi import FmuComponent, Options
+from cosim.fmi import FmuComponent, FmuOptions
 from tests.cosim.fmi.exporter import (
     FOLDER,
     TYPES3,
@@ -47,7 +47,7 @@ def events(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("isolate", [False, True])
 def test_every_type_of_fmi3_passes_exactly(passing: Path, isolate: bool) -> None:
-    plan = plan_of(passing, 3, options=Options(isolate=isolate))
+    plan = plan_of(passing, 3, options=FmuOptions(isolate=isolate))
     feed = {f"u_{kind}": np.array(values, float) for kind, values in VALUES.items()}
     rows, engine = run(plan, feed)
     with engine:
@@ -58,7 +58,7 @@ def test_every_type_of_fmi3_passes_exactly(passing: Path, isolate: bool) -> None
 @pytest.mark.parametrize("isolate", [False, True])
 def test_every_type_of_fmi2_passes_exactly(tmp_path: Path, isolate: bool) -> None:
     path = export(nasty2(), tmp_path / "nasty2.fmu")
-    plan = plan_of(path, 3, options=Options(texts={"label": "hello ξ"}, isolate=isolate))
+    plan = plan_of(path, 3, options=FmuOptions(texts={"label": "hello ξ"}, isolate=isolate))
     feed = {"count": [-(2**31), 2**31 - 1, 5], "flag": [1, 0, 1], "mode": [2, 1, 2]}
     rows, engine = run(plan, {k: np.array(v, float) for k, v in feed.items()})
     with engine:
@@ -82,13 +82,13 @@ def test_a_value_the_type_has_not_stops_the_run(passing: Path, kind: str, value:
 def test_a_64_bit_output_that_float64_cannot_carry_stops_the_run(
     passing: Path, isolate: bool
 ) -> None:
-    plan = plan_of(passing, 2, values={"mode": (3.0,)}, options=Options(isolate=isolate))
+    plan = plan_of(passing, 2, values={"mode": (3.0,)}, options=FmuOptions(isolate=isolate))
     with pytest.raises(CosimError, match=r"x\.y_Int64 = 9007199254740992 is no value of its type"):
         run(plan)
 
 
 def test_texts_go_in_at_the_start_and_come_out_at_the_end(passing: Path) -> None:
-    options = Options(texts={"label": "left arm", "blob": "c0ffee00"})
+    options = FmuOptions(texts={"label": "left arm", "blob": "c0ffee00"})
     _, engine = run(plan_of(passing, 1, options=options))
     with engine:
         assert engine.texts() == {"x.said": ["left arm"], "x.sent": ["c0ffee00"]}
@@ -103,19 +103,19 @@ def test_texts_go_in_at_the_start_and_come_out_at_the_end(passing: Path) -> None
 )
 def test_a_text_that_does_not_fit_is_refused(passing: Path, texts: dict, message: str) -> None:
     with pytest.raises(FmuError, match=message):
-        FmuComponent(passing, "x", None, Options(texts=texts))
+        FmuComponent(passing, "x", None, FmuOptions(texts=texts))
 
 
 def test_binary_start_values_are_hexadecimal(passing: Path) -> None:
     with pytest.raises(CosimError, match="expected hexadecimal text"):
-        run(plan_of(passing, 1, options=Options(texts={"blob": "xyz"})))
+        run(plan_of(passing, 1, options=FmuOptions(texts={"blob": "xyz"})))
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("isolate", [False, True])
 def test_sizes_are_set_before_the_start(passing: Path, n: int, isolate: bool) -> None:
     plan = plan_of(passing, 1, values={"factor": (2.0,)},
-                   options=Options(sizes={"n": n}, isolate=isolate))  # fmt: skip
+                   options=FmuOptions(sizes={"n": n}, isolate=isolate))  # fmt: skip
     matrix = np.arange(n * n, dtype=float).reshape(n, n)
     rows, engine = run(plan, {"A": matrix[None]})
     with engine:
@@ -124,11 +124,11 @@ def test_sizes_are_set_before_the_start(passing: Path, n: int, isolate: bool) ->
 
 def test_sizes_that_are_none_are_refused(passing: Path, tmp_path: Path) -> None:
     with pytest.raises(FmuError, match=r"no structural parameter 'm' .there are: n"):
-        FmuComponent(passing, "x", None, Options(sizes={"m": 3}))
+        FmuComponent(passing, "x", None, FmuOptions(sizes={"m": 3}))
     with pytest.raises(FmuError, match=r"has no structural parameters, found \['n'\]"):
-        FmuComponent(export(nasty2(), tmp_path / "x.fmu"), "x", None, Options(sizes={"n": 3}))
+        FmuComponent(export(nasty2(), tmp_path / "x.fmu"), "x", None, FmuOptions(sizes={"n": 3}))
     with pytest.raises(CosimError, match="fmi3SetUInt64: 1 values do not fit variable 300"):
-        run(plan_of(passing, 1, options=Options(sizes={"n": 9})))
+        run(plan_of(passing, 1, options=FmuOptions(sizes={"n": 9})))
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,9 @@ def test_units_are_the_fmus_own(passing: Path) -> None:
 @pytest.mark.parametrize("kind", ["sampled", "continuous"])
 def test_events_clocks_and_early_returns(events: Path, isolate: bool, kind) -> None:
     """20 steps of 0.1 s: the clock ticks in every other, the bell rings every 0.3 s."""
-    plan = plan_of(events, 20, values={"half": (1.0,)}, kind=kind, options=Options(isolate=isolate))
+    plan = plan_of(
+        events, 20, values={"half": (1.0,)}, kind=kind, options=FmuOptions(isolate=isolate)
+    )
     fed = np.arange(20.0)
     rows, engine = run(plan, {"clocked": fed, "discrete": np.floor(fed / 5)})
     with engine:
@@ -234,7 +236,7 @@ def test_several_instances_of_one_fmu(passing: Path) -> None:
 
 def test_what_a_scenario_gives_is_sorted_into_sizes_texts_and_numbers(passing: Path) -> None:
     values = {"n": 3, "label": "left", "mode": "fast", "factor": 2.0}
-    component = FmuComponent(passing, "x", None, Options(given=values))
+    component = FmuComponent(passing, "x", None, FmuOptions(given=values))
     assert component.taken == {"n", "label"}
     assert {p.name: p.shape for p in component.inputs}["A"] == (3, 3)
     assert component.number("mode", "fast") == 2
@@ -243,15 +245,15 @@ def test_what_a_scenario_gives_is_sorted_into_sizes_texts_and_numbers(passing: P
     with pytest.raises(FmuError, match="mode has no item 'faster'; expected one of: slow, fast"):
         component.number("mode", "faster")
     with pytest.raises(FmuError, match="n is a size; expected a whole number, found 'three'"):
-        FmuComponent(passing, "x", None, Options(given={"n": "three"}))
-    _, engine = run(plan_of(passing, 1, options=Options(given=values)))
+        FmuComponent(passing, "x", None, FmuOptions(given={"n": "three"}))
+    _, engine = run(plan_of(passing, 1, options=FmuOptions(given=values)))
     with engine:
         assert engine.texts()["x.said"] == ["left"]
 
 
 def test_logs_are_written_next_to_a_run(tmp_path: Path) -> None:
     path = export(nasty2(), tmp_path / "x.fmu")
-    _, engine = run(plan_of(path, 1, options=Options(log=True)))
+    _, engine = run(plan_of(path, 1, options=FmuOptions(log=True)))
     with engine:
         engine.save_logs(tmp_path)
     assert (tmp_path / "x.fmu.log").read_text() == "[ok] logAll: x is made\n"

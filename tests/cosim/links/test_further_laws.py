@@ -14,11 +14,11 @@ from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.markov import Chain, Markov, stationary
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.statistics import statistics
 from cosim.links.table import DrawnTable, generator
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
 PERIOD = Fraction(5, 1000)
 MARKOV = Markov.dwelling((0.05, 0.1, 0.3), (0.5, 0.2, 0.1), 0.01)
@@ -66,8 +66,8 @@ def test_other_laws_declare_their_mean_as_well(law, mean):
 
 def test_a_trace_declares_the_mean_of_what_arrives():
     t_send, delay = np.array([0.0, 0.1, 0.3, 0.35]), np.array([0.2, 0.0, np.nan, 1.5])
-    assert Trace(t_send, delay, lookup="index").mean == pytest.approx(1.7 / 3)
-    law = Trace(t_send, delay, repeat=True)
+    assert DelayTrace(t_send, delay, lookup="index").mean == pytest.approx(1.7 / 3)
+    law = DelayTrace(t_send, delay, repeat=True)
     assert law.mean == pytest.approx((0.2 * 0.1 + 0.0 * 0.2 + 1.5 * 0.05) / 0.35)
     T = law.stream(Fraction(1, 1000), generator(0, "x")).take(400)
     assert np.nanmean(T) == pytest.approx(law.mean)
@@ -213,7 +213,9 @@ def test_a_step_that_is_absurdly_short_is_refused():
         Markov.dwelling((0.1, 0.2), (1.0,), 1e-9).stream(PERIOD, generator(0, "x"))
 
 
-@pytest.mark.parametrize("rule", [Signal(), Packets("last-arrival"), Playout(0.15)], ids=str)
+@pytest.mark.parametrize(
+    "rule", [SignalSemantics(), PacketSemantics("last-arrival"), PlayoutSemantics(0.15)], ids=str
+)
 @pytest.mark.parametrize("law", [CUT[0], CUT[2], CUT[5], MARKOV, RING], ids=str)
 def test_tables_keep_what_they_declare(law, rule):
     """No row is younger than declared, no new one older than the history reaches."""
@@ -230,7 +232,8 @@ def test_jitter_reorders_packets_and_levels_rarely_do():
     grid = Grid(1, 1, 0.005)
     often, rarely = (
         statistics(
-            DrawnTable("x", grid, law, Packets("last-arrival"), 0).stream().rows(20_000), grid
+            DrawnTable("x", grid, law, PacketSemantics("last-arrival"), 0).stream().rows(20_000),
+            grid,
         )
         for law in (Gamma(0.05, 1.0, 0.05, 0.3), Markov.dwelling((0.05, 0.3), (1.0,), 0.005))
     )

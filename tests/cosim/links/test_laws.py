@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links.laws import Constant, Uniform, exact
 from cosim.links.table import generator
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
-TRACE = Trace(np.array([0.0, 0.1, 0.3, 0.35]), np.array([0.2, 0.0, np.nan, 1.5]), repeat=True)
+TRACE = DelayTrace(np.array([0.0, 0.1, 0.3, 0.35]), np.array([0.2, 0.0, np.nan, 1.5]), repeat=True)
 LAWS = [
     Constant(0.1),
     Uniform(0.3, 1.2, 0.03),
@@ -22,7 +22,7 @@ LAWS = [
     Uniform(0.3, 1.2),
     Uniform(0.7, 0.7, 1.0),
     TRACE,
-    Trace(TRACE.t_send, TRACE.delay, lookup="index", repeat=True),
+    DelayTrace(TRACE.t_send, TRACE.delay, lookup="index", repeat=True),
 ]
 PERIOD = Fraction(5, 1000)
 
@@ -112,15 +112,15 @@ def test_a_trace_is_looked_up_by_time_of_sending():
 
 
 def test_a_trace_counts_from_its_first_row():
-    late = Trace(TRACE.t_send + 1e6, TRACE.delay, repeat=True)
+    late = DelayTrace(TRACE.t_send + 1e6, TRACE.delay, repeat=True)
     a = TRACE.stream(Fraction(1, 20), generator(0, "x")).take(30)
     b = late.stream(Fraction(1, 20), generator(0, "x")).take(30)
     assert np.array_equal(a, b, equal_nan=True)
 
 
 def test_a_trace_that_ends_says_so():
-    by_time = Trace(TRACE.t_send, TRACE.delay)
-    by_index = Trace(TRACE.t_send, TRACE.delay, lookup="index")
+    by_time = DelayTrace(TRACE.t_send, TRACE.delay)
+    by_index = DelayTrace(TRACE.t_send, TRACE.delay, lookup="index")
     assert by_time.limit(Fraction(1, 20)) == 8
     assert by_time.limit(Fraction(3, 20)) == 3
     assert by_index.limit(Fraction(1, 20)) == 4
@@ -143,12 +143,12 @@ def test_a_trace_that_ends_says_so():
 )
 def test_what_is_no_trace_is_refused(t_send, delay, message):
     with pytest.raises(ScenarioError, match=message):
-        Trace(np.array(t_send, dtype=float), np.array(delay, dtype=float))
+        DelayTrace(np.array(t_send, dtype=float), np.array(delay, dtype=float))
 
 
 def test_a_trace_does_not_change_behind_its_back():
     delay = np.array([0.1, 0.2])
-    law = Trace(np.array([0.0, 1.0]), delay)
+    law = DelayTrace(np.array([0.0, 1.0]), delay)
     delay[:] = 9.0
     assert law.maximum == 0.2
     with pytest.raises(ValueError, match="read-only"):

@@ -15,10 +15,10 @@ from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform, exact
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.statistics import statistics
 from cosim.links.table import DrawnTable, generator
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
 PERIOD = Fraction(5, 1000)
 GRID = Grid(1, 1, 0.005)
@@ -149,7 +149,7 @@ def test_what_arrives_has_the_delays_it_had_without_loss(model):
 def test_chunks_do_not_change_lossy_tables(model, cuts):
     cuts = sorted(cuts)
     table = DrawnTable(
-        "x", Grid(2, 3, 0.005), Lossy(Uniform(0.0, 0.1), model), Packets("last-arrival"), 4
+        "x", Grid(2, 3, 0.005), Lossy(Uniform(0.0, 0.1), model), PacketSemantics("last-arrival"), 4
     )
     stream = table.stream(900)
     parts = [stream.rows(b - a) for a, b in zip([0, *cuts], [*cuts, 900], strict=True)]
@@ -157,17 +157,17 @@ def test_chunks_do_not_change_lossy_tables(model, cuts):
 
 
 def test_losses_of_a_trace_and_of_a_model_add_up():
-    trace = Trace(np.array([0.0, 1.0]), np.array([0.1, np.nan]), lookup="index", repeat=True)
+    trace = DelayTrace(np.array([0.0, 1.0]), np.array([0.1, np.nan]), lookup="index", repeat=True)
     law = Lossy(trace, Independent(0.5))
     assert law.loses and law.limit(PERIOD) is None
     arrives = np.isfinite(law.stream(PERIOD, generator(0, "x")).take(10_000))
     assert not arrives[1::2].any()
     assert arrives[::2].mean() == pytest.approx(0.5, abs=0.05)
-    once = Trace(trace.t_send, trace.delay, lookup="index")
+    once = DelayTrace(trace.t_send, trace.delay, lookup="index")
     assert Lossy(once, Independent(0.5)).limit(PERIOD) == 2
 
 
-@pytest.mark.parametrize("rule", [Signal(), Packets("fifo")], ids=str)
+@pytest.mark.parametrize("rule", [SignalSemantics(), PacketSemantics("fifo")], ids=str)
 def test_rules_that_cannot_lose_refuse_with_a_sentence(rule):
     with pytest.raises(ScenarioError, match="packets are lost, but semantics = "):
         DrawnTable("x", GRID, Lossy(Constant(0.1), Independent(0.1)), rule, 0)
@@ -178,7 +178,11 @@ def test_rules_that_cannot_lose_refuse_with_a_sentence(rule):
 def test_an_outage_ages_what_is_held_by_its_length():
     """What is sent in [1, 1.3) s is lost: the last sample before gets 300 ms older than 100 ms."""
     law = Lossy(Constant(0.1), Outage(0.3, 5.0, 1.0))
-    for rule in (Packets("last-arrival"), Packets("newest-stamp"), Playout(0.1)):
+    for rule in (
+        PacketSemantics("last-arrival"),
+        PacketSemantics("newest-stamp"),
+        PlayoutSemantics(0.1),
+    ):
         rows = DrawnTable("x", GRID, law, rule, 0).stream(1000).rows(1000)
         assert rows[219:280].tolist() == [199] * 61 and rows[280] == 260
         assert statistics(rows, GRID).age_maximum == pytest.approx(0.1 + 0.3)
@@ -186,7 +190,7 @@ def test_an_outage_ages_what_is_held_by_its_length():
 
 def test_lost_packets_are_packets_never_used():
     law = Lossy(Constant(0.1), GilbertElliott(0.02, 0.2))
-    rows = DrawnTable("x", GRID, law, Packets("newest-stamp"), 1).stream().rows(200_000)
+    rows = DrawnTable("x", GRID, law, PacketSemantics("newest-stamp"), 1).stream().rows(200_000)
     assert statistics(rows, GRID).unused_percent == pytest.approx(100 * law.loss.share, rel=0.1)
 
 

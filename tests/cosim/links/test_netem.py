@@ -12,11 +12,11 @@ from cosim.links.markov import Markov
 from cosim.links.netem import distribution_table, netem
 from cosim.links.outages import Outage, RandomOutage
 from cosim.links.skewed import Gamma, Lognormal
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
 PAPER = Uniform(0.3, 1.2, 0.03)
 MARKOV = Markov.dwelling((0.2, 0.05), (0.5, 2.0), 0.01)
-TRACE = Trace(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.1, np.nan, 0.1, 0.4]), repeat=True)
+TRACE = DelayTrace(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.1, np.nan, 0.1, 0.4]), repeat=True)
 TABLES = [Gamma(0.02, 2.0, 0.005, 0.2, 0.03), Lognormal(0.02, 0.008, 0.8, 0.2), MARKOV, TRACE]
 
 

@@ -13,11 +13,15 @@ from hypothesis import strategies as st
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Law, Uniform
-from cosim.links.semantics import Packets, Playout, Rule, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.table import DrawnTable, generator
-from cosim.links.traces import Trace
+from cosim.links.traces import DelayTrace
 
-PACKETS = (Packets("last-arrival"), Packets("newest-stamp"), Packets("fifo"))
+PACKETS = (
+    PacketSemantics("last-arrival"),
+    PacketSemantics("newest-stamp"),
+    PacketSemantics("fifo"),
+)
 
 
 def oracle_packets(rule, n_s, n_r, h, T, looks):
@@ -26,17 +30,17 @@ def oracle_packets(rule, n_s, n_r, h, T, looks):
     for k in range(n_r * (looks - 1) + 1):
         if k % n_s == 0 and T[k // n_s] is not None:
             arrival = k + ceil(T[k // n_s] / h)
-            if rule == Packets("fifo"):
+            if rule == PacketSemantics("fifo"):
                 arrival = before = max(before, arrival)
             on_the_way.append((arrival, k // n_s))
         for _, j in sorted(p for p in on_the_way if p[0] == k):
             arrived.add(j)
-            if rule == Packets("newest-stamp"):
+            if rule == PacketSemantics("newest-stamp"):
                 held = max(held, j)
-            elif isinstance(rule, Packets):
+            elif isinstance(rule, PacketSemantics):
                 held = j
         if k % n_r == 0:
-            if isinstance(rule, Playout):
+            if isinstance(rule, PlayoutSemantics):
                 play = floor(Fraction(k - ceil(exact(rule.buffer) / h), n_s))
                 held = play if play in arrived else held
             rows.append(held)
@@ -62,7 +66,7 @@ def given_delays(quarters, h):
     """A trace of delays counted in quarters of a tick, None: lost."""
     T = [None if q is None else exact(float(Fraction(q, 4) * exact(h))) for q in quarters]
     delay = np.array([np.nan if x is None else float(x) for x in T])
-    return T, Trace(np.arange(len(T)), delay, lookup="index")
+    return T, DelayTrace(np.arange(len(T)), delay, lookup="index")
 
 
 periods = st.integers(1, 7)
@@ -95,7 +99,7 @@ def checked(rule: Rule, n_s: int, n_r: int, h: float, law: Law, looks: int) -> l
 @settings(max_examples=120)
 @given(rule=st.sampled_from(PACKETS), n_s=periods, n_r=periods, h=steps, data=st.data())
 def test_packets_are_what_the_oracle_says(rule, n_s, n_r, h, data):
-    T, law = given_delays(data.draw(quarters(losses=rule != Packets("fifo"))), h)
+    T, law = given_delays(data.draw(quarters(losses=rule != PacketSemantics("fifo"))), h)
     rows = checked(rule, n_s, n_r, h, law, 60)
     assert rows == oracle_packets(rule, n_s, n_r, exact(h), T, 60)
 
@@ -104,7 +108,7 @@ def test_packets_are_what_the_oracle_says(rule, n_s, n_r, h, data):
 @given(n_s=periods, n_r=periods, h=steps, buffer=st.integers(0, 400), data=st.data())
 def test_playout_is_what_the_oracle_says(n_s, n_r, h, buffer, data):
     T, law = given_delays(data.draw(quarters(losses=True)), h)
-    rule = Playout(float(Fraction(buffer, 4) * exact(h)))
+    rule = PlayoutSemantics(float(Fraction(buffer, 4) * exact(h)))
     expected = oracle_packets(rule, n_s, n_r, exact(h), T, 60)
     try:
         rows = checked(rule, n_s, n_r, h, law, 60)
@@ -118,7 +122,9 @@ def test_playout_is_what_the_oracle_says(n_s, n_r, h, buffer, data):
 @given(n_s=periods, n_r=periods, h=steps, data=st.data())
 def test_signal_is_what_the_oracle_says(n_s, n_r, h, data):
     T, law = given_delays(data.draw(quarters(losses=False)), h)
-    assert checked(Signal(), n_s, n_r, h, law, 60) == oracle_signal(n_s, n_r, exact(h), T, 60)
+    assert checked(SignalSemantics(), n_s, n_r, h, law, 60) == oracle_signal(
+        n_s, n_r, exact(h), T, 60
+    )
 
 
 laws = st.one_of(
@@ -134,7 +140,7 @@ laws = st.one_of(
         st.lists(st.integers(0, 99), min_size=999, max_size=999),
     ),
 )
-rules = st.sampled_from([*PACKETS, Signal(), Playout(0.2)])
+rules = st.sampled_from([*PACKETS, SignalSemantics(), PlayoutSemantics(0.2)])
 
 
 @settings(max_examples=60)
@@ -152,7 +158,7 @@ def test_chunks_of_any_size_give_the_same_rows(law, rule, n_s, n_r, cuts):
 
 
 @pytest.mark.parametrize("n_s, n_r", [(1, 1), (5, 1), (1, 5), (3, 2)])
-@pytest.mark.parametrize("rule", [*PACKETS, Signal(), Playout(0.25)])
+@pytest.mark.parametrize("rule", [*PACKETS, SignalSemantics(), PlayoutSemantics(0.25)])
 def test_working_in_blocks_does_not_show(rule, n_s, n_r):
     """Rows across several internal blocks equal those taken in one go."""
     law, grid, n = Uniform(0.01, 0.3, 0.03), Grid(n_s, n_r, 0.005), 40_000
@@ -163,7 +169,9 @@ def test_working_in_blocks_does_not_show(rule, n_s, n_r):
 
 @pytest.mark.parametrize("n_s, n_r", [(1, 1), (5, 1), (1, 5), (4, 6), (6, 4), (3, 7)])
 @pytest.mark.parametrize("T", [0.0, 0.002, 0.005, 0.0125, 0.02, 0.3, 0.3001])
-@pytest.mark.parametrize("rule", [*PACKETS, Signal(), Playout(0.3001), Playout(0.302)])
+@pytest.mark.parametrize(
+    "rule", [*PACKETS, SignalSemantics(), PlayoutSemantics(0.3001), PlayoutSemantics(0.302)]
+)
 def test_the_least_delay_is_attained(rule, T, n_s, n_r):
     """What is declared is the least delay itself, not only a bound."""
     table = DrawnTable("x", Grid(n_s, n_r, 0.005), Constant(T), rule, 0)
@@ -174,14 +182,14 @@ def test_the_least_delay_is_attained(rule, T, n_s, n_r):
 
 @pytest.mark.parametrize("n_s, n_r", [(1, 1), (5, 1), (4, 6), (3, 7)])
 def test_the_history_of_a_constant_signal_is_used_up(n_s, n_r):
-    table = DrawnTable("x", Grid(n_s, n_r, 0.005), Constant(0.32), Signal(), 0)
+    table = DrawnTable("x", Grid(n_s, n_r, 0.005), Constant(0.32), SignalSemantics(), 0)
     rows = table.stream().rows(300)
     back = (n_r * np.arange(300) // n_s - rows)[rows >= 0]
     assert back.max() + 1 == table.history
 
 
 @pytest.mark.parametrize("h", [0.005, 0.001, 0.0001, 0.003, 0.0007])
-@pytest.mark.parametrize("rule", [*PACKETS, Signal()])
+@pytest.mark.parametrize("rule", [*PACKETS, SignalSemantics()])
 def test_whole_ticks_stay_whole(rule, h):
     """0.3 s / 5 ms is 60 ticks, and so is every other whole number of ticks."""
     grid = Grid(1, 1, h)
@@ -192,7 +200,7 @@ def test_whole_ticks_stay_whole(rule, h):
         assert rows.tolist() == [-1] * ticks + [0, 1, 2]
 
 
-@pytest.mark.parametrize("rule", [*PACKETS[1:], Signal(), Playout(0.2512)])
+@pytest.mark.parametrize("rule", [*PACKETS[1:], SignalSemantics(), PlayoutSemantics(0.2512)])
 def test_a_finer_base_step_changes_nothing(rule):
     """5 ms periods on a base step of 5 ms or of 1 ms are the same link, but for last-arrival."""
     law = Uniform(0.05, 0.4, 0.03)
@@ -207,8 +215,8 @@ def test_a_finer_base_step_changes_nothing(rule):
 
 def test_a_finer_base_step_tells_arrivals_apart():
     """Sent at 0 and 5 ms, there at 9 and 8 ms: both are seen at 10 ms, and the first came last."""
-    law = Trace(np.arange(3), np.array([0.009, 0.003, 1.0]), lookup="index")
-    last = Packets("last-arrival")
+    law = DelayTrace(np.arange(3), np.array([0.009, 0.003, 1.0]), lookup="index")
+    last = PacketSemantics("last-arrival")
     coarse = DrawnTable("x", Grid(1, 1, 0.005), law, last, 0)
     fine = DrawnTable("x", Grid(5, 5, 0.001), law, last, 0)
     assert coarse.stream().rows(3).tolist() == [-1, -1, 1]
@@ -216,20 +224,20 @@ def test_a_finer_base_step_tells_arrivals_apart():
 
 
 def test_no_delay_is_a_wire():
-    for rule in (*PACKETS, Signal(), Playout(0.0)):
+    for rule in (*PACKETS, SignalSemantics(), PlayoutSemantics(0.0)):
         table = DrawnTable("x", Grid(1, 1, 0.005), Constant(0.0), rule, 0)
         assert (table.minimum_delay_ticks, table.history) == (0, 1)
         assert table.stream().rows(5).tolist() == [0, 1, 2, 3, 4]
 
 
 def test_a_constant_half_tick_does_not_dither():
-    table = DrawnTable("x", Grid(1, 1, 0.005), Constant(0.0325), Signal(), 0)
+    table = DrawnTable("x", Grid(1, 1, 0.005), Constant(0.0325), SignalSemantics(), 0)
     assert np.diff(table.stream().rows(100)[10:]).tolist() == [1] * 89
 
 
 def test_a_buffer_that_covers_the_delays_makes_them_constant():
     law = Uniform(0.3, 1.2, 0.03)
-    table = DrawnTable("x", Grid(1, 1, 0.005), law, Playout(1.2), 1)
+    table = DrawnTable("x", Grid(1, 1, 0.005), law, PlayoutSemantics(1.2), 1)
     rows = table.stream().rows(5000)
     assert rows.tolist() == [max(-1, r - 240) for r in range(5000)]
 
@@ -237,17 +245,23 @@ def test_a_buffer_that_covers_the_delays_makes_them_constant():
 def test_fifo_and_newest_stamp_never_go_back():
     law = Uniform(0.0, 0.5, 0.01)
     for order in ("fifo", "newest-stamp"):
-        rows = DrawnTable("x", Grid(2, 3, 0.005), law, Packets(order), 1).stream().rows(5000)
+        rows = (
+            DrawnTable("x", Grid(2, 3, 0.005), law, PacketSemantics(order), 1).stream().rows(5000)
+        )
         assert np.diff(rows).min() >= 0
 
 
 def test_lost_packets_are_refused_where_they_have_no_meaning():
-    law = Trace(np.array([0.0, 1.0]), np.array([0.1, np.nan]), repeat=True)
+    law = DelayTrace(np.array([0.0, 1.0]), np.array([0.1, np.nan]), repeat=True)
     grid = Grid(1, 1, 0.005)
     with pytest.raises(ScenarioError, match=r"packets are lost.*signal"):
-        DrawnTable("x", grid, law, Signal(), 0)
+        DrawnTable("x", grid, law, SignalSemantics(), 0)
     with pytest.raises(ScenarioError, match=r"packets are lost.*fifo.*reliable"):
-        DrawnTable("x", grid, law, Packets("fifo"), 0)
-    for rule in (Packets("last-arrival"), Packets("newest-stamp"), Playout(0.1)):
+        DrawnTable("x", grid, law, PacketSemantics("fifo"), 0)
+    for rule in (
+        PacketSemantics("last-arrival"),
+        PacketSemantics("newest-stamp"),
+        PlayoutSemantics(0.1),
+    ):
         rows = DrawnTable("x", grid, law, rule, 0).stream().rows(400)
         assert rows.tolist() == [-1] * 20 + list(range(200)) + [199] * 180

@@ -13,7 +13,7 @@ from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.spec import ConstantDelay, DelaySpec, IndependentLoss, LossSpec, link_table
 from cosim.links.storage import StoredTable
@@ -77,7 +77,7 @@ def test_laws_are_written_in_seconds_or_with_a_unit(text, law):
     made = table(text)
     assert isinstance(made, DrawnTable)
     assert made.law == law
-    assert made == DrawnTable("x", Grid(1, 1, 0.005), law, Signal(), 1)
+    assert made == DrawnTable("x", Grid(1, 1, 0.005), law, SignalSemantics(), 1)
 
 
 @pytest.mark.parametrize(
@@ -151,14 +151,14 @@ def test_a_lossy_table_says_in_its_file_what_it_was_drawn_from(tmp_path):
 @pytest.mark.parametrize("name", ["last-arrival", "newest-stamp", "fifo", "signal"])
 def test_semantics_are_named(name):
     made = table(f'delay = {{ law = "constant", delay = 0.1 }}\nsemantics = "{name}"')
-    assert made.rule == (Signal() if name == "signal" else Packets(name))
+    assert made.rule == (SignalSemantics() if name == "signal" else PacketSemantics(name))
 
 
 def test_playout_has_its_buffer():
     made = table(
         'delay = { law = "constant", delay = 0.1 }\nsemantics = "playout"\nplayout = "1 s"'
     )
-    assert made.rule == Playout(1.0)
+    assert made.rule == PlayoutSemantics(1.0)
 
 
 @pytest.mark.parametrize(

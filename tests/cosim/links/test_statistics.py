@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.links.grid import Grid
 from cosim.links.laws import Uniform
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.statistics import Ages, statistics
 from cosim.links.table import DrawnTable
 
@@ -25,11 +25,11 @@ def measured(rule, law=PAPER, rows=4_000_000):
 @pytest.mark.parametrize(
     "rule, mean, p5, p95, backwards, held",
     [
-        (Signal(), 0.750, 0.345, 1.155, 8.0, 0.0),
-        (Packets("last-arrival"), 0.712, 0.340, 1.155, 6.5, 36.0),
-        (Packets("newest-stamp"), 0.474, 0.335, 0.650, 0.0, 78.0),
-        (Packets("fifo"), 1.031, 0.860, 1.170, 0.0, 78.0),
-        (Playout(1.2), 1.200, 1.200, 1.200, 0.0, 0.0),
+        (SignalSemantics(), 0.750, 0.345, 1.155, 8.0, 0.0),
+        (PacketSemantics("last-arrival"), 0.712, 0.340, 1.155, 6.5, 36.0),
+        (PacketSemantics("newest-stamp"), 0.474, 0.335, 0.650, 0.0, 78.0),
+        (PacketSemantics("fifo"), 1.031, 0.860, 1.170, 0.0, 78.0),
+        (PlayoutSemantics(1.2), 1.200, 1.200, 1.200, 0.0, 0.0),
     ],
 )
 def test_the_five_semantics_have_the_ages_they_should(rule, mean, p5, p95, backwards, held):
@@ -47,19 +47,19 @@ def test_the_five_semantics_have_the_ages_they_should(rule, mean, p5, p95, backw
 
 
 def test_independent_draws_make_the_newest_stamp_younger():
-    s = measured(Packets("newest-stamp"), Uniform(0.3, 1.2), rows=1_000_000)
+    s = measured(PacketSemantics("newest-stamp"), Uniform(0.3, 1.2), rows=1_000_000)
     assert s.age_mean == pytest.approx(0.382, abs=0.003)
 
 
 def test_a_buffer_of_one_second_is_late_as_often_as_the_law_is():
     """P(T > 1.0) = 0.2/0.9 = 22 %, and then it holds."""
-    s = measured(Playout(1.0))
+    s = measured(PlayoutSemantics(1.0))
     assert s.held_percent == pytest.approx(100 * 0.2 / 0.9, abs=0.5)
     assert s.backwards_percent == 0.0
 
 
 def test_waiting_counts_the_rows_before_the_first_sample():
-    whole = measured(Playout(1.2), rows=2400)
+    whole = measured(PlayoutSemantics(1.2), rows=2400)
     assert whole.waiting_percent == pytest.approx(10.0)
     assert whole.age_maximum == pytest.approx(1.2)
 

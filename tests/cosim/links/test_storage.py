@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
-from cosim.links.semantics import Packets, Playout, Signal
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.storage import GROUP, load_table, open_table
 from cosim.links.table import DrawnTable
 from cosim.links.writer import TableWriter, save_table
 
 GRID = Grid(2, 3, 0.005)
-TABLE = DrawnTable("a->b", GRID, Uniform(0.05, 0.4, 0.03), Packets("last-arrival"), 11)
+TABLE = DrawnTable("a->b", GRID, Uniform(0.05, 0.4, 0.03), PacketSemantics("last-arrival"), 11)
 FACTS = {"name": "x", "sender_period": 2, "receiver_period": 3, "h": 0.005}
 
 
@@ -61,7 +61,13 @@ def test_any_reader_sees_one_column_of_int32(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "rule", [Signal(), Packets("last-arrival"), Packets("newest-stamp"), Playout(0.2)]
+    "rule",
+    [
+        SignalSemantics(),
+        PacketSemantics("last-arrival"),
+        PacketSemantics("newest-stamp"),
+        PlayoutSemantics(0.2),
+    ],
 )
 def test_a_stored_table_replays(tmp_path, rule):
     """Same rows in any chunks; its own facts comply with those that were declared."""
@@ -153,8 +159,8 @@ def test_what_was_written_before_an_error_is_kept(tmp_path):
 
 def test_runs_that_do_not_count_in_int32_are_refused():
     for grid, length in [(Grid(1, 1, 0.005), 2**31), (Grid(1, 4, 0.005), 2**30)]:
-        table = DrawnTable("x", grid, Constant(0.1), Signal(), 0)
+        table = DrawnTable("x", grid, Constant(0.1), SignalSemantics(), 0)
         with pytest.raises(ScenarioError, match="more than 2147483647 samples"):
             table.stream(length)
     with pytest.raises(ScenarioError, match="a delay of 1e\\+12 s is more than 2147483647 ticks"):
-        DrawnTable("x", GRID, Constant(1e12), Signal(), 0)
+        DrawnTable("x", GRID, Constant(1e12), SignalSemantics(), 0)

@@ -10,7 +10,7 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Uniform
-from cosim.links.semantics import Packets
+from cosim.links.semantics import PacketSemantics
 from cosim.links.table import DrawnTable, generator
 from cosim.links.traces import read_trace
 
@@ -91,16 +91,16 @@ def test_a_law_written_down_as_a_trace_gives_the_same_table(tmp_path, lookup):
     lines = [f"{float(k * grid.sending)!r},{t!r}" for k, t in enumerate(T.tolist())]
     path = write(tmp_path / "t.csv", "\n".join(["t_send,delay", *lines]))
     for order in ("last-arrival", "newest-stamp", "fifo"):
-        drawn = DrawnTable("x", grid, law, Packets(order), 4)
-        traced = DrawnTable("y", grid, read_trace(path, lookup=lookup), Packets(order), 0)
+        drawn = DrawnTable("x", grid, law, PacketSemantics(order), 4)
+        traced = DrawnTable("y", grid, read_trace(path, lookup=lookup), PacketSemantics(order), 0)
         assert traced.stream(n).rows(n).tolist() == drawn.stream(n).rows(n).tolist()
 
 
 def test_a_run_longer_than_the_trace_is_refused(tmp_path):
     path = write(tmp_path / "t.csv", "t_send,delay\n0,0.1\n0.5,0.1\n")
-    table = DrawnTable("x", Grid(1, 1, 0.005), read_trace(path), Packets("fifo"), 0)
+    table = DrawnTable("x", Grid(1, 1, 0.005), read_trace(path), PacketSemantics("fifo"), 0)
     table.stream(200).rows(200)
     with pytest.raises(ScenarioError, match=r"end after 200 samples \(1 s\).*201.*repeat = true"):
         table.stream(201)
-    again = DrawnTable("x", table.grid, read_trace(path, repeat=True), Packets("fifo"), 0)
+    again = DrawnTable("x", table.grid, read_trace(path, repeat=True), PacketSemantics("fifo"), 0)
     assert again.stream(10_000).rows(10_000)[-1] == 9_979

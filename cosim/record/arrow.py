@@ -28,10 +28,13 @@ def numpy(column: Any, dtype: type[np.float64] | type[np.int32]) -> NDArray[Any]
     What is null becomes NaN; of an integer column, ValueError is raised (pyarrow.ArrowInvalid).
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    column = column.cast(getattr(pa, _TYPES[np.dtype(dtype)])())
+    kind = getattr(pa, _TYPES[np.dtype(dtype)])()
+    if column.type != kind:  # a cast imports pyarrow.compute, as long as the rest of pyarrow
+        column = column.cast(kind)
     if column.null_count:
+        import pyarrow.compute as pc
+
         if dtype is not np.float64:
             raise pa.ArrowInvalid(f"{column.null_count} values are null; expected integers")
         column = pc.fill_null(column, float("nan"))

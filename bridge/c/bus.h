@@ -15,23 +15,11 @@
 
 #include "frame.h"
 #include "journal.h"
+#include "traffic.h"
 
 enum { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
 enum { BUS_BATCH = 8 };
 enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
-
-/* What was on the bus, read by other threads at any time (each number for itself). Bits include
- * inter-frame space and the stuff bits that random data has on average, one in 30; those of a CAN
- * FD frame's data phase apart. The last second is the sum of the last ten slots of 100 ms that are
- * over: slot n % TRAFFIC_SLOTS, valid while number[] = n = t_ns / 100 ms. */
-enum { TRAFFIC_SLOTS = 16, TRAFFIC_SLOT_NS = 100000000 };
-typedef struct {
-    int64_t frames, error_frames;
-    double bits, data_bits;
-    int64_t number[TRAFFIC_SLOTS];
-    int64_t slot_frames[TRAFFIC_SLOTS];
-    double slot_bits[TRAFFIC_SLOTS], slot_data_bits[TRAFFIC_SLOTS];
-} traffic_t;
 
 typedef struct {
     int32_t kind;
@@ -64,9 +52,6 @@ typedef struct {
     frame_t batch[BUS_BATCH];
 } bus_t;
 
-/* What a BUS_SOCKET needs of its socket: arrival stamps and the count of lost frames. 0 or errno. */
-API int32_t bus_prepare(int32_t fd);
-
 /* The next frame that has arrived: 1 and *frame (t_ns: arrival; kernel time stamp on a socket,
  * put on CLOCK_MONOTONIC), or 0: none. Error frames are counted, change `state`, and are logged,
  * but not given. Never blocks. If the wall clock was set since a frame arrived, its t_ns is bounded
@@ -83,15 +68,5 @@ static inline void bus_leave(bus_t *bus)
  * full, also that of a ring; ...). Sets frame->t_ns where it is 0 (not on a BUS_MEMORY), and logs what was handed
  * over. A bus with error frames of its own may send them (FRAME_ERROR). Never blocks. */
 API int32_t bus_send(bus_t *bus, frame_t *frame);
-
-/* Sleeps until one of n (at most 16) buses has something to receive, or the deadline
- * (CLOCK_MONOTONIC, ns). Rings are seen at once where they have a bell (frame.h), else, and where
- * there is no ppoll (not Linux), at one of many looks. bus_wait.c */
-void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns);
-
-/* Adds a frame to what was on the bus. */
-API void traffic_add(traffic_t *traffic, const frame_t *frame);
-
-/* 0: bus_t, 1: accept_t, 2: traffic_t, 3: journal_t; else 0 */
 
 #endif

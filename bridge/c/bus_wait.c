@@ -1,6 +1,7 @@
-/* bus_wait.c: a sleep that ends when something has come; see bus.h */
+/* bus_wait.c: a sleep that ends when something has come; see bus_wait.h */
 #define _GNU_SOURCE
-#include "bus.h"
+#include "bus_wait.h"
+
 #include "pace.h"
 
 enum { LOOK_NS = 500000, BUSES = 16, SECOND = 1000000000 };

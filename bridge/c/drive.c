@@ -1,5 +1,5 @@
-/* drive.c: a motor drive as a plant meets it; see safety.h. */
-#include "safety.h"
+/* drive.c: a motor drive as a plant meets it; see drive.h. */
+#include "drive.h"
 
 /* 1 - exp(-x), x >= 0, without libm: the same number everywhere. x = n ln 2 + r, |r| <= ln 2 / 2. */
 static double decayed(double x)

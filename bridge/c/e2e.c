@@ -1,13 +1,14 @@
-/* e2e.c: the end-to-end headers of AUTOSAR FO "E2E Protocol Specification", see message.h.
+/* e2e.c: the end-to-end headers of AUTOSAR FO "E2E Protocol Specification", see e2e.h.
  *
  *   P02   0 CRC8   1 counter in the low 4 bits       CRC of bytes 1.., then dataIDs[counter]
  *   P05   0 CRC16 little endian   2 counter          CRC of bytes 2.., then the data ID, low byte first
  *   P04   0 length   2 counter   4 data ID   8 CRC32, all big endian      CRC of bytes 0-7, 12..
  */
+#include "e2e.h"
+
 #include <stddef.h>
 
 #include "crc.h"
-#include "message.h"
 
 static uint32_t big(const uint8_t *p, int32_t n)
 {

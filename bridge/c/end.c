@@ -1,5 +1,10 @@
-/* end.c: how a node ends on the wall clock, with no torque left on the bus; see node.h. */
-#include "node.h"
+/* end.c: how a node ends on the wall clock, with no torque left on the bus; see end.h. */
+#include "end.h"
+
+#include "outlet.h"
+#include "rest.h"
+#include "sequence.h"
+#include "service.h"
 
 /* The message after the last one of the slots done. */
 static int64_t next_of(const outlet_t *o)

@@ -4,7 +4,7 @@
  * server, and the origin: the date (CLOCK_REALTIME) of t = 0, us, a multiple of 10, modulo 2^33 * 10 us
  * (23.9 h). A receiver turns the origin into its own CLOCK_MONOTONIC, and believes it where the sender
  * has the same clock: the same host, or both dates are kept. EPOCH is said by whoever commands a start,
- * before START, and by a running node that hears a peer wait for a start. See node.h.
+ * before START, and by a running node that hears a peer wait for a start. See run_epoch.h.
  */
 #ifndef BRIDGE_EPOCH_H
 #define BRIDGE_EPOCH_H
@@ -35,6 +35,8 @@ typedef struct {
 
 /* A number for the run with this t = 0 (any clock): all who are told the same t = 0 find the same. */
 API int32_t epoch_run(int64_t origin_ns);
+/* On this process's clock: t = 0 of a message with this origin (us) that came at arrival_ns. */
+int64_t epoch_origin_ns(double us, int64_t arrival_ns);
 /* What the message says of a date of t = 0 (ns since 1970): us, a multiple of 10, modulo 2^33 * 10 us. */
 API int64_t epoch_origin_us(int64_t date_ns);
 

@@ -1,7 +1,9 @@
-/* forward.c: what a gateway makes of what it hears, and how it sleeps; see node.h. */
-#include "node.h"
+/* forward.c: what a gateway makes of what it hears; see forward.h. */
+#include "forward.h"
 
 #include <string.h>
+
+#include "send.h"
 
 static void encode(forward_t *f, const double *values, const header_t *header, frame_t *frame)
 {
@@ -62,24 +64,4 @@ void forward_remember(forward_t *f, int64_t sample)
     encode(f, f->of->values + sample * f->of->width, &header, &frame);
     if (message_decode(f->message, &frame, f->to->values + sample * f->to->width, &header) == DECODE_OK)
         f->to->there[sample] = SAMPLE_THERE;
-}
-
-/* The deadline, or sooner: when a frame is due whose stamp was ahead of this clock (two clocks drift
- * between two comparisons of bus.h). */
-static int64_t wake_at(const node_t *n, int64_t deadline_ns)
-{
-    for (int32_t b = 0; b < n->n_buses; b++)
-        if (n->has_pending[b] && n->pending[b].t_ns < deadline_ns) deadline_ns = n->pending[b].t_ns;
-    return deadline_ns;
-}
-
-int64_t node_rest(node_t *n, int64_t deadline_ns)
-{
-    int64_t now;
-    if (!n->gateway) return pace_wait(deadline_ns, n->spin_ns, &n->quit);
-    while ((now = pace_now()) < deadline_ns && !*(volatile int32_t *)&n->quit) {
-        bus_wait(n->buses, n->n_buses, wake_at(n, deadline_ns));
-        node_hear(n, n->start_ns ? pace_now() - n->start_ns : INT64_MAX);
-    }
-    return now;
 }

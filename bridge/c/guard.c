@@ -1,5 +1,7 @@
-/* guard.c: what a torque may be before it leaves a node; see safety.h. */
-#include "safety.h"
+/* guard.c: what a torque may be before it leaves a node; see guard.h. */
+#include "guard.h"
+
+#include "life.h"
 
 enum { BITS = 7 };
 

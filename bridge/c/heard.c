@@ -1,8 +1,8 @@
-/* heard.c: every sample that was accepted, as it was decoded, in a journal of its own; see node.h.
+/* heard.c: every sample that was accepted, as it was decoded, in a journal of its own; see heard.h.
  *
  * A replay takes its inputs from here, whoever the sender was, and so needs no other node.
  */
-#include "node.h"
+#include "heard.h"
 
 #include <string.h>
 

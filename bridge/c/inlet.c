@@ -1,5 +1,5 @@
-/* inlet.c: what a node gives its components of what it has received; see node.h. */
-#include "node.h"
+/* inlet.c: what a node gives its components of what it has received; see inlet.h. */
+#include "inlet.h"
 
 #include <string.h>
 

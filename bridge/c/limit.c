@@ -1,5 +1,5 @@
-/* limit.c: see limit_t in message.h */
-#include "message.h"
+/* limit.c: see limit.h */
+#include "limit.h"
 
 int32_t limits_range(const limit_t *limits, int32_t n, const double *values)
 {

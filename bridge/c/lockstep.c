@@ -3,7 +3,9 @@
 
 #include <errno.h>
 
+#include "hear.h"
 #include "mail.h"
+#include "slot.h"
 
 enum { LOOK_NS = 30000, SLEEP_NS = 1000000 };
 

@@ -1,5 +1,5 @@
-/* receiver.c: see receiver_t in message.h */
-#include "message.h"
+/* receiver.c: see receiver.h */
+#include "receiver.h"
 
 /* Consecutive frames that have to agree before a counter that does not fit is believed. */
 enum { WINDOW = 3 };

@@ -1,8 +1,10 @@
 /* sequence.c: drives with protocols of their own: disabled and enabled by the node that commands them,
- * and what an emulated one makes of such frames; see node.h. */
-#include "node.h"
+ * and what an emulated one makes of such frames; see sequence.h. */
+#include "sequence.h"
 
 #include <string.h>
+
+#include "send.h"
 
 enum { AGAIN_NS = 100000000 };
 

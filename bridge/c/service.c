@@ -1,7 +1,10 @@
-/* service.c: what a node says besides its outlets: previews, heartbeats, SYNC, ESTOP; see node.h. */
-#include "node.h"
+/* service.c: what a node says besides its outlets: previews, heartbeats, SYNC, ESTOP; see service.h. */
+#include "service.h"
 
 #include <string.h>
+
+#include "outlet.h"
+#include "send.h"
 
 enum { BOOTS = 4096 /* what a heartbeat can count to */, PASSED_ON = 10, ALARM_NS = 10000000 };
 
@@ -17,16 +20,6 @@ void node_preview(node_t *n, int64_t now_ns)
         node_say(o, 0, now_ns);
         o->sent = 0;
     }
-}
-
-void node_service(node_t *n, int32_t bus, const message_t *m, const double *values, header_t header,
-                  int64_t now_ns)
-{
-    frame_t frame;
-    if (!m) return;
-    memset(&frame, 0, sizeof frame);
-    message_encode(m, values, &header, &frame);
-    node_send(n, bus, &frame, now_ns);
 }
 
 void node_heartbeat(node_t *n, int64_t now_ns)

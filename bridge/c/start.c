@@ -1,5 +1,11 @@
 /* start.c: a node before its first slot, on the wall clock: who is there, and may it start? */
-#include "node.h"
+#include "start.h"
+
+#include "hear.h"
+#include "rest.h"
+#include "run_epoch.h"
+#include "sequence.h"
+#include "service.h"
 
 enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000 };
 

@@ -1,5 +1,5 @@
-/* traffic.c: what is on a bus, counted; see bus.h */
-#include "bus.h"
+/* traffic.c: what is on a bus, counted; see traffic.h */
+#include "traffic.h"
 
 /* Bits of a classic frame with 3 bits of inter-frame space: 47 + 8 n, or 67 + 8 n extended, of which
  * 34 + 8 n, or 54 + 8 n, are stuffed. CAN FD (ISO 11898-1:2015): 17 or 36 bits to BRS, stuffed, and

@@ -103,7 +103,7 @@ def heartbeat(names: Names, node: str, spec: NodeSpec) -> Codec:
 
 
 def nmt(names: Names) -> Codec:
-    """A command (see ``node.h``) to the node of a number, 0: all."""
+    """A command (``NMT_`` of ``node.h``) to the node of a number, 0: all."""
     return codec(names.shared("nmt"), NMT, ("command", "node"))
 
 

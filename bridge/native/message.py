@@ -1,4 +1,6 @@
-"""``message.h``: tables of fields, encoding, protection, counters, as ctypes sees them."""
+"""``message.h``, ``e2e.h``, ``receiver.h``, ``limit.h``: tables of fields, encoding, protection,
+counters, as ctypes sees them.
+"""
 
 from __future__ import annotations
 

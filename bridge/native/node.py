@@ -1,4 +1,4 @@
-"""``node.h``: a node's slot, on three clocks."""
+"""``node.h``, ``gates.h`` and the functions of a node on its clocks, as ctypes sees them."""
 
 from __future__ import annotations
 
@@ -306,7 +306,7 @@ class NodeStruct(c.Structure):
 
 @lru_cache(maxsize=1)
 def functions() -> c.CDLL:
-    """The library with the functions of ``node.h`` declared. Raises CosimError without it."""
+    """The library with the functions of a node declared. Raises CosimError without it."""
     found = library()
     node, i32 = c.POINTER(NodeStruct), c.c_int32
     found.node_live.argtypes, found.node_live.restype = (node,), i32

@@ -1,4 +1,4 @@
-"""``safety.h``: life cycle, guard, watchdog, peer and drive, as ctypes sees them."""
+"""``life.h``, ``guard.h``, ``watchdog.h`` and ``drive.h``, as ctypes sees them."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ class DriveStruct(c.Structure):
 
 @lru_cache(maxsize=1)
 def functions() -> c.CDLL:
-    """The library with the functions of ``safety.h`` declared. Raises CosimError without it."""
+    """The library with the functions of these headers declared. Raises CosimError without it."""
     found = library()
     structs: tuple[type[c.Structure], ...] = (LifeStruct, Guard, WatchdogStruct, Peer, DriveStruct)
     life, guard, watchdog, peer, drive = (c.POINTER(struct) for struct in structs)

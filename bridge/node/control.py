@@ -1,6 +1,6 @@
 """What others may tell a running node, and what of its answers is passed on.
 
-The node itself is C without the GIL (``bridge/c/run.c``); these are threads beside it.
+The node itself is C without the GIL (``bridge/c/live.c``); these are threads beside it.
 """
 
 from __future__ import annotations

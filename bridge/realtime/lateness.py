@@ -70,7 +70,7 @@ class Lateness:
     """The report: `late`, `period` between waking up, `parts` of a slot; all ns.
 
     `once`: `late` without the slots whose deadline had passed when the slot before them began.
-    `missed`: slots that woke a period late or more, as ``bridge/c/run.c`` counts them. `bins`:
+    `missed`: slots that woke a period late or more, as ``bridge/c/live.c`` counts them. `bins`:
     (lower edge, ns, count) of the bins of ``pace.h`` that are not empty, ascending.
     """
 
@@ -164,7 +164,7 @@ def lateness(
 
 
 def of_journal(rows: NDArray[np.void], period_ns: int) -> Lateness:
-    """The report of a node's journal (``row_t`` of ``bridge/c/node.h``), one life of it.
+    """The report of a node's journal (``row_t`` of ``bridge/c/rows.h``), one life of it.
 
     There a slot has `done_ns`, when all was sent, and `send_ns`, what sending took.
     """

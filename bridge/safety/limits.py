@@ -1,6 +1,6 @@
 """Safety of a node: what its deployment says, the C structs made of it, and reasons in words.
 
-The rules themselves are C (``bridge/c/safety.h``) and described in ``docs/safety.md``. Values are
+The rules themselves are C (``bridge/c/guard.h``) and described in ``docs/safety.md``. Values are
 SI floats or texts with a unit (``"5 ms"``). Errors are ScenarioError with the place.
 """
 
@@ -144,7 +144,7 @@ class PeerSpec:
 
 
 class GuardSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of the torque of an arm between its controller and the codec; see ``safety.h``.
+    """Limits of the torque of an arm between its controller and the codec; see ``guard.h``.
 
     `port`: the component's torque output, by name; `q`, `dq`: its inputs of position and velocity.
     Limits are SI or with a unit, one for all joints or one a joint; None: not limited. `brake`:

@@ -1,0 +1,121 @@
+/* gates.h: what signals go through where they leave or enter a node: outlets, what others make of
+ * their messages, receptions, inlets. */
+#ifndef BRIDGE_GATES_H
+#define BRIDGE_GATES_H
+
+#include "delay.h"
+#include "drive.h"
+#include "guard.h"
+#include "limit.h"
+#include "message.h"
+#include "pace.h"
+#include "receiver.h"
+#include "rows.h"
+
+struct node;
+
+/* A message made of another one as it comes: what gateways do. */
+typedef struct {
+    const message_t *message;
+    const int32_t *sources; /* values of the message it is made of, one a value */
+    double *values;         /* forwarded last, `width` */
+    int32_t width, bus;
+    history_t *of, *to;     /* replay: of the two messages; else NULL */
+    int64_t sent, failed;   /* samples; failed: not handed over */
+    histogram_t transit;    /* wall clock: from arrival to hand-over */
+} forward_t;
+
+typedef struct {
+    struct node *node;
+    const message_t *message;
+    int32_t width, bus;
+    const int64_t *sources; /* signals, one a value */
+    double *values;         /* sent */
+    int64_t every, hit_ticks;   /* hits between two messages; ticks of a hit */
+    guard_t *guard;         /* or NULL */
+    int32_t guarded, joints;    /* first value of the torque, how many */
+    int64_t q, dq;          /* signals for the guard; -1: none */
+    drive_t *drive;         /* measures what is sent; or NULL */
+    int32_t measured_q, measured_dq;    /* first values of position, velocity; -1: none */
+    history_t *history;     /* filled with what was sent: replay; else NULL */
+    int64_t sent, saturated;    /* messages; those with values that did not fit */
+    forward_t *forwards;    /* replay: what gateways have made of it, each behind what it is made of */
+    int64_t n_forwards;
+    int64_t foreign;        /* 1: commands a drive with a protocol of its own: all values are torques,
+                             * and it is not sent while that drive is disabled */
+} outlet_t;
+
+/* A torque that stays inside the node: guarded in place, right after its component has computed it. */
+typedef struct {
+    struct node *node;
+    guard_t *guard;
+    int64_t tau, q, dq;     /* signals; q, dq -1: none */
+} inside_t;
+
+/* A message this node hears. */
+typedef struct {
+    const message_t *message;
+    receiver_t *receiver;
+    double *values;         /* decoded, `width` */
+    int32_t width, bus;
+    int64_t period_ns;      /* of the sender */
+    int64_t offset_ns;      /* phase of the sender: nominal time of sample j is j*period + offset */
+    const limit_t *limits;  /* what its values may be, `width`; NULL: anything */
+    int64_t max_age_ns;     /* older at its arrival is refused: by its stamp, else by the nominal time
+                             * of its number; 0: any */
+    int64_t newest, arrival_ns; /* accepted last; -1: none */
+    int64_t previewed_ns;   /* arrival of the last preview, on the clock of its frame; -1: none */
+    int32_t accept_simulated;
+    int32_t awaited;        /* no start before it was heard, if it tells previews */
+    int32_t of_fault;       /* 1: torques of a node in FAULT were heard: they are no samples that count */
+    int32_t reserved;
+    int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
+    history_t *history;     /* what was heard of it: replay; else NULL */
+    int32_t sender;         /* number of the node that sends it */
+    int32_t n_forwards;
+    forward_t *forwards;    /* what goes on at once when a sample was accepted */
+} reception_t;
+
+/* Frames by which a drive with a protocol of its own is asked for a change of state, one after the
+ * other; frames of other kinds may come between. */
+typedef struct {
+    const frame_t *frames;  /* `bus`: its number in the node */
+    int32_t count, reached; /* reached: so many have come */
+    int32_t request, reserved;  /* DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR */
+} sequence_t;
+
+typedef struct {
+    struct node *node;
+    reception_t *reception;
+    delay_t *delay;
+    int32_t first, count;   /* of the message's values */
+    int64_t target;         /* into signals */
+    double gain, offset;
+    int64_t age;            /* signal that gets the time since the last arrival, s; -1: none */
+    int64_t stop_ns;        /* silence that stops the node; 0: never */
+    int64_t period;         /* ticks of the receiver */
+    drive_t *drive;         /* between this and the plant; or NULL */
+    int64_t max_age_ns;     /* drive: an older torque is not given, and feeds no watchdog; 0: any */
+    int64_t q, dq;          /* of the plant, for the drive: signals */
+    double *command;        /* (count,): drive: what was received */
+    int64_t held, newest;   /* of this tick */
+    int64_t last_newest;
+    int64_t heard_ns;       /* when the newest arrived, by slots: staleness is deterministic */
+    double *initial;        /* (count,): what it held at first, and holds again when that has gone */
+    int32_t begun, reserved;
+    int64_t link_age;       /* signal that gets the age of the sample held, s; -1: none */
+    int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
+    sequence_t *sequences;  /* of the drive, if it has a protocol of its own */
+    int32_t n_sequences;
+    uint32_t asked;         /* requests since the last pass, as commands_add packs them: of more than
+                             * ten, none is lost that is DRIVE_DISABLE */
+    int64_t requests;       /* those of this pass, which are in the journal */
+} inlet_t;
+
+/* Whether a message says in which state its sender is: a status of 4 bits (classic CAN) does not. */
+static inline int32_t tells_life(const message_t *m)
+{
+    return m->status >= 0 && m->header[m->status].scale == 1.0;
+}
+
+#endif

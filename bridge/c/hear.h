@@ -1,0 +1,12 @@
+/* hear.h: the frames that reach a node. */
+#ifndef BRIDGE_HEAR_H
+#define BRIDGE_HEAR_H
+
+#include "node.h"
+
+/* Frames that have arrived by limit_ns (relative), each to who takes it. */
+void node_hear(node_t *n, int64_t limit_ns);
+/* Whether a frame is an emergency stop of everybody on its bus. */
+int32_t node_is_estop(const node_t *n, const frame_t *frame);
+
+#endif

@@ -1,0 +1,10 @@
+/* replay.h: a node on the clock of its recording. */
+#ifndef BRIDGE_REPLAY_H
+#define BRIDGE_REPLAY_H
+
+#include "node.h"
+
+/* Along its recording, from what it held: the engine's result. */
+API int32_t node_replay(node_t *n);
+
+#endif

@@ -1,13 +1,20 @@
 """What holds for all tests."""
 
 import signal
+from typing import Any
 
 from hypothesis import HealthCheck, settings
 
-# One profile for all property tests: a loaded machine is slow, and slowness is measured elsewhere.
-settings.register_profile(
-    "project", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
-)
+# A loaded machine is slow, and slowness is measured elsewhere.
+_ALL: dict[str, Any] = {
+    "deadline": None,
+    "suppress_health_check": [HealthCheck.too_slow],
+    "print_blob": True,
+}
+#: Property tests try the same examples every time: a change is not refused for a find that has
+#: nothing to do with it. `pytest --hypothesis-profile=search` tries others.
+settings.register_profile("project", derandomize=True, **_ALL)
+settings.register_profile("search", max_examples=1000, **_ALL)
 settings.load_profile("project")
 
 

@@ -1,22 +1,28 @@
-"""Whether tests on the wall clock are stable: each of them many times, idle and beside a busy core.
+"""Whether tests on the wall clock are stable: each of them many times, idle and on a busy machine.
 
     python -m tests.repeat [--times N] [PYTEST ARGUMENTS ...]     default: -m live, 50 times
+    python -m tests.repeat --together 6 [PYTEST ARGUMENTS ...]    6 pytest processes at once
 
 Prints one line a test: how often it passed, failed and was inconclusive (skipped, with its reason),
-on the idle machine and next to a process that computes without a pause. The exit code is 1 if any
-test failed once. Output of failed repetitions is kept in the folder that is named at the end.
+on the idle machine and next to a process that computes without a pause. With `--together`, the
+rounds run side by side and are each other's load: one column, and on two cores the fastest way to
+bring a race to light. The exit code is 1 if any test failed once. The output of failed rounds is
+kept in the folder that is named at the end.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
 import tempfile
 import xml.etree.ElementTree as ET
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 OUTCOMES = ("passed", "failed", "inconclusive")
@@ -46,44 +52,57 @@ def load(processes: int) -> Iterator[None]:
             process.wait()
 
 
-def repeat(times: int, selection: list[str], folder: Path, busy: int) -> Counts:
-    """Run the selection so often; what came of each test. Logs of failed runs stay in `folder`."""
+def one_round(selection: list[str], folder: Path, number: int) -> list[tuple[str, str]]:
+    """Run the selection once; what came of each test. Logs of failed rounds stay in `folder`."""
+    report, temporary = folder / f"{number}.xml", folder / str(number)
+    words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    words += [f"--basetemp={temporary}", f"--junit-xml={report}", *selection]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if not report.is_file():
+        raise SystemExit(done.stdout + done.stderr)
+    if done.returncode:
+        report.with_suffix(".log").write_text(done.stdout + done.stderr, encoding="utf-8")
+    found = [*outcomes(report)]
+    report.unlink()
+    shutil.rmtree(temporary, ignore_errors=True)
+    return found
+
+
+def repeat(times: int, selection: list[str], folder: Path, busy: int, together: int = 1) -> Counts:
+    """Run the selection so often, beside `busy` processes, `together` at once; see `one_round`."""
+    folder.mkdir()
     counts: Counts = defaultdict(Counter)
-    for number in range(times):
-        report = folder / f"{'busy' if busy else 'idle'}-{number}.xml"
-        words = [sys.executable, "-m", "pytest", "-q", f"--junit-xml={report}", *selection]
-        with load(busy):
-            done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if not report.is_file():
-            raise SystemExit(done.stdout + done.stderr)
-        for name, said in outcomes(report):
-            counts[name][said] += 1
-        if done.returncode:
-            report.with_suffix(".log").write_text(done.stdout + done.stderr, encoding="utf-8")
-        report.unlink()
+    with load(busy), ThreadPoolExecutor(together) as pool:
+        for found in pool.map(partial(one_round, selection, folder), range(times)):
+            for name, said in found:
+                counts[name][said] += 1
     return counts
 
 
-def table(idle: Counts, busy: Counts) -> str:
+def table(columns: Mapping[str, Counts]) -> str:
     """One line a test."""
-    lines = [f"{'passed/failed/inconclusive':>28}  {'idle':>10}  {'busy':>10}"]
-    for name in sorted({*idle, *busy}):
-        cells = ["/".join(str(c[name][o]) for o in OUTCOMES) for c in (idle, busy)]
-        lines.append(f"{cells[0]:>40}  {cells[1]:>10}  {name}")
+    titles = "".join(f"{title:>12}" for title in columns)
+    lines = [f"{'/'.join(OUTCOMES)}:{titles}"]
+    for name in sorted({name for counts in columns.values() for name in counts}):
+        cells = ["/".join(str(c[name][o]) for o in OUTCOMES) for c in columns.values()]
+        lines.append("".join(f"{cell:>12}" for cell in cells) + f"  {name}")
     return "\n".join(lines)
 
 
 def main() -> int:
     """Repeat, print the table; 1 if a test failed once."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--times", type=int, default=50, help="repetitions of each kind (50)")
+    parser.add_argument("--times", type=int, default=50, help="rounds of each kind (50)")
+    parser.add_argument("--together", type=int, default=0, help="rounds at once, in place of both")
     options, selection = parser.parse_known_args()
     folder = Path(tempfile.mkdtemp(prefix="repeat-"))
-    chosen = selection or ["-m", "live"]
-    idle = repeat(options.times, chosen, folder, 0)
-    busy = repeat(options.times, chosen, folder, 1)
-    print(table(idle, busy))
-    failed = sum(c["failed"] for counts in (idle, busy) for c in counts.values())
+    run = partial(repeat, options.times, selection or ["-m", "live"])
+    if options.together:
+        columns = {"together": run(folder / "together", 0, options.together)}
+    else:
+        columns = {"idle": run(folder / "idle", 0), "busy": run(folder / "busy", 1)}
+    print(table(columns))
+    failed = sum(c["failed"] for counts in columns.values() for c in counts.values())
     print(f"{failed} failures" + (f"; their output is in {folder}" if failed else ""))
     return 1 if failed else 0
 

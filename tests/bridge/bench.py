@@ -37,11 +37,15 @@ def until(true, seconds=PATIENCE):
 
 
 class Bench:
-    """``master_control`` of configs/deploy/can.toml, live. `q`: of the master."""
+    """``master_control`` of configs/deploy/can.toml, live.
+
+    `q`: of the master (2,), rad; `elsewhere`: of the slave, None where it is with the master.
+    """
 
     def __init__(self, folder, *settings, real=False, boots=1, there=True, simulated=None):
         self.system = load_system(TELEOPERATION, "can", [*CALM, *settings])
         self.q = [-np.pi / 3, -np.pi / 2]  # where the scenario starts
+        self.elsewhere = None
         self.there, self.simulated = there, (not real if simulated is None else simulated)
         self.boots = {1: 1, 4: 1}
         self.sent, self.result = [], None
@@ -86,13 +90,14 @@ class Bench:
         running = start and now >= start
         life = LifeState.ACTIVE if running else LifeState.INACTIVE
         status = life | (Status.SIMULATED if self.simulated else 0)
-        for message, bus in (("STATE_1", "left"), ("STATE_3", "right")):
+        slave = self.elsewhere or self.q
+        for message, bus, q in (("STATE_1", "left", self.q), ("STATE_3", "right", slave)):
             period = self.system.messages[message].period_ns
             k = max(0, now - start) // period if running else 0
             header = Header(counter=k, status=status, t_us=k * period // 1000)
             codec = self.system.messages[message].encoding
             if message in self.system.heard_by("master_control"):
-                self.put(bus, codec.frame([*self.q, 0.0, 0.0], header, now))
+                self.put(bus, codec.frame([*q, 0.0, 0.0], header, now))
         self.beat(1, life)
 
     def beat(self, number, life=LifeState.ACTIVE):

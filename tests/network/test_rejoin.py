@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from bridge.deployment.system import load_system
 from bridge.records.lives import ByLife, Life
 from bridge.relay.network import Network
 from bridge.replay import replay
+from bridge.wiring.wiring import Rows
+from cosim.base.clock import sleep
 from tests.network.hosts import ARMS, Case, Site, settings
 
 SCENARIO = Path(__file__).parents[2] / "configs" / "teleoperation.toml"
@@ -48,7 +50,10 @@ carries = ["master_control.xi"]
 bus = "net"
 carries = ["slave_control.xi"]
 """
-pytestmark = [pytest.mark.slow, pytest.mark.live]
+#: What another host says of itself; the nodes measure how far its clock is ahead.
+ANOTHER = "11111111-2222-3333-4444-555555555555"
+LONG = 600.0  # s; whoever has seen enough stops the nodes
+pytestmark = pytest.mark.slow
 
 
 class ByHand:
@@ -76,6 +81,11 @@ class ByHand:
             call = [sys.executable, "-c", COSIM, "tell", str(SCENARIO), what, *self.words]
             subprocess.run(call, check=True, timeout=60.0)
 
+    def stop(self) -> None:
+        """Ctrl-C for all that run."""
+        for node in self.nodes:
+            node.send_signal(signal.SIGINT)  # nothing, where it has been waited for
+
     def end(self) -> None:
         for node in self.nodes:
             node.kill()
@@ -102,7 +112,20 @@ def report(folder: Path, name: str) -> dict[str, Any]:
 
 
 def rejoins(hand: ByHand, changes: Sequence[str], deployment: str, boot_id: str = "") -> None:
-    """Both start, the slave is killed and started again; then everything is asked."""
+    """Both start, the slave is killed and started again, both are stopped; then all is asked."""
+    master, again = two_lives(hand, deployment, boot_id)
+    sleep(2.0)
+    hand.stop()
+    for node in (master, again):
+        node.communicate(timeout=120.0)
+    asked(hand, "stopped")
+    replayed(hand, changes, deployment)
+
+
+def two_lives(
+    hand: ByHand, deployment: str, boot_id: str
+) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
+    """The master, and the second life of the slave, which has joined the run."""
     hosts = ARMS if deployment == "zenoh" else ("master", "master")
     master = hand.node(hosts[0], "master", "master", "")
     slave = hand.node(hosts[1], "slave", "slave", boot_id)
@@ -112,27 +135,31 @@ def rejoins(hand: ByHand, changes: Sequence[str], deployment: str, boot_id: str 
         hand.tell("master", "start")
     else:
         start(hand.network)
-    threading.Event().wait(2.0)
+    sleep(2.0)
     slave.kill()
     slave.wait()
     again = hand.node(hosts[1], "slave", "again", boot_id)
     assert "joins the run at t = " in line(again, "joins the run")
-    for node in (master, again):
-        node.communicate(timeout=120.0)
-        assert node.returncode == 0
+    return master, again
+
+
+def asked(hand: ByHand, end: str) -> None:
+    """What the reports of the master and of the slave's second life say."""
     first, second = report(hand.folder / "master", "master"), report(hand.folder / "again", "slave")
-    assert second["first_slot"] > 2000 and second["end"] == "finished"
+    assert (first["end"], second["end"]) == (end, end)
+    assert second["first_slot"] > 2000
     assert abs(second["start_ns"] - first["start_ns"]) < 50e6  # clocks of two hosts, measured
     assert second["run"] == first["run"]
     for counts in (*first["messages"].values(), *second["messages"].values()):
-        assert counts["ok"] > 1000
+        assert (
+            counts["ok"] > 300
+        )  # both were heard for 2 s at least, on a machine that stands still at times
         assert counts["stale"] == 0
         assert counts["wrong_sequence"] + counts["resyncs"] < 20  # before its heartbeat was heard
-    replayed(hand, changes, deployment)
 
 
-def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> None:
-    """Three lives in three folders; the killed one's file ends where it was killed."""
+def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> ByLife[Rows]:
+    """Three lives in three folders; the killed one's file ends where it was killed. Their rows."""
     system = load_system(SCENARIO, deployment, changes)
     of = {Life("master"): "master", Life("slave"): "slave", Life("slave", 2): "again"}
     rows, heard = (
@@ -140,9 +167,10 @@ def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> None:
         for read in (replay.load, replay.heard_of)
     )
     slots = np.concatenate([rows[Life("slave")]["slot"], rows[Life("slave", 2)]["slot"]])
-    assert (np.diff(slots) > 0).all() and slots[-1] == rows[Life("master")]["slot"][-1]
+    assert (np.diff(slots) > 0).all()
     found = replay.replay(system, rows, heard, hand.folder)
     assert (found.greatest, found.first, found.alone) == (0.0, None, ())
+    return rows
 
 
 def start(network: Network) -> None:
@@ -156,20 +184,39 @@ def start(network: Network) -> None:
         subprocess.run([sys.executable, "-c", said], check=True, timeout=30.0)
 
 
-@pytest.mark.parametrize("boot_id", ["", "11111111-2222-3333-4444-555555555555"])
-def test_over_zenoh_on_two_hosts(tmp_path: Path, boot_id: str) -> None:
-    """Its clock is the master's, or one that is measured: nobody keeps the date of either."""
+@contextmanager
+def on_two_hosts(folder: Path, stop: float) -> Iterator[tuple[ByHand, list[str]]]:
+    """Nodes over Zenoh that end at `stop` s at the latest, and their settings."""
     with ExitStack() as stack:
-        network = stack.enter_context(Network(ARMS, tmp_path / "packets"))
-        site = settings(Case(40.0), Site(network, None))
-        changes = ['run.stop="40 s"', "deploy.silence=0", *site]
+        network = stack.enter_context(Network(ARMS, folder / "packets"))
+        site = settings(Case(stop), Site(network, None))
+        changes = [f'run.stop="{stop} s"', "deploy.silence=0", *site]
         changes += [f'deploy.nodes.{arm}.overrun="20 s"' for arm in ARMS]
         said = ["--deploy", "zenoh", *(w for change in changes for w in ("--set", change))]
-        hand = ByHand(network, said, tmp_path)
+        hand = ByHand(network, said, folder)
         stack.callback(hand.end)
-        rejoins(hand, changes, "zenoh", boot_id)
+        yield hand, changes
 
 
+@pytest.mark.live
+def test_over_zenoh_on_two_hosts(tmp_path: Path) -> None:
+    """Its clock is not the master's but is measured: nobody keeps the date of either."""
+    with on_two_hosts(tmp_path, LONG) as (hand, changes):
+        rejoins(hand, changes, "zenoh", ANOTHER)
+
+
+def test_over_zenoh_on_two_hosts_that_share_a_clock_to_the_end(tmp_path: Path) -> None:
+    with on_two_hosts(tmp_path, 40.0) as (hand, changes):
+        nodes = two_lives(hand, "zenoh", "")
+        for node in nodes:
+            node.communicate(timeout=120.0)
+            assert node.returncode == 0
+        asked(hand, "finished")
+        rows = replayed(hand, changes, "zenoh")
+        assert rows[Life("slave", 2)]["slot"][-1] == rows[Life("master")]["slot"][-1]
+
+
+@pytest.mark.live
 def test_over_can(tmp_path: Path) -> None:
     """Both on one host; START is a frame without EPOCH before it."""
     from bridge.relay import namespaces
@@ -179,7 +226,7 @@ def test_over_can(tmp_path: Path) -> None:
     with ExitStack() as stack:
         network = stack.enter_context(Network(ARMS, tmp_path / "packets"))
         namespaces.multicast(network.namespaces["master"])
-        changes = ['run.stop="30 s"', "deploy.silence=0"]
+        changes = [f'run.stop="{LONG} s"', "deploy.silence=0"]
         said = ["--deploy", str(deployment), *(w for x in changes for w in ("--set", x))]
         hand = ByHand(network, said, tmp_path)
         stack.callback(hand.end)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bridge.native import delay as native
@@ -30,6 +30,7 @@ def test_none_is_the_newest_that_came_whatever_the_time():
     ),
     every=st.integers(1, 9),
 )
+@example(kind=0, puts=[(-2, 0, 0)], every=1)
 def test_whatever_comes_the_line_stays_within_its_memory(kind, puts, every):
     """Arbitrary numbers and times, 8 samples kept: bounded, and values belong to their sample."""
     d = line(kind, Grid(1, 1, 0.001), [0.0, 0.004, 0.02], 8, buffer=0.01)
@@ -40,7 +41,7 @@ def test_whatever_comes_the_line_stays_within_its_memory(kind, puts, every):
             assert held == -1 or d.values().tolist() == [held]
         assert 0 <= d.struct.n_queue <= 8
     s = d.struct
-    assert s.newest <= max((j for j, _, _ in puts), default=-1)
+    assert s.newest <= max([-1, *(j for j, _, _ in puts)])
     assert s.ignored >= sum(j < 0 for j, _, _ in puts)
 
 

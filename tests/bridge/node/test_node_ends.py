@@ -16,6 +16,7 @@ from bridge.deployment.system import load_system
 from bridge.node.run import Options, run_node
 from bridge.records.lives import Life
 from bridge.records.records import End, Gone, Missed
+from bridge.rehearsal import supervisor
 from bridge.rehearsal.supervisor import Event, Rehearsal, Settings
 from bridge.results.outcome import complete
 from bridge.results.report import NodeReport, fault_lines
@@ -108,8 +109,9 @@ def rehearse(folder, name, events, *more):
     return rehearsal.ended
 
 
-def test_nobody_waits_for_a_start_after_one_has_failed(request, tmp_path):
-    events = [Event(-0.4, "one is gone", lambda r: r.current["slave"].tell("quit"))]
+def test_nobody_waits_for_a_start_after_one_has_failed(monkeypatch, request, tmp_path):
+    monkeypatch.setattr(supervisor, "LEAD", 60.0)  # s; nobody starts before that
+    events = [Event(-59.9, "one is gone", lambda r: r.current["slave"].tell("quit"))]
     ended = rehearse(tmp_path, request.node.name, events, "run.stop=30")
     assert {life.done["end"] for life in ended.lives} == {"never started"}
 

@@ -75,18 +75,12 @@ def test_real_drives_need_arming(tmp_path):
 
 
 def test_arms_too_far_apart_do_not_start(tmp_path):
-    with Bench(tmp_path, APART, "deploy.nodes.master_control.apart.within=0.05") as bench:
-        codec = bench.system.messages["STATE_3"].encoding
-        time.sleep(0.1)
-        bench.there = False
-        status = LifeState.INACTIVE | Status.SIMULATED
-        bench.put("right", codec.frame([0.0] * 4, Header(status=status), monotonic_ns()))
-        bench.control.start(monotonic_ns() + 30_000_000)
-        for _ in range(30):
-            bench.beat(1, LifeState.INACTIVE)
-            time.sleep(0.002)
+    bench = Bench(tmp_path, APART, "deploy.nodes.master_control.apart.within=0.05")
+    bench.elsewhere = [0.0, 0.0]
+    with bench:
+        start(bench)
         assert refused(bench) == Why.APART
-        bench.there = True
+        bench.elsewhere = None
         bench.begin()
 
 

@@ -34,20 +34,38 @@ def fault(kind, node, at, **more):
     return f'seed = 1\n[[fault]]\nkind = "{kind}"\nnode = "{node}"\nat = {at}\n{keys}'
 
 
+def emergency(begin):
+    """Frames of an emergency stop on the bus of the slave, from `begin` (s) for 0.2 s."""
+    keys = f"rate = 100\nfrom = {begin}\nto = {begin + 0.2}\n"
+    return f'[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\n{keys}'
+
+
 @pytest.mark.live
-def test_a_controller_that_is_killed(tmp_path):
-    faults = script(tmp_path, fault("kill", "master_control", 1))
-    done = run(tmp_path / "run", *faults, stop=2.5)
+def test_a_controller_that_is_killed_and_an_emergency_stop_of_the_others(tmp_path):
+    faults = script(tmp_path, fault("kill", "master_control", 0.5) + emergency(2.5))
+    done = run(tmp_path / "run", *faults, stop=3.5)
     assert done.returncode == 1, done.stderr
     left = Left(tmp_path / "run")
     assert left.end("master_control") == "killed"
-    assert left.state("master") == LifeState.FAULT
-    assert left.why("master") & Why.WATCHDOG
-    assert left.end("slave_control") == "finished"  # a single arm that goes on
+    for node in ("master", "slave", "slave_control"):
+        assert left.state(node) == LifeState.FAULT, node
+        assert left.why(node) & Why.ESTOP, node
     assert left.exact()
-    q = left.column("master", "master.dq")[-1]
-    tau = left.column("master", "master.tau")[-1]
-    assert np.allclose(tau, -2.0 * q, atol=0.5)  # what is left is the drive's damping
+    before = {n: np.flatnonzero(~r["reasons"] & Why.ESTOP)[-1] for n, r in left.rows.items()}
+    assert left.rows["slave_control"]["state"][before["slave_control"]] == LifeState.ACTIVE
+    last = before["master"]
+    assert left.rows["master"]["state"][last] == LifeState.FAULT
+    assert left.rows["master"]["reasons"][last] & Why.WATCHDOG
+    dq, tau = (left.column("master", f"master.{x}")[last] for x in ("dq", "tau"))
+    assert np.allclose(tau, -2.0 * dq, atol=0.5)  # what is left is the drive's damping
+
+
+def test_a_controller_that_is_killed_leaves_the_other_arm_running_to_the_end(tmp_path):
+    faults = script(tmp_path, fault("kill", "master_control", 1))
+    assert run(tmp_path / "run", *faults, stop=2.5).returncode == 1
+    left = Left(tmp_path / "run")
+    assert left.end("slave_control") == "finished"
+    assert left.exact()
 
 
 def test_the_edge_of_a_neighbour_that_died_fades_and_the_arm_goes_on(tmp_path):
@@ -84,10 +102,8 @@ def test_a_controller_that_freezes(tmp_path):
     assert left.exact()
 
 
-@pytest.mark.live
 def test_an_emergency_stop_stops_everybody(tmp_path):
-    babble = 'seed = 1\n[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\n'
-    faults = script(tmp_path, f"{babble}rate = 100\nfrom = 0.3\nto = 0.5\n")
+    faults = script(tmp_path, f"seed = 1\n{emergency(0.3)}")
     run(tmp_path / "run", *faults, stop=1.0)
     left = Left(tmp_path / "run")
     for node in ("master", "slave", "master_control", "slave_control"):

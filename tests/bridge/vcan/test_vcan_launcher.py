@@ -273,8 +273,12 @@ def passes_on_a_kernel_with_can(tmp_path: Path, least: int, *selection: str) -> 
 @pytest.mark.slow
 @pytest.mark.live
 def test_buses_of_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
-    """Frames only: a rehearsal on the guest's one processor depends on how busy the host is."""
-    passes_on_a_kernel_with_can(tmp_path, 28, "tests/vcan/test_bus.py")
+    """Frames only, and few of them: the guest's one processor is slow, and slower on a busy host.
+
+    The next test has the rest.
+    """
+    few = "not burst and not of_two_buses"
+    passes_on_a_kernel_with_can(tmp_path, 25, "-k", few, "tests/vcan/test_bus.py")
 
 
 @pytest.mark.slow

@@ -52,11 +52,20 @@ def load(processes: int) -> Iterator[None]:
             process.wait()
 
 
-def one_round(selection: list[str], folder: Path, number: int) -> list[tuple[str, str]]:
-    """Run the selection once; what came of each test. Logs of failed rounds stay in `folder`."""
+def collected(selection: list[str]) -> list[str]:
+    """The tests of a selection: collecting all takes longer than a round of a few."""
+    words = [sys.executable, "-m", "pytest", "--collect-only", "-q", *selection]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(done.stdout + done.stderr)
+    return [line for line in done.stdout.splitlines() if "::" in line]
+
+
+def one_round(tests: list[str], folder: Path, number: int) -> list[tuple[str, str]]:
+    """Run the tests once; what came of each. The log of a round that failed stays in `folder`."""
     report, temporary = folder / f"{number}.xml", folder / str(number)
     words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    words += [f"--basetemp={temporary}", f"--junit-xml={report}", *selection]
+    words += ["-m", "", f"--basetemp={temporary}", f"--junit-xml={report}", *tests]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if not report.is_file():
         raise SystemExit(done.stdout + done.stderr)
@@ -68,12 +77,12 @@ def one_round(selection: list[str], folder: Path, number: int) -> list[tuple[str
     return found
 
 
-def repeat(times: int, selection: list[str], folder: Path, busy: int, together: int = 1) -> Counts:
-    """Run the selection so often, beside `busy` processes, `together` at once; see `one_round`."""
+def repeat(times: int, tests: list[str], folder: Path, busy: int, together: int = 1) -> Counts:
+    """Run the tests so often, beside `busy` processes, `together` at once; see `one_round`."""
     folder.mkdir()
     counts: Counts = defaultdict(Counter)
     with load(busy), ThreadPoolExecutor(together) as pool:
-        for found in pool.map(partial(one_round, selection, folder), range(times)):
+        for found in pool.map(partial(one_round, tests, folder), range(times)):
             for name, said in found:
                 counts[name][said] += 1
     return counts
@@ -96,7 +105,7 @@ def main() -> int:
     parser.add_argument("--together", type=int, default=0, help="rounds at once, in place of both")
     options, selection = parser.parse_known_args()
     folder = Path(tempfile.mkdtemp(prefix="repeat-"))
-    run = partial(repeat, options.times, selection or ["-m", "live"])
+    run = partial(repeat, options.times, collected(selection or ["-m", "live"]))
     if options.together:
         columns = {"together": run(folder / "together", 0, options.together)}
     else:

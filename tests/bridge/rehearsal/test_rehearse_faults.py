@@ -40,6 +40,11 @@ def emergency(begin):
     return f'[[fault]]\nkind = "babble"\nbus = "right"\nid = 1\nlength = 5\n{keys}'
 
 
+def before_the_stop(rows):
+    """The last row of a life that knows nothing of an emergency stop."""
+    return np.flatnonzero((rows["reasons"] & Why.ESTOP) == 0)[-1]
+
+
 @pytest.mark.live
 def test_a_controller_that_is_killed_and_an_emergency_stop_of_the_others(tmp_path):
     faults = script(tmp_path, fault("kill", "master_control", 0.5) + emergency(2.5))
@@ -51,11 +56,12 @@ def test_a_controller_that_is_killed_and_an_emergency_stop_of_the_others(tmp_pat
         assert left.state(node) == LifeState.FAULT, node
         assert left.why(node) & Why.ESTOP, node
     assert left.exact()
-    before = {n: np.flatnonzero(~r["reasons"] & Why.ESTOP)[-1] for n, r in left.rows.items()}
-    assert left.rows["slave_control"]["state"][before["slave_control"]] == LifeState.ACTIVE
-    last = before["master"]
-    assert left.rows["master"]["state"][last] == LifeState.FAULT
-    assert left.rows["master"]["reasons"][last] & Why.WATCHDOG
+    alone = left.rows["slave_control"]
+    assert alone["state"][before_the_stop(alone)] == LifeState.ACTIVE
+    master = left.rows["master"]
+    last = before_the_stop(master)
+    assert master["state"][last] == LifeState.FAULT
+    assert master["reasons"][last] & Why.WATCHDOG
     dq, tau = (left.column("master", f"master.{x}")[last] for x in ("dq", "tau"))
     assert np.allclose(tau, -2.0 * dq, atol=0.5)  # what is left is the drive's damping
 

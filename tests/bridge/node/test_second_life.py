@@ -93,7 +93,7 @@ def test_a_life_that_is_stopped_while_it_joins_ramps_down_in_its_first_slots(tmp
 
         monkeypatch.setattr(bench.wired, "begin", slowly)
         time.sleep(0.1)
-        bench.control.start(monotonic_ns())  # too late for slot 0: it joins a later one
+        bench.control.start(monotonic_ns() - 500_000_000)  # so late that it joins a later slot
         until(lambda: bench.struct.life.state == LifeState.ACTIVE)
         bench.control.stop()
         assert not bench.struct.begun and bench.struct.told

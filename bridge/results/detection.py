@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
-from bridge.deployment.system import Listened
+from bridge.deployment.system import Listened, System
 from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
@@ -32,8 +32,12 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
     system = shown.system
     end = system.plan.ticks * system.plan.h
     found = []
-    lives = [life for node in system.nodes for life in shown.lives(node)]
-    records = [record for life in lives if (record := _of_life(life, shown))]
+    records = [
+        received(life, record, system)
+        for node in system.nodes
+        for life in shown.lives(node)
+        if (record := shown.record(life)) is not None and shown.said(life) is not None
+    ]
     for fault in script.frames:
         places = list(_of_frames(fault, script.frames, shown, records))
         found.append(
@@ -70,7 +74,7 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
 
 @final
 @dataclass(frozen=True, slots=True)
-class _Received:
+class Received:
     """What was done to frames as a life received them: `record` (INJECTED), and by bus and name of
     what it listens to and counts, which rows, (rows,), are frames of it.
     """
@@ -90,12 +94,8 @@ class _Received:
         return found
 
 
-def _of_life(life: Life, shown: Shown) -> _Received | None:
-    """None of a life that did not live to tell: it cannot show anything."""
-    record = shown.record(life)
-    if record is None or shown.said(life) is None:
-        return None
-    system = shown.system
+def received(life: Life, record: Rows, system: System) -> Received:
+    """The record of one life (INJECTED), by what its node listens to and counts."""
     listened, buses = system.listened(life.node), system.buses_of(life.node)
     counted = {"SYNC", *system.heard_by(life.node)}
     frames = {}
@@ -108,13 +108,13 @@ def _of_life(life: Life, shown: Shown) -> _Received | None:
             assert isinstance(encoding, Codec)
             rows[rows] = of_run(record[rows], encoding)
         frames[one.bus, one.name] = rows
-    return _Received(life, listened, record, frames)
+    return Received(life, listened, record, frames)
 
 
 def _of_frames(
-    fault: FrameFault, every: Sequence[FrameFault], shown: Shown, records: Sequence[_Received]
+    fault: FrameFault, every: Sequence[FrameFault], shown: Shown, records: Sequence[Received]
 ) -> Iterator[Place]:
-    """A place each life and message.
+    """A place each life and message. A life that did not live to tell cannot show anything.
 
     Faults of one message that show in the same counters have to show all together.
     """

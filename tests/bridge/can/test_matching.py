@@ -185,7 +185,7 @@ def test_the_record_of_faults_is_read_by_format_and_bus(system):
     rows["bus"] = np.repeat([0, 1], len(FORMATS))
     rows["kinds"], rows["copies"], rows["crc_after"] = 1 << CORRUPT, 1, 1
     assert system.buses_of(name) == (carried.bus,) == ("left",)
-    hit = detection._hit(rows, fault, system, name)
+    hit = detection.received(Life(name), rows, system).hit(fault)
     assert {m: np.flatnonzero(there).tolist() for m, there in hit.items()} == {"LINK_2": [0]}
     accept = Accept.of(carried.encoding.message)
     assert len(undetected.changed(rows[: len(FORMATS)], accept)) == 1

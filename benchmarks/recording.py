@@ -1,84 +1,211 @@
-"""What a recording that survives `kill -9` costs, next to another version of this project.
+"""What recording so that nothing is lost costs: processor time, in turns, in this tree alone.
 
-    python benchmarks/recording.py --before /path/to/the/other/tree [--rounds 15]
+    python benchmarks/recording.py [--rounds 40] [--long 12] [--quick] [--json FILE]
 
-Both versions take turns, so that what else the machine does hits both alike; the medians, and the
-median of the ratio within each turn, are printed. Two cases: the command `cosim run --no-plot` from
-the start of the process to its end, and the engine with its recorder alone over a run of about ten
-seconds of wall time (`--seconds`). `--before` is a tree with built libraries (`pip install -e .`).
+Variants take turns in random order, each run in a new process, and all import the same modules:
+
+* *as it is*: what users have. It is there twice: the second ratio shows what differs by chance.
+* *in memory*: rows and link tables are kept in memory of the process and written to Parquet at the
+  end, and ``run.json`` is written once, at the end. Killed, such a run leaves nothing that can be
+  read; the result of a run that finishes is the same. The difference is what the recording costs.
+* *in memory, alone*: in addition the command is not watched by a second process.
+
+Two cases: `cosim run configs/teleoperation.toml --no-plot`, from the start of the process to its
+end with all its children; and a run of the engine with its recorder of about ten seconds of wall
+time, of which only :func:`cosim.engine.simulate.simulate` is measured (`--stop`: its length in
+simulated seconds). Processor time is user and system time of all threads.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import random
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from cosim.base.clock import stopwatch
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from benchmarks import tables
+from benchmarks.teleoperation import Environment, environment
 
 ROOT = Path(__file__).resolve().parents[1]
-CONFIG = "configs/teleoperation.toml"
-COMMAND = "from cosim.cli import main; main()"
-ENGINE = """
-import sys
-from pathlib import Path
-from cosim.scenario.spec import load
-from cosim.engine.simulate import simulate
-print(simulate(load(Path(sys.argv[1]), [f"run.stop={sys.argv[3]}"]), Path(sys.argv[2])).wall)
-"""
+CONFIG = ROOT / "configs" / "teleoperation.toml"
+AS_IT_IS, AGAIN, MEMORY, ALONE = "as it is", "as it is, again", "in memory", "in memory, alone"
+#: The variants of a case; ratios are to the third.
+CASES = {
+    "`cosim run --no-plot`": (AS_IT_IS, AGAIN, MEMORY, ALONE),
+    "engine, about 10 s": (AS_IT_IS, AGAIN, MEMORY),
+}
+COMMAND, ENGINE = CASES
+GOAL = 1.03  # of the median of ratios to MEMORY
+STATED = 1.96  # standard deviations either side of 95 %
 
 
-def called(tree: Path, code: str, *arguments: str) -> str:
-    """Run a piece of Python over the packages of `tree`; what it prints."""
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        cwd=tree,
-        env=os.environ | {"PYTHONPATH": str(tree)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout
+def forget() -> None:
+    """Make this process keep what it records in memory until the run ends."""
+    import mmap
+
+    import numpy as np
+
+    from cosim.engine import simulate
+    from cosim.links import writer
+    from cosim.links.storage import GROUP
+    from cosim.record import live
+
+    class Table(writer.TableWriter):
+        def __init__(self, path: Path, facts: Any) -> None:
+            self._path, self._facts, self._kept = path, facts, list[Any]()
+
+        def write(self, rows: Any) -> None:
+            self._kept.append(np.array(rows, np.int32))
+
+        def close(self) -> None:
+            rows = np.concatenate(self._kept)
+            groups = (rows[i : i + GROUP] for i in range(0, rows.size, GROUP))
+            writer.write_groups(self._path, self._facts, groups)
+
+    written = simulate.write_metadata
+    simulate.TableWriter = Table  # type: ignore[misc]
+    simulate.write_metadata = lambda *a, indented=True: indented and written(*a)  # type: ignore[assignment]
+    live.mapped = lambda path, size: (mmap.mmap(-1, size), -1)
 
 
-def command(tree: Path, folder: Path, stop: str) -> float:
-    """Wall seconds of `cosim run --no-plot`, from the start of the process to its end."""
-    watch = stopwatch()
-    called(tree, COMMAND, "run", CONFIG, "--no-plot", "--quiet", "--out", str(folder))
-    return watch()
+def work(case: str, variant: str, folder: str, stop: str) -> None:
+    """One run, in this process; of the engine, its processor and wall seconds are printed."""
+    import time
+
+    from cosim.cli.supervise import supervised
+
+    def prepare() -> None:
+        from cosim.engine import simulate
+        from cosim.links import writer
+        from cosim.record import live
+
+        del simulate, writer, live
+        if variant in (MEMORY, ALONE):
+            forget()
+
+    def command() -> None:
+        prepare()
+        from cosim.cli.commands import command
+
+        sys.argv = ["cosim", "run", str(CONFIG), "--no-plot", "--out", folder]
+        sys.argv += ["--set", f"run.stop={stop}"]
+        command()
+
+    if case == COMMAND:
+        sys.exit(command() if variant == ALONE else supervised(command))
+    prepare()
+    from cosim.engine.simulate import simulate
+    from cosim.scenario.spec import load
+
+    scenario = load(CONFIG, [f"run.stop={stop}"])
+    cpu, wall = time.process_time(), time.perf_counter()
+    simulate(scenario, folder)
+    print(json.dumps([time.process_time() - cpu, time.perf_counter() - wall]))
 
 
-def engine(tree: Path, folder: Path, stop: str) -> float:
-    """Wall seconds of the loop and its recorder, until the trajectories are complete."""
-    return float(called(tree, ENGINE, CONFIG, str(folder), stop))
+def measured(case: str, variant: str, stop: str, env: Environment) -> tuple[float, float]:
+    """Processor and wall seconds of one run in a process of its own."""
+    import time
+
+    with TemporaryDirectory(dir=Path.cwd(), prefix="recording-") as folder:
+        call = [sys.executable, __file__, "--work", case, variant, f"{folder}/run", stop]
+        begin = time.perf_counter()
+        process = subprocess.Popen(call, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        assert process.stdout is not None
+        said = process.stdout.read()
+        _, status, used = os.wait4(process.pid, 0)
+        wall = time.perf_counter() - begin
+        process.returncode = os.waitstatus_to_exitcode(status)
+        process.stdout.close()
+        if process.returncode:
+            raise SystemExit(f"{case}, {variant}: exit code {process.returncode}")
+    if case == ENGINE:
+        cpu, wall = json.loads(said)
+        return cpu, wall
+    return used.ru_utime + used.ru_stime, wall
+
+
+def percentile(values: Sequence[float], share: float) -> float:
+    """The smallest value that `share` of all do not exceed."""
+    found = sorted(values)
+    return found[min(len(found) - 1, int(share * len(found)))]
+
+
+def interval(values: Sequence[float]) -> tuple[float, float]:
+    """Of the median, 95 %, by order statistics."""
+    found, n = sorted(values), len(values)
+    rank = max(0, int((n - STATED * n**0.5) / 2))
+    return found[rank], found[n - 1 - rank]
+
+
+def run(case: str, rounds: int, stop: str, env: Environment) -> dict[str, list[list[float]]]:
+    """(processor, wall) of every round of every variant."""
+    draw = random.Random(case)
+    times: dict[str, list[list[float]]] = {variant: [] for variant in CASES[case]}
+    for turn in range(-1, rounds):
+        for variant in draw.sample(list(times), len(times)):
+            found = measured(case, variant, stop, env)
+            if turn >= 0:  # the first compiles modules and unpacks FMUs
+                times[variant].append(list(found))
+    return times
+
+
+def rows(times: dict[str, list[list[float]]]) -> list[list[str]]:
+    """A row each variant: processor s, wall s, and the ratio to MEMORY within a round."""
+    made = []
+    for variant, found in times.items():
+        cpu, wall = zip(*found, strict=True)
+        cells = [variant, *(f"{median(x):.3f} / {percentile(x, 0.99):.3f}" for x in (cpu, wall))]
+        ratios = [a[0] / b[0] for a, b in zip(found, times[MEMORY], strict=True)]
+        least, most = interval(ratios)
+        cells.append("1" if variant == MEMORY else f"{median(ratios):.3f} ({least:.3f}–{most:.3f})")
+        whole = median(cpu) / median(b[0] for b in times[MEMORY])
+        made.append([*cells, f"{whole:.3f}"])
+    return made
 
 
 def main() -> None:
-    """Print a table."""
+    """Measure and print a table; exit code 1 where a cost is surely above the goal."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--before", type=Path, required=True)
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--stop", default="6000", help="simulated seconds of the engine's run")
+    parser.add_argument("--rounds", type=int, default=40, help="of the command")
+    parser.add_argument("--long", type=int, default=12, help="rounds of the engine's run")
+    parser.add_argument("--stop", default="10000", help="simulated seconds of the engine's run")
+    parser.add_argument("--quick", action="store_true", help="shows only that everything runs")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers here")
+    parser.add_argument("--work", nargs=4, help=argparse.SUPPRESS)
     said = parser.parse_args()
-    print("| case | before (s) | now (s) | ratio of medians | median of ratios |")
-    print("|---|---|---|---|---|")
-    for case in (command, engine):
-        times: dict[Path, list[float]] = {said.before: [], ROOT: []}
-        for turn in range(said.rounds):
-            order = list(times) if turn % 2 else list(times)[::-1]
-            for tree in order:
-                with TemporaryDirectory(dir=Path.cwd()) as folder:
-                    times[tree].append(case(tree, Path(folder) / "run", said.stop))
-        a, b = times[said.before], times[ROOT]
-        ratio = median(y / x for x, y in zip(a, b, strict=True))
-        print(
-            f"| {case.__name__} | {median(a):.3f} | {median(b):.3f} | "
-            f"{median(b) / median(a):.3f} | {ratio:.3f} |"
-        )
+    if said.work:
+        work(*said.work)
+        return
+    machine, dear = tables.machine(), False
+    found: dict[str, Any] = {}
+    print(f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, Python "
+          f"{machine['python']}, pyarrow {machine['packages']['pyarrow']}, cosim-bridge "
+          f"{machine['cosim']}; load {machine['load']}\n")  # fmt: skip
+    with TemporaryDirectory(prefix="recording-") as name:
+        env = environment(Path(name))
+        for case, rounds, stop in (
+            (COMMAND, said.rounds, "60"), (ENGINE, said.long, said.stop)
+        ):  # fmt: skip
+            short = (2, "2") if said.quick else (rounds, stop)
+            times = found[case] = run(case, *short, env)
+            head = [f"{case}, {short[0]} rounds", "processor s, median / p99", "wall s, likewise"]
+            head += ["ratio to *in memory*, median of rounds (95 %)", "ratio of medians"]
+            print(tables.grid(head, rows(times)) + "\n")
+            ratios = [a[0] / b[0] for a, b in zip(times[AS_IT_IS], times[MEMORY], strict=True)]
+            dear |= interval(ratios)[0] > GOAL
+    if said.json:
+        said.json.write_text(json.dumps({"machine": machine, "times": found}, indent=1) + "\n")
+    sys.exit(dear and not said.quick)
 
 
 if __name__ == "__main__":

@@ -245,6 +245,8 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
     said.append(line("run folder", str(outcome.folder)))
     if not quiet:
         typer.echo("\n".join(said))
+    elif found.exit_code:
+        typer.echo(f"error: {found.text()}", err=True)
     return found
 
 

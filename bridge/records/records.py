@@ -17,6 +17,7 @@ from bridge.faults.script import Action, Event
 from bridge.native.safety import Why
 from bridge.records.lives import Life
 from bridge.safety.limits import explain, names
+from cosim.record.folder import replace_file
 
 Counts: TypeAlias = Mapping[str, int]
 
@@ -88,9 +89,9 @@ class Statement(Record, frozen=True, kw_only=True):
     injected: Mapping[int, int] = {}
 
     def write(self, folder: Path) -> None:
-        """Into ``FOLDER/LIFE.json``."""
+        """Into ``FOLDER/LIFE.json``, in one step. Raises RunError."""
         data = msgspec.json.format(msgspec.json.encode(self, enc_hook=str), indent=2)
-        (folder / self.life.file("json")).write_bytes(data + b"\n")
+        replace_file(folder / self.life.file("json"), data + b"\n")
 
     @classmethod
     def read(cls, folder: Path, life: Life) -> Self | None:

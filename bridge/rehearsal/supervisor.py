@@ -29,7 +29,7 @@ from bridge.rehearsal.settings import Settings as Settings
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
 from cosim.base.interrupts import terminated
-from cosim.record.folder import NODES
+from cosim.record.folder import NODES, replace_file
 
 #: A file in a run folder.
 STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
@@ -156,8 +156,7 @@ class Rehearsal:
             "start_ns": self.ended.start_ns,
             "wall_ns": self.ended.start_ns + realtime_offset_ns(),
         }
-        text = json.dumps(facts, indent=2) + "\n"
-        (self.folder / STARTED).write_text(text, encoding="utf-8")
+        replace_file(self.folder / STARTED, f"{json.dumps(facts, indent=2)}\n".encode())
 
     def _all_ready(self) -> None:
         patience = self.system.deployment.patience

@@ -13,6 +13,9 @@ found, what was expected and where.
 
 from __future__ import annotations
 
+#: How Python says that the system does not let it start a thread.
+NO_THREAD = "can't start new thread"
+
 
 class CosimError(Exception):
     """Base of all errors of this project."""
@@ -77,3 +80,23 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(f"interrupted at t = {time:.6g} s")
         self.time = time
         self.saved = saved
+
+
+def shortage(error: BaseException) -> str:
+    """What the system could not give, as a sentence; "" for an error that is something else.
+
+    Memory that is short also shows as libraries that cannot be loaded, which some packages report
+    as an ImportError of their own, and as threads that cannot be started.
+    """
+    match error:
+        case MemoryError():
+            return "there is not enough memory for this"
+        case OSError():
+            return f"{error.filename or 'the system'}: {error.strerror or error}"
+        case RuntimeError() if str(error) == NO_THREAD:
+            return f"not enough memory, or too many threads: {error}"
+        case ImportError() if error.path and not error.path.endswith(".py"):
+            return f"a library cannot be loaded: {error}"
+        case ImportError() if error.__context__ is not None:
+            return shortage(error.__context__)
+    return ""

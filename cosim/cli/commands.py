@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from cosim.base.errors import CosimError, FolderWarning
+from cosim.base.errors import CosimError, FolderWarning, shortage
 from cosim.base.interrupts import exit_code, terminated
 
 #: Module and first line of help of every command, whose function has its name. Those of the bridge
@@ -188,11 +188,10 @@ def command() -> None:
         sys.exit(exit_code())
     except BrokenPipeError:
         sys.exit(1)
-    except MemoryError:
-        typer.echo("error: there is not enough memory for this", err=True)
-        sys.exit(1)
-    except OSError as error:
-        typer.echo(f"error: {error.filename or 'the system'}: {error.strerror or error}", err=True)
+    except Exception as error:
+        if not (lacking := shortage(error)):
+            raise
+        typer.echo(f"error: {lacking}", err=True)
         sys.exit(1)
 
 

@@ -136,9 +136,6 @@ def _wait(child: int, signals: set[signal.Signals]) -> int:
 
 def _unfinished(status: int, folder: str) -> int:
     """Say how the child ended, and complete the folder it has left; the exit code."""
-    from cosim.base.errors import CosimError
-    from cosim.engine.recovery import repair
-
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
         how = f"the process of this command was ended by {name}"
@@ -146,14 +143,28 @@ def _unfinished(status: int, folder: str) -> int:
         how += " (by somebody, or for lack of memory)" if name == "SIGKILL" else ""
     else:
         code = os.WEXITSTATUS(status)
-        how = f"a component ended the process of this command (exit code {code})"
+        how = f"a component or a library ended the process of this command (exit code {code})"
     sys.stderr.write(f"error: {how}\n")
+    sys.stderr.flush()  # what ended the child, as a lack of memory, may end this process as well
+    if folder and Path(folder).exists():
+        _complete(Path(folder), how)
+    return 1
+
+
+def _complete(folder: Path, how: str) -> None:
+    from cosim.base.errors import CosimError, shortage
+
     try:
-        if folder and Path(folder).exists() and (until := repair(Path(folder), how)):
+        from cosim.engine.recovery import repair
+
+        if until := repair(folder, how):
             sys.stderr.write(f"{until}: {folder}\n")
     except CosimError as error:
         sys.stderr.write(f"error: {error}\n")
-    return 1
+    except Exception as error:
+        if not (lacking := shortage(error)):
+            raise
+        sys.stderr.write(f"error: {lacking}; `cosim recover {folder}` completes it\n")
 
 
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT"}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.base.errors import RunError
 from cosim.links.storage import COLUMN, FACTS, GROUP, read_facts, table_groups
@@ -29,23 +30,20 @@ class TableWriter:
 
     def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:
         self._path, self._rows = path, path.with_suffix(ROWS)
+        text = json.dumps(facts, sort_keys=True, allow_nan=False)
         with _writing(self._rows):
-            self._file = self._rows.open("wb", buffering=0)
-            text = json.dumps(facts, sort_keys=True, allow_nan=False)
-            self._file.write(text.encode() + b"\n")
+            self._file = _begun(self._rows, f"{text}\n".encode())
 
     def write(self, rows: ArrayLike) -> None:
         """Append rows, (n,) integers."""
-        left = memoryview(np.asarray(rows, dtype="<i4").tobytes())
         with _writing(self._rows):
-            while left:
-                left = left[self._file.write(left) :]
+            _put(self._file, np.asarray(rows, dtype="<i4").tobytes())
 
     def close(self) -> None:
         """Make the Parquet file, and delete the one it was made from."""
         with _writing(self._path):
             self._file.close()
-            _convert(self._rows, self._path)
+            convert(self._rows, self._path)
             self._rows.unlink()
 
     def __enter__(self) -> TableWriter:
@@ -67,12 +65,41 @@ class TableWriter:
             error.add_note(str(failure))  # what stopped the run comes first
 
 
-def _convert(rows: Path, path: Path) -> None:
-    """The Parquet file of a file of rows."""
+def _begun(path: Path, first: bytes) -> FileIO:
+    """A new file that begins with `first`: it does not exist without it. Raises OSError."""
+    part = path.with_name(f"{path.name}.part")
+    file = FileIO(part, "wb")
+    try:
+        _put(file, first)
+        part.replace(path)
+    except BaseException:
+        file.close()
+        part.unlink(missing_ok=True)
+        raise
+    return file
+
+
+def _put(file: FileIO, data: bytes) -> None:
+    """Write all of it: the system may take less at a time."""
+    left = memoryview(data)
+    while left:
+        left = left[file.write(left) :]
+
+
+def convert(rows: Path, path: Path) -> None:
+    """Make the Parquet file of a file of rows. Raises OSError, ScenarioError."""
+    facts, _ = read_facts(rows)
+    write_groups(path, facts, table_groups(rows))
+
+
+def write_groups(path: Path, facts: Mapping[str, Any], groups: Iterable[NDArray[np.int32]]) -> None:
+    """Write the Parquet file of a table, a row group each; it is there when it is complete.
+
+    Raises OSError.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    facts, _ = read_facts(rows)
     what = {"description": "index of the sent sample held at each look; -1: none yet"}
     field = pa.field(COLUMN, pa.int32(), nullable=False, metadata=what)
     text = json.dumps(facts, sort_keys=True, allow_nan=False)
@@ -88,7 +115,7 @@ def _convert(rows: Path, path: Path) -> None:
             column_encoding={COLUMN: "DELTA_BINARY_PACKED"},
         ) as writer,
     ):
-        for group in table_groups(rows):
+        for group in groups:
             writer.write_batch(pa.record_batch([arrow(group)], schema=schema), GROUP)
     part.replace(path)
 
@@ -107,7 +134,7 @@ def recover_tables(folder: Path) -> None:
     for rows in link_files(folder).values():
         if rows.suffix == ROWS:
             with _writing(rows):
-                _convert(rows, rows.with_suffix(".parquet"))
+                convert(rows, rows.with_suffix(".parquet"))
                 rows.unlink()
 
 

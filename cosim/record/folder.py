@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -114,14 +115,23 @@ def write_metadata(
     path = Path(folder) / METADATA
     plain, indent = _plain(mapping, METADATA), 2 if indented else None
     text = json.dumps(plain, indent=indent, sort_keys=True, ensure_ascii=False)
-    part = path.with_name(f"{METADATA}.{os.getpid()}.part")
+    replace_file(path, f"{text}\n".encode())
+    return path
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file in one step: who reads it finds the old one or the new one, never half of it.
+
+    Raises RunError with the path; then the old one is there.
+    """
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(text + "\n", encoding="utf-8")
+        part.write_bytes(data)
         os.replace(part, path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
         raise RunError(f"cannot write {path}: {reason(error)}") from error
-    return path
 
 
 def read_metadata(folder: str | Path) -> dict[str, Any]:

@@ -242,17 +242,21 @@ class Recorder:
     # ---- the thread's side -------------------------------------------------------------------
 
     def _write(self) -> None:
-        """Write chunks until told to stop; after a failure go on taking them, so nobody waits."""
+        """Write chunks until told to stop; after a failure go on taking them, so nobody waits.
+
+        Nobody gets a chunk to fill again whose rows are not all in the row group or the file.
+        """
+        chunk: tuple[Rows, int, int] | None = None
         try:
             while (chunk := self._full.get()) is not None:
                 rows, k0, n = chunk
-                try:
-                    self._writer.add(rows[:n], k0)
-                finally:
-                    self._free.put(rows)
+                self._writer.add(rows[:n], k0)
+                self._free.put(rows)
             self._writer.close()
         except Exception as error:
             self._failure = error
+            if chunk is not None:
+                self._free.put(chunk[0])  # who waits for it sees the failure first
             self._writer.abandon()
             self._drain()
 

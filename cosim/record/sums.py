@@ -13,7 +13,7 @@ from pathlib import Path
 from warnings import warn
 
 from cosim.base.errors import RunError, ScenarioError, Unverified
-from cosim.record.folder import METADATA, SUMS, reason
+from cosim.record.folder import METADATA, SUMS, reason, replace_file
 
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")
 
@@ -27,15 +27,12 @@ def seal(folder: str | Path, *, anew: bool = False) -> None:
     """
     folder = Path(folder)
     known = {} if anew or not (folder / SUMS).exists() else _read(folder)
-    part = folder / f"{SUMS}.{os.getpid()}.part"
     try:
         sums = {name: known.get(name) or _sum(folder / name) for name in _files(folder)}
-        text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, folder / SUMS)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise RunError(f"cannot write {folder / SUMS}: {reason(error)}") from error
+    text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
+    replace_file(folder / SUMS, text.encode())
 
 
 def verify(folder: str | Path) -> None:

@@ -15,7 +15,7 @@ from cosim.base.interrupts import deferred
 from cosim.engine.simulate import versions
 from cosim.fmi import FmuComponent
 from cosim.native import structs
-from cosim.record.folder import SUMS
+from cosim.record.folder import SUMS, replace_file
 from cosim.schedule.plan import Plan
 from cosim.sweeps import figures
 from cosim.sweeps import store as stores
@@ -192,7 +192,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force:
         )
     changed = bool(state) and _text(folder / STUDY) != study.text
     (folder / SUMS).unlink(missing_ok=True)  # of the files as they were
-    stores.replace(folder / STUDY, study.text)
+    replace_file(folder / STUDY, study.text.encode())
     stores.write_state(
         folder,
         {

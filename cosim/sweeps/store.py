@@ -14,14 +14,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, final
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.record.folder import reason
+from cosim.record.folder import reason, replace_file
 from cosim.sweeps.perform import StudyRow
 
 JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
@@ -112,7 +112,7 @@ class Store:
     def _rewrite(self) -> None:
         """Leave in the journal what belongs there, and open it."""
         lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in self._rows)
-        replace(self._journal, lines)
+        replace_file(self._journal, lines.encode())
         self._file = os.open(self._journal, os.O_WRONLY | os.O_APPEND)
 
 
@@ -209,19 +209,8 @@ def read_state(folder: Path) -> Record:
 
 def write_state(folder: Path, state: Mapping[str, Any]) -> None:
     """Write ``sweep.json``, replaced in one step."""
-    replace(folder / STATE, json.dumps(state, indent=2, ensure_ascii=False) + "\n")
-
-
-def replace(path: Path, text: str) -> None:
-    """Write a text file in one step: the old one or the new one, never half. Raises RunError."""
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        scratch.write_text(text, encoding="utf-8")
-        os.replace(scratch, path)
-    except OSError as error:
-        with suppress(OSError):
-            scratch.unlink(missing_ok=True)
-        raise RunError(f"cannot write {path}: {reason(error)}") from error
+    text = json.dumps(state, indent=2, ensure_ascii=False)
+    replace_file(folder / STATE, f"{text}\n".encode())
 
 
 @contextmanager

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.sweeps.store import replace, write_table
+from cosim.record.folder import replace_file
+from cosim.sweeps.store import write_table
 from cosim.sweeps.table import SweepTable, column, groups
 
 TABLE, SUMMARY = "table.parquet", "summary.csv"
@@ -87,7 +88,7 @@ def write(table: SweepTable, folder: Path) -> list[Path]:
     """
     if table.records:
         write_table(folder / TABLE, [dict(r) for r in table.records], table.units)
-    replace(folder / SUMMARY, _csv(table))
+    replace_file(folder / SUMMARY, _csv(table).encode())
     return [folder / TABLE, folder / SUMMARY]
 
 

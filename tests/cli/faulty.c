@@ -1,9 +1,9 @@
 /* faulty.c: loaded before the C library, lets the n-th call on files below a folder fail.
  *
- * FAULT_ROOT: the folder; FAULT_AT: which call, from 1 on; FAULT_ERRNO: how it fails; FAULT_KEEP:
- * if set, all later calls fail too (a full disk). Calls counted: open for writing, write, ftruncate,
- * rename, fallocate and mmap of such a file. With FAULT_AT=0 nothing fails, and the number of calls
- * of each process that ends by exit() is appended to FAULT_COUNT.
+ * FAULT_ROOT: the folder; FAULT_AT: which call of this process fails, from 1 on, 0: none;
+ * FAULT_ERRNO: how it fails; FAULT_KEEP: if set, all later calls fail too. Calls counted: open,
+ * write, ftruncate, truncate, rename, mkdir, fallocate and mmap of such a file. What is opened for
+ * reading fails with EIO, and a disk that stays full (FAULT_KEEP with ENOSPC) can still be read.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <sys/types.h>
 #include <unistd.h>
 
@@ -41,27 +42,20 @@ static int concerned(const char *path)
     return strncmp(path, root, strlen(root)) == 0;
 }
 
-static int fails(void)
+static int fails_as(int reads)
 {
     long at = number("FAULT_AT"), n = __atomic_add_fetch(&calls, 1, __ATOMIC_SEQ_CST);
-    if (at > 0 && (n == at || (n > at && getenv("FAULT_KEEP")))) {
-        errno = (int)number("FAULT_ERRNO");
-        return 1;
-    }
-    return 0;
+    int error = (int)number("FAULT_ERRNO");
+    int later = n > at && getenv("FAULT_KEEP") && !(reads && error == ENOSPC);
+    if (at <= 0 || (n != at && !later)) return 0;
+    errno = reads ? EIO : error;
+    return 1;
 }
+static int fails(void) { return fails_as(0); }
+static int reads(int flags) { return (flags & O_ACCMODE) == O_RDONLY; }
 
 long fault_calls(void) { return __atomic_load_n(&calls, __ATOMIC_SEQ_CST); }
-
-__attribute__((destructor)) static void count(void)
-{
-    const char *path = getenv("FAULT_COUNT");
-    FILE *file = path && calls ? fopen(path, "a") : NULL;
-    if (file) {
-        fprintf(file, "%ld\n", calls);
-        fclose(file);
-    }
-}
+void fault_begin(void) { __atomic_store_n(&calls, 0, __ATOMIC_SEQ_CST); }
 
 #define REAL(name) __typeof__(&name) real = (__typeof__(&name))dlsym(RTLD_NEXT, #name)
 
@@ -80,7 +74,7 @@ static int mine(int fd) { return fd >= 0 && fd < FILES && below[fd]; }
         mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(more, mode_t) : 0; \
         va_end(more); \
         REAL(name); \
-        if ((flags & O_ACCMODE) != O_RDONLY && concerned(path) && fails()) return -1; \
+        if (concerned(path) && fails_as(reads(flags))) return -1; \
         return opened(real(path, flags, mode), path); \
     }
 OPEN(open)
@@ -93,7 +87,7 @@ OPEN(open64)
         mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(more, mode_t) : 0; \
         va_end(more); \
         REAL(name); \
-        if ((flags & O_ACCMODE) != O_RDONLY && concerned(path) && fails()) return -1; \
+        if (concerned(path) && fails_as(reads(flags))) return -1; \
         return opened(real(folder, path, flags, mode), path); \
     }
 OPENAT(openat)
@@ -142,6 +136,11 @@ ALLOCATE(posix_fallocate64)
     }
 MAP(mmap)
 MAP(mmap64)
+int mkdir(const char *path, mode_t mode)
+{
+    REAL(mkdir);
+    return concerned(path) && fails() ? -1 : real(path, mode);
+}
 int rename(const char *from, const char *to)
 {
     REAL(rename);

@@ -94,7 +94,7 @@ def test_recover_completes_the_folder(cosim: Command, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        (0, "a component ended the process of this command (exit code 0)"),
+        (0, "a component or a library ended the process of this command (exit code 0)"),
         (1, "ended by SIGABRT (a component crashed)"),
         (2, "ended by SIGSEGV (a component crashed)"),
         (3, "ended by SIGKILL"),
@@ -119,7 +119,10 @@ def test_a_component_cannot_fake_what_only_loads_it(tmp_path: Path, command: str
     (tmp_path / "ends.toml").write_text(text, encoding="utf-8")
     done = finished(command, "ends.toml", cwd=tmp_path)
     assert done.code == 1
-    assert done.err == "error: a component ended the process of this command (exit code 0)\n"
+    assert (
+        done.err
+        == "error: a component or a library ended the process of this command (exit code 0)\n"
+    )
 
 
 def test_a_question_is_asked_and_answered_on_the_terminal(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from cosim.record import Run
 from tests.cli.command import CALL, CONFIG, ROOT
 from tests.cli.outcomes import judge
 
@@ -83,15 +84,16 @@ def test_a_disk_that_is_full_or_fills_up(
     tmp_path: Path, size: str, taken: str, words: Sequence[str], code: int | None
 ) -> None:
     found = on_a_disk(tmp_path, size, taken, words)
-    judge(tmp_path / "kept" / "here", found, rows=None)
+    judge(tmp_path / "kept" / "here", found)
     assert found["code"] == code or code is None, found
 
 
 def test_the_disk_is_large_enough_after_all(tmp_path: Path) -> None:
     """So the others fail for lack of room, and of nothing else."""
     found = on_a_disk(tmp_path, "100m", "0", (*RUN, "--set", "run.stop=2"))
-    judge(tmp_path / "kept" / "here", found, rows=2001)
+    judge(tmp_path / "kept" / "here", found)
     assert found["code"] == 0, found
+    assert len(Run.open(tmp_path / "kept" / "here")) == 2001
 
 
 READ_ONLY = """
@@ -109,7 +111,7 @@ def test_home_and_cache_that_are_read_only(tmp_path: Path, words: Sequence[str])
     words = [*NAMESPACE, READ_ONLY, "sh", str(home), *command]
     found = call(words, tmp_path, HOME=str(home), XDG_CACHE_HOME=str(home / ".cache"))
     assert found["code"] == 0, found
-    judge(tmp_path / "here", found, rows=None)
+    judge(tmp_path / "here", found)
 
 
 @pytest.mark.slow
@@ -119,7 +121,7 @@ def test_a_run_folder_that_is_read_only(tmp_path: Path) -> None:
     command = [*CALL, *RUN, "--set", "run.stop=1", "--out", str(place / "here")]
     found = call([*NAMESPACE, READ_ONLY, "sh", str(place), *command], tmp_path)
     assert found["code"] == 2 and "Read-only file system" in str(found["said"])
-    judge(place / "here", found, rows=None)
+    judge(place / "here", found)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +131,7 @@ def test_a_run_folder_that_is_read_only(tmp_path: Path) -> None:
         *(
             pytest.param(f"-{kind} {n}", marks=pytest.mark.slow)
             for kind, numbers in (
-                ("n", (4, 5, 7, 8, 10, 12, 16, 32)),
+                ("n", (5, 7, 8, 10, 12, 16, 32)),
                 ("v", (100_000, 200_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_200_000)),
             )
             for n in numbers
@@ -138,8 +140,8 @@ def test_a_run_folder_that_is_read_only(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("kind", ["run", pytest.param("twin", marks=pytest.mark.slow)])
 def test_few_files_or_little_memory(tmp_path: Path, limit: str, kind: str) -> None:
-    """`ulimit`: as many open files, as many KiB of memory."""
+    """`ulimit`: as many open files, as many KiB of memory. (With 4 files Python cannot start.)"""
     words = RUN if kind == "run" else TWIN
     command = [*CALL, *words, "--set", "run.stop=1", "--out", str(tmp_path / "here")]
     found = call(["sh", "-c", f'ulimit {limit} && exec "$@"', "sh", *command], tmp_path)
-    judge(tmp_path / "here", found, rows=None)
+    judge(tmp_path / "here", found)

@@ -140,7 +140,7 @@ def test_a_component_that_calls_exit_0_in_a_node_fails_the_run(tmp_path):
     recorded = Run.open(tmp_path / "run")
     assert recorded.t[-1] >= 0.9
     if recorded.metadata["status"] == "recovered":
-        ended = "error: a component ended the process of this command (exit code 0)"
+        ended = "error: a component or a library ended the process of this command (exit code 0)"
         assert ended in done.stderr
     else:
         assert Left(tmp_path / "run").end("master_control") == "killed"

@@ -13,7 +13,7 @@ from tests.cli.command import CONFIG, Done, finished
 ENDS = tuple(f"components.master_control.parameters.{x}=1" for x in ("t_bad", "ends"))
 CHANGES = ('components.master_control.model="tests.bridge.laws:Law"', *ENDS, "run.stop=3")
 SETS = tuple(word for change in CHANGES for word in ("--set", change))
-SAID = "error: a component ended the process of this command (exit code 0)"
+SAID = "error: a component or a library ended the process of this command (exit code 0)"
 
 
 def left(done: Done, folder: Path) -> Run:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+from io import FileIO
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -10,6 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.links import writer
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
@@ -164,3 +169,18 @@ def test_runs_that_do_not_count_in_int32_are_refused():
             table.stream(length)
     with pytest.raises(ScenarioError, match="a delay of 1e\\+12 s is more than 2147483647 ticks"):
         DrawnTable("x", GRID, Constant(1e12), SignalSemantics(), 0)
+
+
+def test_a_table_that_cannot_be_begun_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file of rows without its first line would be unreadable, and the folder with it."""
+
+    def full(file: FileIO, data: bytes) -> None:
+        file.write(data[:3])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(writer, "_put", full)
+    with pytest.raises(RunError, match="No space left on device"):
+        writer.TableWriter(tmp_path / "x.parquet", {"name": "x"})
+    assert not list(tmp_path.iterdir())

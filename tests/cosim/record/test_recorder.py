@@ -7,6 +7,8 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import sleep
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.base.errors import RunError, ScenarioError
+from cosim.base.errors import CutShort, RunError, ScenarioError
 from cosim.record import Column, Recorder, Run, groups
 
 H = 1e-3
@@ -337,3 +339,43 @@ def test_misuse_is_said(tmp_path: Path) -> None:
         recorder.submit(buffers[0], 5, 2)
         with pytest.raises(RunError, match="chunk from tick 8, expected tick 7"):
             recorder.submit(buffers[1], 8, 1)
+
+
+def test_a_chunk_that_was_not_written_is_not_filled_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The engine waits for a chunk when writing it fails: it gets the failure, no row is lost."""
+    recorder = Recorder(tmp_path, COLUMNS, h=H, n_signals=SIGNALS, rows_per_chunk=5, keep=0)
+    waits, add, free = threading.Event(), recorder._writer.add, recorder._free
+    taken = type(free)()
+
+    def fails(rows: np.ndarray, k0: int) -> None:
+        if k0 >= 5:
+            waits.wait(30)
+            raise OSError(errno.ENOSPC, "No space left on device")
+        add(rows, k0)
+
+    def put(rows: np.ndarray) -> None:
+        taken.put(rows)
+        sleep(0.1)  # whoever waits for it goes on now
+
+    monkeypatch.setattr(recorder._writer, "add", fails)
+    recorder._free = SimpleNamespace(put=put, get=taken.get)  # type: ignore[assignment]
+    while not free.empty():
+        taken.put(free.get())
+    rows, k0 = signals(100), 0
+    with pytest.raises(RunError, match="No space left on device"):
+        while True:
+            if k0 == 20:
+                waits.set()
+            buffer = recorder.buffer()
+            recorder.begin(buffer, k0)
+            buffer[:5] = rows[k0 : k0 + 5]
+            recorder.submit(buffer, k0, 5)
+            k0 += 5
+    with pytest.raises(RunError, match="No space left on device"):
+        recorder.close()
+    with pytest.warns(CutShort):
+        found = Run.open(tmp_path)
+    assert np.array_equal(found.t, np.arange(k0) * H)
+    assert np.array_equal(found.column("a.q[0]"), rows[:k0, 2])

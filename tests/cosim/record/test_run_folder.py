@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Recorder, claim_folder, link_file, read_metadata, write_metadata
-from cosim.record.folder import link_files
+from cosim.record.folder import link_files, replace_file
 
 
 def test_a_new_folder_is_made_and_an_empty_one_taken(tmp_path: Path) -> None:
@@ -102,3 +103,20 @@ def test_a_link_may_be_called_anything(tmp_path_factory: pytest.TempPathFactory,
     assert path.parent == folder / "links"
     path.write_text("x")
     assert link_files(folder) == {name: path}
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.json"
+    replace_file(path, b"old")
+
+    def fills_up(part: Path, data: bytes) -> int:
+        part.open("wb").close()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fills_up)
+    with pytest.raises(RunError, match=r"cannot write .*a\.json: No space left on device"):
+        replace_file(path, b"new")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+    assert path.read_bytes() == b"old"

@@ -93,7 +93,7 @@ def with_cantools(codec: Codec, values: np.ndarray) -> tuple[float, float]:
     """cantools, with the CRC by its own functions."""
     layout, count = codec.layout, ONCE_PYTHON // 20
     message = dbc.read(layout.source).get_message_by_name(layout.name)
-    reference = dbc.Reference(layout)
+    reference = dbc.CantoolsMessage(layout)
     given = {s.name: v for s, v in zip(codec.signals, values.tolist(), strict=True)}
     given |= {"crc": 0, "counter": 0, "status": 0, "t_us": 0}
     data = message.encode(given)

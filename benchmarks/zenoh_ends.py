@@ -26,8 +26,8 @@ from benchmarks.zenoh_far import ROW, obey, options, pointer, prefer, tick_libra
 from bridge.deployment.zenoh_keys import Names, codec
 from bridge.native import pace
 from bridge.realtime.requests import Realtime, enter
-from bridge.zenoh.channel import Traffic, ZenohAttachment, control_publisher
-from bridge.zenoh.options import Options
+from bridge.zenoh.channel import ZenohAttachment, ZenohTraffic, control_publisher
+from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep
 
@@ -60,7 +60,7 @@ class End(Protocol):
         """Let go of what is open."""
 
 
-def where(near: bool, ports: list[int]) -> Options:
+def where(near: bool, ports: list[int]) -> ZenohOptions:
     """Options of a session: the near end listens."""
     return options(ports[:1] if near else (), () if near else ports[:1])
 
@@ -73,7 +73,7 @@ class _Ours:
 
     def __init__(self, near: bool, ports: list[int], lib: c.CDLL) -> None:
         said, heard = (("ping", "way"), ("pong",)) if near else (("pong",), ("ping", "way"))
-        traffic = Traffic(
+        traffic = ZenohTraffic(
             "near" if near else "far",
             {KEYS[n]: NUMBERS[n] for n in said},
             {KEYS[n]: NUMBERS[n] for n in heard},

@@ -16,7 +16,7 @@ from typing import Any, final
 import numpy as np
 
 from bridge.native import library_path
-from bridge.zenoh.options import Options
+from bridge.zenoh.options import ZenohOptions
 from fmus.toolchain import compile_shared
 
 HERE = Path(__file__).resolve().parent
@@ -93,10 +93,10 @@ def free_ports(n: int) -> list[int]:
     return ports
 
 
-def options(listen: Sequence[int] = (), connect: Sequence[int] = ()) -> Options:
+def options(listen: Sequence[int] = (), connect: Sequence[int] = ()) -> ZenohOptions:
     """Of a session on these ports of the loopback interface."""
     here, there = ([f"tcp/127.0.0.1:{port}" for port in ports] for ports in (listen, connect))
-    return Options("benchmark", listen=tuple(here), connect=tuple(there))
+    return ZenohOptions("benchmark", listen=tuple(here), connect=tuple(there))
 
 
 def build(folder: Path) -> Path:

@@ -37,7 +37,7 @@ from benchmarks.zenoh_far import (
 from bridge.deployment.zenoh_keys import Names, codec
 from bridge.native import pace
 from bridge.realtime.requests import Realtime, enter
-from bridge.zenoh.channel import Traffic, ZenohAttachment, control_publisher
+from bridge.zenoh.channel import ZenohAttachment, ZenohTraffic, control_publisher
 from bridge.zenoh.session import configure
 from cosim.base.clock import monotonic_ns, sleep
 
@@ -91,7 +91,7 @@ class _Ours(_Node):
         super().__init__(i, ports, path)
         said, heard = key(i), key(self.before)
         peers = tuple(f"n{k}" for k in range(self.n) if k != i)
-        traffic = Traffic(f"n{i}", {said: NUMBERS[0]}, {heard: NUMBERS[1]}, peers, (said,))
+        traffic = ZenohTraffic(f"n{i}", {said: NUMBERS[0]}, {heard: NUMBERS[1]}, peers, (said,))
         self._said, self._heard = (
             codec(k, number, ("number", "sent", "x", "y"))
             for k, number in zip((said, heard), NUMBERS, strict=True)

@@ -13,7 +13,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from bridge.can.dbc import load  # noqa: E402
-from bridge.can.layout import Layout, find  # noqa: E402
+from bridge.can.layout import MessageLayout, find  # noqa: E402
 from bridge.can.messages import BusMessage, Role, bus_responses, bus_share  # noqa: E402
 from cosim.bus.timing import BusTiming, FrameFormat, best, mean, worst  # noqa: E402
 
@@ -168,13 +168,13 @@ def messages(file: str, names: Sequence[str], count: int, period: float) -> list
 
 
 @cache
-def read(file: str) -> tuple[Layout, ...]:
+def read(file: str) -> tuple[MessageLayout, ...]:
     """The layouts of a file, read once."""
     return load(ROOT / "configs" / "can" / f"{file}.dbc")
 
 
 def _message(
-    layouts: Sequence[Layout], name: str, node: str, period: float | None, role: Role
+    layouts: Sequence[MessageLayout], name: str, node: str, period: float | None, role: Role
 ) -> BusMessage:
     return BusMessage.of(find(layouts, name), node=node, bus="can0", period=period, role=role)
 

@@ -16,11 +16,11 @@ from bridge.native import node as native
 from bridge.native.message import E2EProfile, Message
 from bridge.native.safety import LifeState
 from bridge.node.fault_injection import inject
-from bridge.node.run import Options, stated
+from bridge.node.run import NodeOptions, stated
 from bridge.records.lives import Life
 from bridge.rehearsal.supervisor import Ended
 from bridge.replay import twin
-from bridge.results.outcome import Outcome, begin, complete
+from bridge.results.outcome import RehearsalOutcome, begin, complete
 from bridge.wiring.wiring import Wired
 from cosim.record.folder import NODES
 
@@ -32,7 +32,7 @@ def run(
     settings: Sequence[str] = (),
     *,
     blind: bool = False,
-) -> Outcome:
+) -> RehearsalOutcome:
     """Simulate with the faults of a script, and complete the run folder.
 
     `settings`: those that `system` was made with. `blind`: without the checks of CRC and counter in
@@ -59,7 +59,7 @@ def run(
         for name, node in wired.items():
             failed = node.struct.life.state in (LifeState.FAULT, LifeState.STOPPING)
             result = native.FAULT if failed else native.FINISHED
-            options = Options(Life(name), nodes)
+            options = NodeOptions(Life(name), nodes)
             stated(node, {}, options, result, {}, "", faults[name]).write(nodes)
     return complete(system, folder, Ended(), facts, with_twin=False, formats=(), script=script)
 

@@ -15,7 +15,7 @@ from bridge.campaign.plan import Many, document
 from bridge.campaign.soak_driver import Record, drive
 from bridge.campaign.soak_judgement import RunDone
 from bridge.campaign.soak_spec import Table
-from bridge.campaign.spec import RunSpec
+from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
 from cosim.sweeps.drive import Begun
@@ -23,7 +23,7 @@ from cosim.sweeps.perform import StudyRow
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class CampaignSetup:
     """What all runs of a campaign have in common.
 
     `blind`: simulated receivers check neither CRC nor counter, so that the campaign has to fail.
@@ -43,7 +43,7 @@ class Job:
         return channel, rehearsed and self.hosted and not self.blind
 
 
-def runs_for(job: Job, faults: int) -> int:
+def runs_for(job: CampaignSetup, faults: int) -> int:
     """How many runs, from the first one on, have so many faults."""
     total = 0
     for k in count():
@@ -57,11 +57,11 @@ def runs_for(job: Job, faults: int) -> int:
     raise AssertionError("not reached")
 
 
-def perform(job: Job, k: int) -> StudyRow:
+def perform(job: CampaignSetup, k: int) -> StudyRow:
     """Run `k`, simulated or rehearsed, judged."""
     channel, rehearsed = job.kind_of_run(k)
     many, system = job.many, _system(job.many, channel, rehearsed)
-    one = soak.Job(
+    one = soak.SoakSetup(
         many.scenario, many.deployment(channel), many.changes(channel, rehearsed), many.soak(),
         job.folder, job.seed, True, len(groups(system)) > 1, job.realtime,
     )  # fmt: skip
@@ -84,7 +84,7 @@ def _simulated(
 ) -> RunDone:
     script = soak.script_of(drawn, folder)
     outcome = compressed.run(system, script, folder, changes, blind=blind)
-    judged = judgement.judge(system, RunSpec(script=str(script.path)), outcome)
+    judged = judgement.judge(system, CampaignRunSpec(script=str(script.path)), outcome)
     return RunDone(system, script, outcome, judged, ())
 
 
@@ -101,7 +101,7 @@ def _system(many: Many, channel: str, rehearsed: bool) -> System:
 
 
 def campaign(
-    job: Job,
+    job: CampaignSetup,
     faults: int,
     parallel: int,
     retry: bool = False,
@@ -116,7 +116,7 @@ def campaign(
     )  # fmt: skip
 
 
-def facts(job: Job) -> Mapping[str, Any]:
+def facts(job: CampaignSetup) -> Mapping[str, Any]:
     """By which a folder is told from that of another campaign."""
     many = job.many
     files = (many.path, many.scenario, *(many.deployment(c) for c in many.spec.channels))

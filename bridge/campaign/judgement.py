@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.campaign.spec import RunSpec
+from bridge.campaign.spec import CampaignRunSpec
 from bridge.can.codec import Codec
 from bridge.deployment.system import Carried, System
 from bridge.native import message as messages
@@ -21,9 +21,9 @@ from bridge.native.bus import Accept
 from bridge.native.journal import Journal
 from bridge.native.safety import Why
 from bridge.records.lives import Life, lives_of
-from bridge.records.records import End
+from bridge.records.records import LifeEnd
 from bridge.results import undetected as injected
-from bridge.results.outcome import Outcome
+from bridge.results.outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from bridge.safety.limits import names, per_joint
 from bridge.wiring.wiring import HEARD, Rows
@@ -61,7 +61,7 @@ def lost(script: str, error: Exception) -> Judged:
     return Judged(Path(script).stem, {}, {}, 0, 0, 0.0, False, "", (f"no run: {error}",))
 
 
-def judge(system: System, spec: RunSpec, outcome: Outcome) -> Judged:
+def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> Judged:
     """Look at a run folder and what was said of it."""
     ended = dict(_ended(system, outcome))
     seen = _seen(outcome)
@@ -89,7 +89,9 @@ def judge(system: System, spec: RunSpec, outcome: Outcome) -> Judged:
 # ---- what had to come -----------------------------------------------------------------------
 
 
-def _expected(system: System, spec: RunSpec, outcome: Outcome, judged: Judged) -> Iterator[str]:
+def _expected(
+    system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome, judged: Judged
+) -> Iterator[str]:
     """What the campaign says of this run, where it was otherwise."""
     if spec.ends == "finished" and not outcome.finished:
         yield f"expected to finish; {_said(judged.ended)}"
@@ -108,7 +110,7 @@ def _expected(system: System, spec: RunSpec, outcome: Outcome, judged: Judged) -
             yield f"expected frames counted as {name}; none were"
 
 
-def _always(system: System, outcome: Outcome, judged: Judged) -> Iterator[str]:
+def _always(system: System, outcome: RehearsalOutcome, judged: Judged) -> Iterator[str]:
     """What holds in every run, where it does not."""
     if judged.undetected:
         yield f"{judged.undetected} corrupted frames accepted"
@@ -128,20 +130,20 @@ def _said(ended: Mapping[Life, str]) -> str:
     return "; ".join(f"{life}: {why}" for life, why in ended.items()) or "all finished"
 
 
-def reasons(outcome: Outcome, report: NodeReport) -> set[str]:
+def reasons(outcome: RehearsalOutcome, report: NodeReport) -> set[str]:
     """Names of everything that stopped a life."""
     return set(names(Why(int(outcome.rows[report.life]["reasons"][-1]))))
 
 
-def _ended(system: System, outcome: Outcome) -> Iterator[tuple[Life, str]]:
+def _ended(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[Life, str]]:
     """Each life that did not finish, and why in one word or two."""
     for report in outcome.reports:
-        if report.end is not End.FINISHED:
+        if report.end is not LifeEnd.FINISHED:
             why = ", ".join(sorted(reasons(outcome, report)))
             yield report.life, f"{report.end} ({why})" if why else str(report.end)
 
 
-def _seen(outcome: Outcome) -> dict[str, int]:
+def _seen(outcome: RehearsalOutcome) -> dict[str, int]:
     total: dict[str, int] = {}
     for report in outcome.reports:
         for counts in (report.said.messages if report.said else {}).values():
@@ -154,7 +156,7 @@ def _seen(outcome: Outcome) -> dict[str, int]:
 # ---- corrupted frames -----------------------------------------------------------------------
 
 
-def _corrupted(system: System, outcome: Outcome, report: NodeReport) -> tuple[int, int]:
+def _corrupted(system: System, outcome: RehearsalOutcome, report: NodeReport) -> tuple[int, int]:
     """(frames corrupted on their way to a node, those it accepted).
 
     Twice judged: no sequence number of a corrupted frame is among those that were the newest in a
@@ -198,7 +200,9 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
     )
 
 
-def _accepted(system: System, outcome: Outcome, report: NodeReport, message: str) -> dict[int, int]:
+def _accepted(
+    system: System, outcome: RehearsalOutcome, report: NodeReport, message: str
+) -> dict[int, int]:
     """When (ns, its arrival) each sequence number was first accepted."""
     path = outcome.folder / NODES / report.life.file(HEARD)
     rows = Journal.open(path)

@@ -17,7 +17,7 @@ import numpy as np
 from bridge.campaign import judgement
 from bridge.campaign.soak_judgement import RunDone, judged, measured
 from bridge.campaign.soak_spec import Soak, Table, draw, text
-from bridge.campaign.spec import RunSpec
+from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.faults.load import build
 from bridge.faults.script import FaultScript
@@ -39,7 +39,7 @@ RUNS, SCRIPT = "runs", "script.toml"
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class SoakSetup:
     """What all runs of a soak have in common; `changes`: of scenario and deployment.
 
     `hosted`: each run in network namespaces of its own, `network`: with faults of the network
@@ -62,7 +62,7 @@ class Job:
 Drawn = Callable[[System, tuple[str, ...]], Table]
 
 
-def perform(job: Job, k: int) -> StudyRow:
+def perform(job: SoakSetup, k: int) -> StudyRow:
     """Run `k`; what goes wrong becomes the reason of its row."""
 
     def drawn(system: System, links: tuple[str, ...]) -> Table:
@@ -71,7 +71,7 @@ def perform(job: Job, k: int) -> StudyRow:
     return performed(job, k, lambda folder: rehearsed(job, k, folder, drawn))
 
 
-def performed(job: Job, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
+def performed(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
     """Judge what `run` makes in the folder of run `k`; what goes wrong becomes its row's reason."""
     name, watch = f"{k:05d}", stopwatch()
     folder = job.folder / RUNS / name
@@ -111,7 +111,7 @@ def _sealed(folder: Path, found: Verdict) -> Verdict:
     return found
 
 
-def rehearsed(job: Job, k: int, folder: Path, drawn: Drawn) -> RunDone:
+def rehearsed(job: SoakSetup, k: int, folder: Path, drawn: Drawn) -> RunDone:
     """Rehearse with what is drawn for this run, and make its folder."""
     system = load_system(job.scenario, str(job.deployment), job.changes)
     with ExitStack() as stack:
@@ -140,7 +140,7 @@ def script_of(document: Table, folder: Path) -> FaultScript:
 
 
 def _rehearsed(
-    job: Job,
+    job: SoakSetup,
     system: System,
     changes: tuple[str, ...],
     script: FaultScript,
@@ -160,9 +160,9 @@ def _rehearsed(
         rehearsal.run()
         rehearsal.end()
         ended = rehearsal.ended
-        there = network and detection_links.Network(network, hosts.hosts, ended.start_ns)  # type: ignore[union-attr]
+        there = network and detection_links.RecordedNetwork(network, hosts.hosts, ended.start_ns)  # type: ignore[union-attr]
         outcome = complete(
             system, folder, ended, facts, with_twin=False, formats=(), script=script, network=there
         )
-    spec = RunSpec(script=str(script.path))
+    spec = CampaignRunSpec(script=str(script.path))
     return RunDone(system, script, outcome, judgement.judge(system, spec, outcome), ended.lives)

@@ -10,7 +10,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from bridge.campaign.soak import RUNS, Job, perform
+from bridge.campaign.soak import RUNS, SoakSetup, perform
 from bridge.relay import namespaces
 from bridge.results.verdict import Word
 from cosim.base.errors import ScenarioError
@@ -34,7 +34,7 @@ def count(hours: float, seconds: float) -> int:
 
 
 def soak(
-    job: Job,
+    job: SoakSetup,
     runs: int,
     parallel: int,
     retry: bool = False,
@@ -117,7 +117,7 @@ def _run(
             done(result)
 
 
-def _facts(job: Job) -> dict[str, Any]:
+def _facts(job: SoakSetup) -> dict[str, Any]:
     """By which a folder is told from that of another soak."""
     files = (job.scenario, job.deployment, job.soak.path)
     return {

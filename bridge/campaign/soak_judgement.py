@@ -16,8 +16,8 @@ from bridge.faults.script import HOSTILE, FaultScript
 from bridge.native.safety import LifeState
 from bridge.node.handle import NodeHandle
 from bridge.records.lives import Life
-from bridge.records.records import End, Missed, Refused
-from bridge.results.outcome import Outcome
+from bridge.records.records import LifeEnd, Missed, Refused
+from bridge.results.outcome import RehearsalOutcome
 from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
 from bridge.wiring.wiring import Rows
 from cosim.analysis import declared
@@ -43,7 +43,7 @@ class RunDone:
 
     system: System
     script: FaultScript
-    outcome: Outcome
+    outcome: RehearsalOutcome
     judged: Judged
     lives: Sequence[NodeHandle]
 
@@ -77,7 +77,7 @@ def measured(soak: Soak, done: RunDone) -> dict[str, float]:
         "missed": float(sum(r.lateness.missed for r in reports)),
         "late_p99_ms": max(r.lateness.late.p99 for r in reports) * 1e-6,
         "lives": float(len(done.lives)),
-        "stopped": float(sum(r.end is End.FAULT for r in reports)),
+        "stopped": float(sum(r.end is LifeEnd.FAULT for r in reports)),
     }
     if soak.spec.together is not None:
         found["together"] = _together(soak, done)
@@ -185,7 +185,7 @@ def _stops(done: RunDone, of_time: bool) -> Iterator[str]:
         if why:
             yield f"{report.life} stopped: {', '.join(sorted(why))}"
         over = last["state"] != LifeState.STOPPING  # else the run has ended in its ramp
-        if not of_time and report.end is End.FAULT and over and last["scale"] != 0.0:
+        if not of_time and report.end is LifeEnd.FAULT and over and last["scale"] != 0.0:
             yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
 
 
@@ -195,7 +195,7 @@ def _ways_apart(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Ite
     if soak.spec.together is None:
         return
     last = {r.life.node: r for r in done.outcome.reports}
-    working = all(r.end is End.FINISHED for r in last.values())
+    working = all(r.end is LifeEnd.FINISHED for r in last.values())
     since = [f.t1 for f in done.outcome.faults]
     since += [float(rows[r.life]["slot"][0]) * done.system.nodes[n].h for n, r in last.items()]
     rest = plan.ticks * plan.h - max(since)

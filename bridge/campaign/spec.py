@@ -41,7 +41,7 @@ REASONS = tuple((why.name or "").lower() for why in Why)
 COUNTERS = messages.COUNTERS[1:]  # without `ok`
 
 
-class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class CampaignRunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One run: the script, relative to the campaign, and what has to come of it.
 
     `ends`: of the run; `node`: which node stopped, "": any; `because`: reasons of which it has
@@ -65,7 +65,7 @@ class Campaign:
     scenario: Path
     deploy: str
     settings: tuple[str, ...]
-    runs: tuple[tuple[RunSpec, FaultScript], ...]
+    runs: tuple[tuple[CampaignRunSpec, FaultScript], ...]
 
 
 def load_campaign(path: str | Path) -> Campaign:
@@ -81,7 +81,7 @@ def load_campaign(path: str | Path) -> Campaign:
     for key in ("scenario", "deploy", "run"):
         if key not in document:
             raise ScenarioError(f"no {key}", f"{path}")
-    runs = convert(document["run"], tuple[RunSpec, ...], path, "run")
+    runs = convert(document["run"], tuple[CampaignRunSpec, ...], path, "run")
     for index, run in enumerate(runs):
         _check(run, f"{path} at run.{index}")
     return Campaign(
@@ -98,7 +98,7 @@ def _text(document: Mapping[str, Any], key: str, path: Path) -> str:
     return convert(document.get(key, ""), str, path, key)
 
 
-def _check(run: RunSpec, place: str) -> None:
+def _check(run: CampaignRunSpec, place: str) -> None:
     for key, names, known in (
         ("because", run.because, REASONS),
         ("sees", run.sees, COUNTERS),

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.can.layout import Layout, LayoutError, Signal, check
+from bridge.can.layout import LayoutError, MessageLayout, Signal, check
 from bridge.native import message as native
 from bridge.native.frame import Frame
 from bridge.native.message import Decoded, Field, FieldKind, Header, Message
@@ -29,7 +29,7 @@ class Codec:
     """
 
     def __init__(
-        self, layout: Layout, signals: Sequence[str] | None = None, *, exact: bool = False
+        self, layout: MessageLayout, signals: Sequence[str] | None = None, *, exact: bool = False
     ) -> None:
         names = [signal.name for signal in layout.signals] if signals is None else list(signals)
         self.layout = layout
@@ -104,7 +104,7 @@ def vectors(signals: Iterable[Signal], n: int, seed: int) -> list[Vector]:
     return found
 
 
-def _check_names(layout: Layout, names: list[str]) -> None:
+def _check_names(layout: MessageLayout, names: list[str]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise LayoutError(f"{layout.place}: signal {', '.join(twice)} is carried twice")
@@ -132,7 +132,7 @@ def _field(signal: Signal) -> Field:
     )
 
 
-def _fill(layout: Layout, carried: tuple[Signal, ...]) -> bytes:
+def _fill(layout: MessageLayout, carried: tuple[Signal, ...]) -> bytes:
     """The bytes under the values: start values of the signals that carry none."""
     data = bytearray(max(layout.length, 64))
     for signal in layout.signals:

@@ -19,7 +19,7 @@ from cantools.database.can import Database, Message
 from cantools.database.can import Signal as CanSignal
 from cantools.database.errors import Error
 
-from bridge.can.layout import Layout, LayoutError, Signal
+from bridge.can.layout import LayoutError, MessageLayout, Signal
 from bridge.native.frame import Flags
 from bridge.native.message import E2EProfile, FieldKind
 
@@ -32,7 +32,7 @@ _PROFILES = {"None": E2EProfile.NONE, "P02": E2EProfile.P02, "P05": E2EProfile.P
 _HEADER = ("crc", "counter", "status", "t_us")
 
 
-def load(path: str | Path) -> tuple[Layout, ...]:
+def load(path: str | Path) -> tuple[MessageLayout, ...]:
     """All messages of a file, in its order.
 
     Raises LayoutError when the file cannot be read, when two messages have one identifier, one
@@ -58,10 +58,10 @@ def read(path: str) -> Database:
 
 
 @final
-class Reference:
+class CantoolsMessage:
     """What cantools makes of one message of a file. Raw values are numbers by signal name."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: MessageLayout) -> None:
         self._message = read(layout.source).get_message_by_name(layout.name)
         self._layout = layout
 
@@ -94,7 +94,7 @@ class Reference:
         return -1 if found is None else found
 
 
-def _differ(layouts: tuple[Layout, ...], what: str, values: list[str]) -> None:
+def _differ(layouts: tuple[MessageLayout, ...], what: str, values: list[str]) -> None:
     seen: dict[str, str] = {}
     for layout, value in zip(layouts, values, strict=True):
         if value in seen:
@@ -105,7 +105,7 @@ def _differ(layouts: tuple[Layout, ...], what: str, values: list[str]) -> None:
         seen[value] = layout.name
 
 
-def _layout(message: Message, path: str) -> Layout:
+def _layout(message: Message, path: str) -> MessageLayout:
     attributes = _attributes(message)
     place = f"{path}: message {message.name}"
     profile = _profile(message, attributes, place)
@@ -120,7 +120,7 @@ def _layout(message: Message, path: str) -> Layout:
                 f"{place} is protected by {profile.name} but has no signal {name} at bit "
                 f"{expected[0]} of {expected[1]} bits (Intel)"
             )
-    return Layout(
+    return MessageLayout(
         *(message.name, message.frame_id, message.length, tuple(signals.values())),
         flags=int(flags | Flags.EXTENDED * message.is_extended_frame),
         profile=profile,

@@ -28,7 +28,7 @@ from bridge.native.journal import Journal
 
 
 @dataclass(frozen=True)
-class BusSpec:
+class CanBusSpec:
     """Which bus: python-can's names. What is "" or None comes from python-can's configuration."""
 
     name: str
@@ -62,7 +62,7 @@ class Attachment(Protocol):
 
 
 def attach(
-    spec: BusSpec,
+    spec: CanBusSpec,
     *,
     number: int = 0,
     log: Journal | None = None,
@@ -80,7 +80,7 @@ def attach(
     return InterfaceAttachment(spec, config, number, log, accepts)
 
 
-def configuration(spec: BusSpec) -> dict[str, Any]:
+def configuration(spec: CanBusSpec) -> dict[str, Any]:
     """The arguments of `can.Bus` for a bus, after python-can's own configuration was looked at.
 
     Raises BusError for an interface python-can does not know, or none at all.
@@ -100,7 +100,7 @@ def configuration(spec: BusSpec) -> dict[str, Any]:
     return config
 
 
-def parse_spec(name: str, arguments: Sequence[str], prefix: str | None = None) -> BusSpec:
+def parse_spec(name: str, arguments: Sequence[str], prefix: str | None = None) -> CanBusSpec:
     """A bus from python-can's command-line options (``-i``, ``-c``, ``--fd`` and so on).
 
     Raises BusError for what python-can's parser does not take.
@@ -118,7 +118,7 @@ def parse_spec(name: str, arguments: Sequence[str], prefix: str | None = None) -
     known = {key: values.pop(key) for key in own if key in values}
     if "local" in options:
         known["local"] = bool(options.pop("local"))
-    return BusSpec(name, **known, options={**values, **options})
+    return CanBusSpec(name, **known, options={**values, **options})
 
 
 @final
@@ -154,7 +154,7 @@ class InterfaceAttachment:
 
     def __init__(
         self,
-        spec: BusSpec,
+        spec: CanBusSpec,
         config: Mapping[str, Any],
         number: int,
         log: Journal | None,
@@ -176,7 +176,7 @@ class InterfaceAttachment:
         self._ringed.close()
 
 
-def _open(spec: BusSpec, config: Mapping[str, Any]) -> can.BusABC:
+def _open(spec: CanBusSpec, config: Mapping[str, Any]) -> can.BusABC:
     arguments = {key: value for key, value in config.items() if key != "interface"}
     try:
         if config["interface"] == "udp_multicast" and ":" not in str(config.get("channel") or ""):

@@ -62,7 +62,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Layout:
+class MessageLayout:
     """One message. `signals` may carry values; status, time, crc and counter are its header."""
 
     name: str
@@ -106,7 +106,7 @@ class Layout:
         )
 
 
-def find(layouts: Iterable[Layout], name: str) -> Layout:
+def find(layouts: Iterable[MessageLayout], name: str) -> MessageLayout:
     """The layout of this name. Raises LayoutError with the nearest names."""
     known = {layout.name: layout for layout in layouts}
     if name in known:
@@ -115,7 +115,7 @@ def find(layouts: Iterable[Layout], name: str) -> Layout:
     raise LayoutError(f"{source}{': ' if source else ''}{_unknown('message', name, [*known])}")
 
 
-def stream(name: str, number: int, data_id: int, signals: Sequence[str]) -> Layout:
+def stream(name: str, number: int, data_id: int, signals: Sequence[str]) -> MessageLayout:
     """A message of a network without DBC files: Profile 4, then status, time stamp, float64s.
 
     Bytes: 0-11 header of the profile, 12 status, 13-15 zero, 16-19 t_us, 20-23 zero, 24.. the
@@ -128,7 +128,7 @@ def stream(name: str, number: int, data_id: int, signals: Sequence[str]) -> Layo
         Signal(signal, 192 + 64 * i, 64, FieldKind.FLOAT, invalid=0)
         for i, signal in enumerate(signals)
     )
-    return Layout(
+    return MessageLayout(
         *(name, number, length, values),
         profile=E2EProfile.P04,
         data_ids=struct.pack("<I12x", data_id),
@@ -137,7 +137,7 @@ def stream(name: str, number: int, data_id: int, signals: Sequence[str]) -> Layo
     )
 
 
-def check(layout: Layout) -> None:
+def check(layout: MessageLayout) -> None:
     """Raise LayoutError for what the codec cannot do or a receiver could not tell apart."""
     taken: dict[int, str] = dict.fromkeys(range(8 * layout.profile.header), "")
     nibble = (

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from bridge.can.layout import Layout
+from bridge.can.layout import MessageLayout
 from bridge.can.load import Share, kind_of, planned
 from bridge.native.frame import Flags
 from cosim.bus.arbitration import rank
@@ -55,7 +55,7 @@ class BusMessage:
     @classmethod
     def of(
         cls,
-        layout: Layout,
+        layout: MessageLayout,
         *,
         node: str,
         bus: str,
@@ -91,7 +91,9 @@ class BusMessage:
         return f"{self.name} ({self.identifier:#05x})"
 
 
-def ranges(layout: Layout, limits: Mapping[str, tuple[float, float]]) -> tuple[SignalRange, ...]:
+def ranges(
+    layout: MessageLayout, limits: Mapping[str, tuple[float, float]]
+) -> tuple[SignalRange, ...]:
     """What signals may be (`limits`, in their unit) beside what their fields hold.
 
     Raises LayoutError for a limit of a signal there is none of.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from bridge.can.codec import Codec, Vector
-from bridge.can.dbc import Reference
+from bridge.can.dbc import CantoolsMessage
 from bridge.can.layout import CodecError, LayoutError, Signal
 from bridge.native.message import Decoded, FieldKind, Header
 
@@ -20,7 +20,7 @@ def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
         raise LayoutError(
             f"{codec.layout.place} is of no DBC file: there is nothing to compare with"
         )
-    reference = Reference(codec.layout)
+    reference = CantoolsMessage(codec.layout)
     for number, values in enumerate(vectors):
         header = Header(counter=37 * number + 11, status=73 * number + 5, t_us=number * 999_999_937)
         found = codec.frame(values, header).payload
@@ -31,7 +31,7 @@ def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
 
 
 def _raw(
-    codec: Codec, reference: Reference, values: Vector, header: Header, found: bytes
+    codec: Codec, reference: CantoolsMessage, values: Vector, header: Header, found: bytes
 ) -> dict[str, float]:
     """Every signal's raw value as it should be, by cantools' own conversion of what is in range."""
     layout = codec.layout
@@ -52,7 +52,7 @@ def _raw(
     return raw
 
 
-def _same_bytes(codec: Codec, reference: Reference, found: bytes, expected: bytes) -> None:
+def _same_bytes(codec: Codec, reference: CantoolsMessage, found: bytes, expected: bytes) -> None:
     if found == expected:
         return
     theirs = reference.decode(expected, scaling=False)
@@ -65,7 +65,7 @@ def _same_bytes(codec: Codec, reference: Reference, found: bytes, expected: byte
     raise CodecError(f"{codec.layout.place}: encoded as {found.hex()}; cantools: {expected.hex()}")
 
 
-def _same_crc(codec: Codec, reference: Reference, found: bytes) -> None:
+def _same_crc(codec: Codec, reference: CantoolsMessage, found: bytes) -> None:
     layout = codec.layout
     if layout.crc is None:
         return
@@ -76,7 +76,7 @@ def _same_crc(codec: Codec, reference: Reference, found: bytes) -> None:
         )
 
 
-def _same_values(codec: Codec, reference: Reference, data: bytes) -> None:
+def _same_values(codec: Codec, reference: CantoolsMessage, data: bytes) -> None:
     result, values, _ = codec.decode(data)
     theirs, raw = (reference.decode(data, scaling=scaling) for scaling in (True, False))
     usable = all(_usable(signal, raw[signal.name]) for signal in codec.signals)

@@ -13,7 +13,7 @@ from cosim.cli.supervise import recording
 
 if TYPE_CHECKING:
     from bridge.campaign.judgement import Judged
-    from bridge.campaign.spec import Campaign, RunSpec
+    from bridge.campaign.spec import Campaign, CampaignRunSpec
     from bridge.deployment.system import System
     from bridge.faults.script import FaultScript
     from bridge.rehearsal.supervisor import Settings
@@ -111,7 +111,7 @@ def _many(
     if why and not blind:
         typer.echo(f"nothing is rehearsed, all runs are simulated: {why}", err=True)
     folder = out or Path("runs") / f"campaign-{file.stem}-{seed}"
-    job = driver.Job(load_many(file), folder.resolve(), seed, not why, blind, realtime)
+    job = driver.CampaignSetup(load_many(file), folder.resolve(), seed, not why, blind, realtime)
     with progress_of(False) as progress:
         try:
             records = driver.campaign(
@@ -145,7 +145,7 @@ def _said(one: Judged | None) -> str:
 
 def _one(
     campaign: Campaign,
-    spec: RunSpec,
+    spec: CampaignRunSpec,
     script: FaultScript,
     changes: list[str],
     interface: str | None,
@@ -169,7 +169,7 @@ def _one(
 
 
 def _rehearsed(
-    system: System, spec: RunSpec, script: FaultScript, settings: Settings, folder: Path
+    system: System, spec: CampaignRunSpec, script: FaultScript, settings: Settings, folder: Path
 ) -> Judged:
     """One run, judged."""
     from dataclasses import replace

@@ -10,7 +10,7 @@ import typer
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from bridge.replay.diff import Comparison
+    from bridge.replay.diff import RunDifference
 
 #: Signals shown if all are asked for; ``--json`` has them all.
 SHOWN = 12
@@ -56,7 +56,7 @@ def diff(
     raise typer.Exit(found.exit_code)
 
 
-def lines(found: Comparison) -> list[str]:
+def lines(found: RunDifference) -> list[str]:
     """What is printed."""
     from cosim.cli.show import aligned
 
@@ -80,7 +80,7 @@ def lines(found: Comparison) -> list[str]:
     return [*text, *found.remarks, f"verdict: {found.sentence()}"]
 
 
-def _write(path: Path, found: Comparison) -> None:
+def _write(path: Path, found: RunDifference) -> None:
     import json
     import os
 

@@ -59,7 +59,7 @@ def node(
     from bridge.deployment.system import load_system
     from bridge.node.control import Control
     from bridge.node.drive_enable import enabled
-    from bridge.node.run import Options, run_node
+    from bridge.node.run import NodeOptions, run_node
     from bridge.preflight import deployment
     from bridge.records.lives import Life
     from bridge.results.node_alone import begin_node, complete_node
@@ -132,7 +132,7 @@ def node(
                 control.arm()
             control.begin(0.5)
 
-    options = Options(Life(name), folder / NODES, real=hardware, warm_up=1.0, alone=True)
+    options = NodeOptions(Life(name), folder / NODES, real=hardware, warm_up=1.0, alone=True)
     failures: list[CosimError] = []
     with ExitStack() as drives:
         report = run_node(system, options, say, listen)
@@ -143,7 +143,7 @@ def node(
 
 
 def _say(system: Any, folder: Path, report: Statement, rows: Mapping[Life, Rows]) -> None:
-    from bridge.records.records import End
+    from bridge.records.records import LifeEnd
     from bridge.results.report import node_reports
     from cosim.record.folder import NODES
 
@@ -151,5 +151,5 @@ def _say(system: Any, folder: Path, report: Statement, rows: Mapping[Life, Rows]
         typer.echo(f"{r.life!s:<16} {r.text()}")
     typer.echo(f"{'end':<16} {report.end} {report.why} {report.error}".rstrip())
     typer.echo(f"{'run folder':<16} {folder}")
-    if report.end not in (End.FINISHED, End.ENDED):
+    if report.end not in (LifeEnd.FINISHED, LifeEnd.ENDED):
         raise typer.Exit(1)

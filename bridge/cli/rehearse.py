@@ -13,7 +13,7 @@ from cosim.cli.supervise import asking, recording
 if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.rehearsal.supervisor import Settings
-    from bridge.results.outcome import Outcome
+    from bridge.results.outcome import RehearsalOutcome
     from bridge.results.verdict import Verdict
 
 Deploy = Annotated[
@@ -221,7 +221,7 @@ def header(system: System) -> str:
     return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s on the wall clock"
 
 
-def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
+def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> Verdict:
     from bridge.realtime.lateness import draw
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines
@@ -250,13 +250,13 @@ def _say(system: System, outcome: Outcome, plot: bool, quiet: bool) -> Verdict:
     return found
 
 
-def well(outcome: Outcome) -> str:
+def well(outcome: RehearsalOutcome) -> str:
     """What is said of a run that has passed."""
-    from bridge.records.records import End, Gone
+    from bridge.records.records import Gone, LifeEnd
 
     missed = sum(r.lateness.missed for r in outcome.reports)
     slots = sum(r.slots for r in outcome.reports)
     share = f"{missed} of {slots} slots missed" if missed else "no slot missed"
-    ended = [n.detail for n in outcome.notes if isinstance(n, Gone) and n.end is End.ENDED]
+    ended = [n.detail for n in outcome.notes if isinstance(n, Gone) and n.end is LifeEnd.ENDED]
     how = "; ".join(ended) or "every node finished"
     return f"{how}, {share}, replays exactly"

@@ -12,7 +12,7 @@ from bridge.cli.rehearse import Deploy, Interface, Set
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from bridge.campaign.soak import Job
+    from bridge.campaign.soak import SoakSetup
     from bridge.deployment.spec import Deployment
 
 
@@ -98,9 +98,9 @@ def _job(
     keep: bool,
     set_: list[str] | None,
     interface: str | None,
-) -> Job:
+) -> SoakSetup:
     """What was asked for. Raises ScenarioError."""
-    from bridge.campaign.soak import Job
+    from bridge.campaign.soak import SoakSetup
     from bridge.campaign.soak_spec import load_soak
     from bridge.cli.options import bus_settings
     from bridge.deployment import spec as deployments
@@ -116,13 +116,13 @@ def _job(
     said = bus_settings(deployments.load(path), interface, [], None, None, None)
     changes = (*drawn.spec.settings, *said, *(set_ or []), f"run.stop={seconds}")
     name = f"soak-{scenario.stem}-{path.stem}"
-    return Job(
+    return SoakSetup(
         scenario.resolve(), path.resolve(), changes, drawn,
         (folder or Path("runs") / name).resolve(), seed, True, network, keep=keep,
     )  # fmt: skip
 
 
-def _hosted(job: Job, realtime: bool) -> tuple[Job, str]:
+def _hosted(job: SoakSetup, realtime: bool) -> tuple[SoakSetup, str]:
     """The job as this machine can do it, and why that is less, if it is."""
     from dataclasses import replace
 
@@ -144,7 +144,7 @@ def _own_bus(deployment: Deployment) -> str:
 
 
 def _driven(
-    job: Job, runs: int, parallel: int, retry: bool, quiet: bool
+    job: SoakSetup, runs: int, parallel: int, retry: bool, quiet: bool
 ) -> list[dict[str, object]]:
     from bridge.campaign.soak_driver import soak as drive
     from cosim.base.interrupts import exit_code

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bridge.can.codec import Codec, verify
-from bridge.can.layout import Layout, Signal
+from bridge.can.layout import MessageLayout, Signal
 from bridge.deployment.cut import Outlet
 from bridge.deployment.spec import Deployment
-from bridge.drives.profiles import PORTS, Joint, Part, Profile, load_profile
+from bridge.drives.profiles import PORTS, DriveProfile, Joint, ProfileMessage, load_profile
 from cosim.base.errors import ScenarioError
 from cosim.base.units import quantity
 
@@ -33,7 +33,7 @@ def codec(outlet: Outlet, d: Deployment) -> Codec:
     return Codec(_in_si(layout, profile, part, joint), names, exact=part is profile.command)
 
 
-def _part(profile: Profile, outlet: Outlet, place: str) -> tuple[Part, list[str]]:
+def _part(profile: DriveProfile, outlet: Outlet, place: str) -> tuple[ProfileMessage, list[str]]:
     """The message of the profile that has all these ports, and its signals in their order."""
     ports = [part.port for part in outlet.parts for _ in range(part.size)]
     odd = [port for port in ports if port not in PORTS]
@@ -51,7 +51,9 @@ def _part(profile: Profile, outlet: Outlet, place: str) -> tuple[Part, list[str]
     raise ScenarioError(text, f"{place}.carries")
 
 
-def _in_si(layout: Layout, profile: Profile, part: Part, joint: Joint) -> Layout:
+def _in_si(
+    layout: MessageLayout, profile: DriveProfile, part: ProfileMessage, joint: Joint
+) -> MessageLayout:
     """Signals of the part as values at the joint, in SI."""
     carried = set(part.signals)
     signals = tuple(

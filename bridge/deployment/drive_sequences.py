@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from bridge.deployment.cut import Inlet, NodePlan, Outlet
 from bridge.deployment.spec import Deployment
-from bridge.drives.profiles import Profile, load_profile
+from bridge.drives.profiles import DriveProfile, load_profile
 from bridge.native import node as native
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Frame
@@ -31,7 +31,7 @@ class Foreign:
     """A drive that takes a message of a profile: its number `node` on its bus."""
 
     bus: str
-    profile: Profile
+    profile: DriveProfile
     node: int
 
     def frames(self, *sequences: str) -> list[Frame]:

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from bridge.can.codec import Codec
-from bridge.can.layout import Layout, find
+from bridge.can.layout import MessageLayout, find
 from bridge.deployment import zenoh_keys
 from bridge.deployment.spec import SERVICES, Deployment, ServiceName
-from bridge.drives.profiles import Profile, load_profile
+from bridge.drives.profiles import DriveProfile, load_profile
 from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
 from bridge.native.message import Message
 from cosim.base.errors import ScenarioError
@@ -59,7 +59,7 @@ class Service:
         return found | {f"HEARTBEAT_{n}": beat for n, beat in self.heartbeats.items()}
 
 
-def services_on(d: Deployment, bus: str, layouts: Sequence[Layout]) -> Service:
+def services_on(d: Deployment, bus: str, layouts: Sequence[MessageLayout]) -> Service:
     """The services of a bus; `layouts`: of its DBC file. Raises ScenarioError."""
     if d.buses[bus].kind == "can":
         return _in_file(d, bus, layouts)
@@ -74,7 +74,7 @@ def drives_on(d: Deployment, bus: str) -> tuple[str, ...]:
     return tuple(name for name, m in d.messages.items() if m.bus == bus and m.profile)
 
 
-def commanders(d: Deployment, bus: str) -> dict[str, Profile]:
+def commanders(d: Deployment, bus: str) -> dict[str, DriveProfile]:
     """Nodes that send torques to drives of a profile on a bus, with the profile."""
     homes = {component: name for name, node in d.nodes.items() for component in node.components}
     found = {}
@@ -112,7 +112,7 @@ def _wanted(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
     return said
 
 
-def _in_file(d: Deployment, bus: str, layouts: Sequence[Layout]) -> Service:
+def _in_file(d: Deployment, bus: str, layouts: Sequence[MessageLayout]) -> Service:
     """What a CAN bus has of the services its deployment wants there, as its DBC file has them."""
     if not _wanted(d, bus):
         return _of_drives(d, bus)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bridge.can import dbc
 from bridge.can.codec import Codec, verify
-from bridge.can.layout import Layout, find
+from bridge.can.layout import MessageLayout, find
 from bridge.deployment import drive_messages, drive_sequences, protection, start_positions
 from bridge.deployment import gateways as routes
 from bridge.deployment import spec as deploy
@@ -180,7 +180,7 @@ def _forwarded(
     first: Carried,
     plan: Plan,
     d: Deployment,
-    layouts: Mapping[str, Sequence[Layout]],
+    layouts: Mapping[str, Sequence[MessageLayout]],
 ) -> Carried:
     outlet = replace(
         first.outlet,
@@ -198,7 +198,7 @@ def _carried(
     node: str,
     plan: Plan,
     d: Deployment,
-    layouts: Mapping[str, Sequence[Layout]],
+    layouts: Mapping[str, Sequence[MessageLayout]],
 ) -> Carried:
     spec = d.messages[outlet.message]
     place = d.place("messages", outlet.message)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Protocol
 
-from bridge.drives.profiles import Profile
+from bridge.drives.profiles import DriveProfile
 from cosim.base.errors import CosimError, RunError
 
 CONTROLWORD, STATUSWORD, MODE, RATED_TORQUE = 0x6040, 0x6041, 0x6060, 0x6076
@@ -48,7 +48,7 @@ class Sdo(Protocol):
         """Write an object."""
 
 
-def configure(sdo: Sdo, profile: Profile, node: int, host: int, timeout: float) -> None:
+def configure(sdo: Sdo, profile: DriveProfile, node: int, host: int, timeout: float) -> None:
     """Prepare a drive for cyclic torque: mode, PDOs as in the profile's DBC, heartbeat watchdog.
 
     `host`: node number whose heartbeats feed the drive; `timeout`: s without them after which it

@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar
 
 from bridge.can import dbc
 from bridge.can.codec import Codec
-from bridge.can.layout import Layout, LayoutError, find
+from bridge.can.layout import LayoutError, MessageLayout, find
 from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
 from bridge.safety.limits import in_si
@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ProfileMessage:
     """A message of a profile: the signals that are tau, q, dq, one a joint each."""
 
     message: str
@@ -71,14 +71,14 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class DriveProfile:
     """What :func:`load_profile` reads; `limits` in SI, `drive` describes the emulated one."""
 
     path: str
     title: str
-    layouts: tuple[Layout, ...]
-    command: Part
-    feedback: tuple[Part, ...]
+    layouts: tuple[MessageLayout, ...]
+    command: ProfileMessage
+    feedback: tuple[ProfileMessage, ...]
     sequences: Mapping[str, tuple[Raw, ...]]
     watchdog: OwnWatchdog
     limits: Mapping[str, float]
@@ -99,7 +99,8 @@ class Profile:
         if not self.host.heartbeat:
             return None
         return Codec(
-            _of_node(self.layouts, Part(self.host.heartbeat, 1), number, self.path), ("state",)
+            _of_node(self.layouts, ProfileMessage(self.host.heartbeat, 1), number, self.path),
+            ("state",),
         )
 
     def host_sync(self) -> Codec | None:
@@ -111,11 +112,11 @@ class Profile:
         """Joints in one command: 1 for a frame a drive."""
         return len(self.command.tau)
 
-    def layout(self, part: Part, node: int) -> Layout:
+    def layout(self, part: ProfileMessage, node: int) -> MessageLayout:
         """The message of a part for a node. Raises ScenarioError where there is none."""
         return _of_node(self.layouts, part, node, self.path)
 
-    def codec(self, part: Part, node: int) -> Codec:
+    def codec(self, part: ProfileMessage, node: int) -> Codec:
         """Its codec; values in the order tau, q, dq, in the DBC's units.
 
         Of a command no other frame is one: other bits ask for more than torque.
@@ -123,7 +124,7 @@ class Profile:
         return Codec(self.layout(part, node), part.signals, exact=part is self.command)
 
     def conversion(
-        self, part: Part, signal: str, joint: Joint | None = None
+        self, part: ProfileMessage, signal: str, joint: Joint | None = None
     ) -> tuple[float, float]:
         """(gain, offset): SI value at the joint = gain · value of the DBC + offset.
 
@@ -160,7 +161,7 @@ class Profile:
             raise ScenarioError(f"{error}", place) from None
 
 
-def load_profile(path: str | Path) -> Profile:
+def load_profile(path: str | Path) -> DriveProfile:
     """Read a profile and its DBC. Raises ScenarioError with file and place, also LayoutError's."""
     text = str(path)
     found = toml.read(Path(path), "the profile of a drive (.toml)")
@@ -177,7 +178,7 @@ def load_profile(path: str | Path) -> Profile:
     return profile
 
 
-def _profile(found: dict[str, Any], layouts: tuple[Layout, ...], path: str) -> Profile:
+def _profile(found: dict[str, Any], layouts: tuple[MessageLayout, ...], path: str) -> DriveProfile:
     table = {name: _table(found, name, path) for name in ("sequences", "limits", "drive")}
     _known(table["sequences"], set(SEQUENCES), f"{path}: sequences")
     _known(table["limits"], set(_LIMITS), f"{path}: limits")
@@ -188,7 +189,7 @@ def _profile(found: dict[str, Any], layouts: tuple[Layout, ...], path: str) -> P
     side = found.get("side", "joint")
     if side not in ("joint", "motor"):
         raise ScenarioError(f"is {side!r}, expected 'joint' or 'motor'", f"{path}: side")
-    return Profile(
+    return DriveProfile(
         path=path,
         title=str(found.get("title", "")),
         layouts=layouts,
@@ -218,7 +219,7 @@ def _profile(found: dict[str, Any], layouts: tuple[Layout, ...], path: str) -> P
     )
 
 
-def _check(profile: Profile) -> None:
+def _check(profile: DriveProfile) -> None:
     """Everything a profile names is there and fits, before a bus is opened."""
     if not profile.joints:
         raise ScenarioError("names no signal, expected one a joint", f"{profile.path}: command.tau")
@@ -240,7 +241,9 @@ def _check(profile: Profile) -> None:
     profile.drive.build(profile.joints, 1e-3, f"{profile.path}: drive")
 
 
-def _of_node(layouts: tuple[Layout, ...], part: Part, node: int, path: str) -> Layout:
+def _of_node(
+    layouts: tuple[MessageLayout, ...], part: ProfileMessage, node: int, path: str
+) -> MessageLayout:
     try:
         found = find(layouts, part.message.format(node=node))
         for signal in part.signals:
@@ -252,9 +255,9 @@ def _of_node(layouts: tuple[Layout, ...], part: Part, node: int, path: str) -> L
     return replace(found, identifier=found.identifier + part.step * node)
 
 
-def _part(table: dict[str, Any], place: str) -> Part:
+def _part(table: dict[str, Any], place: str) -> ProfileMessage:
     ports = {name: tuple(table[name]) for name in PORTS if name in table}
-    return _made(Part, {**table, **ports}, place)
+    return _made(ProfileMessage, {**table, **ports}, place)
 
 
 def _raw(table: dict[str, Any], place: str) -> Raw:

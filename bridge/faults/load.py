@@ -11,7 +11,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from bridge.faults.script import Action, Event, FaultScript, FrameFault
+from bridge.faults.script import Action, FaultEvent, FaultScript, FrameFault
 from bridge.faults.spec import (
     SPECS,
     AbsurdSpec,
@@ -60,7 +60,7 @@ def build(document: Mapping[str, Any], path: Path) -> FaultScript:
     if not isinstance(tables, list):
         raise ScenarioError("expected an array of tables, [[fault]]", f"{path} at fault")
     frames: list[FrameFault] = []
-    events: list[Event] = []
+    events: list[FaultEvent] = []
     for index, table in enumerate(tables):
         place = _Place(path, index)
         spec = _spec(table, place)
@@ -151,7 +151,7 @@ def _tuple(names: Names) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names
 
 
-def _events(spec: Spec, place: _Place) -> list[Event]:
+def _events(spec: Spec, place: _Place) -> list[FaultEvent]:
     """What happens to the targets of a table, each on its own."""
     if isinstance(spec, BabbleSpec):
         t0, t1 = place.span(spec.start, spec.end)
@@ -178,8 +178,8 @@ def _events(spec: Spec, place: _Place) -> list[Event]:
     return _each(spec.node, place, ("kill", t, {}))
 
 
-def _on_network(spec: NetDownSpec, place: _Place) -> list[Event]:
-    """A link as a table of :class:`bridge.relay.impair.LinkSpec`, and its end."""
+def _on_network(spec: NetDownSpec, place: _Place) -> list[FaultEvent]:
+    """A link as a table of :class:`bridge.relay.impair.RelayLinkSpec`, and its end."""
     source, _, target = spec.link.partition(">")
     if spec.link != "*" and not (source and target):
         raise ScenarioError(f'is {spec.link!r}; expected "FROM>TO" or "*"', place.of("link"))
@@ -208,9 +208,11 @@ def _impaired(spec: NetDownSpec, place: _Place) -> tuple[Action, dict[str, Any]]
     return "net-down", {"down": True}
 
 
-def _each(names: Names, place: _Place, *done: tuple[Action, float, dict[str, Any]]) -> list[Event]:
+def _each(
+    names: Names, place: _Place, *done: tuple[Action, float, dict[str, Any]]
+) -> list[FaultEvent]:
     return [
-        Event(t, action, target, place.index, **said)
+        FaultEvent(t, action, target, place.index, **said)
         for target in _tuple(names)
         for action, t, said in done
         if t < inf

@@ -81,7 +81,7 @@ class FrameFault:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class FaultEvent:
     """Something to be done to a process or a bus `t` s after the start; `index`: of its table.
 
     `target`: a node, a bus or a link of the network. `id`, `rate` (frames/s), `length` (bytes): of
@@ -127,7 +127,7 @@ class FaultScript:
     title: str
     seed: int
     frames: tuple[FrameFault, ...]
-    events: tuple[Event, ...]
+    events: tuple[FaultEvent, ...]
 
     def place(self, index: int, key: str) -> str:
         """Where something is said: ``FILE at fault.0.node``."""
@@ -169,9 +169,9 @@ class FaultScript:
 
     def process_events(
         self, nodes: Sequence[str] = (), buses: Sequence[str] = ()
-    ) -> tuple[Event, ...]:
+    ) -> tuple[FaultEvent, ...]:
         """Events in the order of time; ``"*"`` stands for each of `nodes` or `buses`."""
-        found: list[Event] = []
+        found: list[FaultEvent] = []
         for event in self.events:
             if event.action in OF_LINKS:
                 found.append(event)

@@ -9,7 +9,7 @@ import numpy as np
 from bridge.monitor import window
 from bridge.monitor.listener import Listener
 from bridge.monitor.messages import SPAN_NS, Beat, Heard
-from bridge.monitor.view import Table, View, result, values
+from bridge.monitor.view import TextTable, View, result, values
 from cosim.analysis.metrics import MetricResult
 
 
@@ -25,7 +25,7 @@ def view(listener: Listener, now_ns: int) -> View:
     return View(f"listening on {', '.join(listener.ears)}", line, _tables(listener, now_ns, known))
 
 
-def tables(listener: Listener, now_ns: int) -> list[Table]:
+def tables(listener: Listener, now_ns: int) -> list[TextTable]:
     """What is known, as tables; empty ones are left out."""
     known = window.metrics(listener.system, listener.heard.values(), now_ns)
     return _tables(listener, now_ns, known)
@@ -33,12 +33,12 @@ def tables(listener: Listener, now_ns: int) -> list[Table]:
 
 def _tables(
     listener: Listener, now_ns: int, metrics: tuple[list[MetricResult], tuple[str, ...]]
-) -> list[Table]:
+) -> list[TextTable]:
     found = [
         _nodes(listener, now_ns),
         _stops(listener),
         _messages(listener, now_ns),
-        Table("buses", ("bus", "frames/s", "load", ""),
+        TextTable("buses", ("bus", "frames/s", "load", ""),
               [_bus_row(listener, n, now_ns) for n in listener.ears]),
         _metrics(*metrics),
         _signals([*listener.heard.values()]),
@@ -56,7 +56,7 @@ def _how(listener: Listener, name: str, b: Beat, now_ns: int) -> str:
     return "gone" if there is False else "silent"
 
 
-def _nodes(listener: Listener, now_ns: int) -> Table:
+def _nodes(listener: Listener, now_ns: int) -> TextTable:
     bad = frozenset(
         i
         for i, (name, b) in enumerate(listener.beats.items())
@@ -65,7 +65,7 @@ def _nodes(listener: Listener, now_ns: int) -> Table:
     rows = [_beat_row(listener, name, b, now_ns) for name, b in listener.beats.items()]
     head: tuple[str, ...] = ("node", "state", "ms ago", "boots", "armed")
     head += ("token",) if listener.nets else ()
-    return Table("nodes, by their heartbeats", head, rows, bad)
+    return TextTable("nodes, by their heartbeats", head, rows, bad)
 
 
 def _beat_row(listener: Listener, name: str, b: Beat, now_ns: int) -> tuple[str, ...]:
@@ -75,16 +75,16 @@ def _beat_row(listener: Listener, name: str, b: Beat, now_ns: int) -> tuple[str,
     return (*row, token[listener.there(name)]) if listener.nets else row
 
 
-def _stops(listener: Listener) -> Table:
+def _stops(listener: Listener) -> TextTable:
     rows = [(name, why) for name, b in listener.beats.items() for why in b.reasons]
-    return Table("why", ("node", "has stopped"), rows, frozenset(range(len(rows))))
+    return TextTable("why", ("node", "has stopped"), rows, frozenset(range(len(rows))))
 
 
-def _messages(listener: Listener, now_ns: int) -> Table:
+def _messages(listener: Listener, now_ns: int) -> TextTable:
     heard = [*listener.heard.values()]
     bad = frozenset(i for i, h in enumerate(heard) if not h.recent or h.lost or h.refused)
     head = ("message", "from", "1/s", "ago", "jitter", "max", "lost", "sender")
-    return Table("messages; times in ms", head, [_heard_row(h, now_ns) for h in heard], bad)
+    return TextTable("messages; times in ms", head, [_heard_row(h, now_ns) for h in heard], bad)
 
 
 def _heard_row(h: Heard, now_ns: int) -> tuple[str, ...]:
@@ -96,10 +96,10 @@ def _heard_row(h: Heard, now_ns: int) -> tuple[str, ...]:
     return (h.carried.name, h.carried.node, rate, ago, *jitter, lost, sender)
 
 
-def _metrics(found: list[MetricResult], missing: tuple[str, ...]) -> Table:
+def _metrics(found: list[MetricResult], missing: tuple[str, ...]) -> TextTable:
     rows = [(r.label, result(r)) for r in found]
     rows += [("others", f"need what is on no bus: {', '.join(missing)}")] if missing else []
-    return Table("metrics", ("metric", "of the last second"), rows)
+    return TextTable("metrics", ("metric", "of the last second"), rows)
 
 
 def _without(h: Heard) -> str:
@@ -109,7 +109,7 @@ def _without(h: Heard) -> str:
     return f" ({', '.join(bad)})" if bad else ""
 
 
-def _signals(heard: list[Heard]) -> Table:
+def _signals(heard: list[Heard]) -> TextTable:
     """Newest values; of a signal that several messages carry, those of the last one."""
     rows: dict[str, tuple[str, ...]] = {}
     for h in (*heard, *sorted(heard, key=lambda h: h.t_ns)):  # the first time for their order
@@ -118,7 +118,7 @@ def _signals(heard: list[Heard]) -> Table:
             found = h.values[first : first + part.size].tolist()
             rows[part.name] = (part.name, part.unit, values(found))
             first += part.size
-    return Table("signals", ("signal", "unit", "values"), [*rows.values()])
+    return TextTable("signals", ("signal", "unit", "values"), [*rows.values()])
 
 
 def _ago(t_ns: int, now_ns: int) -> str:

@@ -47,7 +47,7 @@ class Beat:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class HeardSample:
     """`t_ns`: of arrival; `values` (n,).
 
     `stamp_us`: the sender's, modulo what its bits hold, or NO_STAMP.
@@ -65,7 +65,7 @@ class Heard:
     carried: Carried
     values: NDArray[np.float64]
     receiver: Receiver
-    recent: deque[Sample] = field(default_factory=deque)
+    recent: deque[HeardSample] = field(default_factory=deque)
     status: int = 0
     t_ns: int = -1
 
@@ -110,7 +110,7 @@ class Heard:
         self.status, self.t_ns = int(header.status), t
         if found is Decoded.OK:
             self.values = values
-            self.recent.append(Sample(t, stamp, values))
+            self.recent.append(HeardSample(t, stamp, values))
 
     def _counted(self, counter: int, t: int) -> bool:
         """Whether it is new. A listener does not know t = 0: the first frame is taken to be late

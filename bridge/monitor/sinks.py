@@ -10,7 +10,7 @@ import socket
 from pathlib import Path
 from typing import Any, Self, final
 
-from bridge.monitor.topics import Sample
+from bridge.monitor.topics import TopicMessage
 from cosim.base.errors import RunError, ScenarioError
 
 #: Hz that live views get at most, of each node.
@@ -43,7 +43,7 @@ class _Channels:
         self.context = self._sdk.Context()
         self._channels: dict[str, Any] = {}
 
-    def put(self, sample: Sample) -> None:
+    def put(self, sample: TopicMessage) -> None:
         """Log a message with its time."""
         topic = sample.topic
         if topic.name not in self._channels:
@@ -75,7 +75,7 @@ class Mcap:
         except (OSError, RuntimeError, ValueError) as error:
             raise RunError(f"cannot write {path}: {error}") from error
 
-    def put(self, sample: Sample) -> None:
+    def put(self, sample: TopicMessage) -> None:
         """Write one."""
         self._channels.put(sample)
 
@@ -102,7 +102,7 @@ class Foxglove:
         except (OSError, RuntimeError, ValueError) as error:
             raise RunError(f"cannot serve at {text}: {error}") from error
 
-    def put(self, sample: Sample) -> None:
+    def put(self, sample: TopicMessage) -> None:
         """Send one to whoever subscribed."""
         self._channels.put(sample)
 
@@ -123,7 +123,7 @@ class Udp:
         self._to = address(text)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-    def put(self, sample: Sample) -> None:
+    def put(self, sample: TopicMessage) -> None:
         """Send one: ``{"timestamp": s, TOPIC: {…}}``; lost where nobody listens."""
         content = {"timestamp": sample.t_ns * 1e-9, sample.topic.name[1:]: sample.content}
         try:

@@ -40,7 +40,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class TopicMessage:
     """A message: `t_ns` of its deadline since 1970 (or of the run), `content` plain JSON data."""
 
     topic: Topic
@@ -53,7 +53,7 @@ class Sink(Protocol):
 
     rate: float
 
-    def put(self, sample: Sample) -> None:
+    def put(self, sample: TopicMessage) -> None:
         """Take one."""
 
 
@@ -64,7 +64,7 @@ class Feed:
     def __init__(self, watched: Watched, sinks: Sequence[Sink]) -> None:
         self._watched, self._sinks = watched, sinks
         self._given: dict[Life, int] = {}
-        self._sources: dict[Life, Source] = {}
+        self._sources: dict[Life, TopicSource] = {}
 
     def new(self) -> int:
         """All rows that are new, as messages by time; returns how many slots they were."""
@@ -93,22 +93,22 @@ class Feed:
 
     def _give(self, batch: Sequence[tuple[Life, Rows]]) -> None:
         for sink in self._sinks:
-            samples: list[Sample] = []
+            samples: list[TopicMessage] = []
             for life, rows in batch:
                 samples += self._source(life).samples(rows, sink.rate)
             samples.sort(key=lambda s: s.t_ns)
             for sample in samples:
                 sink.put(sample)
 
-    def _source(self, life: Life) -> Source:
+    def _source(self, life: Life) -> TopicSource:
         if life not in self._sources:
             node = self._watched.system.nodes[life.node]
-            self._sources[life] = Source(node, self._watched.facts.wall_ns)
+            self._sources[life] = TopicSource(node, self._watched.facts.wall_ns)
         return self._sources[life]
 
 
 @final
-class Source:
+class TopicSource:
     """Messages of a node. `wall_ns`: of t = 0, since 1970."""
 
     def __init__(self, node: NodePlan, wall_ns: int) -> None:
@@ -118,10 +118,10 @@ class Source:
             for step in node.plan.components
         }
 
-    def samples(self, rows: Rows, rate: float) -> list[Sample]:
+    def samples(self, rows: Rows, rate: float) -> list[TopicMessage]:
         """Of these rows, at most `rate` (Hz) of them."""
         every = max(1, ceil(1.0 / (self._node.h * rate) - 1e-9))
-        found: list[Sample] = []
+        found: list[TopicMessage] = []
         for row in rows[rows["slot"] % every == 0]:
             t_ns = self._wall + int(row["deadline_ns"])
             signals = [v if isfinite(v) else None for v in row["signals"].tolist()]
@@ -129,8 +129,8 @@ class Source:
                 ports = self._slots[topic.name[1:]]
                 content = {p: _shaped(signals[s.start : s.start + s.size], s.shape)
                            for p, s in ports.items()}  # fmt: skip
-                found.append(Sample(topic, t_ns, content))
-            found.append(Sample(self.node, t_ns, self._of_slot(row)))
+                found.append(TopicMessage(topic, t_ns, content))
+            found.append(TopicMessage(self.node, t_ns, self._of_slot(row)))
         return found
 
     def _of_slot(self, row: np.void) -> dict[str, Any]:

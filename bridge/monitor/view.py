@@ -11,7 +11,7 @@ from cosim.analysis.metrics import MetricResult
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TextTable:
     """A table of texts; `marked`: rows that want attention."""
 
     title: str
@@ -26,7 +26,7 @@ class View:
 
     head: str
     line: str
-    tables: Sequence[Table]
+    tables: Sequence[TextTable]
 
     def lines(self) -> Iterator[tuple[str, bool]]:
         """Lines of text, and whether they want attention."""
@@ -42,7 +42,7 @@ def view(s: Snapshot) -> View:
     return View(head, line(s), tables(s))
 
 
-def tables(s: Snapshot) -> list[Table]:
+def tables(s: Snapshot) -> list[TextTable]:
     """A snapshot as tables; empty ones are left out."""
     nodes = [_node_row(n) for n in s.nodes]
     bad = frozenset(
@@ -51,13 +51,13 @@ def tables(s: Snapshot) -> list[Table]:
     )  # fmt: skip
     lost = frozenset(i for i, x in enumerate(s.inlets) if x.lost)
     found = [
-        Table(
+        TextTable(
             "nodes",
             ("node", "state", "slot", "late p50", "p99", "max us", "missed", "notes"),
             nodes,
             bad,
         ),
-        Table(
+        TextTable(
             "inputs from other nodes",
             ("from", "to", "network ms", "max", "age ms", "max", "lost"),
             [
@@ -66,23 +66,23 @@ def tables(s: Snapshot) -> list[Table]:
             ],
             lost,
         ),
-        Table(
+        TextTable(
             "buses",
             ("bus", "frames/s", "load"),
             [(b.name, str(b.frames), "" if isnan(b.load) else f"{b.load:.1%}") for b in s.buses],
         ),
-        Table("metrics", ("metric", "now"), [(r.label, result(r)) for r in s.metrics]),
-        Table(
+        TextTable("metrics", ("metric", "now"), [(r.label, result(r)) for r in s.metrics]),
+        TextTable(
             "outputs",
             ("signal", "unit", "values"),
             [(x.name, x.unit, values(x.values)) for x in s.signals],
         ),
-        Table("not readable", ("file", "why"), list(s.unreadable.items())),
+        TextTable("not readable", ("file", "why"), list(s.unreadable.items())),
     ]
     return [table for table in found if table.rows]
 
 
-def aligned(table: Table) -> Iterator[tuple[str, bool]]:
+def aligned(table: TextTable) -> Iterator[tuple[str, bool]]:
     """Lines of a table with columns that line up, numbers to the right; whether one is marked."""
     every = [table.head, *table.rows]
     widths = [max(len(row[i]) for row in every) for i in range(len(table.head))]

@@ -31,13 +31,13 @@ GROUP = "239.74.163.{}"
 LEAST = 50_000
 
 
-def can_spec(deployment: Deployment, name: str) -> interface.BusSpec:
+def can_spec(deployment: Deployment, name: str) -> interface.CanBusSpec:
     """A CAN bus of the deployment as :mod:`bridge.can.interface` opens it."""
     spec = deployment.buses[name]
     channel = spec.channel
     if spec.interface == "udp_multicast" and "." not in channel and ":" not in channel:
         channel = GROUP.format(2 + list(deployment.buses).index(name))
-    return interface.BusSpec(
+    return interface.CanBusSpec(
         name,
         interface=spec.interface,
         channel=channel,

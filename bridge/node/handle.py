@@ -15,7 +15,7 @@ from cosim.base.errors import RunError
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class NodeStart:
     """Everything a node's process is told on its command line."""
 
     scenario: Path
@@ -55,7 +55,7 @@ class NodeHandle(ABC):
     The attributes hold what the node has said so far; :meth:`poll` brings them up to date.
     """
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: NodeStart) -> None:
         self.start = start
         self.ready: Mapping[str, Any] | None = None
         self.done: Mapping[str, Any] | None = None

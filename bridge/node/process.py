@@ -13,14 +13,14 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, final
 
-from bridge.node.handle import NodeHandle, Start
+from bridge.node.handle import NodeHandle, NodeStart
 
 
 @final
 class Process(NodeHandle):
     """One life of a node. What it writes on standard error is kept in ``FOLDER/LIFE.err``."""
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: NodeStart) -> None:
         super().__init__(start)
         self.errors = start.folder / start.life.file("err")
         self.events: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()

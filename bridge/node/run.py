@@ -29,28 +29,28 @@ from bridge.node import lockstep
 from bridge.node.buses import announce, answer, attached, joined
 from bridge.node.control import Control, Say, listen_to, signals
 from bridge.node.fault_injection import inject
-from bridge.node.handle import Start
+from bridge.node.handle import NodeStart
 from bridge.node.hearing import never, silent, watched
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
 from bridge.realtime.requests import enter, verdict, warm_up
 from bridge.records.lives import Life
-from bridge.records.records import End, Statement, names_of
+from bridge.records.records import LifeEnd, Statement, names_of
 from bridge.wiring.outlets import forwarded_facts
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns, realtime_ns
 from cosim.base.errors import CosimError
 
 ENDS = {
-    native.FINISHED: End.FINISHED,
-    native.STOPPED: End.STOPPED,
-    native.NEVER_STARTED: End.NEVER_STARTED,
-    native.FAULT: End.FAULT,
+    native.FINISHED: LifeEnd.FINISHED,
+    native.STOPPED: LifeEnd.STOPPED,
+    native.NEVER_STARTED: LifeEnd.NEVER_STARTED,
+    native.FAULT: LifeEnd.FAULT,
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class NodeOptions:
     """How a node is run: `life` names its files, `real`: it may move real drives.
 
     `boots`: what its heartbeats say, 0: drawn from the time. `warm_up`: s of self-test before it is
@@ -70,7 +70,7 @@ class Options:
 
 def run_node(
     system: System,
-    options: Options,
+    options: NodeOptions,
     say: Say,
     listen: Callable[[Control], None] = lambda control: None,
 ) -> Statement:
@@ -98,7 +98,7 @@ def run_node(
 
 def _in_lockstep(
     system: System,
-    options: Options,
+    options: NodeOptions,
     journal: Path,
     say: Say,
     listen: Callable[[Control], None],
@@ -122,7 +122,7 @@ def _in_lockstep(
 def _configured(
     wired: Wired,
     buses: Mapping[str, Attachment],
-    options: Options,
+    options: NodeOptions,
     say: Say,
     listen: Callable[[Control], None],
 ) -> Statement:
@@ -164,7 +164,7 @@ def _configured(
 def stated(
     wired: Wired,
     buses: Mapping[str, Attachment],
-    options: Options,
+    options: NodeOptions,
     result: int,
     granted: Mapping[str, Any],
     warning: str,
@@ -208,28 +208,28 @@ def stated(
     )
 
 
-def _ended(wired: Wired, result: int) -> tuple[End, str]:
+def _ended(wired: Wired, result: int) -> tuple[LifeEnd, str]:
     """How it ended, and what went wrong in a sentence."""
     s = wired.struct
     if result > 0:
         end = wired.engine.end(result)
         if end is not None:
-            return End.ENDED, str(end)
-        return End.FAILED, str(wired.engine.failure(result))
+            return LifeEnd.ENDED, str(end)
+        return LifeEnd.FAILED, str(wired.engine.failure(result))
     if result == native.FINISHED and s.first >= s.slots:
-        return End.TOO_LATE, (
+        return LifeEnd.TOO_LATE, (
             f"the run was over: {s.slots} slots to t = {s.slots * s.h:g} s, and this life would "
             f"have begun with slot {s.first}"
         )
     if result == native.NOT_JOINED:
-        return End.FAILED, f"it could not join the run: {wired.failed}"
+        return LifeEnd.FAILED, f"it could not join the run: {wired.failed}"
     if result == native.FINISHED and (unheard := never(wired)):
-        return End.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
+        return LifeEnd.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
     lost = silent(wired) if result != native.FINISHED else []
-    return ENDS.get(result, End.FAILED), f"hears nothing of {', '.join(lost)}" if lost else ""
+    return ENDS.get(result, LifeEnd.FAILED), f"hears nothing of {', '.join(lost)}" if lost else ""
 
 
-def _kept(options: Options, report: Statement) -> Statement:
+def _kept(options: NodeOptions, report: Statement) -> Statement:
     """The report, written: while signals are still ours, so that a Ctrl-C does not take it."""
     report.write(options.folder)
     return report
@@ -242,10 +242,10 @@ def _counts(receiver: Receiver) -> dict[str, int]:
 # ---- as a process ---------------------------------------------------------------------------
 
 
-def run_started(start: Start, say: Say, listen: Callable[[Control], None]) -> Statement:
+def run_started(start: NodeStart, say: Say, listen: Callable[[Control], None]) -> Statement:
     """As :func:`run_node`, of what a supervisor says. Raises CosimError."""
     system = load_system(start.scenario, str(start.deployment), start.settings)
-    options = Options(
+    options = NodeOptions(
         life=start.life,
         folder=start.folder,
         boots=start.life.boot,
@@ -272,7 +272,7 @@ def main(arguments: Sequence[str]) -> int:
             stdout.flush()
 
     try:
-        report = run_started(Start.parse(arguments[0]), say, listen_to(sys.stdin))
+        report = run_started(NodeStart.parse(arguments[0]), say, listen_to(sys.stdin))
     except CosimError as error:
         say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
         return error.exit_code

@@ -13,7 +13,7 @@ import threading
 from typing import final
 
 from bridge.node.control import listen_to
-from bridge.node.handle import NodeHandle, Start
+from bridge.node.handle import NodeHandle, NodeStart
 from bridge.node.run import done, run_started
 from cosim.base.errors import CosimError, RunError
 
@@ -22,7 +22,7 @@ from cosim.base.errors import CosimError, RunError
 class Thread(NodeHandle):
     """One life of a node, in a thread of this process."""
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: NodeStart) -> None:
         super().__init__(start)
         self._told: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=str(start.life), daemon=True)

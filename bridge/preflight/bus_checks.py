@@ -15,7 +15,7 @@ from bridge.can.messages import BusMessage, Role, SignalRange, bus_responses, bu
 from cosim.bus.timing import BusTiming, worst
 from cosim.checks.finding import Finding, merged
 
-__all__ = ["BusMessage", "BusTiming", "SignalRange", "Watchdog", "check_buses"]
+__all__ = ["BusMessage", "BusTiming", "MessageTimeout", "SignalRange", "check_buses"]
 
 #: Load from which a warning is given: above, retransmissions and bursts find little room.
 CROWDED = 0.7
@@ -35,7 +35,7 @@ RESERVED: tuple[tuple[int, int, Role, str], ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Watchdog:
+class MessageTimeout:
     """Who stops after `timeout` s without `message`; 0: it is off."""
 
     name: str
@@ -46,7 +46,7 @@ class Watchdog:
 def check_buses(
     messages: Sequence[BusMessage],
     buses: Mapping[str, BusTiming],
-    watchdogs: Sequence[Watchdog] = (),
+    watchdogs: Sequence[MessageTimeout] = (),
 ) -> list[Finding]:
     """What speaks against it, worst first; a note of load and response for each bus.
 
@@ -207,7 +207,9 @@ def _late(name: str, messages: Sequence[BusMessage], timing: BusTiming) -> Itera
                       reason=reason)  # fmt: skip
 
 
-def _watchdogs(messages: Sequence[BusMessage], watchdogs: Iterable[Watchdog]) -> Iterator[Finding]:
+def _watchdogs(
+    messages: Sequence[BusMessage], watchdogs: Iterable[MessageTimeout]
+) -> Iterator[Finding]:
     periods = {m.name: m.period for m in messages}
     for w in watchdogs:
         number, period = w.timeout, periods.get(w.message)

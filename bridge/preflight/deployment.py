@@ -12,7 +12,7 @@ from bridge.deployment.protection import emulated
 from bridge.deployment.services import BEATS, commanders
 from bridge.deployment.system import System
 from bridge.native.message import STAMP_TURNS, E2EProfile
-from bridge.preflight.bus_checks import Watchdog, check_buses
+from bridge.preflight.bus_checks import MessageTimeout, check_buses
 from bridge.preflight.identifiers import collisions
 from bridge.safety.limits import in_si, limits
 from cosim.bus.timing import BusTiming
@@ -78,21 +78,23 @@ def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
             yield BusMessage.of(sync.layout, node=node, bus=bus, period=period, role="sync")
 
 
-def watchdogs(system: System) -> list[Watchdog]:
+def watchdogs(system: System) -> list[MessageTimeout]:
     """Who stops without what: emulated drives, and inputs with a `stop`."""
     d = system.deployment
-    found: list[Watchdog] = []
+    found: list[MessageTimeout] = []
     for name, plan in system.nodes.items():
         spec = d.nodes[name]
         for inlet in plan.inlets:
             if spec.drive is not None and inlet.target.port == spec.drive.port:
                 place = d.place("nodes", name, "drive")
                 timeout = in_si(emulated(spec.drive, d).watchdog or 0.0, "s", place)
-                found.append(Watchdog(f"drive of {name}", inlet.message, timeout))
+                found.append(MessageTimeout(f"drive of {name}", inlet.message, timeout))
             stale = spec.stale.get(f"{inlet.component}.{inlet.target.port}")
             if stale is not None and stale.stop:
                 timeout = d.seconds(stale.stop, "nodes", name, "stale")
-                found.append(Watchdog(f"{inlet.target.name} of {name}", inlet.message, timeout))
+                found.append(
+                    MessageTimeout(f"{inlet.target.name} of {name}", inlet.message, timeout)
+                )
     return found
 
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
-from bridge.can.layout import Layout
+from bridge.can.layout import MessageLayout
 from bridge.deployment.services import commanders
 from bridge.deployment.system import System
-from bridge.drives.profiles import Part, Profile, load_profile
+from bridge.drives.profiles import DriveProfile, ProfileMessage, load_profile
 from bridge.native.frame import Flags
 from cosim.checks.finding import Finding
 
@@ -23,7 +23,7 @@ CANOPEN = {"EMCY": 0x080, "SDO answer": 0x580, "SDO request": 0x600, "heartbeat"
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class SentIdentifier:
     """An identifier that somebody sends on a bus; `party`: who and what, for a sentence.
 
     `of`: the protocol it belongs to: frames of one may share an identifier, since their content
@@ -36,17 +36,17 @@ class Claim:
     of: str = ""
     message: bool = False
 
-    def collides(self, other: Claim) -> bool:
+    def collides(self, other: SentIdentifier) -> bool:
         """Whether two parties cannot both have it."""
         same = (self.identifier, self.extended) == (other.identifier, other.extended)
         together = self.of and self.of == other.of and not (self.message and other.message)
         return same and not together
 
 
-def claims(system: System, bus: str) -> list[Claim]:
+def claims(system: System, bus: str) -> list[SentIdentifier]:
     """All identifiers of a CAN bus."""
     found = [*_messages(system, bus), *_services(system, bus)]
-    seen: dict[Claim, None] = {}
+    seen: dict[SentIdentifier, None] = {}
     for m in system.deployment.messages.values():
         if m.bus == bus and m.profile:
             profile = load_profile(system.deployment.file(m.profile))
@@ -66,7 +66,7 @@ def collisions(system: System) -> list[Finding]:
     return list(found.values())
 
 
-def _finding(bus: str, a: Claim, b: Claim) -> Finding:
+def _finding(bus: str, a: SentIdentifier, b: SentIdentifier) -> Finding:
     number = f"{a.identifier:#010x}" if a.extended else f"{a.identifier:#05x}"
     return Finding(
         rule="identifier",
@@ -79,7 +79,7 @@ def _finding(bus: str, a: Claim, b: Claim) -> Finding:
     )
 
 
-def _messages(system: System, bus: str) -> Iterator[Claim]:
+def _messages(system: System, bus: str) -> Iterator[SentIdentifier]:
     for name, m in system.messages.items():
         if m.bus == bus:
             struct, spec, of = m.encoding.message, system.deployment.messages[name], ""
@@ -88,10 +88,10 @@ def _messages(system: System, bus: str) -> Iterator[Claim]:
                 command = profile.layout(profile.command, spec.drive).identifier
                 of = (_to if struct.id == command else _from)(profile, spec.drive)
             extended = bool(struct.flags & Flags.EXTENDED)
-            yield Claim(int(struct.id), extended, f"message {name} of {m.node}", of, True)
+            yield SentIdentifier(int(struct.id), extended, f"message {name} of {m.node}", of, True)
 
 
-def _services(system: System, bus: str) -> Iterator[Claim]:
+def _services(system: System, bus: str) -> Iterator[SentIdentifier]:
     """Each of them has senders of its own, which take turns or say the same."""
     here = {n: s for n, s in system.deployment.nodes.items() if bus in system.buses_of(n)}
     numbers = {f"HEARTBEAT_{spec.number}": node for node, spec in here.items()}
@@ -100,48 +100,52 @@ def _services(system: System, bus: str) -> Iterator[Claim]:
             continue
         party = f"{name} of {numbers[name]}" if name in numbers else f"{name}, a service of the bus"
         extended = bool(encoding.message.flags & Flags.EXTENDED)
-        yield Claim(int(encoding.message.id), extended, party)
+        yield SentIdentifier(int(encoding.message.id), extended, party)
 
 
-def _hosts(system: System, bus: str) -> Iterator[Claim]:
+def _hosts(system: System, bus: str) -> Iterator[SentIdentifier]:
     """What drives hear from the nodes that command them, besides commands."""
     service, d = system.services[bus], system.deployment
     for node in commanders(d, bus):
         beat = service.host_heartbeats.get(d.nodes[node].number)
         if beat is not None:
-            yield Claim(int(beat.message.id), False, f"the CANopen heartbeat of {node}")
+            yield SentIdentifier(int(beat.message.id), False, f"the CANopen heartbeat of {node}")
     if service.host_sync is not None:
-        yield Claim(int(service.host_sync.message.id), False, "CANopen's SYNC")
+        yield SentIdentifier(int(service.host_sync.message.id), False, "CANopen's SYNC")
 
 
-def _drive(profile: Profile, node: int) -> Iterator[Claim]:
+def _drive(profile: DriveProfile, node: int) -> Iterator[SentIdentifier]:
     """All frames to and from a drive of this number on its bus."""
     drive = f"drive {node} ({profile.title or profile.path})"
     for sequence, raws in profile.sequences.items():
         for raw in raws:
             of = _to(profile, node if raw.step else None)
-            yield Claim(raw.at(node)[0], False, f"{sequence} of {drive}", of)
+            yield SentIdentifier(raw.at(node)[0], False, f"{sequence} of {drive}", of)
     own = profile.watchdog
     for what, one in (("register", own.write), ("register", own.read)):
         if one is not None:
             of = _to(profile, node if one.step else None)
-            yield Claim(one.at(node)[0], False, f"{what} frames to {drive}", of)
+            yield SentIdentifier(one.at(node)[0], False, f"{what} frames to {drive}", of)
     if own.reply is not None:
-        yield Claim(own.reply.at(node)[0], False, f"answers of {drive}", _from(profile, node))
+        yield SentIdentifier(
+            own.reply.at(node)[0], False, f"answers of {drive}", _from(profile, node)
+        )
     command = profile.layout(profile.command, node)
     to = _to(profile, node)
-    yield Claim(
+    yield SentIdentifier(
         command.identifier, bool(command.flags & Flags.EXTENDED), f"commands to {drive}", to
     )
     for told in _told(profile, node):
         extended = bool(told.flags & Flags.EXTENDED)
-        yield Claim(told.identifier, extended, f"{told.name} of {drive}", _from(profile, node))
+        yield SentIdentifier(
+            told.identifier, extended, f"{told.name} of {drive}", _from(profile, node)
+        )
     if profile.host.heartbeat:
         for name, first in CANOPEN.items():
-            yield Claim(first + node, False, f"the {name} of {drive}")
+            yield SentIdentifier(first + node, False, f"the {name} of {drive}")
 
 
-def _told(profile: Profile, node: int) -> Iterator[Layout]:
+def _told(profile: DriveProfile, node: int) -> Iterator[MessageLayout]:
     """What it sends: its feedback, and further messages of its DBC file, listened to or not."""
     yield from (profile.layout(part, node) for part in profile.feedback)
     known = {part.message for part in (profile.command, *profile.feedback)}
@@ -149,12 +153,12 @@ def _told(profile: Profile, node: int) -> Iterator[Layout]:
     if profile.command.step:
         for layout in profile.layouts:
             if layout.name not in known:
-                yield profile.layout(Part(layout.name, profile.command.step), node)
+                yield profile.layout(ProfileMessage(layout.name, profile.command.step), node)
 
 
-def _to(profile: Profile, node: int | None) -> str:
+def _to(profile: DriveProfile, node: int | None) -> str:
     return f"to {profile.path} {'all' if node is None else node}"
 
 
-def _from(profile: Profile, node: int) -> str:
+def _from(profile: DriveProfile, node: int) -> str:
     return f"from {profile.path} {node}"

@@ -13,7 +13,7 @@ from typing import Any, Self, TypeAlias
 
 import msgspec
 
-from bridge.faults.script import Action, Event
+from bridge.faults.script import Action, FaultEvent
 from bridge.native.safety import Why
 from bridge.records.lives import Life
 from bridge.safety.limits import explain, names
@@ -22,7 +22,7 @@ from cosim.record.folder import replace_file
 Counts: TypeAlias = Mapping[str, int]
 
 
-class End(StrEnum):
+class LifeEnd(StrEnum):
     """How a life of a node ended."""
 
     FINISHED = "finished"
@@ -62,7 +62,7 @@ class Statement(Record, frozen=True, kw_only=True):
 
     life: Life
     boots: int = 0
-    end: End
+    end: LifeEnd
     error: str = ""
     state: str = ""
     reasons: tuple[str, ...] = ()
@@ -159,7 +159,7 @@ class Gone(_Note, frozen=True, kw_only=True, tag="gone"):
     """A life ended although nobody had planned it; `signal`: that killed it, 0: none."""
 
     life: Life
-    end: End
+    end: LifeEnd
     code: int = 0
     detail: str = ""
 
@@ -211,7 +211,7 @@ class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
 Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf
 
 
-def noted(what: str | Event, t: float) -> Note:
+def noted(what: str | FaultEvent, t: float) -> Note:
     """Of something done to a rehearsal at `t` (s)."""
     if isinstance(what, str):
         return Remark(t=t, remark=what)

@@ -17,19 +17,19 @@ from collections.abc import Sequence
 
 from bridge.can.interface import attach, parse_spec
 from bridge.can.repeat import LONGEST_WAIT, flags_of, repeat, stopped_by_signals
-from bridge.faults.script import Event
+from bridge.faults.script import FaultEvent
 from bridge.native.bus import FORMAT, Accept
 from cosim.base.errors import CosimError
 
 
-def command(event: Event, interface: str, channel: str, *, fd: bool = False) -> list[str]:
+def command(event: FaultEvent, interface: str, channel: str, *, fd: bool = False) -> list[str]:
     """What starts the peer that an event of a fault script asks for."""
     said = [sys.executable, "-m", "bridge.rehearsal.babbler", "-i", interface, "-c", channel]
     said += ["--id", f"{event.id:#x}", "--rate", f"{event.rate:g}", "--length", f"{event.length}"]
     return [*said, "--fd"] if fd else said
 
 
-def accept(event: Event) -> Accept:
+def accept(event: FaultEvent) -> Accept:
     """The frames that such a peer sends, by identifier and format."""
     return Accept(
         event.id & 0x1FFFFFFF, flags=flags_of(event.id, event.length) & FORMAT, flag_mask=FORMAT

@@ -15,7 +15,7 @@ from typing import Self, final
 
 from bridge.deployment.system import System
 from bridge.relay import namespaces
-from bridge.relay.network import Network
+from bridge.relay.network import RelayNetwork
 from cosim.base.errors import ScenarioError
 from cosim.base.interrupts import deferred
 
@@ -87,7 +87,7 @@ class Hosts:
     def __init__(self, hosts: Mapping[str, Sequence[str]], record: Path, seed: int = 0) -> None:
         self.hosts = dict(hosts)
         self._of = {node: host for host, nodes in hosts.items() for node in nodes}
-        self.network = Network(list(hosts), record, seed=seed) if len(hosts) > 1 else None
+        self.network = RelayNetwork(list(hosts), record, seed=seed) if len(hosts) > 1 else None
         self._only = f"{namespaces.PREFIX}{os.getpid()}-only{next(_NUMBER)}"
         self._stack = ExitStack()
 

@@ -7,18 +7,18 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 
 from bridge.deployment.system import System
-from bridge.faults.script import Event as Planned
-from bridge.faults.script import FaultScript
+from bridge.faults.script import FaultEvent, FaultScript
 from bridge.node.buses import can_spec
 from bridge.rehearsal import babbler
-from bridge.rehearsal.supervisor import Event, Rehearsal
-from bridge.relay.network import Network
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import Rehearsal
+from bridge.relay.network import RelayNetwork
 from cosim.base.errors import RunError, ScenarioError
 
 
 def events(
-    script: FaultScript, system: System, network: Network | None = None
-) -> tuple[Event, ...]:
+    script: FaultScript, system: System, network: RelayNetwork | None = None
+) -> tuple[ScheduledEvent, ...]:
     """The events of a script, to be done by :meth:`Rehearsal.run`.
 
     `network`: between the hosts its nodes are on. Raises ScenarioError for names the deployment
@@ -31,7 +31,7 @@ def events(
     babblers = {(e.target, e.index): Babbler(e, system) for e in planned if e.action == "babble"}
     links = _Links(network)
     return tuple(
-        Event(
+        ScheduledEvent(
             e.t,
             e,
             _deed(e, system, babblers, links, script),
@@ -43,7 +43,7 @@ def events(
 
 
 def _deed(
-    event: Planned,
+    event: FaultEvent,
     system: System,
     babblers: Mapping[tuple[str, int], Babbler],
     links: _Links,
@@ -77,11 +77,11 @@ def _deed(
 class _Links:
     """What is wrong with each link of a network now: of several faults at once, all of it."""
 
-    def __init__(self, network: Network | None) -> None:
+    def __init__(self, network: RelayNetwork | None) -> None:
         self._network = network
         self._wrong: dict[str, dict[int, Mapping[str, Any]]] = {}
 
-    def check(self, event: Planned, script: FaultScript) -> None:
+    def check(self, event: FaultEvent, script: FaultScript) -> None:
         """Raise ScenarioError where there is no such link."""
         if self._network is None:
             raise ScenarioError(
@@ -95,7 +95,7 @@ class _Links:
                 script.place(event.index, "link"),
             )
 
-    def change(self, event: Planned) -> None:
+    def change(self, event: FaultEvent) -> None:
         """A fault begins, or is over."""
         assert self._network is not None
         for link in self._network.names if event.target == "*" else (event.target,):
@@ -126,7 +126,7 @@ def set_link(system: System, bus: str, state: str) -> None:
 class Babbler:
     """The process of a babbling peer. It is ready before the run, so that it begins at its time."""
 
-    def __init__(self, event: Planned, system: System) -> None:
+    def __init__(self, event: FaultEvent, system: System) -> None:
         spec = system.deployment.buses[event.target]
         channel = can_spec(system.deployment, event.target).channel
         self._command = babbler.command(event, spec.interface, channel, fd=spec.fd)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bridge.faults.script import Event as Planned
+from bridge.faults.script import FaultEvent
 from bridge.node.handle import NodeHandle
 from bridge.records.records import Note
 
@@ -19,7 +19,7 @@ Inside = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class ScheduledEvent:
     """Something done to a rehearsal at `t` (s); `what`: for its notes, see
     :mod:`bridge.faults.load`.
 
@@ -29,7 +29,7 @@ class Event:
     """
 
     t: float
-    what: str | Planned
+    what: str | FaultEvent
     do: Callable[[Rehearsal], None]
     revives: bool = False
     prepare: Callable[[Rehearsal], Callable[[], None]] | None = None
@@ -46,7 +46,7 @@ class Settings:
     realtime: bool = True
     real: bool = False
     script: str = ""
-    events: Sequence[Event] = ()
+    events: Sequence[ScheduledEvent] = ()
     nodes: tuple[str, ...] = ()  # those started here; empty: all
     inside: Inside = lambda node: nullcontext()  # the host a node's process is started on
 

@@ -17,14 +17,14 @@ from typing import final
 
 from bridge.deployment.system import System
 from bridge.node.drive_enable import enabled
-from bridge.node.handle import NodeHandle, Start, unready
+from bridge.node.handle import NodeHandle, NodeStart, unready
 from bridge.node.lockstep import wanted
 from bridge.node.process import Process
 from bridge.node.thread import Thread
 from bridge.records.lives import Life
-from bridge.records.records import Deaf, End, Gone, Missed, Refused, noted
+from bridge.records.records import Deaf, Gone, LifeEnd, Missed, Refused, noted
 from bridge.rehearsal.settings import Ended as Ended
-from bridge.rehearsal.settings import Event as Event
+from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
@@ -75,7 +75,7 @@ class Rehearsal:
         """Start a node's process, of its next life."""
         life = Life(name, 1 + sum(p.start.life.node == name for p in self.ended.lives))
         s = self.settings
-        start = Start(
+        start = NodeStart(
             s.scenario,
             s.deployment,
             s.changes,
@@ -199,15 +199,15 @@ class Rehearsal:
             self._deaf(process)
             if process.code is None or name in self.expected:
                 continue
-            end = End(process.done["end"]) if process.done else End.KILLED
-            if end in (End.FINISHED, End.FAULT):
+            end = LifeEnd(process.done["end"]) if process.done else LifeEnd.KILLED
+            if end in (LifeEnd.FINISHED, LifeEnd.FAULT):
                 continue
             self.expected.add(name)
             life, why = process.start.life, process.done["error"] if process.done else ""
             detail = why or (end if process.done else process.reason())
             # Whoever was to join and could not before the end, because nobody was there any more.
             late = life.boot > 1 and not process.done and not process.ready and self.t > self.length
-            if end is End.TOO_LATE or late:
+            if end is LifeEnd.TOO_LATE or late:
                 self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
                 continue
             gone = Gone(t=self.t, life=life, end=end, code=process.code, detail=detail)
@@ -289,6 +289,6 @@ class Rehearsal:
         process.tell("start", start_ns=self.ended.start_ns)
 
 
-def _revived(events: Sequence[Event], length: float) -> bool:
+def _revived(events: Sequence[ScheduledEvent], length: float) -> bool:
     """Whether a node is still to be started, in time."""
     return any(e.revives and e.t < length for e in events)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.native.journal import Journal
-from bridge.relay.impair import LinkSpec
+from bridge.relay.impair import RelayLinkSpec
 from bridge.relay.router import PACKET, Router, open_tun
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str]) -> int:
         with Journal.create(Path(given["record"]), np.dtype(PACKET), given["rows"]) as record:
             router = Router(tuns, addresses, given["seed"], record, monotonic_ns())
             for link, spec in given["links"].items():
-                router.set(link, LinkSpec.of(spec, link))
+                router.set(link, RelayLinkSpec.of(spec, link))
             _say({"event": "ready", "links": list(router.links)})
             gc.freeze()
             gc.disable()  # a collection would hold packets back
@@ -51,7 +51,7 @@ def _commands(router: Router) -> Callable[[], bool]:
         *lines, rest = (rest + data).split(b"\n")
         for line in lines:
             told = json.loads(line)
-            router.set(told["link"], LinkSpec.of(told["spec"], told["link"]))
+            router.set(told["link"], RelayLinkSpec.of(told["spec"], told["link"]))
         return bool(data)
 
     return read

@@ -24,7 +24,7 @@ _KEYS = ("delay", "loss", "ordered", "rate", "down")
 
 
 @dataclass(frozen=True, slots=True)
-class LinkSpec:
+class RelayLinkSpec:
     """One direction. `delay`, `loss`: as ``[[links]]`` of a scenario have them; None: none.
 
     `ordered`: a packet never overtakes; `rate`: bit/s, 0: no limit; `down`: nothing goes through.
@@ -37,7 +37,7 @@ class LinkSpec:
     down: bool = False
 
     @classmethod
-    def of(cls, given: Mapping[str, Any], place: str) -> LinkSpec:
+    def of(cls, given: Mapping[str, Any], place: str) -> RelayLinkSpec:
         """From a table. Raises ScenarioError for unknown keys."""
         for key in given:
             if key not in _KEYS:
@@ -51,12 +51,12 @@ class LinkSpec:
 class Impairment:
     """Decides when each packet of a link `name` leaves, t = 0 being `start_ns`."""
 
-    def __init__(self, name: str, spec: LinkSpec, seed: int, start_ns: int = 0) -> None:
+    def __init__(self, name: str, spec: RelayLinkSpec, seed: int, start_ns: int = 0) -> None:
         self.name, self.seed, self._start = name, seed, start_ns
         self._free = self._last = 0
         self.set(spec)
 
-    def set(self, spec: LinkSpec) -> None:
+    def set(self, spec: RelayLinkSpec) -> None:
         """Other laws from now on, drawn from their beginning."""
         self.spec = spec
         here = Path()

@@ -25,10 +25,10 @@ ROWS = 400_000
 
 
 @final
-class Network:
+class RelayNetwork:
     """Hosts in network namespaces of their own, ``10.77.0.N``, and links between any two.
 
-    `links`: tables of :class:`bridge.relay.impair.LinkSpec` by ``FROM>TO``, or ``*`` for all.
+    `links`: tables of :class:`bridge.relay.impair.RelayLinkSpec` by ``FROM>TO``, or ``*`` for all.
     `record`: the file that gets a row a packet. Raises NetworkError without root.
     """
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 
 from bridge.native.journal import Journal
-from bridge.relay.impair import Impairment, LinkSpec
+from bridge.relay.impair import Impairment, RelayLinkSpec
 from bridge.relay.namespaces import NetworkError, inside, ip
 from cosim.base.errors import ScenarioError
 
@@ -63,7 +63,7 @@ class Router:
         self._of = {_packed(a): host for host, a in addresses.items()}
         pairs = [(a, b) for a in tuns for b in tuns if a != b]
         self.links = {
-            f"{a}>{b}": Impairment(f"{a}>{b}", LinkSpec(), seed, start_ns) for a, b in pairs
+            f"{a}>{b}": Impairment(f"{a}>{b}", RelayLinkSpec(), seed, start_ns) for a, b in pairs
         }
         self._numbers = {name: i for i, name in enumerate(self.links)}
         self._record = record
@@ -72,7 +72,7 @@ class Router:
         self.full = 0
         """Packets a host did not take: its queue was full."""
 
-    def set(self, link: str, spec: LinkSpec) -> None:
+    def set(self, link: str, spec: RelayLinkSpec) -> None:
         """Change a link, or all (``*``). Raises ScenarioError for one that is not there."""
         wanted = list(self.links) if link == "*" else [link]
         for name in wanted:

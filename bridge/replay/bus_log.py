@@ -28,7 +28,7 @@ ASKED, GUESSES = 50, 625
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class LoggedSample:
     """A frame of a message that passed its checks; times in ns, `t_ns` as logged.
 
     `wire_ns`: what its bits take on the bus.
@@ -76,7 +76,7 @@ def _bus(system: System, name: str, path: Path, log: FrameLog) -> str:
     raise ScenarioError(f"bus {name!r} is none of the deployment; it has {known}", str(path))
 
 
-def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[Sample]:
+def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[LoggedSample]:
     """What a message said, frame by frame."""
     codec = carried.encoding
     assert isinstance(codec, Codec)
@@ -88,10 +88,10 @@ def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[
         if result is Decoded.OK:
             life = header.status & LIFE if tells else -1
             wire = frame_time_ns(frame, timing)
-            yield Sample(frame.t_ns, wire, header.counter, header.t_us, life, values)
+            yield LoggedSample(frame.t_ns, wire, header.counter, header.t_us, life, values)
 
 
-def start_of(system: System, heard: Mapping[str, Sequence[Sample]]) -> int:
+def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int:
     """When t = 0 was on the log's clock, ns, from the time stamps in the frames.
 
     A stamp of 16 bits says it only modulo 65.5 ms; then counters decide, which is unique for 41 s
@@ -116,7 +116,7 @@ def start_of(system: System, heard: Mapping[str, Sequence[Sample]]) -> int:
     raise ScenarioError(f"counters of {', '.join(stamped)} fit no common t = 0")
 
 
-def _origin(sample: Sample) -> int:
+def _origin(sample: LoggedSample) -> int:
     """Where t = 0 would be if the frame was not held up: as early as it can be; ns."""
     return sample.t_ns - sample.wire_ns - 1000 * sample.stamp_us
 
@@ -127,7 +127,7 @@ def _time_bits(carried: Carried) -> int:
     return codec.layout.time_bits
 
 
-def _fits(carried: Carried, heard: Sequence[Sample], start: int) -> bool:
+def _fits(carried: Carried, heard: Sequence[LoggedSample], start: int) -> bool:
     """Whether the first frames have the counters they would have then; one in ten may be late."""
     asked = heard[:ASKED]
     bits = counter_bits(carried)
@@ -142,7 +142,7 @@ def counter_bits(carried: Carried) -> int:
     return codec.layout.counter.length if codec.layout.counter else 0
 
 
-def sent_ns(carried: Carried, sample: Sample, start: int) -> int:
+def sent_ns(carried: Carried, sample: LoggedSample, start: int) -> int:
     """When it was sent since `start`, by its stamp, else by the log; ns."""
     arrival = sample.t_ns - start
     bits = _time_bits(carried)
@@ -153,7 +153,7 @@ def sent_ns(carried: Carried, sample: Sample, start: int) -> int:
     return (arrival // 1000 + behind) * 1000
 
 
-def sequence(carried: Carried, sample: Sample, start: int) -> int:
+def sequence(carried: Carried, sample: LoggedSample, start: int) -> int:
     """Number of the sample: the slot of its sender in which it was sent, by hits of the message."""
     t = sent_ns(carried, sample, start) - carried.offset_ns
     number = (t + 1000) // carried.period_ns  # a stamp is cut to us

@@ -70,7 +70,7 @@ class MetricDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class RunDifference:
     """What two runs have in common: `signals`, the largest differences by their bounds first.
 
     `period`: T of the bounds, s; `tolerance`: in place of all bounds, in each signal's unit;
@@ -124,7 +124,7 @@ class Comparison:
 
 def compare_runs(
     a: Path, b: Path, signals: Sequence[str] = (), tolerance: float | None = None
-) -> Comparison:
+) -> RunDifference:
     """Compare two run folders.
 
     `signals`: only these, by name or by what their names begin with. Raises ScenarioError for a
@@ -146,7 +146,7 @@ def compare_runs(
         )
         for name in names
     ]
-    return Comparison(
+    return RunDifference(
         a, b, len(t), float(t[-1]), T, tolerance,
         tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
         _metrics(first, second), (_lacking(first, second), _lacking(second, first)),

@@ -25,7 +25,7 @@ from bridge.native.bus import Accept, Bus, BusKind
 from bridge.native.frame import Ring
 from bridge.native.safety import LifeState
 from bridge.replay import bus_log
-from bridge.replay.bus_log import Sample
+from bridge.replay.bus_log import LoggedSample
 from bridge.replay.heard_and_sent import History
 from bridge.wiring.wiring import Wired
 from cosim.base.errors import ScenarioError
@@ -128,7 +128,7 @@ def _follow(
     system: System,
     name: str,
     buses: Buses,
-    sent: Mapping[str, Sequence[Sample]],
+    sent: Mapping[str, Sequence[LoggedSample]],
     start: int,
 ) -> Followed:
     own = {message: _numbered(system, message, frames, start) for message, frames in sent.items()}
@@ -156,11 +156,11 @@ def _follow(
 
 
 def _numbered(
-    system: System, message: str, frames: Sequence[Sample], start: int
-) -> dict[int, Sample]:
+    system: System, message: str, frames: Sequence[LoggedSample], start: int
+) -> dict[int, LoggedSample]:
     """Frames of the run by sequence number; the first of two alike."""
     carried = system.messages[message]
-    found: dict[int, Sample] = {}
+    found: dict[int, LoggedSample] = {}
     for sample in frames:
         number = bus_log.sequence(carried, sample, start)
         if sample.running and sample.t_ns >= start and number >= 0:
@@ -169,7 +169,7 @@ def _numbered(
 
 
 def _limits(
-    system: System, name: str, own: Mapping[str, Mapping[int, Sample]], start: int
+    system: System, name: str, own: Mapping[str, Mapping[int, LoggedSample]], start: int
 ) -> tuple[NDArray[np.int64], int, int]:
     """(until when each slot heard, ns; the first slot; how many have a frame that tells)."""
     node = system.nodes[name]
@@ -256,7 +256,7 @@ def _run(
 
 
 def _values(
-    system: System, message: str, sent: Mapping[int, Sample], made: History
+    system: System, message: str, sent: Mapping[int, LoggedSample], made: History
 ) -> list[SentDifference]:
     """Each value of a message, computed against sent."""
     carried = system.messages[message]

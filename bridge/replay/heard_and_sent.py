@@ -147,7 +147,7 @@ def against_senders(
             unsent = _unsent(system, recorded, message, numbers)
             if not (history.known(numbers) | unsent).all():
                 alone.add(message)
-            altered += _altered(system, Received(life, message, mine), history, unsent)
+            altered += _altered(system, ReceivedSamples(life, message, mine), history, unsent)
     return tuple(altered), alone
 
 
@@ -162,7 +162,7 @@ def unheard(
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedSamples:
     """What a life heard of one message, in the order it heard it."""
 
     life: Life
@@ -171,7 +171,7 @@ class Received:
 
 
 def _altered(
-    system: System, received: Received, history: History, unsent: NDArray[np.bool_]
+    system: System, received: ReceivedSamples, history: History, unsent: NDArray[np.bool_]
 ) -> Iterator[Altered]:
     """The samples that are not those of their sender, if there are any."""
     rows, message = received.rows, system.messages[received.message].encoding.message

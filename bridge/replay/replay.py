@@ -49,7 +49,7 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class ReplayReport:
     """What a replay found: slots by life, the greatest difference, and the first one if any.
 
     `altered`: samples that are not those of their sender; `alone`: messages some of whose samples
@@ -66,7 +66,7 @@ class Replay:
 
 def replay(
     system: System, recorded: Mapping[Life, Rows], heard: Mapping[Life, Rows], folder: Path
-) -> Replay:
+) -> ReplayReport:
     """Compute the recorded lives again, into journals in `folder`, and compare every bit.
 
     Each life hears what it heard, whoever sent it: no other node is needed. What it heard is then
@@ -94,7 +94,7 @@ def replay(
     first = min(differences, key=lambda d: d.t, default=None)
     slots = ByLife({life: len(rows) for life, rows in lives.items()})
     altered, alone = heard_and_sent.against_senders(system, lives, there, sent)
-    return Replay(slots, greatest, first, tuple(sorted(alone | unheard)), altered)
+    return ReplayReport(slots, greatest, first, tuple(sorted(alone | unheard)), altered)
 
 
 def load(folder: Path) -> ByLife[Rows]:

@@ -16,18 +16,20 @@ from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
 from bridge.deployment.system import Listened, System
-from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, Event, FaultScript, FrameFault
+from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, FaultEvent, FaultScript, FrameFault
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal.babbler import accept
-from bridge.results.detection_links import Network, of_links
+from bridge.results.detection_links import RecordedNetwork, of_links
 from bridge.results.findings import Evidence, Place, Sign, Signs
 from bridge.results.symptoms import COUNTERS, SIGNS, Shown
 from bridge.results.undetected import of_run
 from bridge.wiring.wiring import Rows
 
 
-def find(script: FaultScript, shown: Shown, network: Network | None = None) -> list[Evidence]:
+def find(
+    script: FaultScript, shown: Shown, network: RecordedNetwork | None = None
+) -> list[Evidence]:
     """What the report shows of each table of a script, in their order."""
     system = shown.system
     end = system.plan.ticks * system.plan.h
@@ -51,7 +53,7 @@ def find(script: FaultScript, shown: Shown, network: Network | None = None) -> l
                 places=places,
             )
         )
-    tables: dict[int, list[Event]] = {}
+    tables: dict[int, list[FaultEvent]] = {}
     d = system.deployment
     for event in script.process_events(list(d.nodes), list(d.buses)):
         tables.setdefault(event.index, []).append(event)
@@ -199,14 +201,16 @@ def _hostile_signs(signs: Sequence[str], shown: Shown, life: Life, message: str)
 # ---- faults of processes, buses and networks ------------------------------------------------
 
 
-def _kind(events: Sequence[Event]) -> str:
+def _kind(events: Sequence[FaultEvent]) -> str:
     """The kind of the table that these events are of."""
     if any(e.action == "start" for e in events):
         return "restart"
     return events[0].action
 
 
-def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -> Iterator[Place]:
+def _of_events(
+    events: Sequence[FaultEvent], shown: Shown, network: RecordedNetwork | None
+) -> Iterator[Place]:
     """A place each target whose beginning the run has noted, unless its node was over by then."""
     first, last = events[0], events[-1]
     done = {
@@ -228,7 +232,7 @@ def _of_events(events: Sequence[Event], shown: Shown, network: Network | None) -
         yield Place(target=target, done=1, signs=signs)
 
 
-def _restarted(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+def _restarted(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
     h = shown.system.nodes[node].h
     later = [life for life in shown.lives(node) if shown.rows[life]["slot"][0] * h > first.t]
     if later:
@@ -237,15 +241,15 @@ def _restarted(shown: Shown, node: str, first: Event, t1: float) -> Signs:
     return tuple(Sign(what="refusal", life=n.life, note=n) for n in stayed)[:1]
 
 
-def _killed(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+def _killed(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
     return shown.ended(node, first.t, t1)
 
 
-def _stopped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+def _stopped(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
     return shown.late(node, first.t, t1) or shown.ended(node, first.t, t1)
 
 
-def _jumped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
+def _jumped(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
     """A clock set forward makes its node late; one set back makes it silent to the others."""
     by = abs(first.by)
     found = shown.late(node, first.t, first.t + by) or shown.stopped(node, first.t)
@@ -261,7 +265,7 @@ def _jumped(shown: Shown, node: str, first: Event, t1: float) -> Signs:
     return found or tuple(silent)[:1]
 
 
-def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
+def _health(shown: Shown, bus: str, first: FaultEvent, t1: float) -> Signs:
     """Errors of the bus; where it was down several times, a life that had it back as often."""
     downs = sum(
         isinstance(n, Done) and (n.action, n.target) == (first.action, bus) for n in shown.notes
@@ -274,13 +278,13 @@ def _health(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
     return ()
 
 
-def _frames(shown: Shown, bus: str, first: Event, t1: float) -> Signs:
+def _frames(shown: Shown, bus: str, first: FaultEvent, t1: float) -> Signs:
     """Frames in the logs of the bus that have the peer's identifier and that no node has sent."""
     found = shown.strangers(bus, accept(first))
     return (Sign(what="frames", number=found),) if found else ()
 
 
-_EVENT_SIGNS: Mapping[str, Callable[[Shown, str, Event, float], Signs]] = {
+_EVENT_SIGNS: Mapping[str, Callable[[Shown, str, FaultEvent, float], Signs]] = {
     "kill": _killed,
     "restart": _restarted,
     "freeze": _stopped,

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bridge.faults.script import Event
+from bridge.faults.script import FaultEvent
 from bridge.records.lives import Life
 from bridge.relay.router import UDP
 from bridge.results.findings import Place, Signs
@@ -25,8 +25,8 @@ HELD = 0.02
 _HEADERS = 28 + 24
 
 
-class Packets(Protocol):
-    """What a network recorded (:class:`bridge.relay.network.Network`), and who is where."""
+class PacketRecord(Protocol):
+    """What a network recorded (:class:`bridge.relay.network.RelayNetwork`), and who is where."""
 
     names: Sequence[str]
 
@@ -36,15 +36,17 @@ class Packets(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
+class RecordedNetwork:
     """A network, its hosts' nodes, and t = 0 on its clock."""
 
-    packets: Packets
+    packets: PacketRecord
     hosts: Mapping[str, Sequence[str]]
     start_ns: int
 
 
-def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterator[Place]:
+def of_links(
+    first: FaultEvent, t1: float, shown: Shown, network: RecordedNetwork
+) -> Iterator[Place]:
     """A place each life that receives something over a link the fault acted on."""
     packets = network.packets
     for link in packets.names if first.target == "*" else (first.target,):
@@ -65,7 +67,7 @@ def of_links(first: Event, t1: float, shown: Shown, network: Network) -> Iterato
 
 
 def _receivers(
-    action: str, link: str, t0: float, t1: float, shown: Shown, network: Network
+    action: str, link: str, t0: float, t1: float, shown: Shown, network: RecordedNetwork
 ) -> Iterator[tuple[Life, str]]:
     source, _, target = link.partition(">")
     for node in network.hosts[target]:
@@ -101,7 +103,7 @@ def _acted(action: str, rows: Rows) -> tuple[int, float]:
 
 
 def _link_signs(
-    first: Event, quiet: float, t1: float, shown: Shown, life: Life, message: str, least: float
+    first: FaultEvent, quiet: float, t1: float, shown: Shown, life: Life, message: str, least: float
 ) -> Signs:
     """`quiet`: s, from when on nothing from before the fault arrives; `least`: s each was held."""
     found: Signs = ()

@@ -9,7 +9,7 @@ from typing import Any
 from bridge.deployment.system import System
 from bridge.recording import run_folder
 from bridge.records.lives import Life
-from bridge.records.records import End, Statement
+from bridge.records.records import LifeEnd, Statement
 from bridge.replay import replay
 from bridge.results.outcome import begin
 from bridge.wiring.wiring import Rows
@@ -38,7 +38,7 @@ def complete_node(
     if rows:
         offset = realtime_offset_ns()
         run_folder.collect(system, rows, nodes, folder, wall_ns=offset)
-    whole = report.end in (End.FINISHED, End.ENDED)
+    whole = report.end in (LifeEnd.FINISHED, LifeEnd.ENDED)
     how = {"status": FINISHED if whole else STOPPED, "error": report.error or None}
     write_metadata(folder, {**facts, **how})
     seal(folder)

@@ -27,11 +27,11 @@ from bridge.deployment.system import System
 from bridge.faults.script import FaultScript
 from bridge.recording import run_folder
 from bridge.records.lives import Life
-from bridge.records.records import End, Note
+from bridge.records.records import LifeEnd, Note
 from bridge.rehearsal.supervisor import STARTED, Ended
 from bridge.replay import replay, twin
 from bridge.results import detection, report, verdict
-from bridge.results.detection_links import Network
+from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Evidence
 from bridge.results.report import NodeReport
 from bridge.results.symptoms import Shown
@@ -47,7 +47,7 @@ TWIN = "twin"
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RehearsalOutcome:
     """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared."""
 
     folder: Path
@@ -55,7 +55,7 @@ class Outcome:
     rows: Mapping[Life, Rows]
     reports: Sequence[NodeReport]
     ages: Mapping[str, LinkStatistics]
-    replayed: replay.Replay | None
+    replayed: replay.ReplayReport | None
     replay_error: str
     twin_rms: float
     buses: Sequence[str]
@@ -69,7 +69,11 @@ class Outcome:
         Where an FMU ended the simulation, that is the end, and all others stop for it.
         """
         ends = {r.end for r in self.reports}
-        whole = {End.ENDED, End.FINISHED, End.STOPPED} if End.ENDED in ends else {End.FINISHED}
+        whole = (
+            {LifeEnd.ENDED, LifeEnd.FINISHED, LifeEnd.STOPPED}
+            if LifeEnd.ENDED in ends
+            else {LifeEnd.FINISHED}
+        )
         return bool(ends) and ends <= whole
 
 
@@ -94,8 +98,8 @@ def complete(
     with_twin: bool = True,
     formats: tuple[str, ...] = ("log",),
     script: FaultScript | None = None,
-    network: Network | None = None,
-) -> Outcome:
+    network: RecordedNetwork | None = None,
+) -> RehearsalOutcome:
     """Make the run folder out of what the nodes have left. Raises CosimError.
 
     `script`: the faults that were injected, each to be found in the report; `network`: of those
@@ -120,7 +124,7 @@ def complete(
         altered = {(a.life, a.message): a.count for a in strange}
         shown = Shown(system, rows, reports, nodes, ended.notes, altered)
         faults = detection.find(script, shown, network)
-    outcome = Outcome(
+    outcome = RehearsalOutcome(
         folder, found.ticks, rows, reports, found.ages, replayed, error, rms,
         report.bus_lines(system, found.logs), ended.notes, faults,
     )  # fmt: skip
@@ -138,7 +142,7 @@ def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, A
 
 def _replayed(
     system: System, rows: Mapping[Life, Rows], heard: Mapping[Life, Rows]
-) -> tuple[replay.Replay | None, str]:
+) -> tuple[replay.ReplayReport | None, str]:
     with TemporaryDirectory() as scratch:
         try:
             return replay.replay(system, rows, heard, Path(scratch)), ""
@@ -209,7 +213,9 @@ def deployed(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dict[str, Any]:
+def _metadata(
+    system: System, outcome: RehearsalOutcome, facts: Mapping[str, Any]
+) -> dict[str, Any]:
     replayed, judged = outcome.replayed, verdict.of(system, outcome)
     return {
         **metadata(system.scenario, system.plan),
@@ -239,7 +245,7 @@ def _metadata(system: System, outcome: Outcome, facts: Mapping[str, Any]) -> dic
     }
 
 
-def lines(system: System, outcome: Outcome) -> list[str]:
+def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     """The summary of a rehearsal, without the metrics of the scenario."""
     said = [report.line("note", str(note)) for note in outcome.notes]
     said += [report.line(str(r.life), r.text()) for r in outcome.reports]
@@ -266,7 +272,7 @@ def lines(system: System, outcome: Outcome) -> list[str]:
     return said
 
 
-def replay_text(outcome: Outcome) -> str:
+def replay_text(outcome: RehearsalOutcome) -> str:
     """Whether everything could be computed again."""
     found = outcome.replayed
     if found is None:

@@ -17,7 +17,7 @@ from bridge.native.bus import BusState
 from bridge.native.safety import LifeState
 from bridge.realtime.lateness import Lateness, of_journal
 from bridge.records.lives import Life, lives_of
-from bridge.records.records import End, Statement, in_words, names_of
+from bridge.records.records import LifeEnd, Statement, in_words, names_of
 from bridge.wiring.wiring import Rows
 from cosim.bus.timing import BusTiming
 
@@ -41,9 +41,9 @@ class NodeReport:
     said: Statement | None
 
     @property
-    def end(self) -> End:
+    def end(self) -> LifeEnd:
         """How it ended; without a statement it was killed."""
-        return self.said.end if self.said else End.KILLED
+        return self.said.end if self.said else LifeEnd.KILLED
 
     @property
     def why(self) -> str:

@@ -19,7 +19,7 @@ from bridge.native.bus import Accept
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal
 from bridge.records.lives import Life, frame_files, lives_of
-from bridge.records.records import Done, End, Note, Statement
+from bridge.records.records import Done, LifeEnd, Note, Statement
 from bridge.results.findings import Sign, Signs
 from bridge.results.report import NodeReport
 from bridge.results.surplus import surpluses
@@ -201,7 +201,7 @@ class Shown:
         """Whether a life of the node stopped itself after this time."""
         for report in self.reports:
             late = report.life.node == node and self._t(report.life)[-1] >= t0
-            if late and report.end is End.FAULT:
+            if late and report.end is LifeEnd.FAULT:
                 return (Sign(what="stopped", life=report.life),)
         return ()
 

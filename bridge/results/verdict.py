@@ -17,12 +17,12 @@ import numpy as np
 
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
-from bridge.records.records import End
+from bridge.records.records import LifeEnd
 from bridge.results.report import NodeReport
 from bridge.results.surplus import surpluses
 
 if TYPE_CHECKING:
-    from bridge.results.outcome import Outcome
+    from bridge.results.outcome import RehearsalOutcome
 
 
 class Word(StrEnum):
@@ -62,7 +62,7 @@ class Verdict:
         return f"{self.word}: {said}" if said else str(self.word)
 
 
-def of(system: System, outcome: Outcome) -> Verdict:
+def of(system: System, outcome: RehearsalOutcome) -> Verdict:
     """Judge a run that has come to its end, by its journals and reports."""
     timed = [*_of_time(outcome), *_old_torques(system, outcome)]
     found = list(_always(system, outcome))
@@ -75,12 +75,12 @@ def of(system: System, outcome: Outcome) -> Verdict:
     return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
 
 
-def _stopped(outcome: Outcome, report: NodeReport) -> bool:
+def _stopped(outcome: RehearsalOutcome, report: NodeReport) -> bool:
     """Whether a life of a node ended otherwise than it should."""
-    return not outcome.finished and report.end is not End.FINISHED
+    return not outcome.finished and report.end is not LifeEnd.FINISHED
 
 
-def _always(system: System, outcome: Outcome) -> Iterator[str]:
+def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """What no lateness explains."""
     for report in outcome.reports:
         if _stopped(outcome, report) and not set(report.reasons) & OF_TIME:
@@ -98,7 +98,7 @@ def _always(system: System, outcome: Outcome) -> Iterator[str]:
     yield from map(str, surpluses(system, outcome.rows, outcome.reports))
 
 
-def _of_time(outcome: Outcome) -> Iterator[str]:
+def _of_time(outcome: RehearsalOutcome) -> Iterator[str]:
     """What a machine that stands still can cause as well."""
     for report in outcome.reports:
         if _stopped(outcome, report) and set(report.reasons) & OF_TIME:
@@ -108,7 +108,7 @@ def _of_time(outcome: Outcome) -> Iterator[str]:
             yield f"not in the report: {fault.text()}"
 
 
-def _old_torques(system: System, outcome: Outcome) -> Iterator[str]:
+def _old_torques(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """Torques that drives have refused because of their age."""
     for report in outcome.reports:
         node, spec = system.nodes[report.life.node], system.deployment.nodes[report.life.node]
@@ -132,7 +132,7 @@ def limit(system: System) -> float:
     return min((x for x in found if x > 0), default=LIMIT)
 
 
-def unasked_lateness(system: System, outcome: Outcome) -> float:
+def unasked_lateness(system: System, outcome: RehearsalOutcome) -> float:
     """How late a slot began at most where no fault was meant to make it late, s."""
     worst = 0.0
     for report in outcome.reports:

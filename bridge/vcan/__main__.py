@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from bridge.vcan import abilities, host, packages, supervise, uml
 from bridge.vcan.errors import VcanError
-from bridge.vcan.guest import Request
+from bridge.vcan.guest import GuestCommand
 from cosim.base.errors import CosimError
 
 _BACKENDS = {"host": host.run, "uml": uml.run}
@@ -32,7 +32,7 @@ def _run(options: argparse.Namespace) -> int:
     command = options.command[options.command[:1] == ["--"] :]
     if not command:
         raise VcanError("no command: python -m bridge.vcan run -- COMMAND ... was expected")
-    request = Request(tuple(command), options.timeout, options.mem, options.cpu, options.buses)
+    request = GuestCommand(tuple(command), options.timeout, options.mem, options.cpu, options.buses)
     abilities.bytes_of(request.memory)
     backend = _BACKENDS[options.backend if options.backend != "auto" else _best(options.mem)]
     return supervise.supervised(lambda: backend(request))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bridge.vcan.errors import VcanError
-from bridge.vcan.packages import Parts
+from bridge.vcan.packages import GuestFiles
 
 INIT = Path(__file__).with_name("init.sh")
 #: Folders that are the guest's own: of the host's files there it sees nothing.
@@ -18,7 +18,7 @@ HIDDEN = ("/dev", "/proc", "/run", "/sys")
 
 
 @dataclass(frozen=True)
-class Request:
+class GuestCommand:
     """A command, and the machine it asks for."""
 
     command: tuple[str, ...]
@@ -28,7 +28,7 @@ class Request:
     buses: int = 2  # vcan0, vcan1, ...
 
 
-def write(folder: Path, request: Request, parts: Parts) -> None:
+def write(folder: Path, request: GuestCommand, parts: GuestFiles) -> None:
     """Settings and command of one run; raises VcanError for what the guest could not do."""
     modules = "\n".join(f"{file} {parameters}".rstrip() for file, parameters in parts.modules)
     settings = f"busybox={shlex.quote(str(parts.busybox))}\nbuses={request.buses}\n"
@@ -52,7 +52,7 @@ def command_script(command: Sequence[str], environment: Mapping[str, str], cwd: 
 
 
 def kernel_command(
-    folder: Path, request: Request, parts: Parts, files: tuple[int, int, int, int]
+    folder: Path, request: GuestCommand, parts: GuestFiles, files: tuple[int, int, int, int]
 ) -> list[str]:
     """The call of the kernel; `files`: descriptors of console, output, errors, control line."""
     for path in (folder, INIT, parts.busybox):

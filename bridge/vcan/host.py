@@ -6,7 +6,7 @@ import signal
 
 from bridge.vcan import supervise
 from bridge.vcan.abilities import own_network
-from bridge.vcan.guest import Request
+from bridge.vcan.guest import GuestCommand
 
 _SCRIPT = """
 ip link set lo up || exit 125
@@ -20,7 +20,7 @@ exec "$@"
 """
 
 
-def run(request: Request) -> int:
+def run(request: GuestCommand) -> int:
     """The command's exit status; in the watcher (`supervise`)."""
     script = ["sh", "-c", _SCRIPT, str(request.buses), *request.command]
     process = supervise.started([*own_network(), *script], start_new_session=True)

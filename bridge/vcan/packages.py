@@ -35,7 +35,7 @@ REQUIRED = ("can", "can-raw", "vcan")
 
 
 @dataclass(frozen=True)
-class Parts:
+class GuestFiles:
     """Files of the packages: the kernel, a static busybox, the modules to load, in order."""
 
     linux: Path
@@ -56,7 +56,7 @@ def missing() -> list[str]:
     return [name for name, file in PACKAGES.items() if not (cache() / name / file).is_file()]
 
 
-def obtain() -> Parts:
+def obtain() -> GuestFiles:
     """The parts, after downloading what is missing (once, whoever asks at the same time).
 
     Raises VcanError when apt is missing or refuses.
@@ -66,7 +66,7 @@ def obtain() -> Parts:
             for name in missing():
                 _download(name, cache() / name)
     linux, busybox = (cache() / name / file for name, file in PACKAGES.items())
-    return Parts(linux, busybox, tuple(_modules(cache() / "user-mode-linux")))
+    return GuestFiles(linux, busybox, tuple(_modules(cache() / "user-mode-linux")))
 
 
 def _modules(package: Path) -> Iterator[tuple[Path, str]]:

@@ -16,13 +16,13 @@ from bridge.native import library_path
 from bridge.vcan import cpus, guest, packages, supervise
 from bridge.vcan.abilities import bytes_of, memory_folder
 from bridge.vcan.errors import VcanError
-from bridge.vcan.guest import Request
+from bridge.vcan.guest import GuestCommand
 
 _CHUNK = 1 << 16
 _TOLD = 20  # lines of the console in a failure
 
 
-def run(request: Request) -> int:
+def run(request: GuestCommand) -> int:
     """The command's exit status; in the watcher (`supervise`). Raises VcanError."""
     parts = packages.obtain()
     memory = memory_folder(bytes_of(request.memory))
@@ -50,7 +50,7 @@ def _folder(stack: ExitStack) -> Path:
 
 
 def _boot(
-    folder: Path, request: Request, parts: packages.Parts, memory: Path
+    folder: Path, request: GuestCommand, parts: packages.GuestFiles, memory: Path
 ) -> signal.Signals | None:
     with ExitStack() as stack:
         cpu = _cpu(request.cpu, stack)

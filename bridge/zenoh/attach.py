@@ -9,11 +9,11 @@ from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import names_of
 from bridge.native.journal import Journal
 from bridge.zenoh.access import access_control
-from bridge.zenoh.channel import Traffic, ZenohAttachment
+from bridge.zenoh.channel import ZenohAttachment, ZenohTraffic
 from bridge.zenoh.options import options_of
 
 
-def traffic_of(system: System, bus: str, node: str) -> Traffic:
+def traffic_of(system: System, bus: str, node: str) -> ZenohTraffic:
     """Keys and numbers of one node on one bus."""
     names, d = names_of(system.deployment, bus), system.deployment
     peers = tuple(p for p in d.nodes if p != node and bus in system.buses_of(p))
@@ -47,7 +47,7 @@ def traffic_of(system: System, bus: str, node: str) -> Traffic:
     beaten = {names.of(p, "heartbeat"): period for p, period in beats.items() if period > 0}
     steady |= {key: period for key, period in beaten.items() if key in hears}
     longest = max(steady.values(), default=0.0)
-    return Traffic(node, publishes, hears, peers, awaited, tuple(steady), longest)
+    return ZenohTraffic(node, publishes, hears, peers, awaited, tuple(steady), longest)
 
 
 def _first(system: System, message: str) -> bool:

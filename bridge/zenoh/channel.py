@@ -20,7 +20,7 @@ from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.journal import Journal
 from bridge.native.mail import bringer, keep_thread, taker
-from bridge.zenoh.options import Options
+from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.presence import Presence, wait_until_there
 from bridge.zenoh.release import release
 from bridge.zenoh.session import (
@@ -39,7 +39,7 @@ ENCODING = "application/octet-stream;cosim.sample.v1"
 
 
 @dataclass(frozen=True, slots=True)
-class Traffic:
+class ZenohTraffic:
     """What one node says and hears on a bus: numbers of frames by key, and whom it waits for.
 
     `heard_by_others`: keys it publishes that somebody has to listen to before it is ready;
@@ -63,8 +63,8 @@ class ZenohAttachment:
         self,
         name: str,
         names: Names,
-        traffic: Traffic,
-        options: Options,
+        traffic: ZenohTraffic,
+        options: ZenohOptions,
         *,
         number: int = 0,
         log: Journal | None = None,

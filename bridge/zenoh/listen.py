@@ -21,7 +21,7 @@ from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import bringer, keep_thread
 from bridge.zenoh.access import MONITOR
 from bridge.zenoh.attach import rules_of, traffic_of
-from bridge.zenoh.options import Options, check_endpoint, endpoints_of, options_of
+from bridge.zenoh.options import ZenohOptions, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
 from bridge.zenoh.session import close_session, configure, open_session
 from cosim.base.errors import ScenarioError
@@ -43,7 +43,7 @@ class ZenohEar:
         bus: str,
         names: Names,
         says: Mapping[str, Mapping[str, int]],
-        options: Options,
+        options: ZenohOptions,
         rules: Mapping[str, object],
         who: str = MONITOR,
     ) -> None:
@@ -136,7 +136,7 @@ def open_ear(system: System, bus: str, connect: Sequence[str] = (), who: str = M
     return ZenohEar(bus, names, says, options, rules_of(system, bus), who)
 
 
-def _configured(options: Options, who: str, rules: Mapping[str, object]) -> zenoh.Config:
+def _configured(options: ZenohOptions, who: str, rules: Mapping[str, object]) -> zenoh.Config:
     """Listens nowhere; a peer also of routers, since a client waits for one before it opens."""
     config = configure(options, who, rules)
     config.insert_json5("mode", '"peer"')

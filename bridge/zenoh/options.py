@@ -30,7 +30,7 @@ KNOWN = ("listen", "connect", "keys", "reliability", "wait", "insecure", "lockst
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class ZenohOptions:
     """The options of one node's end of a bus; `place` is where they are said."""
 
     place: str
@@ -44,7 +44,7 @@ class Options:
     lockstep: bool = False
 
 
-def options_of(deployment: Deployment, bus: str, node: str) -> Options:
+def options_of(deployment: Deployment, bus: str, node: str) -> ZenohOptions:
     """The options a node opens a bus with. Raises ScenarioError with the place of what is wrong."""
     spec, place = deployment.buses[bus], deployment.place("buses", bus, "options")
     given = spec.options
@@ -58,7 +58,7 @@ def options_of(deployment: Deployment, bus: str, node: str) -> Options:
             f"no file {config}; expected a Zenoh configuration (JSON5)",
             deployment.place("buses", bus, "zenoh"),
         )
-    found = Options(
+    found = ZenohOptions(
         place,
         listen=listen.get(node, ()),
         connect=_connect(given.get("connect"), deployment, node, listen, f"{place}.connect"),

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
-from bridge.zenoh.options import Options, check_endpoint
+from bridge.zenoh.options import ZenohOptions, check_endpoint
 from bridge.zenoh.session import close_session, configure, open_session
 from cosim.base.errors import CosimError
 
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         for endpoint in given.listen:
             check_endpoint(endpoint, "listen", insecure=given.insecure)
-        options = Options(
+        options = ZenohOptions(
             "router",
             tuple(given.listen),
             config=given.file,

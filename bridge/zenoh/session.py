@@ -17,7 +17,7 @@ from typing import Any
 import zenoh
 
 from bridge.can.socket import BusError
-from bridge.zenoh.options import Options, check_endpoint
+from bridge.zenoh.options import ZenohOptions, check_endpoint
 from cosim.base.errors import ScenarioError
 
 #: s that a session may take to close.
@@ -62,7 +62,7 @@ _FILES = (
 
 
 def configure(
-    options: Options, node: str, access: Mapping[str, object] | None = None
+    options: ZenohOptions, node: str, access: Mapping[str, object] | None = None
 ) -> zenoh.Config:
     """The configuration of a node's session.
 
@@ -89,11 +89,11 @@ def configure(
     return config
 
 
-def _place(options: Options) -> str:
+def _place(options: ZenohOptions) -> str:
     return str(options.config or options.place)
 
 
-def _read(options: Options, node: str) -> zenoh.Config:
+def _read(options: ZenohOptions, node: str) -> zenoh.Config:
     if options.config is None:
         config = zenoh.Config()
         for key, value in WITHOUT_FILE.items():
@@ -118,7 +118,7 @@ def _flat(value: Any) -> list[str]:
     return list(value or [])
 
 
-def _check_scouting(config: zenoh.Config, options: Options) -> None:
+def _check_scouting(config: zenoh.Config, options: ZenohOptions) -> None:
     if _get(config, "scouting/multicast/enabled") and not options.insecure:
         raise ScenarioError(
             "multicast scouting tells everybody on every network of this node, and connects to "
@@ -127,7 +127,7 @@ def _check_scouting(config: zenoh.Config, options: Options) -> None:
         )
 
 
-def _check_files(config: zenoh.Config, options: Options) -> None:
+def _check_files(config: zenoh.Config, options: ZenohOptions) -> None:
     for key in _FILES:
         name = _get(config, key)
         if name is None:
@@ -138,7 +138,7 @@ def _check_files(config: zenoh.Config, options: Options) -> None:
         config.insert_json5(key, json.dumps(str(path)))
 
 
-def _beside(options: Options) -> Any:
+def _beside(options: ZenohOptions) -> Any:
     return (options.config or options.keys).parent
 
 

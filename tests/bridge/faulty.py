@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.faults.load import build
 from bridge.records.lives import ByLife, Life
-from bridge.records.records import End, Statement
+from bridge.records.records import LifeEnd, Statement
 from bridge.results.report import NodeReport
 from bridge.results.symptoms import Shown
 from bridge.wiring.wiring import row_dtype
@@ -24,7 +24,7 @@ COUNTS |= {"repeated": 0, "reordered": 0}
 
 def report(life, end="finished", reasons=(), **said):
     """What a life said at its end; `end` killed: nothing."""
-    statement = Statement(life=life, end=End(end), **said) if end != "killed" else None
+    statement = Statement(life=life, end=LifeEnd(end), **said) if end != "killed" else None
     return NodeReport(life, 0, SLOTS, "", reasons, statement)
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from bridge.cli.options import bus_settings
 from bridge.deployment import spec
 from bridge.deployment.system import load_system
-from bridge.rehearsal.supervisor import Event, Rehearsal, Settings
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import Rehearsal, Settings
 from bridge.results.outcome import complete
 from tests.bridge.rehearsing import CALM, SCENARIO
 
@@ -29,10 +30,10 @@ def told(command):
 
 
 EVENTS = (
-    Event(0.8, "kill", lambda r: r.kill("slave")),
-    Event(1.0, "restart", lambda r: r.restart("slave")),
-    Event(5.0, "reset", told("reset")),
-    Event(5.5, "again", told("again")),
+    ScheduledEvent(0.8, "kill", lambda r: r.kill("slave")),
+    ScheduledEvent(1.0, "restart", lambda r: r.restart("slave")),
+    ScheduledEvent(5.0, "reset", told("reset")),
+    ScheduledEvent(5.5, "again", told("again")),
 )
 
 

@@ -19,9 +19,10 @@ from bridge.deployment.system import System
 from bridge.node.handle import NodeHandle
 from bridge.records.lives import lives_of
 from bridge.rehearsal.hosts import BOTH, PORT, listening
-from bridge.rehearsal.supervisor import Ended, Event, Rehearsal
-from bridge.relay.network import Network
-from bridge.replay.diff import Comparison, compare_runs
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import Ended, Rehearsal
+from bridge.relay.network import RelayNetwork
+from bridge.replay.diff import RunDifference, compare_runs
 from bridge.results.offline import run_offline
 from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, together
 
@@ -41,7 +42,7 @@ ROUTER = "router"
 class Router:
     """Zenoh's router as a process on the host `router` of a network; a context manager."""
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: RelayNetwork) -> None:
         self._network = network
         self.endpoint = f"tcp/{network.addresses[ROUTER]}:7447"
         self._process: subprocess.Popen[str] | None = None
@@ -78,11 +79,11 @@ class Router:
 class Site:
     """Where a case happens."""
 
-    network: Network
+    network: RelayNetwork
     router: Router | None
 
 
-Events = Callable[[Site], Sequence[Event]]
+Events = Callable[[Site], Sequence[ScheduledEvent]]
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Found(Rehearsed):
     """What a case left: a run folder, and the packets of its network."""
 
     folder: Path
-    network: Network
+    network: RelayNetwork
 
     def packets(self, link: str) -> np.ndarray:
         """What became of the packets of a link, see :data:`bridge.relay.router.PACKET`."""
@@ -142,7 +143,7 @@ class Found(Rehearsed):
         rows = self.rows[node]["inlets"]
         return rows["transit_ns"][rows["newest"][:, 0] >= 0, 0] * 1e-9
 
-    def offline(self) -> Comparison:
+    def offline(self) -> RunDifference:
         """Beside one offline run over its link tables."""
         return compare_runs(self.folder, run_offline(self.system, self.folder, self.rows))
 
@@ -165,7 +166,7 @@ def rehearse(cases: Mapping[str, Case], folder: Path) -> dict[str, Found]:
 
 def _site(stack: ExitStack, case: Case, record: Path) -> Site:
     hosts = [*case.nodes, ROUTER] if case.router else case.nodes
-    network = stack.enter_context(Network(hosts, record, case.links, seed=1))
+    network = stack.enter_context(RelayNetwork(hosts, record, case.links, seed=1))
     return Site(network, stack.enter_context(Router(network)) if case.router else None)
 
 
@@ -196,7 +197,7 @@ def _prepared(case: Case, site: Site, folder: Path) -> tuple[System, Rehearsal]:
     return system, running
 
 
-def _place(running: Rehearsal, network: Network, ahead: Mapping[str, int]) -> None:
+def _place(running: Rehearsal, network: RelayNetwork, ahead: Mapping[str, int]) -> None:
     """Each node starts on its host, its clock `ahead` (ns)."""
     running.settings = replace(running.settings, inside=network.inside)
     start = running.start_node
@@ -216,7 +217,7 @@ def _place(running: Rehearsal, network: Network, ahead: Mapping[str, int]) -> No
     running.start_node = start_node  # type: ignore[method-assign]
 
 
-def _found(system: System, ended: Ended, folder: Path, network: Network) -> Found:
+def _found(system: System, ended: Ended, folder: Path, network: RelayNetwork) -> Found:
     seen = collect(system, ended, folder)
     return Found(**vars(seen), folder=folder, network=network)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.relay.impair import Impairment, LinkSpec
+from bridge.relay.impair import Impairment, RelayLinkSpec
 from cosim.base.errors import ScenarioError
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.table import generator
@@ -19,7 +19,7 @@ BURSTS = {"law": "gilbert-elliott", "p": 0.01, "r": 0.1, "1-h": 0.7, "1-k": 0.00
 
 
 def link(seed: int = 0, **spec: object) -> Impairment:
-    return Impairment("a>b", LinkSpec.of(spec, "here"), seed)
+    return Impairment("a>b", RelayLinkSpec.of(spec, "here"), seed)
 
 
 def test_a_perfect_link_holds_nothing_back():
@@ -69,14 +69,14 @@ def test_a_rate_lets_packets_wait_for_each_other():
 
 def test_a_link_that_is_down_and_up_again():
     found = link()
-    found.set(LinkSpec(down=True))
+    found.set(RelayLinkSpec(down=True))
     assert found.fate(0, 1) == (-1, -1)
-    found.set(LinkSpec())
+    found.set(RelayLinkSpec())
     assert found.fate(1, 1) == (0, 1)
 
 
 def test_links_draw_each_on_its_own_and_seeds_differ():
-    spec = LinkSpec(delay=UNIFORM)
+    spec = RelayLinkSpec(delay=UNIFORM)
     first = [Impairment(n, spec, s).fate(0, 1)[0] for n, s in (("a>b", 0), ("b>a", 0), ("a>b", 1))]
     assert len(set(first)) == 3
     assert Impairment("a>b", spec, 0).fate(0, 1)[0] == first[0]
@@ -84,6 +84,6 @@ def test_links_draw_each_on_its_own_and_seeds_differ():
 
 def test_what_is_no_link():
     with pytest.raises(ScenarioError, match="a>b: unknown key 'dely'; expected one of delay, loss"):
-        LinkSpec.of({"dely": 1}, "a>b")
+        RelayLinkSpec.of({"dely": 1}, "a>b")
     with pytest.raises(ScenarioError, match="low"):
         link(delay={"law": "uniform", "low": "2 s", "high": "1 s"})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.cli.diff import lines
-from bridge.rehearsal.supervisor import Event
+from bridge.rehearsal.settings import ScheduledEvent
 from bridge.relay.router import UDP
 from cosim.record import Run
 from fmus.paper import teleoperation as paper
@@ -41,11 +41,11 @@ def constant(delay: str) -> dict[str, str]:
 def during(stop: float, specs: Mapping[str, Mapping[str, Any]]) -> Events:
     """Links by their names, from before the run to its end: to connect and to part is no test."""
 
-    def events(site: Site) -> Sequence[Event]:
-        def begin(link: str) -> Event:
-            return Event(-0.3, link, lambda r: site.network.set(link, **specs[link]))
+    def events(site: Site) -> Sequence[ScheduledEvent]:
+        def begin(link: str) -> ScheduledEvent:
+            return ScheduledEvent(-0.3, link, lambda r: site.network.set(link, **specs[link]))
 
-        end = Event(stop, "end", lambda r: site.network.set("*", delay=SHORT))
+        end = ScheduledEvent(stop, "end", lambda r: site.network.set("*", delay=SHORT))
         return [*(begin(link) for link in specs), end]
 
     return events

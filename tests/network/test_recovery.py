@@ -7,7 +7,8 @@ import pytest
 from bridge.cli.diff import lines
 from bridge.native.safety import LifeState
 from bridge.records.lives import Life
-from bridge.rehearsal.supervisor import Event, Rehearsal
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import Rehearsal
 from tests.network.hosts import (
     ARMS,
     SHORT,
@@ -30,10 +31,10 @@ pytestmark = pytest.mark.slow
 def down(begin: float, end: float) -> Events:
     """Nothing goes through from `begin` to `end` (s)."""
 
-    def events(site: Site) -> Sequence[Event]:
+    def events(site: Site) -> Sequence[ScheduledEvent]:
         return (
-            Event(begin, "partition", lambda r: site.network.set("*", down=True)),
-            Event(end, "healed", lambda r: site.network.set("*", delay=SHORT)),
+            ScheduledEvent(begin, "partition", lambda r: site.network.set("*", down=True)),
+            ScheduledEvent(end, "healed", lambda r: site.network.set("*", delay=SHORT)),
         )
 
     return events
@@ -45,7 +46,10 @@ def done(begin: float, first: str, end: float, then: str) -> Events:
     def do(what: str) -> Callable[[Rehearsal], None]:
         return lambda running: getattr(running, what)("slave")
 
-    return lambda site: (Event(begin, first, do(first)), Event(end, then, do(then)))
+    return lambda site: (
+        ScheduledEvent(begin, first, do(first)),
+        ScheduledEvent(end, then, do(then)),
+    )
 
 
 def away(begin: float, end: float) -> Events:
@@ -56,8 +60,8 @@ def away(begin: float, end: float) -> Events:
         return site.router
 
     return lambda site: (
-        Event(begin, "router killed", lambda r: router(site).kill()),
-        Event(end, "router again", lambda r: router(site).start()),
+        ScheduledEvent(begin, "router killed", lambda r: router(site).kill()),
+        ScheduledEvent(end, "router again", lambda r: router(site).start()),
     )
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from bridge.deployment.system import load_system
 from bridge.records.lives import ByLife, Life
-from bridge.relay.network import Network
+from bridge.relay.network import RelayNetwork
 from bridge.replay import replay
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import sleep
@@ -59,7 +59,7 @@ pytestmark = pytest.mark.slow
 class ByHand:
     """Nodes in namespaces, each started by ``cosim node`` in a folder of its own."""
 
-    def __init__(self, network: Network, words: Sequence[str], folder: Path) -> None:
+    def __init__(self, network: RelayNetwork, words: Sequence[str], folder: Path) -> None:
         self.network, self.words, self.folder = network, words, folder
         self.nodes: list[subprocess.Popen[str]] = []
 
@@ -173,7 +173,7 @@ def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> ByLife[Ro
     return rows
 
 
-def start(network: Network) -> None:
+def start(network: RelayNetwork) -> None:
     """A plain NMT start from a stranger."""
     said = (
         "import can\n"
@@ -188,7 +188,7 @@ def start(network: Network) -> None:
 def on_two_hosts(folder: Path, stop: float) -> Iterator[tuple[ByHand, list[str]]]:
     """Nodes over Zenoh that end at `stop` s at the latest, and their settings."""
     with ExitStack() as stack:
-        network = stack.enter_context(Network(ARMS, folder / "packets"))
+        network = stack.enter_context(RelayNetwork(ARMS, folder / "packets"))
         site = settings(Case(stop), Site(network, None))
         changes = [f'run.stop="{stop} s"', "deploy.silence=0", *site]
         changes += [f'deploy.nodes.{arm}.overrun="20 s"' for arm in ARMS]
@@ -224,7 +224,7 @@ def test_over_can(tmp_path: Path) -> None:
     deployment = tmp_path / "pair.toml"
     deployment.write_text(CAN.format(dbc=SCENARIO.parent / "can" / "link_fd2.dbc"))
     with ExitStack() as stack:
-        network = stack.enter_context(Network(ARMS, tmp_path / "packets"))
+        network = stack.enter_context(RelayNetwork(ARMS, tmp_path / "packets"))
         namespaces.multicast(network.namespaces["master"])
         changes = [f'run.stop="{LONG} s"', "deploy.silence=0"]
         said = ["--deploy", str(deployment), *(w for x in changes for w in ("--set", x))]

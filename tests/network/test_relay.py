@@ -11,14 +11,14 @@ import pytest
 
 from bridge.relay import namespaces
 from bridge.relay.namespaces import NetworkError
-from bridge.relay.network import Network
+from bridge.relay.network import RelayNetwork
 from cosim.base.clock import sleep
 
 DELAY = {"law": "uniform", "low": "20 ms", "high": "30 ms"}
 
 
 @contextmanager
-def sockets(network: Network) -> Iterator[tuple[socket.socket, socket.socket]]:
+def sockets(network: RelayNetwork) -> Iterator[tuple[socket.socket, socket.socket]]:
     made = []
     for host in ("a", "b"):
         with network.inside(host):
@@ -31,7 +31,7 @@ def sockets(network: Network) -> Iterator[tuple[socket.socket, socket.socket]]:
 
 
 def test_packets_arrive_late_by_what_was_drawn_and_are_recorded(tmp_path: Path):
-    with Network(["a", "b"], tmp_path / "packets", {"a>b": {"delay": DELAY}}) as network:
+    with RelayNetwork(["a", "b"], tmp_path / "packets", {"a>b": {"delay": DELAY}}) as network:
         with sockets(network) as (a, b):
             for k in range(50):
                 a.sendto(bytes([k]), (network.addresses["b"], 5000))
@@ -49,7 +49,7 @@ def test_packets_arrive_late_by_what_was_drawn_and_are_recorded(tmp_path: Path):
 
 
 def test_a_partition_and_its_end(tmp_path: Path):
-    with Network(["a", "b"], tmp_path / "packets") as network, sockets(network) as (a, b):
+    with RelayNetwork(["a", "b"], tmp_path / "packets") as network, sockets(network) as (a, b):
         where = (network.addresses["b"], 5000)
         a.sendto(b"1", where)
         assert b.recv(10) == b"1"
@@ -65,7 +65,7 @@ def test_a_partition_and_its_end(tmp_path: Path):
 
 
 def test_hosts_are_gone_afterwards_and_see_nothing_else(tmp_path: Path):
-    with Network(["a", "b"], tmp_path / "packets") as network:
+    with RelayNetwork(["a", "b"], tmp_path / "packets") as network:
         links = namespaces.ip("-n", network.namespaces["a"], "-o", "link")
         assert len(links.splitlines()) == 2  # its own loopback, and the way to the router
         with network.inside("a"):
@@ -75,7 +75,7 @@ def test_hosts_are_gone_afterwards_and_see_nothing_else(tmp_path: Path):
 
 
 def test_what_is_wrong_is_said_and_nothing_is_left(tmp_path: Path):
-    network = Network(["a"], tmp_path / "packets", {"a>b": {}})
+    network = RelayNetwork(["a"], tmp_path / "packets", {"a>b": {}})
     with pytest.raises(NetworkError, match=r"did not start: no link 'a>b'"), network:
         pass
     assert network.namespaces["a"] not in namespaces.ip("netns", "list")

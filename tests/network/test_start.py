@@ -11,7 +11,7 @@ import pytest
 
 from bridge.deployment.system import load_system
 from bridge.records.lives import ByLife, Life
-from bridge.relay.network import Network
+from bridge.relay.network import RelayNetwork
 from bridge.replay import replay
 from tests.network.hosts import ARMS, Case, Site, settings
 
@@ -21,7 +21,7 @@ LATE = 0.2  # s, one way
 pytestmark = pytest.mark.slow
 
 
-def command(network: Network, host: str, what: str, *words: str) -> subprocess.Popen[str]:
+def command(network: RelayNetwork, host: str, what: str, *words: str) -> subprocess.Popen[str]:
     call = [*CALL, what, str(SCENARIO), *words]
     with network.inside(host):
         return subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
@@ -32,7 +32,7 @@ def ready(node: subprocess.Popen[str]) -> None:
     assert any("ready, waiting for NMT start" in line for line in iter(node.stdout.readline, ""))
 
 
-def started(network: Network, changes: Sequence[str], folder: Path) -> None:
+def started(network: RelayNetwork, changes: Sequence[str], folder: Path) -> None:
     """Both nodes to their end; the master's host tells them to start."""
     said = ["--deploy", "zenoh", *(word for change in changes for word in ("--set", change))]
     nodes = [
@@ -51,7 +51,7 @@ def started(network: Network, changes: Sequence[str], folder: Path) -> None:
 def test_a_start_that_travels_gives_all_one_time_origin(tmp_path: Path):
     """The slave hears of it later; EPOCH says when, to hosts of one clock (`docs/network.md`)."""
     both = {"*": {"delay": {"law": "constant", "delay": f"{LATE} s"}}}
-    with Network(ARMS, tmp_path / "packets", both) as network:
+    with RelayNetwork(ARMS, tmp_path / "packets", both) as network:
         changes = ['run.stop="2 s"', *settings(Case(2.0), Site(network, None))]
         started(network, changes, tmp_path)
     system = load_system(SCENARIO, "zenoh", changes)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bridge.cli.diff import lines
-from bridge.rehearsal.supervisor import Event
+from bridge.rehearsal.settings import ScheduledEvent
 from bridge.replay.replay import load
 from bridge.replay.twin import simulate
 from tests.network.hosts import TCP, Case, Found, Site, bounded, exact, in_order, rehearse, settled
@@ -25,19 +25,19 @@ LOCK_STEP = ("deploy.latency=true", "deploy.buses.net.options.lockstep=true")
 pytestmark = pytest.mark.slow
 
 
-def slower(site: Site) -> Sequence[Event]:
-    return [Event(-0.3, "delay", lambda r: site.network.set("*", delay=DELAY))]
+def slower(site: Site) -> Sequence[ScheduledEvent]:
+    return [ScheduledEvent(-0.3, "delay", lambda r: site.network.set("*", delay=DELAY))]
 
 
-def stall(site: Site) -> Sequence[Event]:
+def stall(site: Site) -> Sequence[ScheduledEvent]:
     return [
-        Event(1.0, "a stall", lambda r: site.network.set("*", down=True)),
-        Event(1.4, "its end", lambda r: site.network.set("*", **BAD)),
+        ScheduledEvent(1.0, "a stall", lambda r: site.network.set("*", down=True)),
+        ScheduledEvent(1.4, "its end", lambda r: site.network.set("*", **BAD)),
     ]
 
 
-def death(site: Site) -> Sequence[Event]:
-    return [Event(0.5, "killed", lambda r: r.kill("slave"))]
+def death(site: Site) -> Sequence[ScheduledEvent]:
+    return [ScheduledEvent(0.5, "killed", lambda r: r.kill("slave"))]
 
 
 CASES = {

@@ -7,15 +7,15 @@ import subprocess
 
 import can
 
-from bridge.can.interface import BusSpec, attach
+from bridge.can.interface import CanBusSpec, attach
 from bridge.can.repeat import repeat
-from bridge.faults.script import Event
+from bridge.faults.script import FaultEvent
 from bridge.rehearsal.babbler import command
 from tests.vcan.peers import PATIENCE, call
 
 
 def test_others_hear_it_until_it_is_hushed(vcan):
-    event = Event(0.0, "babble", "left", 0, id=0x10, rate=500.0, length=3)
+    event = FaultEvent(0.0, "babble", "left", 0, id=0x10, rate=500.0, length=3)
     with (
         can.Bus(interface="socketcan", channel=vcan[0]) as other,
         subprocess.Popen(
@@ -31,7 +31,7 @@ def test_others_hear_it_until_it_is_hushed(vcan):
 
 
 def test_a_bus_that_goes_down_is_no_end(vcan):
-    attachment = attach(BusSpec("x", "socketcan", vcan[0]), accepts=())
+    attachment = attach(CanBusSpec("x", "socketcan", vcan[0]), accepts=())
     call("ip", "link", "set", vcan[0], "down")
     assert repeat(attachment.bus, 0x10, 1e5, 8, 10, c.c_int32(0)) == (0, 10)
     call("ip", "link", "set", vcan[0], "up")

@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 import pytest
 
-from bridge.can.interface import BusSpec, SocketAttachment, attach
+from bridge.can.interface import CanBusSpec, SocketAttachment, attach
 from bridge.can.log import FrameLog, read_log, rows_of, write_log
 from bridge.can.socket import BusError, open_socket
 from bridge.native import pace
@@ -31,7 +31,7 @@ from tests.vcan.peers import SO_RCVBUFFORCE, call, listening, queueing
 
 @pytest.fixture
 def ours(vcan: tuple[str, str]) -> Iterator[SocketAttachment]:
-    attached = attach(BusSpec("a", "socketcan", vcan[0], fd=True))
+    attached = attach(CanBusSpec("a", "socketcan", vcan[0], fd=True))
     assert isinstance(attached, SocketAttachment)
     yield attached
     attached.close()
@@ -45,7 +45,7 @@ class TestSocketCan(BusContract):
         def connect(log: Journal, accepts: Sequence[Accept] | None):
             device = can.Bus("vcan0", interface="socketcan", fd=True)
             device.socket.setsockopt(1, SO_RCVBUFFORCE, 16 << 20)
-            spec = BusSpec("a", "socketcan", "vcan0", fd=True)
+            spec = CanBusSpec("a", "socketcan", "vcan0", fd=True)
             return attach(spec, number=3, log=log, accepts=accepts), PythonCanPeer(device)
 
         return connect
@@ -83,7 +83,7 @@ def test_who_only_receives_sees_that_the_interface_is_back(
 
 
 def test_an_interface_that_is_taken_away_is_down(fresh_bus: str) -> None:
-    ours = attach(BusSpec("a", "socketcan", fresh_bus))
+    ours = attach(CanBusSpec("a", "socketcan", fresh_bus))
     call("ip", "link", "del", "dev", fresh_bus)
     assert ours.bus.drain() == [] and ours.bus.state == BusState.DOWN
     assert ours.bus.send(Frame.of(1)) in (errno.ENODEV, errno.ENXIO)
@@ -122,7 +122,7 @@ def test_lengths_no_frame_has_are_refused(ours: SocketAttachment, length: int, f
 
 
 def test_a_classic_socket_neither_gives_nor_takes_can_fd(vcan: tuple[str, str]) -> None:
-    classic, peer = attach(BusSpec("a", "socketcan", vcan[0])), another(vcan[0])
+    classic, peer = attach(CanBusSpec("a", "socketcan", vcan[0])), another(vcan[0])
     peer.send([Frame.of(1, bytes(8), Flags.FD), Frame.of(2)])
     assert keys(collect(classic.bus, 1)) == [(2, 0, b"")]
     assert classic.bus.send(Frame.of(1, bytes(8), Flags.FD)) != 0

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from bridge.campaign import judgement
-from bridge.campaign.spec import RunSpec, load_campaign
+from bridge.campaign.spec import CampaignRunSpec, load_campaign
 from bridge.deployment.system import load_system
 from bridge.native.faults import CORRUPT, INJECTED
 from bridge.native.journal import Journal
 from bridge.native.safety import Why
 from bridge.records.lives import ByLife, Life
-from bridge.replay.replay import Replay
+from bridge.replay.replay import ReplayReport
 from bridge.wiring.wiring import heard_dtype, row_dtype
 from tests.bridge.faulty import report
 from tests.bridge.rehearsing import COSIM, NAMESPACE, ROOT, environment, possible
 
 FILE = ROOT / "configs" / "faults" / "campaign.toml"
-SPEC = RunSpec(script="x.toml", ends="finished")
+SPEC = CampaignRunSpec(script="x.toml", ends="finished")
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
     ]
     return SimpleNamespace(
         folder=folder, rows=rows, reports=reports, replay_error="",
-        replayed=Replay({}, 0.0, None, ()), finished=end == "finished",
+        replayed=ReplayReport({}, 0.0, None, ()), finished=end == "finished",
     )  # fmt: skip
 
 
@@ -104,13 +104,16 @@ def test_a_number_that_was_accepted_before_its_frame_was_corrupted_is_anothers(s
 @pytest.mark.parametrize(
     ("spec", "fails"),
     [
-        (RunSpec(script="x", ends="stopped", node="slave", because=("watchdog", "bus")), False),
-        (RunSpec(script="x", ends="stopped"), False),
-        (RunSpec(script="x"), False),
-        (RunSpec(script="x", ends="finished"), True),
-        (RunSpec(script="x", ends="stopped", node="master"), True),
-        (RunSpec(script="x", ends="stopped", because=("estop",)), True),
-        (RunSpec(script="x", sees=("crc",)), True),
+        (
+            CampaignRunSpec(script="x", ends="stopped", node="slave", because=("watchdog", "bus")),
+            False,
+        ),
+        (CampaignRunSpec(script="x", ends="stopped"), False),
+        (CampaignRunSpec(script="x"), False),
+        (CampaignRunSpec(script="x", ends="finished"), True),
+        (CampaignRunSpec(script="x", ends="stopped", node="master"), True),
+        (CampaignRunSpec(script="x", ends="stopped", because=("estop",)), True),
+        (CampaignRunSpec(script="x", sees=("crc",)), True),
     ],
 )
 def test_expectations(system, tmp_path, spec, fails):

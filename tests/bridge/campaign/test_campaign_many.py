@@ -11,7 +11,7 @@ import pytest
 
 from bridge.campaign import driver
 from bridge.campaign import table as campaign_table
-from bridge.campaign.driver import Job
+from bridge.campaign.driver import CampaignSetup
 from bridge.campaign.plan import document, load_many
 from bridge.campaign.soak_table import failures
 from bridge.deployment.system import load_system
@@ -96,7 +96,7 @@ def test_faults_of_the_network_come_before_a_node_is_away(many, systems):
 
 
 def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
-    job = Job(many, tmp_path, seed=1, hosted=False)
+    job = CampaignSetup(many, tmp_path, seed=1, hosted=False)
     calm = {k: v for k, v in many.kinds.items() if k not in ("absurd", "forge", "flood", "replay")}
     job = replace(job, many=_with(many, kinds=calm))
     records = driver.campaign(job, 20, 1)
@@ -113,7 +113,7 @@ def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
 
 
 def test_without_the_checks_of_receivers_a_campaign_fails(many, tmp_path):
-    job = Job(many, tmp_path, seed=1, hosted=False, blind=True)
+    job = CampaignSetup(many, tmp_path, seed=1, hosted=False, blind=True)
     wrong = failures(driver.campaign(job, 40, 1))
     assert any("corrupted frames accepted" in line for line in wrong)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.campaign import compressed, judgement
-from bridge.campaign.spec import RunSpec
+from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import load_system
 from bridge.faults.load import build
 from bridge.results import verdict
@@ -58,7 +58,7 @@ def test_faults_that_receivers_refuse_leave_the_verdict(tmp_path, kind):
     system, outcome = run(tmp_path, "can", kind)
     assert outcome.faults[0].verdict == "seen"
     assert verdict.of(system, outcome).word is Word.PASSED
-    assert not judgement.judge(system, RunSpec(script="x.toml"), outcome).failures
+    assert not judgement.judge(system, CampaignRunSpec(script="x.toml"), outcome).failures
 
 
 def test_a_simulated_run_with_faults_is_the_same_every_time(tmp_path):
@@ -69,7 +69,7 @@ def test_a_simulated_run_with_faults_is_the_same_every_time(tmp_path):
 
 def test_without_checks_corrupted_frames_are_accepted_and_that_is_noticed(tmp_path):
     system, outcome = run(tmp_path, "can", "corrupt", blind=True)
-    judged = judgement.judge(system, RunSpec(script="x.toml"), outcome)
+    judged = judgement.judge(system, CampaignRunSpec(script="x.toml"), outcome)
     assert judged.undetected > 0
     assert any("accepted" in text for text in judged.failures)
     assert outcome.faults[0].verdict == "unseen"
@@ -95,9 +95,9 @@ def test_a_machine_that_stands_still_makes_it_inconclusive(tmp_path):
 def _ended(report, reasons):
     from msgspec import structs
 
-    from bridge.records.records import End
+    from bridge.records.records import LifeEnd
 
-    said = structs.replace(report.said, end=End.FAULT)
+    said = structs.replace(report.said, end=LifeEnd.FAULT)
     return type(report)(report.life, report.slots, report.lateness, report.state, reasons, said)
 
 

@@ -222,7 +222,9 @@ def rows():
 def job(folder, seed=0):
     deployment = ROOT / "configs" / "deploy" / "zenoh.toml"
     given = load_soak(SCENARIO, None)
-    return soak.Job(SCENARIO, deployment, (), given, folder, seed, hosted=False, network=False)
+    return soak.SoakSetup(
+        SCENARIO, deployment, (), given, folder, seed, hosted=False, network=False
+    )
 
 
 def test_runs_that_are_there_are_not_made_again(tmp_path):

@@ -6,18 +6,18 @@ from functools import cache
 from pathlib import Path
 
 from bridge.can import dbc
-from bridge.can.layout import Layout, Signal, find
+from bridge.can.layout import MessageLayout, Signal, find
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "can"
 LINKS = ("link.dbc", "link2.dbc", "link_fd.dbc", "link_fd2.dbc")
 
 
 @cache
-def layouts(name: str) -> tuple[Layout, ...]:
+def layouts(name: str) -> tuple[MessageLayout, ...]:
     return dbc.load(CONFIGS / name)
 
 
-def layout(file: str, message: str) -> Layout:
+def layout(file: str, message: str) -> MessageLayout:
     return find(layouts(file), message)
 
 

@@ -15,7 +15,7 @@ import can
 import pytest
 
 from bridge.can.health import interface_counters
-from bridge.can.interface import BusSpec, attach
+from bridge.can.interface import CanBusSpec, attach
 from bridge.can.multicast import open_group
 from bridge.can.socket import BusError
 from bridge.native import pace
@@ -33,7 +33,7 @@ def serve(connection: Connection) -> None:
     while request := connection.recv():
         name, value = request
         if name == "open":
-            other = attach(BusSpec("peer", "udp_multicast", fd=True, options={"port": value}))
+            other = attach(CanBusSpec("peer", "udp_multicast", fd=True, options={"port": value}))
             connection.send(None)
         elif name == "send":
             connection.send([other.bus.send(Frame.from_buffer_copy(raw)) for raw in value])
@@ -78,7 +78,7 @@ class TestMulticast(BusContract):
     def connect(self, process: Connection):
         def connect(log: Journal, accepts: Sequence[Accept] | None):
             port = next(PORTS)
-            spec = BusSpec("a", "udp_multicast", fd=True, options={"port": port})
+            spec = CanBusSpec("a", "udp_multicast", fd=True, options={"port": port})
             ours = attach(spec, number=3, log=log, accepts=accepts)
             return ours, ProcessPeer(process, port)
 
@@ -94,7 +94,7 @@ def sent_by(interface: str) -> int:
 def test_no_packet_leaves_the_loopback_interface():
     """Neither frames nor the announcement of the group; then a control that does leave."""
     before, on_lo = sent_by("leak0"), sent_by("lo")
-    a, b = (attach(BusSpec(n, "udp_multicast", fd=True)) for n in "ab")
+    a, b = (attach(CanBusSpec(n, "udp_multicast", fd=True)) for n in "ab")
     for frame in numbered(50):
         a.bus.send(frame)
     assert len(collect(b.bus, 50)) == 50
@@ -110,7 +110,7 @@ def test_no_packet_leaves_the_loopback_interface():
 def test_local_takes_nothing_from_other_interfaces():
     """A plain python-can bus sends where the routes lead: it is not heard; it hears us."""
     plain = can.Bus(interface="udp_multicast", channel="239.74.163.2")
-    ours = attach(BusSpec("a", "udp_multicast", fd=True))
+    ours = attach(CanBusSpec("a", "udp_multicast", fd=True))
     plain.send(can.Message(arbitration_id=1, is_extended_id=False))
     assert plain.recv(5) is not None  # its own, looped back
     ours.bus.send(Frame.of(2, b"x"))
@@ -152,7 +152,7 @@ def test_what_is_no_group_is_refused(group: str):
 
 
 def test_times_of_frames_are_of_this_machines_clock(tmp_path: Path):
-    a, b = (attach(BusSpec(n, "udp_multicast")) for n in "ab")
+    a, b = (attach(CanBusSpec(n, "udp_multicast")) for n in "ab")
     a.bus.send(Frame.of(1))
     (frame,) = collect(b.bus, 1)
     assert frame.t_ns <= pace.now()

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.health import BusHealth, bus_health, interface_counters
-from bridge.can.interface import BusSpec, attach, configuration, parse_spec
+from bridge.can.interface import CanBusSpec, attach, configuration, parse_spec
 from bridge.can.socket import BusError
 from bridge.native import frame as frames
 from bridge.native.bus import Accept, Bus, BusKind, BusState, TrafficStruct, traffic_add
@@ -68,7 +68,7 @@ class TestVirtual(BusContract):
             channel = f"contract{next(CHANNELS)}"
             protocol = can.CanProtocol.CAN_FD
             peer = PythonCanPeer(can.Bus(channel, interface="virtual", protocol=protocol))
-            spec = BusSpec("a", "virtual", channel, options={"protocol": protocol})
+            spec = CanBusSpec("a", "virtual", channel, options={"protocol": protocol})
             return attach(spec, number=3, log=log, accepts=accepts), peer
 
         return connect
@@ -192,7 +192,7 @@ def test_python_can_options_are_taken_as_its_users_write_them():
         "a",
         ["-i", "udp_multicast", "-c", "239.1.2.3", "--fd", "--bus-kwargs", "port=99", "local=0"],
     )
-    assert spec == BusSpec(
+    assert spec == CanBusSpec(
         "a", "udp_multicast", "239.1.2.3", fd=True, local=False, options={"port": 99}
     )
     with pytest.raises(BusError, match=r"bus a: .*invalid choice: 'cann'"):
@@ -204,22 +204,22 @@ def test_python_can_options_are_taken_as_its_users_write_them():
 def test_what_is_not_given_comes_from_python_cans_environment(monkeypatch):
     monkeypatch.setenv("CAN_INTERFACE", "virtual")
     monkeypatch.setenv("CAN_CHANNEL", "there")
-    config = configuration(BusSpec("a"))
+    config = configuration(CanBusSpec("a"))
     assert (config["interface"], config["channel"]) == ("virtual", "there")
-    assert configuration(BusSpec("a", channel="here"))["channel"] == "here"
+    assert configuration(CanBusSpec("a", channel="here"))["channel"] == "here"
 
 
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (BusSpec("left", "pcann"), 'bus left: .*"pcann".*python-can knows .*socketcan'),
-        (BusSpec("left", "socketcan"), "expected one like"),
-        (BusSpec("left", "slcan", "/dev/nowhere"), r"bus left \(slcan\): "),
-        (BusSpec("left", "udp_multicast", "ff15::1"), "IPv6 group does not stay"),
-        (BusSpec("left", "kvaser", "0"), r"bus left \(kvaser\): "),
+        (CanBusSpec("left", "pcann"), 'bus left: .*"pcann".*python-can knows .*socketcan'),
+        (CanBusSpec("left", "socketcan"), "expected one like"),
+        (CanBusSpec("left", "slcan", "/dev/nowhere"), r"bus left \(slcan\): "),
+        (CanBusSpec("left", "udp_multicast", "ff15::1"), "IPv6 group does not stay"),
+        (CanBusSpec("left", "kvaser", "0"), r"bus left \(kvaser\): "),
     ],
 )  # fmt: skip
-def test_a_bus_that_cannot_be_opened_says_why(spec: BusSpec, message: str, monkeypatch):
+def test_a_bus_that_cannot_be_opened_says_why(spec: CanBusSpec, message: str, monkeypatch):
     for name in ("CAN_INTERFACE", "CAN_CHANNEL"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(BusError, match=message):
@@ -227,7 +227,7 @@ def test_a_bus_that_cannot_be_opened_says_why(spec: BusSpec, message: str, monke
 
 
 def test_what_a_driver_refuses_is_health_not_an_exception():
-    attached = attach(BusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
+    attached = attach(CanBusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
     try:
         assert attached.bus.send(Frame.of(1, bytes(200))) == 0  # the ring takes any message
         attached.close()
@@ -249,7 +249,7 @@ def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):
 
     with monkeypatch.context() as unplugged:
         unplugged.setattr(can.interfaces.virtual.VirtualBus, "_recv_internal", broken)
-        attached = attach(BusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
+        attached = attach(CanBusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
         wait_for(BusState.DOWN)
         assert attached.health(0).sentence() == "a: down, unplugged"
     wait_for(BusState.ACTIVE)
@@ -276,4 +276,4 @@ def test_a_kernel_without_can_is_said_with_what_helps(monkeypatch):
 
     monkeypatch.setattr(socket, "socket", refuses)
     with pytest.raises(BusError, match=r"can0: .*`python -m bridge.vcan run -- .*udp_multicast"):
-        attach(BusSpec("a", "socketcan", "can0"))
+        attach(CanBusSpec("a", "socketcan", "can0"))

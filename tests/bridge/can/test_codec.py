@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.can.codec import Codec, verify
-from bridge.can.layout import CodecError, Layout, LayoutError, Signal, find, stream
+from bridge.can.layout import CodecError, LayoutError, MessageLayout, Signal, find, stream
 from bridge.native.frame import Flags
 from bridge.native.message import Decoded, FieldKind, Header
 from tests.bridge.can.layouts import LINKS, layout, layouts, placed
@@ -32,7 +32,7 @@ def signals(draw, length=64):
 @given(signals(), st.data())
 @settings(max_examples=120)
 def test_any_field_is_written_and_read_bit_by_bit(signal, data):
-    codec = Codec(Layout("M", 1, 64, (signal,), Flags.FD))
+    codec = Codec(MessageLayout("M", 1, 64, (signal,), Flags.FD))
     low, high = signal.raw_range
     value = float(data.draw(st.integers(low, high)))
     raw = min(max(int(value), low), high)  # 2^63 - 1 is no double
@@ -45,7 +45,7 @@ def test_any_field_is_written_and_read_bit_by_bit(signal, data):
 @given(signals(8), st.binary(min_size=8, max_size=8), st.integers(0, 2**63 - 1))
 @settings(max_examples=80)
 def test_bits_beside_a_field_stay(signal, ground, raw):
-    codec = Codec(Layout("M", 1, 8, (signal,)))
+    codec = Codec(MessageLayout("M", 1, 8, (signal,)))
     codec.message.fill[:8] = list(ground)
     low, high = signal.raw_range
     value = min(max(raw, low), high) // 2**11 * 2**11 if signal.length > 53 else raw % (high + 1)
@@ -58,7 +58,7 @@ def test_motorola_and_intel_share_a_message():
         Signal("b", 16, 9),
         Signal("c", 39, 20, motorola=True),
     )
-    codec = Codec(Layout("M", 1, 8, both))
+    codec = Codec(MessageLayout("M", 1, 8, both))
     result, values, _ = codec.decode(codec.encode([-1234.0, 255.0, 524287.0]))
     assert result is Decoded.OK and values.tolist() == [-1234.0, 255.0, 524287.0]
 
@@ -68,7 +68,7 @@ def test_motorola_and_intel_share_a_message():
 )
 def test_rounded_to_the_nearest_and_saturated(value, scale, offset):
     signal = Signal("x", 0, 8, FieldKind.SIGNED, scale=scale, offset=offset, invalid=-128)
-    codec = Codec(Layout("M", 1, 1, (signal,)))
+    codec = Codec(MessageLayout("M", 1, 1, (signal,)))
     raw = round((value - offset) / scale)  # Python rounds halves to even too
     header = Header()
     found = codec.frame([value], header).payload
@@ -78,7 +78,7 @@ def test_rounded_to_the_nearest_and_saturated(value, scale, offset):
 
 @pytest.mark.parametrize("half", [-2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 0.49999999999999994])
 def test_halves_go_to_even(half):
-    codec = Codec(Layout("M", 1, 8, (Signal("x", 0, 64),)))
+    codec = Codec(MessageLayout("M", 1, 8, (Signal("x", 0, 64),)))
     assert codec.decode(codec.encode([half]))[1][0] == round(half)
 
 
@@ -101,7 +101,7 @@ def test_zero_is_zero_and_invalid_is_invalid(file):
 
 def test_without_an_invalid_code_no_number_is_what_is_nearest_to_zero():
     signals = (Signal("x", 0, 8), Signal("y", 8, 8, low=3), Signal("z", 16, 32, FieldKind.FLOAT))
-    codec = Codec(Layout("M", 1, 7, signals))
+    codec = Codec(MessageLayout("M", 1, 7, signals))
     for no_number in (math.nan, math.inf):
         header = Header()
         frame = codec.frame([no_number] * 3, header)
@@ -117,7 +117,7 @@ def test_saturated_values_are_counted_by_message():
 
 
 def test_a_raw_value_outside_the_range_is_refused():
-    codec = Codec(Layout("M", 1, 1, (Signal("x", 0, 8, low=-100, high=100, invalid=-128),)))
+    codec = Codec(MessageLayout("M", 1, 1, (Signal("x", 0, 8, low=-100, high=100, invalid=-128),)))
     for raw in range(-128, 128):
         result = codec.decode(struct.pack("b", raw))[0]
         expected = Decoded.OK if abs(raw) <= 100 else Decoded.RANGE
@@ -132,7 +132,7 @@ def test_floats_of_32_and_64_bits(wide, narrow, limited):
         Signal("x", 3, 64, FieldKind.FLOAT, invalid=0),
         Signal("y", 71, 32, FieldKind.FLOAT, motorola=False, **ends),
     )
-    codec = Codec(Layout("M", 1, 16, signals, Flags.FD))
+    codec = Codec(MessageLayout("M", 1, 16, signals, Flags.FD))
     result, values, _ = codec.decode(codec.encode([wide, narrow]))
     if not math.isfinite(wide):
         assert result is Decoded.INVALID
@@ -186,7 +186,7 @@ def test_signals_that_cannot_be_carried(signals, complaint):
 )
 def test_layouts_that_cannot_be(signal, complaint):
     with pytest.raises(LayoutError, match=complaint):
-        Codec(Layout("M", 1, 8, (Signal("other", 8, 8), signal)))
+        Codec(MessageLayout("M", 1, 8, (Signal("other", 8, 8), signal)))
 
 
 def test_a_wrong_number_of_values_is_an_error():

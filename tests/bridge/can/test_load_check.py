@@ -12,7 +12,13 @@ from bridge.can.dbc import load
 from bridge.can.layout import LayoutError, find
 from bridge.can.messages import bus_responses, bus_share
 from bridge.cli.check import load_rows, message_rows, rows
-from bridge.preflight.bus_checks import BusMessage, BusTiming, SignalRange, Watchdog, check_buses
+from bridge.preflight.bus_checks import (
+    BusMessage,
+    BusTiming,
+    MessageTimeout,
+    SignalRange,
+    check_buses,
+)
 from cosim.checks.finding import Finding
 from cosim.cli.show import aligned
 
@@ -45,7 +51,7 @@ def nodes(count: int, **more: object) -> list[BusMessage]:
 
 
 def found(
-    messages: list[BusMessage], timing: BusTiming = FAST, dogs: tuple[Watchdog, ...] = ()
+    messages: list[BusMessage], timing: BusTiming = FAST, dogs: tuple[MessageTimeout, ...] = ()
 ) -> list[Finding]:
     return check_buses(messages, {"can0": timing}, dogs)
 
@@ -56,7 +62,7 @@ def only(findings: list[Finding], rule: str) -> Finding:
 
 
 def test_a_good_set_has_two_notes() -> None:
-    notes = found(nodes(2), dogs=(Watchdog("arm", "LINK_1", 5e-3),))
+    notes = found(nodes(2), dogs=(MessageTimeout("arm", "LINK_1", 5e-3),))
     assert [(f.severity, f.rule) for f in notes] == [
         ("note", "bus-load"),
         ("note", "response-time"),
@@ -191,17 +197,19 @@ def test_signals_that_do_not_fit_their_field() -> None:
     ],
 )
 def test_watchdogs(timeout: float, severity: str, text: str) -> None:
-    finding = only(found(nodes(1), dogs=(Watchdog("arm", "LINK_1", timeout),)), "watchdog")
+    finding = only(found(nodes(1), dogs=(MessageTimeout("arm", "LINK_1", timeout),)), "watchdog")
     assert (finding.severity, finding.where) == (severity, "arm")
     assert text in finding.reason
     assert finding.advice
 
 
 def test_a_watchdog_of_nothing_and_one_of_events() -> None:
-    nothing = only(found(nodes(1), dogs=(Watchdog("arm", "TAU", 1.0),)), "watchdog")
+    nothing = only(found(nodes(1), dogs=(MessageTimeout("arm", "TAU", 1.0),)), "watchdog")
     assert nothing.reason == "watches TAU, which nobody sends"
     event = [link(1, None), beat(1)]
-    assert not [f for f in found(event, dogs=(Watchdog("arm", "LINK_1", 1.0),)) if f.rule[0] == "w"]
+    assert not [
+        f for f in found(event, dogs=(MessageTimeout("arm", "LINK_1", 1.0),)) if f.rule[0] == "w"
+    ]
 
 
 def test_a_node_without_heartbeat() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.can.codec import Codec
 from bridge.deployment.drive_sequences import REQUESTS
 from bridge.drives.model import Drive
-from bridge.drives.profiles import Joint, Part, Profile
+from bridge.drives.profiles import DriveProfile, Joint, ProfileMessage
 from bridge.native.message import Decoded
 from bridge.native.safety import DriveRequest, DriveState, Status
 from bridge.safety.limits import in_si
@@ -33,7 +33,7 @@ class EmulatedDrive:
 
     def __init__(
         self,
-        profile: Profile,
+        profile: DriveProfile,
         node: int,
         h: float,
         joint: Joint | None = None,
@@ -123,7 +123,9 @@ class EmulatedDrive:
         pairs = zip(signals, values, strict=True)
         return np.array([self._si[s][0] * value + self._si[s][1] for s, value in pairs])
 
-    def _told(self, part: Part, codec: Codec, values: dict[str, Array]) -> tuple[int, bytes]:
+    def _told(
+        self, part: ProfileMessage, codec: Codec, values: dict[str, Array]
+    ) -> tuple[int, bytes]:
         sent = np.zeros(len(part.signals))
         for n, signal in enumerate(part.signals):
             port = next(name for name in values if signal in getattr(part, name))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge.can.codec import verify
-from bridge.drives.profiles import Joint, Profile, load_profile
+from bridge.drives.profiles import DriveProfile, Joint, load_profile
 from bridge.native.safety import DriveState, Status
 from cosim.base.errors import ScenarioError
 from tests.bridge.drives.emulated import EmulatedDrive
@@ -21,7 +21,7 @@ NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
 H, MS, NODE = 1e-3, 1_000_000, 3
 
 
-def profile(name: str) -> Profile:
+def profile(name: str) -> DriveProfile:
     return load_profile(FOLDER / f"{name}.toml")
 
 

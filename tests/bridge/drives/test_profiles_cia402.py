@@ -10,7 +10,7 @@ import can
 import pytest
 
 from bridge.drives import cia402
-from bridge.drives.profiles import Profile, load_profile
+from bridge.drives.profiles import DriveProfile, load_profile
 from cosim.base.errors import CosimError, RunError, ScenarioError
 
 canopen = pytest.importorskip("canopen")
@@ -21,7 +21,7 @@ SIZES = {8: od.UNSIGNED8, 16: od.UNSIGNED16, 32: od.UNSIGNED32}
 
 
 @pytest.fixture(name="profile")
-def profile_() -> Profile:
+def profile_() -> DriveProfile:
     return load_profile(Path(__file__).resolve().parents[3] / "configs/drives/cia402.toml")
 
 
@@ -89,7 +89,9 @@ def sdo_(request: pytest.FixtureRequest, drive: DriveNode) -> Iterator[Any]:
     network.disconnect()
 
 
-def test_a_drive_is_configured_and_enabled(drive: DriveNode, sdo: Any, profile: Profile) -> None:
+def test_a_drive_is_configured_and_enabled(
+    drive: DriveNode, sdo: Any, profile: DriveProfile
+) -> None:
     cia402.configure(sdo, profile, NODE, HOST, 0.05)
     assert drive.held(0x6060) == 10
     assert drive.held(0x1016, 1) == HOST << 16 | 50
@@ -99,7 +101,7 @@ def test_a_drive_is_configured_and_enabled(drive: DriveNode, sdo: Any, profile: 
     assert cia402.state(drive.held(0x6041)) == "operation enabled"
 
 
-def test_the_pdos_mapped_are_those_of_the_dbc(profile: Profile) -> None:
+def test_the_pdos_mapped_are_those_of_the_dbc(profile: DriveProfile) -> None:
     """Objects in the order and with the bits of the signals; identifiers as well."""
     parts = (profile.command, *profile.feedback)
     for (_, _, cob_id, objects), part in zip(cia402.PDOS, parts, strict=True):
@@ -111,7 +113,7 @@ def test_the_pdos_mapped_are_those_of_the_dbc(profile: Profile) -> None:
 
 
 def test_a_pdo_of_ours_arrives_in_the_drive_s_objects(
-    request: pytest.FixtureRequest, drive: DriveNode, sdo: Any, profile: Profile
+    request: pytest.FixtureRequest, drive: DriveNode, sdo: Any, profile: DriveProfile
 ) -> None:
     cia402.configure(sdo, profile, NODE, HOST, 0.05)
     drive.node.rpdo.read()
@@ -135,13 +137,13 @@ def test_a_drive_that_stays_where_it_is_is_named(drive: DriveNode, sdo: Any) -> 
         cia402.enable(sdo, NODE, polls=2)
 
 
-def test_another_rated_torque_is_refused(drive: DriveNode, sdo: Any, profile: Profile) -> None:
+def test_another_rated_torque_is_refused(drive: DriveNode, sdo: Any, profile: DriveProfile) -> None:
     drive.node.sdo[0x6076].raw = 2000
     with pytest.raises(CosimError, match=r"rated torque \(0x6076\) is 2 N.m, expected 1 N.m"):
         cia402.configure(sdo, profile, NODE, HOST, 0.05)
 
 
-def test_what_does_not_hold_what_was_written_is_refused(profile: Profile) -> None:
+def test_what_does_not_hold_what_was_written_is_refused(profile: DriveProfile) -> None:
     class Forgetful:
         def upload(self, index: int, subindex: int) -> bytes:
             return (1000 if index == 0x6076 else 0).to_bytes(4, "little")

@@ -12,7 +12,7 @@ from bridge.campaign.spec import load_campaign
 from bridge.deployment import spec
 from bridge.deployment.system import Listened
 from bridge.faults.load import SPECS, SyncLossSpec, build, load
-from bridge.faults.script import Event
+from bridge.faults.script import FaultEvent
 from bridge.native import faults as native
 from bridge.native.bus import ALL_BITS, FORMAT, KIND, Accept
 from bridge.native.frame import Flags, Frame
@@ -175,9 +175,9 @@ def test_events_are_in_the_order_of_time(said, expected):
 
 def test_a_babbling_peer_ends_or_does_not():
     said = {"kind": "babble", "bus": "left", "id": 0x10, "rate": "2 kHz", "from": 1}
-    babble = Event(1.0, "babble", "left", 0, id=0x10, rate=2000.0, length=8)
+    babble = FaultEvent(1.0, "babble", "left", 0, id=0x10, rate=2000.0, length=8)
     assert fault(**said).process_events() == (babble,)
-    assert fault(**said, to=3).process_events() == (babble, Event(3.0, "hush", "left", 0))
+    assert fault(**said, to=3).process_events() == (babble, FaultEvent(3.0, "hush", "left", 0))
 
 
 def test_a_clock_may_jump_back():

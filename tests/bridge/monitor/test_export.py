@@ -11,7 +11,7 @@ import pytest
 
 from bridge.monitor.figure import draw
 from bridge.monitor.sinks import Udp, address
-from bridge.monitor.topics import Feed, Source
+from bridge.monitor.topics import Feed, TopicSource
 from bridge.native.journal import Journal
 from bridge.recording.live_run import Watched
 from bridge.rehearsal.supervisor import NODES
@@ -159,7 +159,7 @@ def test_a_number_that_is_not_finite_is_null(made):
     row = rows_of(place, "master")[:1].copy()
     slot = system.nodes["master"].plan.slots()["master.q"]
     row["signals"][0, slot.start : slot.start + 2] = np.nan, np.inf
-    sample = Source(system.nodes["master"], 0).samples(row, float("inf"))[0]
+    sample = TopicSource(system.nodes["master"], 0).samples(row, float("inf"))[0]
     assert sample.content["q"] == [None, None]
     json.dumps(sample.content, allow_nan=False)
 
@@ -169,7 +169,7 @@ def test_plotjuggler_gets_json_by_udp(made, watched):
         server.bind(("127.0.0.1", 0))
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         server.settimeout(5.0)
-        samples = Source(made[1].nodes["master"], WALL).samples(
+        samples = TopicSource(made[1].nodes["master"], WALL).samples(
             rows_of(made[0], "master")[:50], 100.0
         )
         with Udp(f"127.0.0.1:{server.getsockname()[1]}") as sink:

@@ -19,7 +19,7 @@ from bridge.native.safety import LifeState
 from bridge.node.buses import can_spec
 from bridge.zenoh.attach import open_bus
 from bridge.zenoh.certificates import make_keys
-from bridge.zenoh.options import Options, options_of
+from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
@@ -43,7 +43,7 @@ def test_through_a_router(tmp_path: Path):
         )
         config = CONFIGS / "zenoh" / "router.json5"
         router = open_session(
-            configure(Options("router", (where,), config=config), "router"), "router"
+            configure(ZenohOptions("router", (where,), config=config), "router"), "router"
         )
         master = open_bus(system, "net", "master")
         followed(listener, master, system)

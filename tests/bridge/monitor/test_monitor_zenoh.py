@@ -17,7 +17,7 @@ from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import names_of
 from bridge.monitor.listener import Listener
 from bridge.monitor.listener_view import tables, view
-from bridge.monitor.messages import Heard, Sample
+from bridge.monitor.messages import Heard, HeardSample
 from bridge.native.safety import LifeState, Status, Why
 from bridge.zenoh.attach import open_bus, traffic_of
 from bridge.zenoh.channel import ZenohAttachment
@@ -75,7 +75,7 @@ def test_jitter_is_told_by_stamps_of_any_clock_also_where_they_wrap(system: Syst
     transit = [700, 200, 900, 200, 1700, 450]  # us
     for stamp, took in zip(sent, transit, strict=True):
         arrived = (stamp + took + 12345678) * 1000
-        heard.recent.append(Sample(arrived, (stamp + 2**32 - 11000) % 2**32, np.zeros(2)))
+        heard.recent.append(HeardSample(arrived, (stamp + 2**32 - 11000) % 2**32, np.zeros(2)))
     assert heard.late.tolist() == pytest.approx([t * 1e-6 for t in (500, 0, 700, 0, 1500, 250)])
     heard.forget(10**12)
     assert heard.late.shape == (0,)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bridge.deployment.system import load_system
 from bridge.native import lockstep as native
 from bridge.node import lockstep
-from bridge.rehearsal.supervisor import Event
+from bridge.rehearsal.settings import ScheduledEvent
 from bridge.replay import replay, twin
 from cosim.base.errors import ScenarioError
 from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, sockets
@@ -52,7 +52,7 @@ def run(
     deployment: str,
     nodes: Sequence[str],
     folder: Path,
-    events: Sequence[Event] = (),
+    events: Sequence[ScheduledEvent] = (),
     stop: float = 20.0,
 ) -> Rehearsed:
     changes = [
@@ -93,8 +93,8 @@ def test_six_nodes_are_the_twin(tmp_path: Path):
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["kill", "freeze"])
 def test_a_node_that_is_gone_is_named_and_what_was_computed_is_kept(what: str, tmp_path: Path):
-    events = [Event(0.3, what, lambda r: getattr(r, what)("slave"))]
-    events.append(Event(5.0, "end", lambda r: r.kill("slave")))
+    events = [ScheduledEvent(0.3, what, lambda r: getattr(r, what)("slave"))]
+    events.append(ScheduledEvent(5.0, "end", lambda r: r.kill("slave")))
     found = run("teleoperation", "zenoh", ARMS, tmp_path, events, stop=200.0)
     report = found.reports["master"]
     assert report["end"] == "failed"

@@ -13,11 +13,12 @@ import pytest
 
 import bridge.node.run
 from bridge.deployment.system import load_system
-from bridge.node.run import Options, run_node
+from bridge.node.run import NodeOptions, run_node
 from bridge.records.lives import Life
-from bridge.records.records import End, Gone, Missed
+from bridge.records.records import Gone, LifeEnd, Missed
 from bridge.rehearsal import supervisor
-from bridge.rehearsal.supervisor import Event, Rehearsal, Settings
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import Rehearsal, Settings
 from bridge.results.outcome import complete
 from bridge.results.report import NodeReport, fault_lines
 from cosim.base.clock import monotonic_ns
@@ -39,7 +40,7 @@ def run_master(folder, name, listen, stop):
     """The drive of the master alone; its report."""
     settings = changes(name, f"run.stop={stop}", "deploy.silence=0")
     system = load_system(TELEOPERATION, "can", settings)
-    options = Options(Life("master"), folder, warm_up=0.0, realtime=False)
+    options = NodeOptions(Life("master"), folder, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)
     assert json.loads((folder / "master.json").read_text())["end"] == report.end
     return report
@@ -55,7 +56,7 @@ def test_a_ctrl_c_while_it_finishes_does_not_take_its_report(monkeypatch, reques
 
     monkeypatch.setattr(bridge.node.run, "stated", interrupted)
     report = run_master(tmp_path, request.node.name, lambda control: control.quit(), 1.0)
-    assert report.end is End.NEVER_STARTED
+    assert report.end is LifeEnd.NEVER_STARTED
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -71,7 +72,7 @@ def test_a_signal_stops_it_whichever_thread_gets_it(request, tmp_path, number):
         signal.pthread_kill(other.ident, number)
 
     try:
-        assert run_master(tmp_path, request.node.name, listen, 4.0).end is End.STOPPED
+        assert run_master(tmp_path, request.node.name, listen, 4.0).end is LifeEnd.STOPPED
     finally:
         over.set()
         other.join()
@@ -82,7 +83,7 @@ def test_a_life_that_begins_after_the_end_says_so(request, tmp_path):
         control.start(monotonic_ns() - 5_000_000_000)
 
     report = run_master(tmp_path, request.node.name, listen, 0.1)
-    assert report.end is End.TOO_LATE
+    assert report.end is LifeEnd.TOO_LATE
     assert report.slots == 0
     assert "100 slots to t = 0.1 s" in report.error
 
@@ -111,7 +112,7 @@ def rehearse(folder, name, events, *more):
 
 def test_nobody_waits_for_a_start_after_one_has_failed(monkeypatch, request, tmp_path):
     monkeypatch.setattr(supervisor, "LEAD", 60.0)  # s; nobody starts before that
-    events = [Event(-59.9, "one is gone", lambda r: r.current["slave"].tell("quit"))]
+    events = [ScheduledEvent(-59.9, "one is gone", lambda r: r.current["slave"].tell("quit"))]
     ended = rehearse(tmp_path, request.node.name, events, "run.stop=30")
     assert {life.done["end"] for life in ended.lives} == {"never started"}
 
@@ -125,10 +126,10 @@ def test_a_life_that_joins_after_the_end_is_a_note(request, tmp_path):
         until(lambda: rehearsal.t > 0.5)
         rehearsal.restart("slave")
 
-    events = [Event(0.2, "gone", goes), Event(0.3, "back", comes_back)]
+    events = [ScheduledEvent(0.2, "gone", goes), ScheduledEvent(0.3, "back", comes_back)]
     ended = rehearse(tmp_path, request.node.name, events, "run.stop=0.4")
     assert isinstance(ended.notes[-1], Missed) and ended.notes[-1].life == Life("slave", 2)
-    assert ended.lives[-1].done["end"] is End.TOO_LATE
+    assert ended.lives[-1].done["end"] is LifeEnd.TOO_LATE
 
 
 @pytest.mark.parametrize(("t", "note"), [(0.5, Missed), (0.3, Gone)])
@@ -194,7 +195,7 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
     system = load_system(
         TELEOPERATION, "can", changes(request.node.name, "run.stop=0.05", "deploy.silence=0", far)
     )
-    options = Options(Life("master"), tmp_path, warm_up=0.0, realtime=False)
+    options = NodeOptions(Life("master"), tmp_path, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)
     assert report.sent["STATE_1"]["saturated"] > 0
     said = NodeReport(Life("master"), 50, None, "finished", (), report)
@@ -203,7 +204,7 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
 
 
 def test_where_no_node_came_to_a_slot_it_is_said_why(request, tmp_path):
-    told = Event(-10.0, "told to stop", lambda rehearsal: rehearsal.stop())
+    told = ScheduledEvent(-10.0, "told to stop", lambda rehearsal: rehearsal.stop())
     ended = rehearse(tmp_path, request.node.name, [told])
     system = load_system(TELEOPERATION, str(CAN), changes(request.node.name))
     with pytest.raises(RunError, match=r"no node came to its first slot \(.*told to stop"):

@@ -16,8 +16,8 @@ from bridge.recording.run_folder import write_trajectories
 from bridge.records.lives import ByLife, Life, files, frame_files, lives_of
 from bridge.records.records import (
     Done,
-    End,
     Gone,
+    LifeEnd,
     Missed,
     Note,
     Refused,
@@ -26,7 +26,8 @@ from bridge.records.records import (
     names_of,
     refusal,
 )
-from bridge.rehearsal.supervisor import Event, Rehearsal, Settings
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import Rehearsal, Settings
 from bridge.replay import replay, twin
 from bridge.replay.diff import compare_runs
 from bridge.results.outcome import complete, lines
@@ -86,7 +87,7 @@ NOTES = [
     (Done(t=2.0014, action="kill", target="arm.2", index=3), "t = 2.001 s: kill arm.2"),
     (Remark(t=0.5, remark="by hand"), "t = 0.500 s: by hand"),
     (
-        Gone(t=1.0, life=Life("arm.2"), end=End.KILLED, code=-9, detail="killed by SIGKILL"),
+        Gone(t=1.0, life=Life("arm.2"), end=LifeEnd.KILLED, code=-9, detail="killed by SIGKILL"),
         "t = 1.000 s: node arm.2 has ended: killed by SIGKILL",
     ),
     (
@@ -122,7 +123,7 @@ def test_why_a_start_was_refused(bits, armed, said):
 
 
 def test_a_statement_is_read_as_it_was_written(tmp_path):
-    said = Statement(life=Life("a.b", 3), end=End.FAULT, reasons=("peer",), injected={2: 5})
+    said = Statement(life=Life("a.b", 3), end=LifeEnd.FAULT, reasons=("peer",), injected={2: 5})
     said.write(tmp_path)
     assert Statement.read(tmp_path, Life("a.b", 3)) == said
     assert Statement.read(tmp_path, Life("a.b")) is None
@@ -159,8 +160,10 @@ def tau(folder):
 def test_a_rehearsal_with_such_names_is_whole(deployment, tmp_path):
     system = load_system(TELEOPERATION, str(deployment), LONGER)
     again = [
-        Event(0.2, "gone", lambda r: (r.expected.add("arm.2"), r.current["arm.2"].tell("quit"))),
-        Event(0.3, "back", lambda r: r.restart("arm.2"), revives=True),
+        ScheduledEvent(
+            0.2, "gone", lambda r: (r.expected.add("arm.2"), r.current["arm.2"].tell("quit"))
+        ),
+        ScheduledEvent(0.3, "back", lambda r: r.restart("arm.2"), revives=True),
     ]
     settings = Settings(
         TELEOPERATION, deployment, LONGER, warm_up=0.0, realtime=False, events=again

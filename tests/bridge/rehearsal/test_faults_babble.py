@@ -11,12 +11,12 @@ import sys
 import can
 import pytest
 
-from bridge.can.interface import BusSpec, attach
+from bridge.can.interface import CanBusSpec, attach
 from bridge.can.repeat import repeat
-from bridge.faults.script import Event
+from bridge.faults.script import FaultEvent
 from bridge.rehearsal.babbler import command, main
 
-EVENT = Event(0.0, "babble", "left", 0, id=0x10, rate=2000.0, length=8)
+EVENT = FaultEvent(0.0, "babble", "left", 0, id=0x10, rate=2000.0, length=8)
 
 
 def received(bus):
@@ -31,7 +31,7 @@ def received(bus):
 )
 def test_frames_come_in_order_with_their_identifier(identifier, extended):
     with can.Bus(interface="virtual", channel="babble") as other:
-        attachment = attach(BusSpec("x", "virtual", "babble"), accepts=())
+        attachment = attach(CanBusSpec("x", "virtual", "babble"), accepts=())
         done = repeat(attachment.bus, identifier, 10_000, 8, 20, c.c_int32(0))
         attachment.close()
         frames = received(other)
@@ -43,7 +43,7 @@ def test_frames_come_in_order_with_their_identifier(identifier, extended):
 
 
 def test_nothing_is_sent_after_the_stop():
-    attachment = attach(BusSpec("x", "virtual", "stopped"), accepts=())
+    attachment = attach(CanBusSpec("x", "virtual", "stopped"), accepts=())
     assert repeat(attachment.bus, 1, 1.0, 0, None, c.c_int32(1)) == (0, 0)
     attachment.close()
 

@@ -20,7 +20,7 @@ from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal import injector
 from bridge.relay.router import PACKET, TCP, UDP
 from bridge.results.detection import find
-from bridge.results.detection_links import Network
+from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Sign
 from bridge.results.symptoms import SIGNS, Shown
 from bridge.wiring.wiring import row_dtype
@@ -194,7 +194,7 @@ def packets(n, lost=0, delay=0.0, protocol=UDP):
     rows["delay_ns"][:lost] = rows["left_ns"][:lost] = -1
     there = {"slave>master": rows, "master>slave": rows[:0]}
     recorded = SimpleNamespace(names=BOTH, of=there.__getitem__)
-    return Network(recorded, {n: (n,) for n in ("master", "slave")}, 0)
+    return RecordedNetwork(recorded, {n: (n,) for n in ("master", "slave")}, 0)
 
 
 def test_faults_of_a_network_show_at_the_far_end(system, tmp_path):

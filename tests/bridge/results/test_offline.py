@@ -11,7 +11,7 @@ from bridge.deployment.system import System
 from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import ByLife
 from bridge.replay import replay
-from bridge.replay.diff import Comparison, compare_runs
+from bridge.replay.diff import RunDifference, compare_runs
 from bridge.results.offline import fed, run_offline
 from bridge.results.outcome import deployed
 from bridge.wiring.wiring import Rows
@@ -40,7 +40,7 @@ def recorded(system: System, folder: Path) -> Path:
     return folder / "run"
 
 
-def compared(system: System, folder: Path) -> Comparison:
+def compared(system: System, folder: Path) -> RunDifference:
     run = recorded(system, folder)
     return compare_runs(run, run_offline(system, run, replay.load(run / "nodes")))
 

@@ -19,8 +19,8 @@ import pytest
 from bridge.vcan import abilities, cpus, packages
 from bridge.vcan.__main__ import main
 from bridge.vcan.errors import VcanError
-from bridge.vcan.guest import Request, command_script, kernel_command, write
-from bridge.vcan.packages import Parts
+from bridge.vcan.guest import GuestCommand, command_script, kernel_command, write
+from bridge.vcan.packages import GuestFiles
 from bridge.vcan.supervise import as_status, descendants, status_of
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -65,14 +65,16 @@ def test_what_a_guest_could_not_do_is_refused(tmp_path: Path) -> None:
         command_script(["A=1", "true"], {}, tmp_path)
     with pytest.raises(VcanError, match="its own /dev"):
         command_script(["true"], {}, Path("/dev/shm"))
-    parts = Parts(tmp_path / "linux", Path("/a b/busybox"), ())
+    parts = GuestFiles(tmp_path / "linux", Path("/a b/busybox"), ())
     with pytest.raises(VcanError, match="/a b/busybox"):
-        kernel_command(tmp_path, Request(("true",)), parts, (3, 4, 5, 6))
+        kernel_command(tmp_path, GuestCommand(("true",)), parts, (3, 4, 5, 6))
 
 
 def test_settings_are_shell(tmp_path: Path) -> None:
-    parts = Parts(tmp_path, tmp_path / "b", ((Path("/m/can.ko"), ""), (Path("/v.ko"), "echo=1")))
-    write(tmp_path, Request(("true",), buses=3), parts)
+    parts = GuestFiles(
+        tmp_path, tmp_path / "b", ((Path("/m/can.ko"), ""), (Path("/v.ko"), "echo=1"))
+    )
+    write(tmp_path, GuestCommand(("true",), buses=3), parts)
     show = f'. {tmp_path}/settings; printf "%s|" "$busybox" "$buses" "$modules"'
     done = subprocess.run(["sh", "-c", show], capture_output=True, text=True)
     assert done.stdout == f"{tmp_path}/b|3|/m/can.ko\n/v.ko echo=1|"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from bridge.deployment.zenoh_keys import Names
 from bridge.native.journal import Journal
-from bridge.zenoh.channel import Traffic, ZenohAttachment
-from bridge.zenoh.options import Options
+from bridge.zenoh.channel import ZenohAttachment, ZenohTraffic
+from bridge.zenoh.options import ZenohOptions
 
 NAMES = Names("test")
 NUMBER = count()
@@ -18,8 +18,8 @@ def key(node: str, identifier: int) -> str:
     return NAMES.message(node, "component", f"m{identifier:x}")
 
 
-def traffic(node: str, other: str) -> Traffic:
-    return Traffic(
+def traffic(node: str, other: str) -> ZenohTraffic:
+    return ZenohTraffic(
         node,
         {key(node, i): i for i in IDENTIFIERS},
         {key(other, i): i for i in IDENTIFIERS},
@@ -36,7 +36,7 @@ def endpoint(tmp_path: Path) -> str:
 def opened(
     node: str, other: str, log: Journal | None = None, wait: float = 20.0, **said: object
 ) -> ZenohAttachment:
-    options = Options("test", wait=wait, **said)  # type: ignore[arg-type]
+    options = ZenohOptions("test", wait=wait, **said)  # type: ignore[arg-type]
     return ZenohAttachment("net", NAMES, traffic(node, other), options, log=log)
 
 

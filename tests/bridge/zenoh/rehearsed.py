@@ -12,7 +12,8 @@ from bridge.deployment import spec
 from bridge.deployment.system import System, load_system
 from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import ByLife
-from bridge.rehearsal.supervisor import NODES, Ended, Event, Rehearsal, Settings
+from bridge.rehearsal.settings import ScheduledEvent
+from bridge.rehearsal.supervisor import NODES, Ended, Rehearsal, Settings
 from bridge.replay import replay
 from bridge.results.outcome import deployed
 from bridge.wiring.wiring import Rows
@@ -28,7 +29,7 @@ class Rehearsed:
     ended: Ended
     rows: ByLife[Rows]
     reports: Mapping[str, Mapping[str, Any]]
-    replayed: replay.Replay
+    replayed: replay.ReplayReport
 
     def signal(self, name: str, life: str = "") -> Any:
         """One signal of a node over its slots, (slots, size)."""
@@ -45,7 +46,7 @@ def prepared(
     deployment: str,
     changes: Sequence[str],
     folder: Path,
-    events: Sequence[Event] = (),
+    events: Sequence[ScheduledEvent] = (),
 ) -> tuple[System, Rehearsal]:
     path = CONFIGS / f"{scenario}.toml"
     given = spec.find(path, deployment)

@@ -15,7 +15,7 @@ from bridge.native.frame import DATA, Frame
 from bridge.native.journal import Journal
 from bridge.zenoh import session
 from bridge.zenoh.channel import ZenohAttachment
-from bridge.zenoh.options import Options
+from bridge.zenoh.options import ZenohOptions
 from cosim.base.clock import sleep, stopwatch
 from tests.bridge.can.bus_contract import (
     PATIENCE,
@@ -220,7 +220,7 @@ def test_what_was_sent_just_before_the_end_does_not_hold_it(tmp_path: Path):
 
 def test_what_has_to_be_connected_to_and_is_not_there(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(session.zenoh, "open", lambda config: sleep(PATIENCE))
-    config = session.configure(Options("test"), "a")
+    config = session.configure(ZenohOptions("test"), "a")
     with pytest.raises(BusError, match=r"net: Zenoh: no connection after 0.1 s; it was to listen"):
         session.open_session(config, "net", 0.1)
 

@@ -9,7 +9,7 @@ from bridge.cli.ping import histogram, lines, links, links_with_laws
 from bridge.deployment.latency import delays_for, on_network
 from bridge.deployment.system import load_system
 from bridge.deployment.zenoh_keys import Names
-from bridge.zenoh.options import Options
+from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.ping import Echo, Pinged, ping, pinged, write_trace
 from bridge.zenoh.session import configure, open_session
 from cosim.base.errors import RunError
@@ -64,9 +64,9 @@ def test_a_histogram_has_everything():
 
 def test_there_and_back(tmp_path: Path):
     where = endpoint(tmp_path)
-    far = open_session(configure(Options("test", listen=(where,)), "b"), "net")
+    far = open_session(configure(ZenohOptions("test", listen=(where,)), "b"), "net")
     echo = Echo(far, NAMES, "b", "a", "reliable")
-    near = open_session(configure(Options("test", connect=(where,)), "a"), "net")
+    near = open_session(configure(ZenohOptions("test", connect=(where,)), "a"), "net")
     found = ping(near, NAMES, "a", "b", n=50, period=0.002, reliability="reliable")
     back = found.rtt[~np.isnan(found.rtt)]  # Zenoh drops what it cannot send at once
     assert len(back) > 0 and found.loss == pytest.approx(1 - len(back) / 50)

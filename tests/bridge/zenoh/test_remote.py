@@ -14,7 +14,7 @@ from bridge.node.buses import answer, attached
 from bridge.node.run import Control
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Wired
-from bridge.zenoh.options import Options
+from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.remote import ask, command
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns
@@ -27,7 +27,7 @@ NAMES = Names("teleoperation")
 
 @pytest.fixture
 def client(tmp_path: Path):
-    options = Options("test", connect=(f"unixsock-stream/{tmp_path}/master",))
+    options = ZenohOptions("test", connect=(f"unixsock-stream/{tmp_path}/master",))
     session = open_session(configure(options, "operator"), "net")
     yield session
     session.close()
@@ -72,7 +72,7 @@ def asked(client, wired: Wired, control: Control) -> None:
 
 
 def test_nobody_answers(tmp_path: Path):
-    session = open_session(configure(Options("test"), "operator"), "net")
+    session = open_session(configure(ZenohOptions("test"), "operator"), "net")
     with pytest.raises(RunError, match="nobody answers to teleoperation/master/state"):
         ask(session, NAMES, "master", "state", 0.2)
     with pytest.raises(RunError, match="a node is asked for one of state, parameters, clock, arm"):
@@ -109,7 +109,7 @@ def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.Fixt
 
 def test_a_command_that_is_none_and_one_that_nobody_hears():
     nmt = load_system(CONFIGS / "teleoperation.toml", "zenoh").services["net"].nmt
-    session = open_session(configure(Options("test"), "operator"), "net")
+    session = open_session(configure(ZenohOptions("test"), "operator"), "net")
     assert nmt is not None
     with pytest.raises(RunError, match="'go' is no command; expected one of start, stop, arm"):
         command(session, NAMES, nmt, "go")

@@ -11,7 +11,7 @@ from bridge.native.frame import Frame
 from bridge.zenoh.access import access_control
 from bridge.zenoh.certificates import make_keys
 from bridge.zenoh.channel import ZenohAttachment
-from bridge.zenoh.options import Options
+from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import sleep
 from cosim.base.errors import CosimError, ScenarioError
@@ -32,7 +32,7 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def end(node: str, other: str, keys: Path, **said: object) -> ZenohAttachment:
-    options = Options("test", config=SECURE, keys=keys, **said)  # type: ignore[arg-type]
+    options = ZenohOptions("test", config=SECURE, keys=keys, **said)  # type: ignore[arg-type]
     access = access_control(NAMES, NODES)
     return ZenohAttachment("net", NAMES, traffic(node, other), options, access=access)
 
@@ -51,7 +51,7 @@ def pair(keys: Path) -> Iterator[tuple[ZenohAttachment, ZenohAttachment, str]]:
 
 def session(node: str, keys: Path, where: str) -> zenoh.Session:
     """With a certificate, and no rules of its own: it tries everything."""
-    options = Options("test", config=SECURE, keys=keys, connect=(where,))
+    options = ZenohOptions("test", config=SECURE, keys=keys, connect=(where,))
     config = configure(options, node)
     config.insert_json5("access_control", '{"enabled": false}')
     return open_session(config, "net")

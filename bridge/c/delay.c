@@ -214,15 +214,3 @@ int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns)
     return d->held;
 }
 
-int32_t delay_hold(delay_t *d, int64_t sequence)
-{
-    if (sequence == d->held) return 1;
-    const sample_t *s = kept(d, sequence);
-    if (s)
-        hold(d, s);
-    else if (sequence < 0)
-        d->held = -1;
-    else
-        return 0;
-    return 1;
-}

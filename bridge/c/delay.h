@@ -74,8 +74,6 @@ API void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arriva
 /* The sequence number held at look `row`, -1: none yet (the initial value holds). Rows ascend.
  * Its values are delay_values(d, sequence). now_ns, the look's nominal time, is not looked at. */
 API int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns);
-/* Hold this one, whatever the law says (replay): 1, or 0: it is not there (yet, or any more). */
-API int32_t delay_hold(delay_t *d, int64_t sequence);
 
 /* What is held stays there when its slot is used again; any other only while it is kept. */
 static inline const double *delay_values(const delay_t *d, int64_t sequence)

@@ -15,7 +15,7 @@ import msgspec
 from bridge.deployment.signal_spec import SignalSpec
 from bridge.drives.model import DriveSpec
 from bridge.safety.limits import GuardSpec
-from cosim.base.convert import Number, convert, number
+from cosim.base.convert import Number, convert, each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import as_toml, change
 from cosim.scenario.spec import read_document
@@ -210,9 +210,9 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
         patience=_seconds(document, "patience", 60.0, path),
         silence=_seconds(document, "silence", 10.0, path),
         set=convert(document.get("set", {}), dict[str, Any], path, "set"),
-        buses=_each(document["buses"], BusSpec, path, "buses"),
-        nodes=_each(document["nodes"], NodeSpec, path, "nodes"),
-        messages=_each(document["messages"], MessageSpec, path, "messages"),
+        buses=each(document["buses"], BusSpec, path, "buses"),
+        nodes=each(document["nodes"], NodeSpec, path, "nodes"),
+        messages=each(document["messages"], MessageSpec, path, "messages"),
         signals=convert(document.get("signals", {}), dict[str, SignalSpec], path, "signals"),
     )
     _check(d)
@@ -222,10 +222,6 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
 def _seconds(document: dict[str, Any], key: str, usual: float, path: Path) -> float:
     found: Number = convert(document.get(key, usual), Number, path, key)  # type: ignore[arg-type]
     return number(found, "s", f"{path} at {key}")
-
-
-def _each(table: dict[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
-    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
 
 
 def _check(d: Deployment) -> None:

@@ -115,14 +115,3 @@ def estop(names: Names) -> Codec:
 def epoch(names: Names) -> Codec:
     """Which run this is, and when its t = 0 was: ``bridge/c/epoch.h``."""
     return codec(names.shared("epoch"), EPOCH, EPOCH_SIGNALS)
-
-
-def distinct(keys: Iterable[str], place: str) -> None:
-    """Raise ScenarioError if two keys have the same data ID, so that a change of prefix helps."""
-    found: dict[int, str] = {}
-    for key in keys:
-        other = found.setdefault(data_id(key), key)
-        if other != key:
-            raise ScenarioError(
-                f"{other} and {key} have the same data ID; expected another prefix", place
-            )

@@ -129,10 +129,6 @@ class DelayLine:
         """The sequence number held at look `row`, -1: none yet. Rows ascend."""
         return int(self._library.delay_take(c.byref(self.struct), row, now_ns))
 
-    def hold(self, sequence: int) -> bool:
-        """Hold this one, whatever the law says; False: it is not there (yet, or any more)."""
-        return bool(self._library.delay_hold(c.byref(self.struct), sequence))
-
     def values(self) -> FloatArray:
         """What is held, (width,), a copy; without a meaning while nothing is."""
         held: FloatArray = self._values[-1].copy()
@@ -149,6 +145,4 @@ def _declared() -> c.CDLL:
     lib.delay_put.restype = None
     lib.delay_take.argtypes = (line, c.c_int64, c.c_int64)
     lib.delay_take.restype = c.c_int64
-    lib.delay_hold.argtypes = (line, c.c_int64)
-    lib.delay_hold.restype = c.c_int32
     return lib

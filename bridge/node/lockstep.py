@@ -10,8 +10,7 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self, final
+from typing import Any, Self, final
 
 from bridge.can.interface import Attachment
 from bridge.deployment.gateways import gateways
@@ -97,13 +96,8 @@ class Lockstep:
         self.wired.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.wired.__exit__(kind, error, trace)
+    def __exit__(self, *raised: Any) -> None:
+        self.wired.__exit__(*raised)
 
     def _stream(self, message: str) -> native.StreamStruct:
         system = self._system

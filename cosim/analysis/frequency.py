@@ -121,13 +121,6 @@ class PortGain:
         size = self.size
         return log(size[1] / size[0]) / log(self.omega[1] / self.omega[0])
 
-    def curvature(self) -> float:
-        """How much the slope changes from there to the next pair of frequencies."""
-        if len(self.omega) < 3:
-            return nan
-        size, omega = self.size, self.omega
-        return log(size[2] / size[1]) / log(omega[2] / omega[1]) - self.slope()
-
     def felt(self, low: float, high: float) -> tuple[Array, Array, Array]:
         """(I, D, S), (m,) each: Z = jω I + D + S/(jω) fitted from `low` to `high`, rad/s.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import prod
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -16,7 +17,12 @@ Value = Any  # number, boolean, text with a unit, or nested lists of these
 T = TypeVar("T")
 
 
-def convert(value: Any, kind: type[T], path: Path, place: str) -> T:
+def each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+    """:func:`convert` for every entry of a table called `key`."""
+    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+
+
+def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
     """Plain data as a struct of `kind`. Raises ScenarioError naming the file and the place."""
     try:
         return msgspec.convert(value, kind)
@@ -26,7 +32,8 @@ def convert(value: Any, kind: type[T], path: Path, place: str) -> T:
             message += f"; expected one of {', '.join(_keys(kind))}"
         if words := _words(kind, inside.strip(".`")) if "enum" in message else ():
             message += f"; expected one of {', '.join(words)}"
-        raise ScenarioError(message, f"{path} at {place}{inside.rstrip('`')}") from None
+        at = f"{place}{inside.rstrip('`')}".lstrip(".")
+        raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
 
 
 def _keys(kind: type[Any]) -> list[str]:

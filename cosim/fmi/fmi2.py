@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cosim.base.errors import FmuError
+from cosim.fmi.alike import Alike
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 from cosim.native import fmu_log, structs
 
@@ -28,9 +29,11 @@ class _Callbacks2(c.Structure):
     )
 
 
-class Instance2:
+class Instance2(Alike):
     """An instance of an FMI 2.0 co-simulation FMU."""
 
+    STATE = "FMUstate"
+    HOT = ("SetReal", "DoStep", "GetReal")
     next_event = NEVER
     next_ticks: Mapping[int, float] = {}
 
@@ -158,30 +161,3 @@ class Instance2:
         """``fmi2DoStep``."""
         step = self._calls.checked("DoStep", c.c_void_p, c.c_double, c.c_double, c.c_int)
         step(self.handle, t, h, 0)
-
-    def get_state(self) -> int:
-        """``fmi2GetFMUstate``."""
-        state = c.c_void_p()
-        self._calls.checked("GetFMUstate", c.c_void_p, c.c_void_p)(self.handle, c.byref(state))
-        return state.value or 0
-
-    def set_state(self, state: int) -> None:
-        """``fmi2SetFMUstate``."""
-        self._calls.checked("SetFMUstate", c.c_void_p, c.c_void_p)(self.handle, state)
-
-    def free_state(self, state: int) -> None:
-        """``fmi2FreeFMUstate``."""
-        free = self._calls.checked("FreeFMUstate", c.c_void_p, c.c_void_p)
-        free(self.handle, c.byref(c.c_void_p(state)))
-
-    def free(self) -> None:
-        """``fmi2Terminate`` and ``fmi2FreeInstance``, as far as they may be called."""
-        if self.handle:
-            self._calls.free(self.handle)
-            self.handle = 0
-
-    def hot(self) -> tuple[int, int, int]:
-        """Addresses of ``fmi2SetReal``, ``fmi2DoStep``, ``fmi2GetReal``."""
-        names = ("SetReal", "DoStep", "GetReal")
-        set_, step, get = (structs.address(self._calls.function(n)) for n in names)
-        return set_, step, get

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cosim.base.errors import FmuError
+from cosim.fmi.alike import Alike
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 from cosim.fmi.ticking import Ticking, intervals, set_intervals
 from cosim.native import fmu_log, structs
@@ -20,8 +21,11 @@ TYPES: Mapping[str, Any] = {
 _EVENTS_AT_MOST = 100_000
 
 
-class Instance3:
+class Instance3(Alike):
     """An instance of an FMI 3.0 co-simulation FMU."""
+
+    STATE = "FMUState"
+    HOT = ("SetFloat64", "DoStep", "GetFloat64")
 
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi3", log)
@@ -212,30 +216,3 @@ class Instance3:
         if event and self._event_mode and not ended:
             self._calls.checked("EnterEventMode", c.c_void_p)(self.handle)
             self._leave_event_mode()
-
-    def get_state(self) -> int:
-        """``fmi3GetFMUState``."""
-        state = c.c_void_p()
-        self._calls.checked("GetFMUState", c.c_void_p, c.c_void_p)(self.handle, c.byref(state))
-        return state.value or 0
-
-    def set_state(self, state: int) -> None:
-        """``fmi3SetFMUState``."""
-        self._calls.checked("SetFMUState", c.c_void_p, c.c_void_p)(self.handle, state)
-
-    def free_state(self, state: int) -> None:
-        """``fmi3FreeFMUState``."""
-        free = self._calls.checked("FreeFMUState", c.c_void_p, c.c_void_p)
-        free(self.handle, c.byref(c.c_void_p(state)))
-
-    def free(self) -> None:
-        """``fmi3Terminate`` and ``fmi3FreeInstance``, as far as they may be called."""
-        if self.handle:
-            self._calls.free(self.handle)
-            self.handle = 0
-
-    def hot(self) -> tuple[int, int, int]:
-        """Addresses of ``fmi3SetFloat64``, ``fmi3DoStep``, ``fmi3GetFloat64``."""
-        names = ("SetFloat64", "DoStep", "GetFloat64")
-        set_, step, get = (structs.address(self._calls.function(n)) for n in names)
-        return set_, step, get

@@ -82,11 +82,6 @@ class Graph:
         """The robots whose information reaches all; none where there is no spanning tree."""
         return _numbers(np.asarray(self._flow().all(axis=1)))
 
-    @property
-    def has_spanning_tree(self) -> bool:
-        """Whether there is a root."""
-        return bool(self.roots)
-
     def _flow(self) -> BoolArray:
         """(n, n): whether what robot j knows gets to robot i, at [j - 1, i - 1]."""
         return closure(self.weights.T > 0)

@@ -13,10 +13,10 @@ of them. A further law is one more class with these members and one more struct 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,9 +71,40 @@ def exact(seconds: float) -> Fraction:
     return Fraction(repr(float(seconds)))
 
 
+def facts_of(law: str, values: Any) -> dict[str, Any]:
+    """What is written down with a run: the law's name, and the fields of a dataclass, SI."""
+    return {"law": law} | {f.name: _plain(getattr(values, f.name)) for f in fields(values)}
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(x) for x in value] if isinstance(value, tuple) else value
+
+
+class Formula:
+    """A law that is a formula: it loses nothing, gives any number of delays, and is its fields."""
+
+    __slots__ = ()
+    LAW: ClassVar[str]
+
+    @property
+    def loses(self) -> bool:
+        """Never."""
+        return False
+
+    def limit(self, period: Fraction) -> int | None:
+        """Unlimited."""
+        return None
+
+    def facts(self) -> dict[str, Any]:
+        """The law's name and its values, SI."""
+        return facts_of(self.LAW, self)
+
+
 @dataclass(frozen=True, slots=True)
-class Constant:
+class Constant(Formula):
     """T(t) = delay (s)."""
+
+    LAW = "constant"
 
     delay: float
 
@@ -96,32 +127,21 @@ class Constant:
         """The delay, s."""
         return self.delay
 
-    @property
-    def loses(self) -> bool:
-        """Never."""
-        return False
-
-    def limit(self, period: Fraction) -> int | None:
-        """Unlimited."""
-        return None
-
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """The same delay for ever; nothing is drawn."""
         return _Same(self.delay)
 
-    def facts(self) -> dict[str, Any]:
-        """Name and delay (s)."""
-        return {"law": "constant", "delay": self.delay}
-
 
 @dataclass(frozen=True, slots=True)
-class Uniform:
+class Uniform(Formula):
     """T(t) = low + (high - low)·u_i, u_i ~ U[0, 1), i = floor(t / hold): constant in between.
 
     The paper's delay (Sec. VII) is low = 0.3 s, high = 1.2 s, hold = 0.03 s. `hold = None` draws
     anew for every sample. i is computed in integers from the decimal numbers as written, so that
     the redraw at t = 0.03 s happens there and not one sample later.
     """
+
+    LAW = "uniform"
 
     low: float
     high: float
@@ -150,15 +170,6 @@ class Uniform:
         """(low + high)/2, s."""
         return 0.5 * (self.low + self.high)
 
-    @property
-    def loses(self) -> bool:
-        """Never."""
-        return False
-
-    def limit(self, period: Fraction) -> int | None:
-        """Unlimited."""
-        return None
-
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """One draw a hold interval, whether a sample falls into it or not."""
 
@@ -166,10 +177,6 @@ class Uniform:
             return np.minimum(self.low + (self.high - self.low) * rng.random(n), self.high)
 
         return held(draw, self.hold, period)
-
-    def facts(self) -> dict[str, Any]:
-        """Name, bounds and hold (s)."""
-        return {"law": "uniform", "low": self.low, "high": self.high, "hold": self.hold}
 
 
 def held(

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, Law
+from cosim.links.laws import Delays, FloatArray, Law, facts_of
 from cosim.links.markov import Chain
 from cosim.links.reach import BoolArray
 
@@ -84,7 +84,7 @@ class Independent:
 
     def facts(self) -> dict[str, Any]:
         """Name and probability."""
-        return {"law": "independent", "p": self.p}
+        return facts_of("independent", self)
 
 
 class _Independent:

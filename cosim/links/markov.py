@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite, isqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, IntArray, check_delay, held
+from cosim.links.laws import Delays, FloatArray, Formula, IntArray, check_delay, held
 from cosim.links.reach import closure
 
 if TYPE_CHECKING:
@@ -23,13 +23,15 @@ Row = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Markov:
+class Markov(Formula):
     """T(t) = levels[x_i], i = floor(t / step): P(x_{i+1} = b | x_i = a) = transitions[a][b].
 
     `levels` (m,), s; `transitions` (m, m), rows sum to 1, and every level can be reached from
     every other; `step`, s. x_0 is drawn from the stationary distribution, so that the shares of
     the levels hold from the start. See :meth:`dwelling` for mean times instead of probabilities.
     """
+
+    LAW = "markov"
 
     levels: Row
     transitions: tuple[Row, ...]
@@ -87,15 +89,6 @@ class Markov:
         """π·levels, s."""
         return float(self.shares @ np.array(self.levels))
 
-    @property
-    def loses(self) -> bool:
-        """Never."""
-        return False
-
-    def limit(self, period: Fraction) -> int | None:
-        """Unlimited."""
-        return None
-
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """One step of the chain every `step`, whether a sample falls into it or not."""
         chain, levels = Chain(np.array(self.transitions), rng), np.array(self.levels)
@@ -105,15 +98,6 @@ class Markov:
             return level
 
         return held(draw, self.step, period, "step")
-
-    def facts(self) -> dict[str, Any]:
-        """Name, levels (s), transitions and step (s)."""
-        return {
-            "law": "markov",
-            "levels": list(self.levels),
-            "transitions": [list(row) for row in self.transitions],
-            "step": self.step,
-        }
 
 
 class Chain:

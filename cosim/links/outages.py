@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Cycle
-from cosim.links.laws import FloatArray, exact
+from cosim.links.laws import FloatArray, exact, facts_of
 from cosim.links.losses import Losses
 from cosim.links.reach import BoolArray
 
@@ -56,12 +56,7 @@ class Outage:
 
     def facts(self) -> dict[str, Any]:
         """Name, length, every, start (s)."""
-        return {
-            "law": "outage",
-            "length": self.length,
-            "every": self.every,
-            "start": self.start,
-        }
+        return facts_of("outage", self)
 
 
 class _Outage:
@@ -117,7 +112,7 @@ class RandomOutage:
 
     def facts(self) -> dict[str, Any]:
         """Name, length (s), rate (1/s)."""
-        return {"law": "outage", "length": self.length, "rate": self.rate}
+        return facts_of("outage", self)
 
 
 class _RandomOutage:

@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from math import erfc, exp, isfinite, lgamma, log, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, check_delay, check_hold, held
+from cosim.links.laws import Delays, FloatArray, Formula, check_delay, check_hold, held
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -27,12 +27,14 @@ SIGMA_MAXIMUM = 10.0  # beyond it every delay is the shift or the maximum
 
 
 @dataclass(frozen=True, slots=True)
-class Gamma:
+class Gamma(Formula):
     """T(t) = min(shift + scale·g_i, maximum), g_i ~ Gamma(shape), i = floor(t / hold).
 
     Uncut, mean and variance are shift + shape·scale and shape·scale². `shift`, `scale`,
     `maximum`: s; `hold` (s) as in :class:`~cosim.links.laws.Uniform`, None: every sample.
     """
+
+    LAW = "gamma"
 
     shift: float
     shape: float
@@ -61,15 +63,6 @@ class Gamma:
         below = self.shape * self.scale * _lower_gamma(self.shape + 1, c / self.scale)
         return self.shift + below + c * (1 - _lower_gamma(self.shape, c / self.scale))
 
-    @property
-    def loses(self) -> bool:
-        """Never."""
-        return False
-
-    def limit(self, period: Fraction) -> int | None:
-        """Unlimited."""
-        return None
-
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """One draw a hold interval, whether a sample falls into it or not."""
 
@@ -78,25 +71,16 @@ class Gamma:
 
         return held(draw, self.hold, period)
 
-    def facts(self) -> dict[str, Any]:
-        """Name, shift, scale, maximum, hold (s) and shape."""
-        return {
-            "law": "gamma",
-            "shift": self.shift,
-            "shape": self.shape,
-            "scale": self.scale,
-            "maximum": self.maximum,
-            "hold": self.hold,
-        }
-
 
 @dataclass(frozen=True, slots=True)
-class Lognormal:
+class Lognormal(Formula):
     """T(t) = min(shift + median·exp(sigma·g_i), maximum), g_i ~ N(0, 1), i = floor(t / hold).
 
     `shift`, `maximum`: s; `median` (s) is that of T - shift; `sigma` is the standard deviation of
     ln(T - shift); `hold` (s) as in :class:`~cosim.links.laws.Uniform`, None: every sample.
     """
+
+    LAW = "lognormal"
 
     shift: float
     median: float
@@ -128,15 +112,6 @@ class Lognormal:
         below = self.median * exp(self.sigma**2 / 2) * _normal(x - self.sigma)
         return self.shift + below + c * _normal(-x)
 
-    @property
-    def loses(self) -> bool:
-        """Never."""
-        return False
-
-    def limit(self, period: Fraction) -> int | None:
-        """Unlimited."""
-        return None
-
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """One draw a hold interval, whether a sample falls into it or not."""
 
@@ -145,17 +120,6 @@ class Lognormal:
             return np.minimum(self.shift + tail, self.maximum)
 
         return held(draw, self.hold, period)
-
-    def facts(self) -> dict[str, Any]:
-        """Name, shift, median, maximum, hold (s) and sigma."""
-        return {
-            "law": "lognormal",
-            "shift": self.shift,
-            "median": self.median,
-            "sigma": self.sigma,
-            "maximum": self.maximum,
-            "hold": self.hold,
-        }
 
 
 def _check_tail(shift: float, maximum: float, hold: float | None) -> None:

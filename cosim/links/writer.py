@@ -7,20 +7,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.base.closing import Closing
 from cosim.base.errors import RunError
 from cosim.links.storage import COLUMN, FACTS, GROUP, read_facts, table_groups
-from cosim.links.table import TableSpec
 from cosim.record.arrow import arrow
 from cosim.record.folder import ROWS, link_files, reason
 
 
-class TableWriter:
+class TableWriter(Closing):
     """Writes rows as they come, each call at once; a context manager. Memory: one row group.
 
     `facts`: what :meth:`TableSpec.facts` says, or at least `name`, `sender_period`,
@@ -45,24 +44,6 @@ class TableWriter:
             self._file.close()
             convert(self._rows, self._path)
             self._rows.unlink()
-
-    def __enter__(self) -> TableWriter:
-        """The writer itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close; what was written up to an error is kept."""
-        try:
-            self.close()
-        except RunError as failure:
-            if error is None:
-                raise
-            error.add_note(str(failure))  # what stopped the run comes first
 
 
 def _begun(path: Path, first: bytes) -> FileIO:
@@ -136,12 +117,3 @@ def recover_tables(folder: Path) -> None:
             with _writing(rows):
                 convert(rows, rows.with_suffix(".parquet"))
                 rows.unlink()
-
-
-def save_table(path: str | Path, table: TableSpec, length: int) -> None:
-    """Write the first `length` rows of a table. Raises ScenarioError if it has fewer."""
-    path = Path(path)
-    stream = table.stream(length)
-    with TableWriter(path, table.facts()) as writer:
-        for start in range(0, length, GROUP):
-            writer.write(stream.rows(min(GROUP, length - start)))

@@ -18,10 +18,10 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from math import ceil, isfinite
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
+from cosim.base.closing import Closing
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import LIVE, PART, TRAJECTORIES, reason
 from cosim.record.groups import GroupWriter, group_rows
@@ -30,7 +30,7 @@ from cosim.record.live import Column, Live, RecordLayout, Rows
 __all__ = ["Column", "Recorder"]
 
 
-class Recorder:
+class Recorder(Closing):
     """Records ticks k0, k0+1, … of a run into ``<folder>/trajectories.parquet``.
 
     Use::
@@ -179,22 +179,6 @@ class Recorder:
             self.path.with_name(LIVE).unlink(missing_ok=True)
         except OSError as error:
             raise RunError(f"cannot write {self.path}: {reason(error)}") from error
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self.close()
-        except RunError as failure:
-            if error is None:
-                raise
-            error.add_note(str(failure))  # what stopped the run comes first
 
     def _raise_failure(self) -> None:
         if self._failure is not None:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from cosim.base import toml
-from cosim.base.convert import Number, Value, convert, number
+from cosim.base.convert import Number, Value, convert, each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import change
 from cosim.links.words import Semantics
@@ -245,11 +245,11 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
         path=path,
         title=convert(document.get("title", path.stem), str, path, "title"),
         run=convert(document["run"], RunSpec, path, "run"),
-        components=_each(tables["components"], ComponentSpec, path, "components"),
+        components=each(tables["components"], ComponentSpec, path, "components"),
         links=tuple(convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
         topology=_topology(document, path),
-        metrics=_each(tables["metrics"], MetricSpec, path, "metrics"),
-        figures=_each(tables["figures"], FigureSpec, path, "figures"),
+        metrics=each(tables["metrics"], MetricSpec, path, "metrics"),
+        figures=each(tables["figures"], FigureSpec, path, "figures"),
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
     )
 
@@ -277,7 +277,3 @@ def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
 def _topology(document: Mapping[str, Any], path: Path) -> TopologySpec | None:
     given = document.get("topology")
     return None if given is None else convert(given, TopologySpec, path, "topology")
-
-
-def _each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
-    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import msgspec
 
-from cosim.base.errors import ScenarioError
 from cosim.sweeps.axes import Method
 
 Pair = tuple[float, float]
@@ -72,27 +69,3 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     metrics: dict[str, dict[str, Any]] = {}
     stable: dict[str, Any] = {}
     figures: dict[str, dict[str, Any]] = {}
-
-
-T = TypeVar("T")
-
-
-def each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
-    """:func:`convert` for every entry of a table called `key`."""
-    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
-
-
-def convert(value: Any, kind: type[T], path: Path, above: str = "") -> T:
-    """`value`, which stands at `above` in the file `path`. Raises ScenarioError with its place."""
-    try:
-        return msgspec.convert(value, kind)
-    except msgspec.ValidationError as error:
-        message, _, inside = str(error).partition(" - at `$")
-        if not inside and "unknown field" in message:
-            message += f"; expected one of {', '.join(_keys(kind))}"
-        place = f"{above}{inside.rstrip('`')}".lstrip(".")
-        raise ScenarioError(message, f"{path} at {place}" if place else str(path)) from None
-
-
-def _keys(kind: type[Any]) -> list[str]:
-    return [field.encode_name for field in msgspec.structs.fields(kind)]

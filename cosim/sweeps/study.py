@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.base import toml
+from cosim.base.convert import convert, each
 from cosim.base.errors import ScenarioError
 from cosim.scenario.spec import MetricSpec
 from cosim.sweeps.axes import (
@@ -23,7 +24,7 @@ from cosim.sweeps.axes import (
     path_of,
     spaced,
 )
-from cosim.sweeps.spec import AxisSpec, SampleSpec, StudySpec, SweepFigureSpec, convert, each
+from cosim.sweeps.spec import AxisSpec, SampleSpec, StudySpec, SweepFigureSpec
 
 #: Columns of the table that are neither axes nor measures.
 RESERVED = ("run", "stable", "reason", "stopped_at", "wall", "settings")

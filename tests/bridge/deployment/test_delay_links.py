@@ -13,10 +13,10 @@ from bridge.deployment.latency import DelaySpec, delays_for, newest_for
 from bridge.native import delay as native
 from cosim.base.errors import ScenarioError
 from cosim.links.spec import link_table
-from cosim.links.writer import save_table
 from cosim.scenario import spec as scenario
 from cosim.scenario.assemble import assemble
 from cosim.schedule.plan import Link, Slot, Wire
+from tests.cosim.links.stored import save_table
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 SOURCE = Slot("a.xi", "a", "xi", 0, (2,), "rad/s")

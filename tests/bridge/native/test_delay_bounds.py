@@ -74,18 +74,6 @@ def test_delays_begin_again():
     assert rows == [-1] * 7 + list(range(33))
 
 
-# ---- replay ----
-
-
-def test_a_replay_holds_what_it_is_told():
-    d = line(native.SIGNAL, Grid(1, 1, 0.001), [0.1])
-    assert not d.hold(2)
-    for j in range(4):
-        d.put(j, j * 10**6, j * 10**6, [float(j)])
-    assert d.hold(2) and d.values().tolist() == [2.0]
-    assert d.hold(-1) and d.struct.held == -1
-
-
 def test_reset_forgets():
     grid = Grid(2, 1, 0.001)
     d = line(native.STAMP, grid, [0.003])

@@ -18,7 +18,7 @@ from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.spec import ConstantDelay, DelaySpec, IndependentLoss, LossSpec, link_table
 from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable
-from cosim.links.writer import save_table
+from tests.cosim.links.stored import save_table
 
 PLACE = "s.toml at links.0"
 CONSTANT = 'delay = { law = "constant", delay = 0.1 }\n'

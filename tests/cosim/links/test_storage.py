@@ -20,7 +20,8 @@ from cosim.links.laws import Constant, Uniform
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.storage import GROUP, load_table, open_table
 from cosim.links.table import DrawnTable
-from cosim.links.writer import TableWriter, save_table
+from cosim.links.writer import TableWriter
+from tests.cosim.links.stored import save_table
 
 GRID = Grid(2, 3, 0.005)
 TABLE = DrawnTable("a->b", GRID, Uniform(0.05, 0.4, 0.03), PacketSemantics("last-arrival"), 11)

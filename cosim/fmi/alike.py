@@ -1,0 +1,48 @@
+"""What instances of FMI 2.0 and FMI 3.0 do alike: their functions differ in names only."""
+
+from __future__ import annotations
+
+import ctypes as c
+from typing import ClassVar
+
+from cosim.fmi.library import Calls
+from cosim.native import structs
+
+
+class Alike:
+    """State, end and addresses of an instance. `STATE`, `HOT`: names of functions, without prefix.
+
+    `HOT`: to set reals, to step, to get reals.
+    """
+
+    STATE: ClassVar[str]
+    HOT: ClassVar[tuple[str, str, str]]
+    handle: int
+    _calls: Calls
+
+    def get_state(self) -> int:
+        """``fmi2GetFMUstate``, ``fmi3GetFMUState``."""
+        state = c.c_void_p()
+        get = self._calls.checked(f"Get{self.STATE}", c.c_void_p, c.c_void_p)
+        get(self.handle, c.byref(state))
+        return state.value or 0
+
+    def set_state(self, state: int) -> None:
+        """``fmi2SetFMUstate``, ``fmi3SetFMUState``."""
+        self._calls.checked(f"Set{self.STATE}", c.c_void_p, c.c_void_p)(self.handle, state)
+
+    def free_state(self, state: int) -> None:
+        """``fmi2FreeFMUstate``, ``fmi3FreeFMUState``."""
+        free = self._calls.checked(f"Free{self.STATE}", c.c_void_p, c.c_void_p)
+        free(self.handle, c.byref(c.c_void_p(state)))
+
+    def free(self) -> None:
+        """Terminate and FreeInstance, as far as they may be called."""
+        if self.handle:
+            self._calls.free(self.handle)
+            self.handle = 0
+
+    def hot(self) -> tuple[int, int, int]:
+        """Addresses of the three functions `HOT`."""
+        set_, step, get = (structs.address(self._calls.function(n)) for n in self.HOT)
+        return set_, step, get

@@ -89,13 +89,14 @@ class RingedInterface:
         frame = Frame()
         while True:
             os.read(self._wake_out, 65536)
+            last = self._stop.is_set()  # what was sent before it was set is in the ring by now
             while self._tx.get(frame):
                 try:
                     self._device.send(to_message(frame), timeout=_PATIENCE)
                 except (can.CanError, OSError, ValueError) as error:
                     self._refused += 1
                     self._fault = str(error)
-            if self._stop.is_set():
+            if last:
                 return
 
     def _failed(self, error: Exception) -> None:

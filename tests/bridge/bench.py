@@ -15,6 +15,7 @@ from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node.control import Control
+from bridge.node.hearing import unheard
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
 from tests.bridge.deployments import TELEOPERATION
@@ -140,9 +141,13 @@ class Bench:
 
     # ---- what it is told ----
 
+    def heard(self):
+        """Wait until the node has heard all that it needs for a START."""
+        until(lambda: not unheard(self.wired))
+
     def begin(self, lead=0.4):
         """START, once the peers were heard; returns when it runs."""
-        time.sleep(0.1)
+        self.heard()
         self.control.start(monotonic_ns() + round(lead * 1e9))
         until(lambda: self.struct.begun and self.struct.slot > 2)
 

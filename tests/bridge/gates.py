@@ -105,12 +105,16 @@ class Gate:
             time.sleep(0.002)
 
     def heard(self, message, n=1):
-        """The next `n` of a message, and no more."""
+        """What comes of a message until `n` are there."""
         carried, found = self.system.messages[message], []
         with contextlib.suppress(AssertionError):
-            until(lambda: len(self._more(found, carried)) >= n, 5.0)
+            until(
+                lambda: found.extend(self.frames(carried.encoding, carried.bus)) or len(found) >= n
+            )
         return found
 
-    def _more(self, found, carried):
-        found += self.frames(carried.encoding, carried.bus)
-        return found
+    def forwarded(self, encoding, bus):
+        """What comes of a message until there is one, and in the 0.1 s after it."""
+        found = []
+        until(lambda: found.extend(self.frames(encoding, bus)) or found)
+        return found + self.frames(encoding, bus, 0.1)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from bridge.can.health import BusHealth, bus_health, interface_counters
 from bridge.can.interface import CanBusSpec, attach, configuration, parse_spec
+from bridge.can.ringed import RingedInterface
 from bridge.can.socket import BusError
 from bridge.native import frame as frames
 from bridge.native.bus import Accept, Bus, BusKind, BusState, TrafficStruct, traffic_add
@@ -236,6 +237,29 @@ def test_what_a_driver_refuses_is_health_not_an_exception():
         assert not health.ok
     finally:
         attached.close()
+
+
+def test_what_was_sent_before_it_is_closed_goes_out(monkeypatch):
+    """Also where it comes when the sender has just found nothing more to send."""
+    channel = f"closed {next(CHANNELS)}"
+    peer = can.Bus(interface="virtual", channel=channel)
+    ours = RingedInterface(can.Bus(interface="virtual", channel=channel), 0, None, None, 64)
+    get, closing = ours._tx.get, threading.Thread(target=ours.close)
+
+    def late(frame: Frame) -> bool:
+        found = get(frame)
+        if not found and not closing.ident:
+            ours.bus.send(Frame.of(2))
+            closing.start()
+            assert ours._stop.wait(PATIENCE)
+        return found
+
+    monkeypatch.setattr(ours._tx, "get", late)
+    ours.bus.send(Frame.of(1))
+    sent = [peer.recv(PATIENCE), peer.recv(PATIENCE)]
+    closing.join()
+    assert [m and m.arbitration_id for m in sent] == [1, 2]
+    peer.shutdown()
 
 
 def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):

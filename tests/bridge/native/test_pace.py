@@ -101,23 +101,26 @@ def test_a_stop_in_the_spin_ends_it() -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals end sleeps on POSIX")
 def test_a_signal_ends_the_sleep_only_with_stop() -> None:
-    stop = c.c_int32(0)
-    old = signal.signal(signal.SIGALRM, lambda *_: None)
+    stop, over = c.c_int32(0), threading.Event()
     main = threading.main_thread().ident
     assert main is not None
-    try:
-        deadline = pace.now() + 30_000_000
-        threading.Timer(0.005, lambda: signal.pthread_kill(main, signal.SIGALRM)).start()
-        assert pace.wait(deadline, 0, stop) >= deadline
 
-        def end() -> None:
-            stop.value = 1
+    def signals() -> None:
+        while not over.wait(0.005):
             signal.pthread_kill(main, signal.SIGALRM)
 
+    old = signal.signal(signal.SIGALRM, lambda *_: None)
+    thread = threading.Thread(target=signals)
+    thread.start()
+    try:
+        deadline = pace.now() + 30_000_000
+        assert pace.wait(deadline, 0, stop) >= deadline
         deadline = pace.now() + 3600 * SECOND
-        threading.Timer(0.02, end).start()
+        threading.Timer(0.02, lambda: setattr(stop, "value", 1)).start()
         assert pace.wait(deadline, 0, stop) < deadline
     finally:
+        over.set()
+        thread.join()  # a signal that comes later would end the process
         signal.signal(signal.SIGALRM, old)
 
 

@@ -186,7 +186,7 @@ def test_a_start_that_is_refused_sets_no_t0(tmp_path):
         until(lambda: bench.struct.start_ns == 0)
         bench.there = True
         first = bench.struct.nmt_ns
-        time.sleep(0.2)
+        bench.heard()
         heard(bench, START)  # the next one has its own time
         until(lambda: bench.struct.begun)
         assert bench.struct.start_ns == bench.struct.nmt_ns > first
@@ -194,12 +194,14 @@ def test_a_start_that_is_refused_sets_no_t0(tmp_path):
 
 @pytest.mark.parametrize("commands", [(START, STOP), (STOP, START)])
 def test_a_stop_cancels_a_start_and_its_t0(tmp_path, commands):
-    with Bench(tmp_path) as bench:
-        time.sleep(0.1)
-        heard(bench, *commands)
+    bench = Bench(tmp_path)
+    heard(bench, *commands)  # before the node looks: both are of one slot
+    with bench:
         until(lambda: bench.struct.nmt_ns)
+        bench.heard()
         time.sleep(0.3)
         assert not bench.struct.begun and bench.struct.start_ns == 0
+        assert not bench.struct.refusals
         heard(bench, START)
         until(lambda: bench.struct.begun)
         assert bench.struct.start_ns == bench.struct.nmt_ns
@@ -207,7 +209,7 @@ def test_a_stop_cancels_a_start_and_its_t0(tmp_path, commands):
 
 def test_a_stop_cancels_a_start_that_waits(tmp_path):
     with Bench(tmp_path) as bench:
-        time.sleep(0.1)
+        bench.heard()
         bench.control.start(time.monotonic_ns() + 30_000_000_000)
         until(lambda: bench.struct.start_ns)
         heard(bench, STOP)

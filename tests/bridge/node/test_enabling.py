@@ -14,6 +14,7 @@ from bridge.deployment.system import System, load_system
 from bridge.drives.profiles import SHORTEST
 from bridge.node.drive_enable import enabled, foreign_drives
 from cosim.base.errors import RunError, ScenarioError
+from tests.bridge.bench import until
 
 ROOT = Path(__file__).parents[3]
 CONTROLLERS = ("master_control", "slave_control")
@@ -91,11 +92,11 @@ def test_enabled_between_and_disabled_after(system: System) -> None:
     with motors() as there:
         with enabled(system, CONTROLLERS) as drives:
             assert len(drives) == 4
-            threading.Event().wait(0.2)
+            until(lambda: all(len(said(m, ENABLE)) >= 2 for m in there.values()))
             assert all(said(m, ENABLE) == [1, 2] and not said(m, DISABLE) for m in there.values())
             written = [data for i, data in there["left"].seen if i == 0x7FF and data[2] == 0x55]
             assert [int.from_bytes(d[4:], "little") * 50e-6 for d in written] == [SHORTEST] * 2
-        threading.Event().wait(0.2)
+        until(lambda: all(len(said(m, DISABLE)) >= 2 for m in there.values()))
         assert all(sorted(said(m, DISABLE)) == [1, 2] for m in there.values())
 
 
@@ -103,7 +104,7 @@ def test_disabled_also_after_an_error(system: System) -> None:
     with motors() as there:
         with pytest.raises(ZeroDivisionError), enabled(system, CONTROLLERS):
             raise ZeroDivisionError
-        threading.Event().wait(0.2)
+        until(lambda: all(len(said(m, DISABLE)) >= 2 for m in there.values()))
         assert all(sorted(said(m, DISABLE)) == [1, 2] for m in there.values())
 
 

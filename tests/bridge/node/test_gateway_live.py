@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import struct
 import sys
-import time
 
 import pytest
 
@@ -86,22 +85,19 @@ def test_senders_that_do_not_run_yet_are_seen_behind_it(gate):
 def test_commands_go_to_the_other_buses_only(gate):
     nmt = gate.system.services["left"].nmt
     gate.put("left", nmt.frame([2, 9], Header()))  # STOP, to somebody else
-    time.sleep(0.1)
     on_net = gate.system.services["net"].nmt
-    assert [values for values, _ in gate.frames(on_net, "net")] == [[2, 9]]
+    assert [values for values, _ in gate.forwarded(on_net, "net")] == [[2, 9]]
     assert gate.frames(nmt, "left") == []
     assert gate.struct.life.state == LifeState.ACTIVE
     gate.put("net", on_net.frame([128, 3], Header()))
-    time.sleep(0.1)
-    assert [values for values, _ in gate.frames(nmt, "left")] == [[128, 3]]
+    assert [values for values, _ in gate.forwarded(nmt, "left")] == [[128, 3]]
 
 
 def test_an_emergency_stop_goes_on_at_once(gate):
     estop, slot = gate.system.services["net"].estop, gate.struct.slot
     for _ in range(3):
         gate.put("net", estop.frame([4, int(Why.ESTOP)], Header()))
-    time.sleep(0.1)
-    assert len(gate.frames(gate.system.services["left"].estop, "left")) == 1
+    assert len(gate.forwarded(gate.system.services["left"].estop, "left")) == 1
     assert gate.struct.slot == slot and gate.struct.life.now & Why.ESTOP
 
 

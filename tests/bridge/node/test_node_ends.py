@@ -68,11 +68,11 @@ def test_a_signal_stops_it_whichever_thread_gets_it(request, tmp_path, number):
 
     def listen(control):
         control.start(monotonic_ns() + 200_000_000)
-        time.sleep(0.3)
+        until(lambda: control._struct.begun)
         signal.pthread_kill(other.ident, number)
 
     try:
-        assert run_master(tmp_path, request.node.name, listen, 4.0).end is LifeEnd.STOPPED
+        assert run_master(tmp_path, request.node.name, listen, 60.0).end is LifeEnd.STOPPED
     finally:
         over.set()
         other.join()
@@ -90,7 +90,7 @@ def test_a_life_that_begins_after_the_end_says_so(request, tmp_path):
 
 def test_a_node_that_is_stopped_before_its_start_does_not_wait_for_it(tmp_path):
     with Bench(tmp_path) as bench:
-        time.sleep(0.1)
+        bench.heard()
         bench.control.start(monotonic_ns() + 3600_000_000_000)
         bench.control.stop()
         until(lambda: bench.result is not None)
@@ -203,8 +203,9 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
     assert "did not fit" in fault_lines([said])[0]
 
 
-def test_where_no_node_came_to_a_slot_it_is_said_why(request, tmp_path):
-    told = ScheduledEvent(-10.0, "told to stop", lambda rehearsal: rehearsal.stop())
+def test_where_no_node_came_to_a_slot_it_is_said_why(monkeypatch, request, tmp_path):
+    monkeypatch.setattr(supervisor, "LEAD", 60.0)  # s; nobody starts before that
+    told = ScheduledEvent(-60.0, "told to stop", lambda rehearsal: rehearsal.stop())
     ended = rehearse(tmp_path, request.node.name, [told])
     system = load_system(TELEOPERATION, str(CAN), changes(request.node.name))
     with pytest.raises(RunError, match=r"no node came to its first slot \(.*told to stop"):

@@ -86,7 +86,7 @@ def test_arms_too_far_apart_do_not_start(tmp_path):
 
 def test_an_encoder_that_jumps_before_the_start_is_a_fault(tmp_path):
     with Bench(tmp_path) as bench:
-        time.sleep(0.1)
+        bench.heard()
         bench.q = [1.0, 0.2]
         until(lambda: bench.struct.life.state == LifeState.FAULT)
         start(bench)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes as c
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -92,7 +91,7 @@ def test_a_life_that_is_stopped_while_it_joins_ramps_down_in_its_first_slots(tmp
             begin(slot)
 
         monkeypatch.setattr(bench.wired, "begin", slowly)
-        time.sleep(0.1)
+        bench.heard()
         bench.control.start(monotonic_ns() - 500_000_000)  # so late that it joins a later slot
         until(lambda: bench.struct.life.state == LifeState.ACTIVE)
         bench.control.stop()

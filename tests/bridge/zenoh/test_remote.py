@@ -2,6 +2,7 @@
 
 import ctypes as c
 import threading
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
 from tests.bridge.zenoh.test_channel import until
 
 NAMES = Names("teleoperation")
+PATIENCE = 30.0  # s
 
 
 @pytest.fixture
@@ -55,18 +57,19 @@ def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest
 def asked(client, wired: Wired, control: Control) -> None:
     ran = threading.Thread(target=native.functions().node_live, args=(c.byref(wired.struct),))
     ran.start()
-    assert ask(client, NAMES, "master", "state")["armed"] is False
-    ask(client, NAMES, "master", "arm")
-    until(lambda: ask(client, NAMES, "master", "state")["armed"])
+    say = partial(ask, client, NAMES, "master", seconds=PATIENCE)
+    assert say("state")["armed"] is False
+    say("arm")
+    until(lambda: say("state")["armed"])
     control.start(monotonic_ns())
-    until(lambda: ask(client, NAMES, "master", "state")["slot"] > 10)
-    found = ask(client, NAMES, "master", "state")
+    until(lambda: say("state")["slot"] > 10)
+    found = say("state")
     assert (found["state"], found["reasons"], found["peers"]) == ("active", "", [])
-    known = ask(client, NAMES, "master", "parameters")
+    known = say("parameters")
     assert known["messages"]["xi_master"]["signals"] == [f"master_control.xi[{i}]" for i in (0, 1)]
     assert known["components"]["master_control"]["parameters"]["lambda_M"] == 10.0
-    ask(client, NAMES, "master", "stop")
-    ran.join(10.0)
+    say("stop")
+    ran.join(PATIENCE)
     assert not ran.is_alive()
     assert wired.struct.life.state == LifeState.INACTIVE
 
@@ -103,7 +106,7 @@ def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.Fixt
             until(lambda: wired.struct.slot > 10)
             assert wired.struct.life.state == LifeState.ACTIVE
             command(client, NAMES, nmt, "stop")
-            ran.join(10.0)
+            ran.join(PATIENCE)
             assert not ran.is_alive()
 
 

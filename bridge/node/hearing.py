@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from bridge.native import node as native
+from bridge.native.message import Receiver
 from bridge.native.safety import LifeState
 from bridge.node.control import Say
 from bridge.records.records import names_of, refusal
@@ -23,6 +24,8 @@ from cosim.base.clock import monotonic_ns, stopwatch
 
 #: s between two looks, and between two times a node says what it still waits for.
 LOOK, REPEAT = 0.02, 0.5
+#: Counters of frames that came and were refused.
+REFUSALS = ("crc", "length", "invalid", "range", "rate", "simulated", "stale", "wrong_sequence")
 #: Periods of a message in which a life that runs hears at least one.
 MANY = 20
 
@@ -70,8 +73,16 @@ def silent(wired: Wired) -> list[str]:
         silence = (struct.slot * struct.h_ns - last) * 1e-9
         limit = max(wired.receiving.inlets[i].stop_ns * 1e-9, d.silence)
         if 0 < limit < silence and sender not in over:
-            found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s"
+            refused = _refused(wired.receivers[inlet.message])
+            found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s{refused}"
     return list(found.values())
+
+
+def _refused(receiver: Receiver) -> str:
+    """How many frames of a message came in the run and were refused, by reason."""
+    counts = {name: getattr(receiver, name) for name in REFUSALS}
+    said = ", ".join(f"{n} {name}" for name, n in counts.items() if n)
+    return f" (refused in the run: {said})" if said else ""
 
 
 def never(wired: Wired) -> list[str]:

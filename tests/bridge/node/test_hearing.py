@@ -33,10 +33,10 @@ class Slave:
         )  # fmt: skip
         self.struct = self.wired.struct
 
-    def say(self, life, k=0, t=0.0):
+    def say(self, life, k=0, t=0.0, xi=0.0):
         codec = self.system.messages["xi_slave"].encoding
         header = Header(counter=k, status=life | Status.SIMULATED, t_us=round(t * 1e6))
-        self.rx.put(codec.frame([0.0, 0.0], header, round(t * 1e9)))
+        self.rx.put(codec.frame([xi, xi], header, round(t * 1e9)))
 
 
 def slots(master, n):
@@ -142,6 +142,14 @@ def test_a_node_whose_peer_waits_for_its_start_is_not_deaf(master):
     assert hearing.silent(master.wired) == []
     slots(master, 310)
     assert hearing.silent(master.wired) == ["xi_slave from slave for 0.311 s"]
+
+
+def test_who_is_heard_but_refused_is_not_said_to_be_silent_only(master):
+    for k in range(70):
+        master.say(LifeState.ACTIVE, k, k * 5e-3, xi=1e6)
+    slots(master, 320)
+    (said,) = hearing.silent(master.wired)
+    assert said.startswith("xi_slave from slave for 0.3") and "range)" in said
 
 
 def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path, monkeypatch):

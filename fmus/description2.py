@@ -9,20 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement
 
-from fmus.attributes import (
-    Unknown,
-    as_text,
-    attributes,
-    categories,
-    dependencies,
-    experiment,
-    has_start,
-    identify,
-    initial_unknowns,
-    limits,
-    outputs,
-    units,
-)
+from fmus import attributes
 from fmus.model import Model, Variable, annotation
 from fmus.source import c_files, scalars, token
 
@@ -33,7 +20,7 @@ def describe(model: Model) -> Element:
     """``modelDescription.xml`` as an element."""
     root = Element("fmiModelDescription", fmiVersion="2.0", modelName=model.identifier)
     root.set("guid", token(model))
-    identify(root, model)
+    attributes.identify(root, model)
     root.set("numberOfEventIndicators", "0")
     interface = SubElement(
         root,
@@ -47,9 +34,9 @@ def describe(model: Model) -> Element:
     files = SubElement(interface, "SourceFiles")
     for name in c_files(model):
         SubElement(files, "File", name=name)
-    units(root, model)
-    categories(root)
-    experiment(root, model)
+    attributes.units(root, model)
+    attributes.categories(root)
+    attributes.experiment(root, model)
     tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="cosim")
     SubElement(tool, "Component", annotation(model.kind, model.inputs()))
     _variables(SubElement(root, "ModelVariables"), model)
@@ -60,15 +47,17 @@ def describe(model: Model) -> Element:
 def _variables(listed: Element, model: Model) -> None:
     reference = 0
     for variable in model.variables:
-        starts = as_text(variable, variable.starts)
+        starts = attributes.as_text(variable, variable.starts)
         for name, start in zip(scalars(variable), starts, strict=True):
             scalar = SubElement(listed, "ScalarVariable", name=name)
-            scalar.attrib |= {"valueReference": str(reference)} | attributes(variable, model)
+            scalar.attrib |= {"valueReference": str(reference)} | attributes.attributes(
+                variable, model
+            )
             typed = SubElement(scalar, _TYPE[variable.type])
             if variable.type == "real":
                 typed.set("unit", variable.unit)
-            limits(typed, variable)
-            if has_start(variable):
+            attributes.limits(typed, variable)
+            if attributes.has_start(variable):
                 typed.set("start", start)
             reference += 1
     time = SubElement(listed, "ScalarVariable", name="time", valueReference=str(reference))
@@ -83,17 +72,19 @@ def _structure(structure: Element, model: Model) -> None:
     for variable in model.variables:
         place[variable.name] = range(first, first + variable.size)
         first += variable.size
-    _unknowns(SubElement(structure, "Outputs"), outputs(model), place)
-    calculated = initial_unknowns(model)
+    _unknowns(SubElement(structure, "Outputs"), attributes.outputs(model), place)
+    calculated = attributes.initial_unknowns(model)
     if calculated:
         _unknowns(SubElement(structure, "InitialUnknowns"), calculated, place)
 
 
-def _unknowns(group: Element, unknowns: Iterable[Unknown], place: dict[str, range]) -> None:
+def _unknowns(
+    group: Element, unknowns: Iterable[attributes.Unknown], place: dict[str, range]
+) -> None:
     for variable, knowns in unknowns:
         for entry, index in enumerate(place[variable.name]):
             on = [k for name in knowns for k in _related(variable, entry, place[name])]
-            SubElement(group, "Unknown", index=str(index)).attrib |= dependencies(on)
+            SubElement(group, "Unknown", index=str(index)).attrib |= attributes.dependencies(on)
 
 
 def _related(variable: Variable, entry: int, places: range) -> range:

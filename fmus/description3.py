@@ -8,19 +8,7 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-from fmus.attributes import (
-    as_text,
-    attributes,
-    categories,
-    dependencies,
-    experiment,
-    has_start,
-    identify,
-    initial_unknowns,
-    limits,
-    outputs,
-    units,
-)
+from fmus import attributes
 from fmus.model import Model, annotation
 from fmus.source import token
 
@@ -31,7 +19,7 @@ def describe(model: Model) -> Element:
     """``modelDescription.xml`` as an element."""
     root = Element("fmiModelDescription", fmiVersion="3.0", modelName=model.identifier)
     root.set("instantiationToken", token(model))
-    identify(root, model)
+    attributes.identify(root, model)
     interface = SubElement(
         root,
         "CoSimulation",
@@ -42,9 +30,9 @@ def describe(model: Model) -> Element:
     )
     if model.clock:
         interface.set("hasEventMode", "true")
-    units(root, model)
-    categories(root)
-    experiment(root, model)
+    attributes.units(root, model)
+    attributes.categories(root)
+    attributes.experiment(root, model)
     _variables(SubElement(root, "ModelVariables"), model)
     _structure(SubElement(root, "ModelStructure"), model)
     ours = SubElement(SubElement(root, "Annotations"), "Annotation", type="cosim.component")
@@ -55,14 +43,16 @@ def describe(model: Model) -> Element:
 def _variables(listed: Element, model: Model) -> None:
     for reference, variable in enumerate(model.variables):
         element = SubElement(listed, _TYPE[variable.type], name=variable.name)
-        element.attrib |= {"valueReference": str(reference)} | attributes(variable, model)
+        element.attrib |= {"valueReference": str(reference)} | attributes.attributes(
+            variable, model
+        )
         if variable.type == "real":
             element.set("unit", variable.unit)
         if model.clock and variable.causality != "parameter":
             element.set("clocks", str(len(model.variables) + 1))
-        limits(element, variable)
-        if has_start(variable):
-            element.set("start", " ".join(as_text(variable, variable.starts)))
+        attributes.limits(element, variable)
+        if attributes.has_start(variable):
+            element.set("start", " ".join(attributes.as_text(variable, variable.starts)))
         for size in variable.shape:
             SubElement(element, "Dimension", start=str(size))
     time = SubElement(listed, "Float64", name="time", valueReference=str(len(model.variables)))
@@ -80,8 +70,10 @@ def _variables(listed: Element, model: Model) -> None:
 def _structure(structure: Element, model: Model) -> None:
     """Outputs and initial unknowns, by value reference."""
     reference = {variable.name: n for n, variable in enumerate(model.variables)}
-    initial = [] if model.clock else initial_unknowns(model)  # not expected of clocked variables
-    for tag, unknowns in (("Output", outputs(model)), ("InitialUnknown", initial)):
+    initial = (
+        [] if model.clock else attributes.initial_unknowns(model)
+    )  # not expected of clocked variables
+    for tag, unknowns in (("Output", attributes.outputs(model)), ("InitialUnknown", initial)):
         for variable, knowns in unknowns:
             element = SubElement(structure, tag, valueReference=str(reference[variable.name]))
-            element.attrib |= dependencies(reference[name] for name in knowns)
+            element.attrib |= attributes.dependencies(reference[name] for name in knowns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from hashlib import sha256
@@ -12,13 +12,12 @@ from typing import Any
 
 from bridge.campaign import compressed, judgement, soak
 from bridge.campaign.plan import Many, document
-from bridge.campaign.soak_driver import Record, drive
+from bridge.campaign.soak_driver import UNOBSERVED, Record, RunsObserver, drive
 from bridge.campaign.soak_judgement import RunDone
 from bridge.campaign.soak_spec import Table
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
-from cosim.sweeps.drive import Begun
 from cosim.sweeps.perform import StudyRow
 
 
@@ -105,14 +104,12 @@ def campaign(
     faults: int,
     parallel: int,
     retry: bool = False,
-    begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[StudyRow], None] = lambda row: None,
-    stopping: Callable[[], None] = lambda: None,
+    observer: RunsObserver = UNOBSERVED,
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
     return drive(
         job.folder, job.many.spec.title, facts(job), partial(perform, job), runs_for(job, faults),
-        parallel, retry=retry, begun=begun, done=done, stopping=stopping,
+        parallel, retry=retry, observer=observer,
     )  # fmt: skip
 
 

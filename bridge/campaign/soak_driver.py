@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from math import ceil
@@ -33,19 +34,29 @@ def count(hours: float, seconds: float) -> int:
     return max(1, ceil(hours * 3600.0 / seconds))
 
 
+@dataclass(frozen=True, slots=True)
+class RunsObserver:
+    """Who is told of many runs: `begun` once, `done` with every row, `stopping` at a Ctrl-C."""
+
+    begun: Callable[[Begun], None] = lambda begun: None
+    done: Callable[[StudyRow], None] = lambda row: None
+    stopping: Callable[[], None] = lambda: None
+
+
+UNOBSERVED = RunsObserver()
+
+
 def soak(
     job: SoakSetup,
     runs: int,
     parallel: int,
     retry: bool = False,
-    begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[StudyRow], None] = lambda row: None,
-    stopping: Callable[[], None] = lambda: None,
+    observer: RunsObserver = UNOBSERVED,
 ) -> list[Record]:
     """All runs of a soak; see :func:`drive`."""
     return drive(
         job.folder, job.soak.spec.title, _facts(job), partial(perform, job), runs, parallel,
-        retry=retry, begun=begun, done=done, stopping=stopping,
+        retry=retry, observer=observer,
     )  # fmt: skip
 
 
@@ -58,19 +69,16 @@ def drive(
     parallel: int,
     *,
     retry: bool = False,
-    begun: Callable[[Begun], None] = lambda begun: None,
-    done: Callable[[StudyRow], None] = lambda row: None,
-    stopping: Callable[[], None] = lambda: None,
+    observer: RunsObserver = UNOBSERVED,
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, in their order.
 
     `perform`: makes and judges run k, in a process of its own; `facts`: what tells this folder
     from others.
 
-    With `retry` also those again that were not as they had to be. `begun` is called once, `done`
-    with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs under
-    way have ended (at a second Ctrl-C, at once). Raises ScenarioError for a folder that was begun
-    with something else, never for a run that fails.
+    With `retry` also those again that were not as they had to be. After a first Ctrl-C
+    KeyboardInterrupt comes when the runs under way have ended, at a second one at once. Raises
+    ScenarioError for a folder that was begun with something else, never for a run that fails.
     """
     with stores.locked(folder):
         _claim(folder, title, facts)
@@ -80,9 +88,9 @@ def drive(
             again = store.failed & set(names) if retry else set[str]()
             todo = [k for name, k in names.items() if name not in store.done - again]
             there = len(store.done & set(names))
-            begun(Begun(runs, runs, there, len(todo), False, 0, len(again)))
+            observer.begun(Begun(runs, runs, there, len(todo), False, 0, len(again)))
             try:
-                _run(perform, todo, parallel, store, done, stopping)
+                _run(perform, todo, parallel, store, observer)
             finally:
                 with deferred(lambda: None):
                     namespaces.sweep()  # of workers that were killed
@@ -97,14 +105,13 @@ def _run(
     todo: Sequence[int],
     parallel: int,
     store: Store,
-    done: Callable[[StudyRow], None],
-    stopping: Callable[[], None],
+    observer: RunsObserver,
 ) -> None:
     pressed: list[bool] = []
 
     def stop() -> None:
         pressed.append(True)
-        stopping()
+        observer.stopping()
 
     opened = partial(workers.processes, parallel)
     with deferred(stop):
@@ -114,7 +121,7 @@ def _run(
                     f"{k:05d}", {"faults": "", "verdict": str(Word.ERROR)}, (), False, result
                 )
             store.append(result)
-            done(result)
+            observer.done(result)
 
 
 def _facts(job: SoakSetup) -> dict[str, Any]:

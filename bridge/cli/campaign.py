@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Interface, Set
+from bridge.cli.rehearse import Interface, Realtime, Set
 from cosim.cli.supervise import recording
 
 if TYPE_CHECKING:
@@ -35,9 +35,7 @@ def campaign(
     markdown: Annotated[
         Path | None, typer.Option(help="Write the table there, as Markdown.")
     ] = None,
-    realtime: Annotated[
-        bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
-    ] = True,
+    realtime: Realtime = True,
     faults: Annotated[
         int, typer.Option(min=0, help="Draw so many from a file like faults/many.toml.")
     ] = 0,
@@ -101,11 +99,11 @@ def _many(
     """A campaign of many faults, and its table."""
     from bridge.campaign import driver, table
     from bridge.campaign.plan import load_many
+    from bridge.campaign.soak_driver import RunsObserver
     from bridge.campaign.soak_table import failures, inconclusive
     from bridge.rehearsal import hosts
-    from cosim.base.interrupts import exit_code
     from cosim.cli.show import aligned
-    from cosim.cli.sweep import progress_of
+    from cosim.cli.sweep import interrupted, progress_of, stopping
 
     why = hosts.missing()
     if why and not blind:
@@ -114,15 +112,12 @@ def _many(
     job = driver.CampaignSetup(load_many(file), folder.resolve(), seed, not why, blind, realtime)
     with progress_of(False) as progress:
         try:
-            records = driver.campaign(
-                job, faults, parallel, retry,
-                begun=lambda b: progress.begin(b, job.many.spec.title, "runs"),
-                done=progress.done,
-                stopping=lambda: typer.echo("stopping: waiting for the runs under way", err=True),
-            )  # fmt: skip
+            observer = RunsObserver(
+                lambda b: progress.begin(b, job.many.spec.title, "runs"), progress.done, stopping
+            )
+            records = driver.campaign(job, faults, parallel, retry, observer)
         except KeyboardInterrupt:
-            typer.echo(f"interrupted; the same command goes on in {folder}", err=True)
-            raise typer.Exit(exit_code()) from None
+            raise interrupted(progress, folder, "the same command") from None
     typer.echo("\n".join(aligned(table.kinds(records))))
     page = table.markdown(records, f"{job.many.spec.title}, seed {seed}")
     for path in (folder / "summary.md", *([markdown] if markdown else [])):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set, refuse
-from cosim.cli.check import Strict
+from cosim.cli.options import Strict
 from cosim.cli.supervise import asking, recording
 
 if TYPE_CHECKING:

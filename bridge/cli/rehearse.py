@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.check import Strict
+from cosim.cli.options import Force, Plot, Quiet, Strict
 from cosim.cli.supervise import asking, recording
 
 if TYPE_CHECKING:
@@ -32,6 +32,9 @@ Set = Annotated[
 ]
 Interface = Annotated[
     str | None, typer.Option("--interface", "-i", help="python-can interface of all CAN buses.")
+]
+Realtime = Annotated[
+    bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
 ]
 Channel = Annotated[
     list[str] | None,
@@ -66,7 +69,7 @@ def rehearse(
         Path | None, typer.Option(metavar="SCRIPT", help="Faults on purpose (see docs/faults.md).")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Run folder; runs/… if not given.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")] = False,
+    force: Force = False,
     twin: Annotated[
         bool, typer.Option("--twin/--no-twin", help="Compare with the simulated twin.")
     ] = True,
@@ -74,16 +77,14 @@ def rehearse(
         list[str] | None,
         typer.Option("--log", metavar="FORMAT", help="Bus logs: log (candump), blf, asc, mf4."),
     ] = None,
-    realtime: Annotated[
-        bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
-    ] = True,
+    realtime: Realtime = True,
     hardware: Annotated[
         bool, typer.Option("--hardware", help="Frames may move real drives; asks before it starts.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    plot: Plot = True,
     strict: Strict = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Rehearse a scenario: real processes, real frames, the wall clock; then judge it.
 

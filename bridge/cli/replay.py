@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from cosim.cli.options import Verify
+
 if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.records.lives import Life
@@ -30,9 +32,7 @@ def replay(
             help="Instead: one offline run over what was recorded of the network, side by side.",
         ),
     ] = False,
-    check: Annotated[
-        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
-    ] = True,
+    check: Verify = True,
 ) -> None:
     """Compute a recorded run again offline, and compare every signal of every node.
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Deploy, Interface, Set
+from bridge.cli.rehearse import Deploy, Interface, Realtime, Set
 from cosim.cli.numbers import finite
+from cosim.cli.options import Quiet
 
 if TYPE_CHECKING:
     from bridge.campaign.soak import SoakSetup
@@ -51,10 +52,8 @@ def soak(
     ] = False,
     set_: Set = None,
     interface: Interface = None,
-    realtime: Annotated[
-        bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
-    ] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    realtime: Realtime = True,
+    quiet: Quiet = False,
 ) -> None:
     """Rehearse again and again with faults drawn at random, several runs at once.
 
@@ -146,25 +145,15 @@ def _own_bus(deployment: Deployment) -> str:
 def _driven(
     job: SoakSetup, runs: int, parallel: int, retry: bool, quiet: bool
 ) -> list[dict[str, object]]:
+    from bridge.campaign.soak_driver import RunsObserver
     from bridge.campaign.soak_driver import soak as drive
-    from cosim.base.interrupts import exit_code
-    from cosim.cli.sweep import progress_of
+    from cosim.cli.sweep import interrupted, progress_of, stopping
 
     with progress_of(quiet) as progress:
         try:
-            return drive(
-                job, runs, parallel, retry,
-                begun=lambda b: progress.begin(b, job.soak.spec.title, "runs"),
-                done=progress.done,
-                stopping=lambda: typer.echo(
-                    "stopping: waiting for the runs that are under way (Ctrl-C again: not)",
-                    err=True,
-                ),
-            )  # fmt: skip
-        except KeyboardInterrupt:
-            typer.echo(
-                f"interrupted; {progress.count} runs more are in {job.folder}, the same command "
-                "goes on",
-                err=True,
+            observer = RunsObserver(
+                lambda b: progress.begin(b, job.soak.spec.title, "runs"), progress.done, stopping
             )
-            raise typer.Exit(exit_code()) from None
+            return drive(job, runs, parallel, retry, observer)
+        except KeyboardInterrupt:
+            raise interrupted(progress, job.folder, "the same command") from None

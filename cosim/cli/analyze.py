@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.numbers import finite
+from cosim.cli.options import Plot, Set, Verify
 
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis
@@ -22,10 +23,7 @@ def analyze(
         str,
         typer.Option(metavar="NAME", help="Component that is held.", show_default="the held arm"),
     ] = "",
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
-    ] = None,
+    set_: Set = None,
     tests: Annotated[
         bool, typer.Option("--tests/--no-tests", help="Feed test forces into the port as well.")
     ] = True,
@@ -38,16 +36,14 @@ def analyze(
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers as JSON.")
     ] = None,
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    plot: Plot = True,
     out: Annotated[
         Path | None,
         typer.Option(
             help="Folder of the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
         ),
     ] = None,
-    check: Annotated[
-        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
-    ] = True,
+    check: Verify = True,
 ) -> None:
     """Analyse a port: how it can be moved, what a hand feels there, whether it is passive.
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.options import Set
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -18,17 +20,13 @@ if TYPE_CHECKING:
 
 #: Who checks the buses of a deployment; this package does not know it.
 BUSES = "bridge.cli.twin"
-Strict = Annotated[bool, typer.Option("--strict", help="Warnings before the run are errors.")]
 #: What lines of a check begin with while something else is done.
 MARK = "check: "
 
 
 def check(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
-    ] = None,
+    set_: Set = None,
     deploy: Annotated[
         str | None,
         typer.Option("--deploy", help="Check the buses of this deployment as well."),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.check import Strict
+from cosim.cli.options import Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
@@ -48,7 +48,7 @@ def compare(
         bool, typer.Option("--list", help="List what there is to compare; run nothing.")
     ] = False,
     strict: Strict = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run every controller under every operator over every link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from cosim.cli.options import Set
+
 
 def export(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
@@ -15,10 +17,7 @@ def export(
     links: Annotated[
         str, typer.Option(help="annotation: other tools see no latency; fmu: delay FMUs.")
     ] = "annotation",
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
-    ] = None,
+    set_: Set = None,
 ) -> None:
     """Write a scenario as an SSP that other tools run, or as one FMU that contains it."""
     from cosim.base.errors import ScenarioError

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.check import Strict
 from cosim.cli.numbers import finite
+from cosim.cli.options import Force, Plot, Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.scenario.spec import Scenario
@@ -34,9 +34,9 @@ def run(
     out: Annotated[
         Path | None, typer.Option(help="Run folder; runs/SCENARIO-DATE-TIME if not given.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")] = False,
+    force: Force = False,
     csv: Annotated[bool, typer.Option("--csv", help="Also write trajectories.csv.")] = False,
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    plot: Plot = True,
     estimate_error: Annotated[
         bool,
         typer.Option(
@@ -64,7 +64,7 @@ def run(
         bool, typer.Option("--fmu-log", help="Keep what every FMU logs in NAME.fmu.log.")
     ] = False,
     strict: Strict = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
     from cosim.base.clock import stamp

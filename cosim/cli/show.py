@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.check import Strict
+from cosim.cli.options import Set, Strict, Verify
 
 if TYPE_CHECKING:
     from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
@@ -16,14 +16,9 @@ if TYPE_CHECKING:
 
 def show(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml), or a run folder.")],
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
-    ] = None,
+    set_: Set = None,
     strict: Strict = False,
-    check: Annotated[
-        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
-    ] = True,
+    check: Verify = True,
 ) -> None:
     """Print how a scenario will run: components, rates, order, and what every input samples.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.check import Strict
+from cosim.cli.options import Plot, Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.sweeps.drive import Begun
@@ -45,12 +45,11 @@ def sweep(
     limit: Annotated[
         int | None, typer.Option(min=0, help="At most so many runs this time.")
     ] = None,
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")] = True,
+    plot: Plot = True,
     strict: Strict = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
-    from cosim.base.interrupts import exit_code
     from cosim.cli.check import forgotten
     from cosim.record import seal
     from cosim.sweeps import drive, figures, summary
@@ -70,17 +69,10 @@ def sweep(
                 loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
                 checked=lambda plan: forgotten([plan], strict=strict, quiet=quiet),
                 begun=lambda b: progress.begin(b, loaded.title), done=progress.done,
-                stopping=lambda: typer.echo(
-                    "stopping: waiting for the runs that are under way (Ctrl-C again: not)",
-                    err=True,
-                ),
+                stopping=stopping,
             )  # fmt: skip
         except KeyboardInterrupt:
-            typer.echo(
-                f"interrupted; {progress.count} runs more are in {folder}, --resume goes on",
-                err=True,
-            )
-            raise typer.Exit(exit_code()) from None
+            raise interrupted(progress, folder, "--resume") from None
     for line in summary.lines(table):
         say(line)
     for path in summary.write(table, folder):
@@ -88,6 +80,20 @@ def sweep(
     for path in figures.draw_all(loaded, table, folder) if plot else ():
         say(f"{'figure':<16} {path}")
     seal(folder, anew=True)
+
+
+def stopping() -> None:
+    """Say that a first Ctrl-C was understood."""
+    typer.echo("stopping: waiting for the runs that are under way (Ctrl-C again: not)", err=True)
+
+
+def interrupted(progress: Progress, folder: Path, how: str) -> typer.Exit:
+    """Say what is there and `how` to go on; the end of the command."""
+    from cosim.base.interrupts import exit_code
+
+    done = f"{progress.count} runs more are in {folder}"
+    typer.echo(f"interrupted; {done}, {how} goes on", err=True)
+    return typer.Exit(exit_code())
 
 
 def _workers(kind: str, jobs: int, scheduler: str) -> Opened:

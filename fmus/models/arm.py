@@ -1,10 +1,10 @@
-"""What the controllers of a planar arm declare in the same words: ports, gains, torque limit."""
+"""What the controllers of a planar arm declare in the same words: ports, gains, a model of them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from fmus.model import Variable
+from fmus.model import Model, Terminal, Variable
 
 TORQUE, RATE = "N.m", "rad/s"
 STIFFNESS, DAMPING = "N.m/rad", "N.m.s/rad"
@@ -67,4 +67,33 @@ def signal(
         depends=depends,
         elementwise=True,
         start_depends=start_depends,
+    )
+
+
+#: What one side sends and where the other takes it: (source, target), see ``bilateral``.
+EXCHANGE = (("plant.q", "control.q_j"), ("plant.dq", "control.dq_j"))
+NETWORK = Terminal("network", ("q_j", "dq_j"), "Motion of the other arm")
+
+
+def controller(
+    identifier: str,
+    description: str,
+    variables: tuple[Variable, ...],
+    sources: tuple[str, ...],
+    documentation: str | None,
+    network: Terminal = NETWORK,
+) -> Model:
+    """A sampled controller of a planar arm that is coupled with another arm over a `network`.
+
+    Its inputs begin with q and dq; `sources` come after the C file of its own name.
+    """
+    return Model(
+        identifier=identifier,
+        description=description,
+        kind="sampled",
+        variables=(Q, DQ, *variables),
+        sources=(f"{identifier}.c", *sources),
+        step=5e-3,
+        terminals=(Terminal("joints", ("q", "dq", "tau"), "Motion in, torque out"), network),
+        documentation=documentation or "",
     )

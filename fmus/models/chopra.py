@@ -20,21 +20,8 @@ limited to ±tau_max; while any joint is at its limit theta_hat stands still (an
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import (
-    DAMPING,
-    DQ,
-    GAMMA,
-    RATE,
-    TAU_MAX,
-    THETA_HAT,
-    THETA_HAT_NEXT,
-    Q,
-    gain,
-    rate,
-    signal,
-    torque,
-)
-from fmus.models.static_feedback import Feedback, adaptive
+from fmus.models.arm import DAMPING, RATE, gain, rate, signal, torque
+from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -48,30 +35,18 @@ EXCHANGE = (("control.r", "control.r_j"),)
 
 def model() -> Model:
     """Declare the controller; the defaults are ``Chopra``."""
-    return Model(
-        identifier="chopra",
-        description="Adaptive synchronisation of velocity and position with another arm",
-        kind="sampled",
-        variables=(
-            Q,
-            DQ,
+    return adaptive_controller(
+        "chopra",
+        "Adaptive synchronisation of velocity and position with another arm",
+        (
             Variable("r_j", "input", (2,), RATE, description="Received r"),
             torque(("q", "dq", "r_j"), ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
             signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
-            THETA_HAT,
-            THETA_HAT_NEXT,
-            gain("K", DAMPING, 16.0, "Gain of the coupling"),
-            GAMMA,
-            rate("lambda", 0.5, "Gain of q in r"),
-            TAU_MAX,
         ),
-        sources=("chopra.c", "trig.c", "static_feedback.h", "regressor.h", "limit.h"),
-        step=5e-3,
-        terminals=(
-            Terminal("joints", ("q", "dq", "tau"), "Motion in, torque out"),
-            Terminal("network", ("r", "r_j"), "Signals exchanged with the other arm"),
-        ),
-        documentation=__doc__ or "",
+        (gain("K", DAMPING, 16.0, "Gain of the coupling"),),
+        rate("lambda", 0.5, "Gain of q in r"),
+        __doc__,
+        Terminal("network", ("r", "r_j"), "Signals exchanged with the other arm"),
     )
 
 

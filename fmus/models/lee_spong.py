@@ -19,8 +19,9 @@ Sampled: read at t_k, held to the next step. Each joint's torque is limited to Â
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, DQ, DQ_J, Q_J, STIFFNESS, TAU_MAX, Q, gain, torque
+from fmus.model import Model
+from fmus.models.arm import DAMPING, DQ_J, Q_J, STIFFNESS, TAU_MAX, controller, gain, torque
+from fmus.models.arm import EXCHANGE as EXCHANGE
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -29,19 +30,13 @@ PRESETS: dict[str, dict[str, float]] = {
     "Lee-Spong": {"K_v": 4.0, "K_d": 12.0, "P_eps": 0.1, "K_p": 10.0},
 }
 
-#: What one side sends and where the other takes it: (source, target), see ``bilateral``.
-EXCHANGE = (("plant.q", "control.q_j"), ("plant.dq", "control.dq_j"))
-
 
 def model() -> Model:
     """Declare the controller; the defaults are ``Lee-Spong``."""
-    return Model(
-        identifier="lee_spong",
-        description="PD coupling with another arm, and dissipation for the delay",
-        kind="sampled",
-        variables=(
-            Q,
-            DQ,
+    return controller(
+        "lee_spong",
+        "PD coupling with another arm, and dissipation for the delay",
+        (
             Q_J,
             DQ_J,
             torque(("q", "dq", "q_j", "dq_j"), ("K_v", "K_d", "P_eps", "K_p", "tau_max")),
@@ -51,13 +46,8 @@ def model() -> Model:
             gain("K_p", STIFFNESS, 10.0, "Stiffness of the coupling"),
             TAU_MAX,
         ),
-        sources=("lee_spong.c", "limit.h"),
-        step=5e-3,
-        terminals=(
-            Terminal("joints", ("q", "dq", "tau"), "Motion in, torque out"),
-            Terminal("network", ("q_j", "dq_j"), "Motion of the other arm"),
-        ),
-        documentation=__doc__ or "",
+        ("limit.h",),
+        __doc__,
     )
 
 

@@ -23,7 +23,7 @@ Sampled: read at t_k, held to the next step. Each joint's torque is limited to Â
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, DQ, Q_J, STIFFNESS, TAU_MAX, Q, gain, torque
+from fmus.models.arm import DAMPING, Q_J, STIFFNESS, TAU_MAX, controller, gain, torque
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -39,26 +39,19 @@ EXCHANGE = (("plant.q", "control.q_j"),)
 
 def model() -> Model:
     """Declare the controller; the defaults are ``P+d``."""
-    return Model(
-        identifier="p_d",
-        description="Spring to another arm and damper to the ground (P+d)",
-        kind="sampled",
-        variables=(
-            Q,
-            DQ,
+    return controller(
+        "p_d",
+        "Spring to another arm and damper to the ground (P+d)",
+        (
             Q_J,
             torque(("q", "dq", "q_j"), ("K", "B", "tau_max")),
             gain("K", STIFFNESS, 10.0, "Stiffness of the coupling"),
             gain("B", DAMPING, 12.5, "Damping to the ground"),
             TAU_MAX,
         ),
-        sources=("p_d.c", "limit.h"),
-        step=5e-3,
-        terminals=(
-            Terminal("joints", ("q", "dq", "tau"), "Motion in, torque out"),
-            Terminal("network", ("q_j",), "Position of the other arm"),
-        ),
-        documentation=__doc__ or "",
+        ("limit.h",),
+        __doc__,
+        Terminal("network", ("q_j",), "Position of the other arm"),
     )
 
 

@@ -18,8 +18,9 @@ Sampled: read at t_k, held to the next step. Each joint's torque is limited to Â
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, DQ, DQ_J, Q_J, STIFFNESS, TAU_MAX, Q, gain, torque
+from fmus.model import Model
+from fmus.models.arm import DAMPING, DQ_J, Q_J, STIFFNESS, TAU_MAX, controller, gain, torque
+from fmus.models.arm import EXCHANGE as EXCHANGE
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -30,19 +31,13 @@ PRESETS: dict[str, dict[str, float]] = {
     "free": {"K_p": 0.0, "K_d": 0.0},
 }
 
-#: What one side sends and where the other takes it: (source, target), see ``bilateral``.
-EXCHANGE = (("plant.q", "control.q_j"), ("plant.dq", "control.dq_j"))
-
 
 def model() -> Model:
     """Declare the controller; the defaults are ``PD(10,4)``."""
-    return Model(
-        identifier="pd",
-        description="Plain PD coupling with another arm",
-        kind="sampled",
-        variables=(
-            Q,
-            DQ,
+    return controller(
+        "pd",
+        "Plain PD coupling with another arm",
+        (
             Q_J,
             DQ_J,
             torque(("q", "dq", "q_j", "dq_j"), ("K_p", "K_d", "tau_max")),
@@ -50,13 +45,8 @@ def model() -> Model:
             gain("K_d", DAMPING, 4.0, "Damping of the coupling"),
             TAU_MAX,
         ),
-        sources=("pd.c", "limit.h"),
-        step=5e-3,
-        terminals=(
-            Terminal("joints", ("q", "dq", "tau"), "Motion in, torque out"),
-            Terminal("network", ("q_j", "dq_j"), "Motion of the other arm"),
-        ),
-        documentation=__doc__ or "",
+        ("limit.h",),
+        __doc__,
     )
 
 

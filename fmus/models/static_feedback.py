@@ -14,6 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from fmus.model import Model, Terminal, Variable
+from fmus.models.arm import GAMMA, NETWORK, TAU_MAX, THETA_HAT, THETA_HAT_NEXT, controller
 from fmus.models.dynamics import regressor
 from fmus.numeric import Array, np
 from fmus.reference import Law, Values
@@ -45,3 +47,18 @@ def adaptive(name: str, feedback: Callable[..., Feedback]) -> tuple[Law, Law]:
         return {"theta_hat_next": x["theta_hat"]}
 
     return law, start
+
+
+def adaptive_controller(
+    identifier: str,
+    description: str,
+    signals: tuple[Variable, ...],
+    gains: tuple[Variable, ...],
+    coupling: Variable,
+    documentation: str | None,
+    network: Terminal = NETWORK,
+) -> Model:
+    """Such a controller: `signals` are what it receives and gives, `gains` stand before Gamma."""
+    variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, coupling, TAU_MAX)
+    sources = ("trig.c", "static_feedback.h", "regressor.h", "limit.h")
+    return controller(identifier, description, variables, sources, documentation, network)

@@ -22,24 +22,10 @@ limited to ±tau_max; while any joint is at its limit theta_hat stands still (an
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal
-from fmus.models.arm import (
-    DAMPING,
-    DQ,
-    DQ_J,
-    GAMMA,
-    Q_J,
-    RATE,
-    TAU_MAX,
-    THETA_HAT,
-    THETA_HAT_NEXT,
-    Q,
-    gain,
-    rate,
-    signal,
-    torque,
-)
-from fmus.models.static_feedback import Feedback, adaptive
+from fmus.model import Model
+from fmus.models.arm import DAMPING, DQ_J, Q_J, RATE, gain, rate, signal, torque
+from fmus.models.arm import EXCHANGE as EXCHANGE
+from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -47,39 +33,23 @@ PRESETS: dict[str, dict[str, float]] = {
     "Wang": {"K": 16.0, "Gamma": 1.0, "lambda": 1.0},
 }
 
-#: What one side sends and where the other takes it: (source, target), see ``bilateral``.
-EXCHANGE = (("plant.q", "control.q_j"), ("plant.dq", "control.dq_j"))
-
 _ALL = ("q", "dq", "q_j", "dq_j")
 
 
 def model() -> Model:
     """Declare the controller; the defaults are ``Wang``."""
-    return Model(
-        identifier="wang2014",
-        description="Adaptive consensus with another arm by static feedback",
-        kind="sampled",
-        variables=(
-            Q,
-            DQ,
+    return adaptive_controller(
+        "wang2014",
+        "Adaptive consensus with another arm by static feedback",
+        (
             Q_J,
             DQ_J,
             torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
             signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
-            THETA_HAT,
-            THETA_HAT_NEXT,
-            gain("K", DAMPING, 16.0, "Feedback gain of s"),
-            GAMMA,
-            rate("lambda", 1.0, "Coupling gain: the weight of the edge"),
-            TAU_MAX,
         ),
-        sources=("wang2014.c", "trig.c", "static_feedback.h", "regressor.h", "limit.h"),
-        step=5e-3,
-        terminals=(
-            Terminal("joints", ("q", "dq", "tau"), "Motion in, torque out"),
-            Terminal("network", ("q_j", "dq_j"), "Motion of the other arm"),
-        ),
-        documentation=__doc__ or "",
+        (gain("K", DAMPING, 16.0, "Feedback gain of s"),),
+        rate("lambda", 1.0, "Coupling gain: the weight of the edge"),
+        __doc__,
     )
 
 

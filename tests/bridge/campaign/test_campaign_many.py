@@ -13,6 +13,7 @@ from bridge.campaign import driver
 from bridge.campaign import table as campaign_table
 from bridge.campaign.driver import CampaignSetup
 from bridge.campaign.plan import document, load_many
+from bridge.campaign.soak_driver import RunsObserver
 from bridge.campaign.soak_table import failures
 from bridge.deployment.system import load_system
 from bridge.faults.load import SPECS, build
@@ -105,7 +106,7 @@ def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
     injected, seen, idle, unseen = map(int, table["all"].split(" / "))
     assert injected >= 20 and seen + idle == injected and seen > 0 and unseen == 0
     begun = []
-    again = driver.campaign(job, 20, 1, begun=begun.append)
+    again = driver.campaign(job, 20, 1, observer=RunsObserver(begun=begun.append))
     assert begun[0].todo == 0 and len(again) == len(records)
     assert "| drop |" in campaign_table.markdown(records, "Title")
     with pytest.raises(ScenarioError, match="was begun with another seed"):

@@ -18,7 +18,7 @@ from bridge.campaign.soak_spec import Table
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
-from cosim.sweeps.perform import StudyRow
+from cosim.sweeps.run_point import StudyRow
 
 
 @dataclass(frozen=True, slots=True)

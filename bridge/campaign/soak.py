@@ -33,7 +33,7 @@ from cosim.base.interrupts import terminated
 from cosim.fmi.failures import sentence
 from cosim.record import seal
 from cosim.record.recover import unfinished
-from cosim.sweeps.perform import StudyRow
+from cosim.sweeps.run_point import StudyRow
 
 RUNS, SCRIPT = "runs", "script.toml"
 

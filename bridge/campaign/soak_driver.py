@@ -19,8 +19,8 @@ from cosim.base.interrupts import deferred
 from cosim.engine.simulate import versions
 from cosim.sweeps import store as stores
 from cosim.sweeps import workers
-from cosim.sweeps.drive import Begun
-from cosim.sweeps.perform import StudyRow
+from cosim.sweeps.execute import Begun
+from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store
 
 #: Of the measures of a run, besides numbers of faults.

@@ -20,7 +20,7 @@ from bridge.records.records import LifeEnd, Missed, Refused
 from bridge.results.outcome import RehearsalOutcome
 from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
 from bridge.wiring.wiring import Rows
-from cosim.analysis import declared
+from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import evaluate
 from cosim.record import Run
 from cosim.record.folder import NODES
@@ -118,7 +118,9 @@ def _together(soak: Soak, done: RunDone) -> float:
     """How far the arms are from each other at the end."""
     assert soak.spec.together is not None
     wanted = [
-        m for m in declared.metrics(done.system.scenario) if m.name == soak.spec.together.metric
+        m
+        for m in declared_metrics.metrics(done.system.scenario)
+        if m.name == soak.spec.together.metric
     ]
     results = evaluate(wanted, Run.open(done.outcome.folder))
     return float(results[0].value) if results else float("nan")

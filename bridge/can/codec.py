@@ -86,7 +86,7 @@ def verify(codec: Codec, n: int = 8, seed: int = 0) -> None:
 
     For messages of a DBC file. Raises CodecError at the first difference.
     """
-    from bridge.can.oracle import compare
+    from bridge.can.codec_check import compare
 
     compare(codec, vectors(codec.signals, n, seed))
 

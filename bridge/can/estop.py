@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 
 from bridge.can.interface import attach, parse_spec
-from bridge.can.repeat import repeat, stopped_by_signals
+from bridge.can.repeated_frame import repeat, stopped_by_signals
 from cosim.base.errors import CosimError
 
 #: Of ESTOP in every DBC file of the project; bytes: node (0: none), reasons.

@@ -20,8 +20,8 @@ from can.util import load_config
 
 from bridge.can.health import BusHealth, bus_health
 from bridge.can.multicast import open_group
-from bridge.can.ringed import RingedInterface
 from bridge.can.socket import BusError, open_socket
+from bridge.can.threaded import RingedInterface
 from bridge.native.bus import Accept, Bus
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal

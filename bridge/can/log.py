@@ -17,7 +17,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.can.ringed import to_frame, to_message
+from bridge.can.threaded import to_frame, to_message
 from bridge.native.bus import FORMAT
 from bridge.native.frame import Flags, Frame, frame_dtype
 from cosim.base.errors import CosimError

@@ -99,7 +99,7 @@ class _Ends:
 
     def __init__(self, system: System, bus: str, here: str, there: str, *, local: bool) -> None:
         from bridge.deployment.zenoh_keys import names_of
-        from bridge.zenoh.attach import rules_of
+        from bridge.zenoh.node_channel import rules_of
         from bridge.zenoh.options import options_of
         from bridge.zenoh.session import configure, open_session
 

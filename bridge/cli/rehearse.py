@@ -227,13 +227,13 @@ def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> 
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines
     from bridge.results.report import line
-    from cosim.analysis import declared
+    from cosim.analysis import declared_metrics
     from cosim.analysis.metrics import evaluate
     from cosim.cli.summary import figures
     from cosim.record import Run, seal
 
     run = Run.open(outcome.folder)
-    said = [line(r.label, r.text) for r in evaluate(declared.metrics(system.scenario), run)]
+    said = [line(r.label, r.text) for r in evaluate(declared_metrics.metrics(system.scenario), run)]
     said += lines(system, outcome)
     if plot:
         said += [line("figure", str(p)) for p in figures(system.scenario, run, outcome.folder)]

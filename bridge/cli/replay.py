@@ -114,5 +114,5 @@ def _from_log(log: Path, scenario: Path | None, deploy: str | None) -> None:
 
     if scenario is None or deploy is None:
         raise ScenarioError("--from-log needs --scenario and --deploy", str(log))
-    module = importlib.import_module("bridge.cli.fromlog")
+    module = importlib.import_module("bridge.cli.from_log")
     module.from_log(log, scenario, deploy)

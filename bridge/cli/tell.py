@@ -54,11 +54,11 @@ def _tell(
     system: System, bus: str, what: str, nodes: Sequence[str], name: str, *, every: bool
 ) -> None:
     from bridge.deployment.zenoh_keys import names_of
-    from bridge.zenoh.attach import rules_of
+    from bridge.zenoh.node_channel import rules_of
     from bridge.zenoh.offsets import say_epoch
     from bridge.zenoh.options import options_of
     from bridge.zenoh.presence import Presence, wait_until_there
-    from bridge.zenoh.remote import READ, ask, command, wait_until_ready
+    from bridge.zenoh.remote_control import READ, ask, command, wait_until_ready
     from bridge.zenoh.session import close_session, configure, open_session
 
     d = system.deployment

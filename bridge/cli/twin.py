@@ -50,7 +50,7 @@ def run(
     from bridge.preflight import deployment
     from bridge.results.outcome import run_twin
     from bridge.results.report import line
-    from cosim.analysis import declared
+    from cosim.analysis import declared_metrics
     from cosim.analysis.metrics import evaluate
     from cosim.base.clock import stamp, stopwatch
     from cosim.base.interrupts import exit_code
@@ -75,7 +75,9 @@ def run(
     result = Run.open(folder)
     length = system.plan.ticks * system.plan.h
     said = [header(system).replace("on the wall clock", "on a simulated clock")]
-    said += [line(r.label, r.text) for r in evaluate(declared.metrics(system.scenario), result)]
+    said += [
+        line(r.label, r.text) for r in evaluate(declared_metrics.metrics(system.scenario), result)
+    ]
     said.append(
         line("wall time", f"{wall:.2f} s for {length:g} s: {length / wall:.0f} x real time")
     )

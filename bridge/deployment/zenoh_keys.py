@@ -5,7 +5,7 @@
 ``PREFIX/NODE/heartbeat``              state of a node
 ``PREFIX/NODE/alive``                  liveliness token: there while the node's session is
 ``PREFIX/NODE/ready``                  the same: the node has heard all it needs, and may start
-``PREFIX/NODE/state`` ...              queryables, see :mod:`bridge.zenoh.remote`
+``PREFIX/NODE/state`` ...              queryables, see :mod:`bridge.zenoh.remote_control`
 ``PREFIX/nmt``, ``PREFIX/estop``       commands to nodes; stop, everybody
 ``PREFIX/epoch``                       which run this is, and when its t = 0 was
 =====================================  ======================================================

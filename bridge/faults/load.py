@@ -179,7 +179,7 @@ def _events(spec: Spec, place: _Place) -> list[FaultEvent]:
 
 
 def _on_network(spec: NetDownSpec, place: _Place) -> list[FaultEvent]:
-    """A link as a table of :class:`bridge.relay.impair.RelayLinkSpec`, and its end."""
+    """A link as a table of :class:`bridge.relay.impairment.RelayLinkSpec`, and its end."""
     source, _, target = spec.link.partition(">")
     if spec.link != "*" and not (source and target):
         raise ScenarioError(f'is {spec.link!r}; expected "FROM>TO" or "*"', place.of("link"))

@@ -17,7 +17,7 @@ from math import isinf
 from pathlib import Path
 from typing import Any, Literal
 
-from bridge.can.repeat import EXTENDED
+from bridge.can.repeated_frame import EXTENDED
 from bridge.deployment.system import Listened
 from bridge.native import faults as native
 from bridge.native.bus import Accept

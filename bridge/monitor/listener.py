@@ -23,7 +23,7 @@ from bridge.node.buses import can_spec
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from bridge.zenoh.listen import ZenohEar
+    from bridge.zenoh.listener import ZenohEar
 
 #: The certificate's name of who listens, where there are any.
 WHO = "monitor"
@@ -180,7 +180,7 @@ def _wanted(d: Deployment, only: Sequence[str]) -> dict[str, BusSpec]:
 def _zenoh(system: System, bus: str, connect: Sequence[str], who: str) -> ZenohEar:
     open_ear: Callable[..., ZenohEar]
     try:
-        from bridge.zenoh.listen import open_ear
+        from bridge.zenoh.listener import open_ear
     except ImportError as error:
         raise BusError(
             f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"

@@ -24,7 +24,7 @@ from bridge.realtime.lateness import Spread
 from bridge.recording.live_run import Watched
 from bridge.records.lives import Life
 from bridge.safety.limits import explain, explain_guard
-from cosim.analysis import declared
+from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import MetricResult, evaluate
 from cosim.bus.timing import BusTiming
 
@@ -124,7 +124,7 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
             for i in range(len(plan.inlets))
         ],
         buses=[_bus(system, name, frames) for name in system.deployment.buses],
-        metrics=evaluate(declared.metrics(system.scenario), held),
+        metrics=evaluate(declared_metrics.metrics(system.scenario), held),
         signals=_signals(system, rows),
         unreadable=dict(watched.unreadable),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.deployment.system import System
 from bridge.monitor.messages import SPAN_NS, Heard
-from cosim.analysis import declared
+from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Error, Metric, MetricResult
 from cosim.base.errors import ScenarioError
 
@@ -78,7 +78,7 @@ def metrics(
     """The scenario's over the last second; and signals others would need that nobody sends."""
     recent = Recent(system, heard, now_ns)
     found, missing = [], []
-    for metric in declared.metrics(system.scenario):
+    for metric in declared_metrics.metrics(system.scenario):
         absent = [name for name in _wanted(metric) if not recent.has(name)]
         missing += absent
         if not absent:

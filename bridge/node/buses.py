@@ -17,12 +17,12 @@ from bridge.deployment.system import System
 from bridge.native.frame import DATA, frame_dtype
 from bridge.native.journal import Journal
 from bridge.node.control import Control
-from bridge.node.hearing import unheard
+from bridge.node.missing_inputs import unheard
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Wired
 
 if TYPE_CHECKING:
-    from bridge.zenoh.remote import Stoppable
+    from bridge.zenoh.remote_control import Stoppable
 
 
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
@@ -105,7 +105,7 @@ def _bell(end: Attachment) -> Callable[[], None]:
 def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> Attachment:
     """A Zenoh bus, all peers there. Raises ScenarioError, BusError, also without Zenoh."""
     try:
-        from bridge.zenoh.attach import open_bus
+        from bridge.zenoh.node_channel import open_bus
     except ImportError as error:
         raise BusError(
             f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"
@@ -131,7 +131,7 @@ def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) ->
     for name, end in buses.items():
         if wired.system.deployment.buses[name].kind == "zenoh":
             from bridge.zenoh import channel
-            from bridge.zenoh import remote as answering
+            from bridge.zenoh import remote_control as answering
 
             assert isinstance(end, channel.ZenohAttachment)
             answering.serve(end, wired, control, unheard)

@@ -30,7 +30,7 @@ from bridge.node.buses import announce, answer, attached, joined
 from bridge.node.control import Control, Say, listen_to, signals
 from bridge.node.fault_injection import inject
 from bridge.node.handle import NodeStart
-from bridge.node.hearing import never, silent, watched
+from bridge.node.missing_inputs import never, silent, watched
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
 from bridge.realtime.requests import enter, verdict, warm_up

@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 
 from bridge.can.interface import attach, parse_spec
-from bridge.can.repeat import LONGEST_WAIT, flags_of, repeat, stopped_by_signals
+from bridge.can.repeated_frame import LONGEST_WAIT, flags_of, repeat, stopped_by_signals
 from bridge.faults.script import FaultEvent
 from bridge.native.bus import FORMAT, Accept
 from cosim.base.errors import CosimError

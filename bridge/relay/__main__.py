@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.native.journal import Journal
-from bridge.relay.impair import RelayLinkSpec
+from bridge.relay.impairment import RelayLinkSpec
 from bridge.relay.router import PACKET, Router, open_tun
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError

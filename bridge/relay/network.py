@@ -28,8 +28,8 @@ ROWS = 400_000
 class RelayNetwork:
     """Hosts in network namespaces of their own, ``10.77.0.N``, and links between any two.
 
-    `links`: tables of :class:`bridge.relay.impair.RelayLinkSpec` by ``FROM>TO``, or ``*`` for all.
-    `record`: the file that gets a row a packet. Raises NetworkError without root.
+    `links`: tables of :class:`bridge.relay.impairment.RelayLinkSpec` by ``FROM>TO``, or ``*`` for
+    all. `record`: the file that gets a row a packet. Raises NetworkError without root.
     """
 
     def __init__(

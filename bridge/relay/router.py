@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, final
 
 from bridge.native.journal import Journal
-from bridge.relay.impair import Impairment, RelayLinkSpec
+from bridge.relay.impairment import Impairment, RelayLinkSpec
 from bridge.relay.namespaces import NetworkError, inside, ip
 from cosim.base.errors import ScenarioError
 

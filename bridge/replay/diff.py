@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.replay.run_facts import judged, period, quanta, stored
-from cosim.analysis import declared
+from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.record import Run
@@ -237,7 +237,8 @@ def _metrics(a: Run, b: Run) -> tuple[MetricDifference, ...]:
         if scenarios[0].metrics != scenarios[1].metrics:
             return ()
         results = [
-            evaluate(declared.metrics(s), run) for s, run in zip(scenarios, (a, b), strict=True)
+            evaluate(declared_metrics.metrics(s), run)
+            for s, run in zip(scenarios, (a, b), strict=True)
         ]
     except CosimError:
         return ()

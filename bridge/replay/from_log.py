@@ -26,7 +26,7 @@ from bridge.native.frame import Ring
 from bridge.native.safety import LifeState
 from bridge.replay import bus_log
 from bridge.replay.bus_log import LoggedSample
-from bridge.replay.heard_and_sent import History
+from bridge.replay.received_and_sent import History
 from bridge.wiring.wiring import Wired
 from cosim.base.errors import ScenarioError
 

@@ -3,7 +3,7 @@
 Nothing but the samples heard, the sequence numbers held and the events of the life cycle is taken
 from the recording: so every signal of every node comes out the same to the last bit, whoever its
 peers were, or something was altered. Whether what was heard is what its sender sent is another
-question (:mod:`bridge.replay.heard_and_sent`).
+question (:mod:`bridge.replay.received_and_sent`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from bridge.native import node as native
 from bridge.native.journal import Journal
 from bridge.native.safety import LifeState
 from bridge.records.lives import ByLife, Life, files
-from bridge.replay import heard_and_sent
-from bridge.replay.heard_and_sent import Altered, History
+from bridge.replay import received_and_sent
+from bridge.replay.received_and_sent import Altered, History
 from bridge.wiring.outlets import Forwarding
 from bridge.wiring.wiring import HEARD, Rows, Wired, heard_dtype
 from cosim.base.errors import ScenarioError
@@ -77,7 +77,7 @@ def replay(
     """
     lives = {life: r for life, r in recorded.items() if system.nodes[life.node].plan.components}
     there = {life: rows for life, rows in heard.items() if life in recorded}
-    sent = heard_and_sent.sent_histories(system, lives)
+    sent = received_and_sent.sent_histories(system, lives)
     unheard: set[str] = set()
     with ExitStack() as stack:
         found: dict[Life, Rows] = {}
@@ -85,7 +85,7 @@ def replay(
         for life, rows in lives.items():
             node = _wire(stack, _fresh(system, life), life, rows, folder)
             histories[life] = _hear(node, life, there, sent)
-            unheard.update(heard_and_sent.unheard(system, life, rows, histories[life]))
+            unheard.update(received_and_sent.unheard(system, life, rows, histories[life]))
             _run(node, life)
             found[life] = node.journal.rows
         differences = [d for x, rows in lives.items() for d in _compare(system, x, rows, found[x])]
@@ -93,7 +93,7 @@ def replay(
         found.clear()
     first = min(differences, key=lambda d: d.t, default=None)
     slots = ByLife({life: len(rows) for life, rows in lives.items()})
-    altered, alone = heard_and_sent.against_senders(system, lives, there, sent)
+    altered, alone = received_and_sent.against_senders(system, lives, there, sent)
     return ReplayReport(slots, greatest, first, tuple(sorted(alone | unheard)), altered)
 
 
@@ -150,7 +150,7 @@ def _hear(
     histories: dict[str, History] = {}
     for number, (message, reception) in enumerate(node.receiving.receptions.items()):
         mine, carried = rows[rows["message"] == number], node.system.messages[message]
-        history = heard_and_sent.heard_history(mine, carried, node.system.plan)
+        history = received_and_sent.heard_history(mine, carried, node.system.plan)
         reception.history = c.pointer(history.struct)
         histories[message] = history
     for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):

@@ -24,7 +24,7 @@ from bridge.deployment.system import System
 from bridge.recording.run_folder import at_hits, places
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Rows
-from cosim.analysis.trace import RepeatedValues
+from cosim.analysis.memory_run import RepeatedValues
 from cosim.base.errors import PlanError
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble

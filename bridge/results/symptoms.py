@@ -20,9 +20,9 @@ from bridge.native.frame import Flags
 from bridge.native.journal import Journal
 from bridge.records.lives import Life, frame_files, lives_of
 from bridge.records.records import Done, LifeEnd, Note, Statement
+from bridge.results.extra_senders import surpluses
 from bridge.results.findings import Sign, Signs
 from bridge.results.report import NodeReport
-from bridge.results.surplus import surpluses
 from bridge.wiring.wiring import HEARD, Rows
 
 #: What a report has to show of each kind, one of these at least: counters of receivers, or signs.

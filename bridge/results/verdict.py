@@ -18,8 +18,8 @@ import numpy as np
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
 from bridge.records.records import LifeEnd
+from bridge.results.extra_senders import surpluses
 from bridge.results.report import NodeReport
-from bridge.results.surplus import surpluses
 
 if TYPE_CHECKING:
     from bridge.results.outcome import RehearsalOutcome

@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from bridge.vcan import abilities, host, packages, supervise, uml
+from bridge.vcan import capabilities, host, packages, supervise, uml
 from bridge.vcan.errors import VcanError
 from bridge.vcan.guest import GuestCommand
 from cosim.base.errors import CosimError
@@ -33,7 +33,7 @@ def _run(options: argparse.Namespace) -> int:
     if not command:
         raise VcanError("no command: python -m bridge.vcan run -- COMMAND ... was expected")
     request = GuestCommand(tuple(command), options.timeout, options.mem, options.cpu, options.buses)
-    abilities.bytes_of(request.memory)
+    capabilities.bytes_of(request.memory)
     backend = _BACKENDS[options.backend if options.backend != "auto" else _best(options.mem)]
     return supervise.supervised(lambda: backend(request))
 
@@ -41,7 +41,7 @@ def _run(options: argparse.Namespace) -> int:
 def _best(memory: str) -> str:
     """The backend to use: the host's kernel if that has CAN."""
     tried = []
-    for ability in (abilities.host, lambda: abilities.uml(memory)):
+    for ability in (capabilities.host, lambda: capabilities.uml(memory)):
         found = ability()
         if found.possible:
             return found.backend
@@ -50,7 +50,7 @@ def _best(memory: str) -> str:
 
 
 def _status() -> int:
-    found = [abilities.host(), abilities.uml()]
+    found = [capabilities.host(), capabilities.uml()]
     for ability in found:
         sys.stdout.write(
             f"{ability.backend:5}{'yes' if ability.possible else 'no ':4}{ability.why}\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 
 from bridge.vcan import supervise
-from bridge.vcan.abilities import own_network
+from bridge.vcan.capabilities import own_network
 from bridge.vcan.guest import GuestCommand
 
 _SCRIPT = """

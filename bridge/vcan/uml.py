@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bridge.native import library_path
 from bridge.vcan import cpus, guest, packages, supervise
-from bridge.vcan.abilities import bytes_of, memory_folder
+from bridge.vcan.capabilities import bytes_of, memory_folder
 from bridge.vcan.errors import VcanError
 from bridge.vcan.guest import GuestCommand
 

@@ -20,9 +20,9 @@ from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.journal import Journal
 from bridge.native.mail import bringer, keep_thread, taker
+from bridge.zenoh.lost_peers import LOOK, Silence
 from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.presence import Presence, wait_until_there
-from bridge.zenoh.release import release
 from bridge.zenoh.session import (
     CLOSING,
     close_session,
@@ -31,8 +31,8 @@ from bridge.zenoh.session import (
     open_session,
     udp_of,
 )
-from bridge.zenoh.silence import LOOK, Silence
-from bridge.zenoh.wake import Wake
+from bridge.zenoh.socket_release import release
+from bridge.zenoh.wakeup import Wake
 from cosim.base.clock import monotonic_ns
 
 ENCODING = "application/octet-stream;cosim.sample.v1"

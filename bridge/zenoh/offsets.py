@@ -20,7 +20,7 @@ from bridge.native.epoch import new_run, values
 from bridge.native.message import EARLY_NS
 from bridge.realtime.host_clock import HostClock, host_clock
 from bridge.zenoh.presence import present_now
-from bridge.zenoh.remote import ask, say
+from bridge.zenoh.remote_control import ask, say
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from cosim.base.errors import RunError
 

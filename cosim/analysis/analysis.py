@@ -12,12 +12,7 @@ from cosim.analysis import closed_form as closed
 from cosim.analysis.contacts import by_grip, by_wall, margin
 from cosim.analysis.experiments import Bench, rest_position
 from cosim.analysis.facts import Array
-from cosim.analysis.network import RobotNetwork, network
-from cosim.analysis.port import PortSignals
-from cosim.analysis.quantity import Quantity, absent
-from cosim.analysis.recorded import RecordedPort, least_feedback, numbers, read
-from cosim.analysis.subject import Subject
-from cosim.analysis.tested import (
+from cosim.analysis.force_tests import (
     LOWEST,
     Swept,
     by_frequency,
@@ -26,6 +21,11 @@ from cosim.analysis.tested import (
     sweep,
     with_known,
 )
+from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.port import PortSignals
+from cosim.analysis.quantity import Quantity, absent
+from cosim.analysis.recorded_numbers import RecordedPort, least_feedback, numbers, read
+from cosim.analysis.subject import Subject
 from cosim.base.errors import CosimError
 
 

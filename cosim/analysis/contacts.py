@@ -9,8 +9,8 @@ import numpy as np
 
 from cosim.analysis import closed_form as closed
 from cosim.analysis.experiments import APART, RESOLVED, Bench, stiffest
+from cosim.analysis.force_tests import each_feedback, title_of
 from cosim.analysis.quantity import Quantity, absent, quantity
-from cosim.analysis.tested import each_feedback, title_of
 from cosim.base.errors import CosimError
 
 #: Length of runs with a wall and a grip, s.

@@ -16,10 +16,10 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.frequency import MultiSine, PortGain
+from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.port import PortSignals
 from cosim.analysis.system import AnalyzedSystem
-from cosim.analysis.trace import Change, SignalTrace, changed, trace
 from cosim.base.errors import RunError, ScenarioError
 
 #: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cosim.analysis.memory_run import SignalTrace, trace
 from cosim.analysis.port import PortSignals, port_of
 from cosim.analysis.signals import Signals
 from cosim.analysis.system import AnalyzedSystem, system
-from cosim.analysis.trace import SignalTrace, trace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.record import Run
 from cosim.scenario.assemble import assemble

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from cosim.analysis.system import AnalyzedSystem, system
-from cosim.checks import channels, couplings, laws, reach, sampling, wiring
+from cosim.checks import channels, couplings, laws, reachability, sampling, wiring
 from cosim.checks.finding import Finding, merged
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
@@ -14,10 +14,10 @@ Rule = Callable[[AnalyzedSystem], Iterator[Finding]]
 
 #: Rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (
-    reach.unreached,
-    reach.spanning_tree,
-    reach.unheard,
-    reach.stale,
+    reachability.unreached,
+    reachability.spanning_tree,
+    reachability.unheard,
+    reachability.stale,
     sampling.feedback,
     sampling.adaptation,
     sampling.contact,

@@ -82,12 +82,12 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
     Raises ScenarioError with the place: an unknown signal, sizes or units that do not match.
     """
-    from cosim.analysis import declared
+    from cosim.analysis import declared_metrics
     from cosim.analysis.metrics import evaluate
     from cosim.analysis.preview import Preview
 
     preview = Preview({c.name: c.unit for c in recorded})
-    for metric in declared.metrics(scenario):
+    for metric in declared_metrics.metrics(scenario):
         try:
             evaluate([metric], preview)
         except ScenarioError as error:
@@ -106,10 +106,10 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
 def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
     """The numbers of a run, a line each."""
-    from cosim.analysis import declared
+    from cosim.analysis import declared_metrics
     from cosim.analysis.metrics import evaluate
 
-    results = evaluate(declared.metrics(scenario), run)
+    results = evaluate(declared_metrics.metrics(scenario), run)
     lines = [_line(r.label, r.text) for r in results]
     settled = _settled(scenario, results)
     if settled:

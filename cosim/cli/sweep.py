@@ -13,8 +13,8 @@ import typer
 from cosim.cli.options import Plot, Quiet, Strict
 
 if TYPE_CHECKING:
-    from cosim.sweeps.drive import Begun
-    from cosim.sweeps.perform import StudyRow
+    from cosim.sweeps.execute import Begun
+    from cosim.sweeps.run_point import StudyRow
     from cosim.sweeps.workers import Opened
 
 #: Seconds between two lines of progress where there is no terminal.
@@ -52,7 +52,7 @@ def sweep(
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
     from cosim.cli.check import forgotten
     from cosim.record import seal
-    from cosim.sweeps import drive, figures, summary
+    from cosim.sweeps import execute, figures, summary
     from cosim.sweeps.study import load_study
 
     loaded = load_study(study)
@@ -65,7 +65,7 @@ def sweep(
 
     with progress_of(quiet) as progress:
         try:
-            table = drive.sweep(
+            table = execute.sweep(
                 loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
                 checked=lambda plan: forgotten([plan], strict=strict, quiet=quiet),
                 begun=lambda b: progress.begin(b, loaded.title), done=progress.done,

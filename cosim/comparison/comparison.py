@@ -10,7 +10,7 @@ from pathlib import Path
 from cosim.comparison.documents import Base, Case, scenario
 from cosim.comparison.measure import CaseOutcome, Task, lost, run_case
 from cosim.comparison.pool import spread
-from cosim.comparison.sameness import Tables
+from cosim.comparison.same_links import Tables
 from cosim.comparison.variants import ComparisonSelection, Variants
 
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
-from cosim.fmi import FmuComponent, moves
+from cosim.fmi import FmuComponent, access_order
 from cosim.fmi.failures import starting
+from cosim.fmi.isolated import RemoteInstance, RemoteStep
 from cosim.fmi.layout import StepLayout, bind, late
 from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
-from cosim.fmi.remote import RemoteInstance, RemoteStep
 from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, EngineResult
 from cosim.schedule.plan import Plan, Slot, Step
@@ -105,7 +105,7 @@ class Binding:
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
         if isinstance(step.component, FmuComponent):
-            layout = moves.layout(
+            layout = access_order.layout(
                 step.component, h, lag, step.period, unit.input, unit.output, self._slopes(step)
             )
             if step.component.remote is None:
@@ -131,7 +131,7 @@ class Binding:
         self, index: int, step: Step, layout: StepLayout, remote: RemoteInstance
     ) -> Callable[[int, float, float], int]:
         assert isinstance(step.component, FmuComponent)
-        there = moves.isolated(step.component, layout)
+        there = access_order.isolated(step.component, layout)
         stepped = RemoteStep(remote, layout, there, self.signals)
         remote.stopping = lambda: bool(self.state.stop)
 

@@ -14,11 +14,11 @@ from cosim.base.units import Unit, parse
 from cosim.fmi import archive as archives
 from cosim.fmi import clocks
 from cosim.fmi.description import of_content
+from cosim.fmi.isolated import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup, instantiate
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import VariableGroup, groups
-from cosim.fmi.remote import RemoteInstance
-from cosim.fmi.start import InstanceStart, StartValue
+from cosim.fmi.start_values import InstanceStart, StartValue
 from cosim.fmi.values import (
     check_range,
     has_text,

@@ -9,7 +9,6 @@ from typing import Any
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import Alike
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
-from cosim.fmi.ticking import Ticking, intervals, set_intervals
 from cosim.native import fmu_log, structs
 
 TYPES: Mapping[str, Any] = {

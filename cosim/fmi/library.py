@@ -2,7 +2,7 @@
 
 One class a standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
 :class:`cosim.fmi.fmi3.Instance3` (FMI 3.0.2), and one for an FMU in a process of its own
-(:mod:`cosim.fmi.remote`), with the same members; which one an FMU needs is decided once, in
+(:mod:`cosim.fmi.isolated`), with the same members; which one an FMU needs is decided once, in
 :func:`instantiate`.
 """
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import FloatArray
-from cosim.links.reach import BoolArray, closure
+from cosim.links.reachability import BoolArray, closure
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,7 +21,7 @@ import numpy as np
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Delays, FloatArray, Law, facts_of
 from cosim.links.markov import Chain
-from cosim.links.reach import BoolArray
+from cosim.links.reachability import BoolArray
 
 if TYPE_CHECKING:
     from numpy.random import Generator

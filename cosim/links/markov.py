@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Delays, FloatArray, Formula, IntArray, check_delay, held
-from cosim.links.reach import closure
+from cosim.links.reachability import closure
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -13,7 +13,7 @@ from cosim.base.errors import ScenarioError
 from cosim.links.grid import Cycle
 from cosim.links.laws import FloatArray, exact, facts_of
 from cosim.links.losses import Losses
-from cosim.links.reach import BoolArray
+from cosim.links.reachability import BoolArray
 
 if TYPE_CHECKING:
     from numpy.random import Generator

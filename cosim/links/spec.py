@@ -34,11 +34,11 @@ from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
+from cosim.links.semantics_names import Semantics as Semantics
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.links.traces import read_trace
-from cosim.links.words import Semantics as Semantics
 
 Seconds = int | float | str
 Number = int | float | str  # without a dimension, or with the one that is said

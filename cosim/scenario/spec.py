@@ -18,7 +18,7 @@ from cosim.base import toml
 from cosim.base.convert import Number, Value, convert, each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import change
-from cosim.links.words import Semantics
+from cosim.links.semantics_names import Semantics
 
 
 class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -22,7 +22,7 @@ from typing import Any, final
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import reason, replace_file
-from cosim.sweeps.perform import StudyRow
+from cosim.sweeps.run_point import StudyRow
 
 JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
 #: Rows of a part.

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from cosim.analysis.analysis import analyse
 from cosim.analysis.contacts import by_grip
 from cosim.analysis.experiments import stiffest
+from cosim.analysis.force_tests import by_push, sweep
 from cosim.analysis.frequency import degree
 from cosim.analysis.subject import Subject
-from cosim.analysis.tested import by_push, sweep
 from tests.analysis.cases import (
     DOCUMENTS,
     analysed,

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.analysis.energy import effort, observer
-from cosim.analysis.felt import felt, is_the_hand
+from cosim.analysis.felt_impedance import felt, is_the_hand
 from cosim.analysis.manipulability import growth, local_growth, manipulability
-from cosim.analysis.recorded import approach
+from cosim.analysis.recorded_numbers import approach
 
 T = np.linspace(0.0, 100.0, 10001)
 STILL = np.zeros((len(T), 1))

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
+from cosim.analysis.memory_run import Change, changed, trace
 from cosim.analysis.system import AnalyzedSystem, age, system
-from cosim.analysis.trace import Change, changed, trace
 from cosim.base.errors import ScenarioError
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build

@@ -13,7 +13,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import IO, Any, ClassVar, NoReturn, final
 
-from bridge.node.process import Start
+from bridge.node.handle import NodeStart
 from bridge.node.run import main
 
 #: s; a node that lives longer hangs.
@@ -68,7 +68,7 @@ class Forked:
             for found, wanted in ((given, 0), (said, 1), (errors, 2)):
                 os.dup2(found, wanted)
             sys.stdin, sys.stdout, sys.stderr = os.fdopen(0), os.fdopen(1, "w"), os.fdopen(2, "w")
-            start = Start.parse(text)
+            start = NodeStart.parse(text)
             at = self.at.get(start.life.node, 0)
             fails(at)
             try:

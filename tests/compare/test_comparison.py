@@ -11,7 +11,7 @@ from cosim.comparison.comparison import Comparison, compare
 from cosim.comparison.documents import check, read_base
 from cosim.comparison.measure import CaseOutcome, RecordedTable
 from cosim.comparison.rows import rows
-from cosim.comparison.sameness import Tables
+from cosim.comparison.same_links import Tables
 from cosim.links.storage import load_table
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build

@@ -13,8 +13,8 @@ from bridge.node import lockstep
 from bridge.replay import replay
 from bridge.results import verdict
 from cosim.record import seal
-from tests.bridge.replay.test_fromlog import logged_twin
-from tests.bridge.replay.test_fromlog import written as logs_written
+from tests.bridge.replay.test_from_log import logged_twin
+from tests.bridge.replay.test_from_log import written as logs_written
 from tests.bridge.zenoh import rehearsed
 from tests.golden.kept import ROOT, Record
 from tests.golden.offline import cosim, say

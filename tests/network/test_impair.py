@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.relay.impair import Impairment, RelayLinkSpec
+from bridge.relay.impairment import Impairment, RelayLinkSpec
 from cosim.base.errors import ScenarioError
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.table import generator

@@ -11,8 +11,8 @@ import pytest
 
 from cosim.sweeps import figures, spec
 from cosim.sweeps.design import count, points
-from cosim.sweeps.drive import check
-from cosim.sweeps.perform import job, perform
+from cosim.sweeps.execute import check
+from cosim.sweeps.run_point import job, perform
 from cosim.sweeps.study import load_study
 from tests.sweep.studies import ROOT
 

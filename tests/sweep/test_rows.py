@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.analysis.declared import metrics
+from cosim.analysis.declared_metrics import metrics
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.simulate import columns, simulate
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.sweeps import figures
 from cosim.sweeps.design import points
-from cosim.sweeps.drive import check
+from cosim.sweeps.execute import check
 from cosim.sweeps.memory import record
-from cosim.sweeps.perform import StudyRow, StudySetup, job, perform, scenario_of
+from cosim.sweeps.run_point import StudyRow, StudySetup, job, perform, scenario_of
 from cosim.sweeps.study import load_study
 from tests.cosim import scenarios
 from tests.sweep.studies import ROOT, STUDY, written

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
 from cosim.sweeps import store as stores
-from cosim.sweeps.perform import StudyRow
+from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store, locked, parts, rows
 
 

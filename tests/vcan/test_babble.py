@@ -8,7 +8,7 @@ import subprocess
 import can
 
 from bridge.can.interface import CanBusSpec, attach
-from bridge.can.repeat import repeat
+from bridge.can.repeated_frame import repeat
 from bridge.faults.script import FaultEvent
 from bridge.rehearsal.babbler import command
 from tests.vcan.peers import PATIENCE, call

@@ -21,7 +21,7 @@ from bridge.relay import namespaces
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import seal, verify
 from cosim.scenario.spec import read_document
-from cosim.sweeps.perform import StudyRow
+from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import COSIM, ROOT, environment

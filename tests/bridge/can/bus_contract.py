@@ -12,7 +12,7 @@ import pytest
 
 from bridge.can.health import BusHealth
 from bridge.can.interface import Attachment
-from bridge.can.ringed import to_frame, to_message
+from bridge.can.threaded import to_frame, to_message
 from bridge.native import pace
 from bridge.native.bus import Accept, Bus, BusState
 from bridge.native.frame import Flags, Frame, frame_dtype

@@ -8,7 +8,7 @@ import pytest
 from bridge.node import lockstep
 from bridge.preflight import deployment
 from bridge.replay import replay
-from bridge.zenoh.attach import rules_of
+from bridge.zenoh.node_channel import rules_of
 from cosim.base.errors import CosimError
 from tests.bridge.deployments import CONFIGS, SHORT, document, named, run_twin, signal, system_of
 

@@ -22,7 +22,7 @@ from bridge.recording.live_run import Watched, find_run, read_facts
 from bridge.records.lives import Life
 from bridge.rehearsal.supervisor import NODES
 from bridge.safety.limits import explain
-from cosim.analysis import declared
+from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import ScenarioError
 from tests.bridge.watching import folder_of, own_pid, talk
@@ -153,8 +153,8 @@ def test_signals_hold_as_in_the_run_folder(made, tmp_path):
     for name in ("master.q", "slave_control.tau", "master.tau_h"):
         assert np.array_equal(held.array(name), run.array(name))
         assert held.unit(name) == run.unit(name) and held.entries(name) == run.entries(name)
-    assert evaluate(declared.metrics(system.scenario), held) == evaluate(
-        declared.metrics(system.scenario), run
+    assert evaluate(declared_metrics.metrics(system.scenario), held) == evaluate(
+        declared_metrics.metrics(system.scenario), run
     )
     assert held.unit(late(["master"])[0]) == "ms"
     assert np.nanmax(held.array(ages(["master.tau"])[0])) > 0

@@ -17,8 +17,8 @@ from bridge.monitor.listener_view import view
 from bridge.native.frame import Frame
 from bridge.native.safety import LifeState
 from bridge.node.buses import can_spec
-from bridge.zenoh.attach import open_bus
 from bridge.zenoh.certificates import make_keys
+from bridge.zenoh.node_channel import open_bus
 from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep

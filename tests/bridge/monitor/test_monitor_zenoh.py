@@ -19,8 +19,8 @@ from bridge.monitor.listener import Listener
 from bridge.monitor.listener_view import tables, view
 from bridge.monitor.messages import Heard, HeardSample
 from bridge.native.safety import LifeState, Status, Why
-from bridge.zenoh.attach import open_bus, traffic_of
 from bridge.zenoh.channel import ZenohAttachment
+from bridge.zenoh.node_channel import open_bus, traffic_of
 from bridge.zenoh.options import options_of
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError

@@ -6,7 +6,7 @@ import threading
 from bridge.native import pace
 from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import bringer, keep_thread, taker, wait
-from bridge.zenoh.wake import Wake
+from bridge.zenoh.wakeup import Wake
 
 FAR = 10_000_000_000  # ns; nobody sleeps that long here
 

@@ -14,7 +14,7 @@ from bridge.native.message import Decoded, Header
 from bridge.native.node import NodeStruct, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
-from bridge.node.hearing import watched
+from bridge.node.missing_inputs import watched
 from bridge.realtime.host_clock import HostClock, host_clock
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from tests.bridge.bench import Bench, until

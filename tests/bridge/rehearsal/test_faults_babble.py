@@ -12,7 +12,7 @@ import can
 import pytest
 
 from bridge.can.interface import CanBusSpec, attach
-from bridge.can.repeat import repeat
+from bridge.can.repeated_frame import repeat
 from bridge.faults.script import FaultEvent
 from bridge.rehearsal.babbler import command, main
 

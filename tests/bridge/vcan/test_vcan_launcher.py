@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from bridge.vcan import abilities, cpus, packages
+from bridge.vcan import capabilities, cpus, packages
 from bridge.vcan.__main__ import main
 from bridge.vcan.errors import VcanError
 from bridge.vcan.guest import GuestCommand, command_script, kernel_command, write
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="CAN sockets are
 @pytest.fixture
 def kernel() -> None:
     """A host that can have a kernel with CAN; in CI it must."""
-    found = (abilities.host(), abilities.uml())
+    found = (capabilities.host(), capabilities.uml())
     if any(ability.possible for ability in found):
         return
     why = "; ".join(f"{ability.backend}: {ability.why}" for ability in found)
@@ -99,13 +99,13 @@ def test_two_guests_take_two_cpus(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "size"), [("64K", 65536), ("512M", 2**29), ("1G", 2**30)])
 def test_sizes(text: str, size: int) -> None:
-    assert abilities.bytes_of(text) == size
+    assert capabilities.bytes_of(text) == size
 
 
 def test_memory_goes_where_there_is_room() -> None:
-    assert abilities.memory_folder(4096).is_dir()
+    assert capabilities.memory_folder(4096).is_dir()
     with pytest.raises(VcanError, match="too little space"):
-        abilities.memory_folder(2**60)
+        capabilities.memory_folder(2**60)
 
 
 def test_exit_statuses() -> None:
@@ -141,7 +141,7 @@ def test_without_apt_it_says_what_is_missing(cache: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(VcanError, match=r"apt-get was not found.*user-mode-linux"):
         packages.obtain()
-    assert not abilities.uml().possible and "nor is apt" in abilities.uml().why
+    assert not capabilities.uml().possible and "nor is apt" in capabilities.uml().why
 
 
 def test_without_lists_of_packages_it_says_how_to_get_them(

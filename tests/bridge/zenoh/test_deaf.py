@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bridge.native.frame import Frame
-from bridge.zenoh.release import release
+from bridge.zenoh.socket_release import release
 from cosim.base.clock import sleep, stopwatch
 from tests.bridge.zenoh.ends import IDENTIFIERS, opened
 from tests.bridge.zenoh.test_channel import free_ports

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cosim.analysis.trace import trace
+from cosim.analysis.memory_run import trace
 from cosim.cli.commands import app
 from cosim.engine.simulate import columns
 from cosim.record import Run

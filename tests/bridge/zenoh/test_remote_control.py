@@ -16,7 +16,7 @@ from bridge.node.run import Control
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Wired
 from bridge.zenoh.options import ZenohOptions
-from bridge.zenoh.remote import ask, command
+from bridge.zenoh.remote_control import ask, command
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import RunError

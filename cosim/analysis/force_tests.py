@@ -15,7 +15,7 @@ from cosim.analysis.frequency import PortGain, degree
 from cosim.analysis.manipulability import manipulability
 from cosim.analysis.network import RobotNetwork
 from cosim.analysis.quantity import Quantity, absent, quantity
-from cosim.analysis.recorded import least_feedback
+from cosim.analysis.recorded_numbers import least_feedback
 from cosim.base.errors import CosimError, RunError
 
 #: Length of a run with a push, s, by whether there are more than two arms.

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from cosim.base.errors import FmuError
+from cosim.fmi.isolated_worker import ANSWER, STEP
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
-from cosim.fmi.worker import ANSWER, STEP
 from cosim.native import fmu_log, structs
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _ROOT = Path(__file__).resolve().parents[2]
 _START = (
-    "import sys; sys.path.insert(0, sys.argv.pop(1)); from cosim.fmi.worker import main; "
+    "import sys; sys.path.insert(0, sys.argv.pop(1)); from cosim.fmi.isolated_worker import main; "
     "main(*(int(a) for a in sys.argv[1:4]))"
 )
 #: Seconds between two looks whether the run was asked to stop.

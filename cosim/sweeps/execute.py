@@ -21,7 +21,7 @@ from cosim.sweeps import figures
 from cosim.sweeps import store as stores
 from cosim.sweeps.axes import Listed
 from cosim.sweeps.design import Point, count, points
-from cosim.sweeps.perform import StudyRow, StudySetup, job, perform, preview
+from cosim.sweeps.run_point import StudyRow, StudySetup, job, perform, preview
 from cosim.sweeps.store import Store
 from cosim.sweeps.study import Study
 from cosim.sweeps.table import SweepTable

@@ -10,7 +10,7 @@ import numpy as np
 from cosim.analysis.closed_form import manipulability_bound, poles, quasi_static_poles
 from cosim.analysis.energy import effort, observer
 from cosim.analysis.facts import Arm, Array
-from cosim.analysis.felt import felt, is_the_hand
+from cosim.analysis.felt_impedance import felt, is_the_hand
 from cosim.analysis.manipulability import growth, manipulability, running_integral
 from cosim.analysis.network import RobotNetwork
 from cosim.analysis.port import PortSignals

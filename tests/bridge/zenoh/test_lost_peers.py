@@ -1,7 +1,7 @@
 """Who is there and silent."""
 
 from bridge.deployment.zenoh_keys import Names
-from bridge.zenoh.silence import Silence
+from bridge.zenoh.lost_peers import Silence
 
 S = 1_000_000_000
 SENDERS = {"p/a/c/m": "a", "p/a/heartbeat": "a", "p/b/heartbeat": "b"}

@@ -11,7 +11,7 @@ from bridge.native.bus import Bus
 from bridge.native.frame import Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
-from bridge.node import hearing
+from bridge.node import missing_inputs
 from bridge.replay import twin
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns, sleep, stopwatch
@@ -56,25 +56,25 @@ def master(tmp_path):
 def test_a_message_is_unheard_until_a_preview_of_it_has_come(tmp_path):
     made = Slave(tmp_path)
     with made.wired:
-        assert hearing.unheard(made.wired) == ["xi_slave from slave"]
+        assert missing_inputs.unheard(made.wired) == ["xi_slave from slave"]
         made.say(LifeState.INACTIVE)
         slots(made, 1)
-        assert hearing.unheard(made.wired) == []
+        assert missing_inputs.unheard(made.wired) == []
 
 
 def test_without_a_limit_of_silence_nothing_is_awaited(tmp_path):
     made = Slave(tmp_path, "deploy.silence=0")
     with made.wired:
-        assert hearing.unheard(made.wired) == []
+        assert missing_inputs.unheard(made.wired) == []
         slots(made, 1500)
-        assert hearing.silent(made.wired) == hearing.never(made.wired) == []
+        assert missing_inputs.silent(made.wired) == missing_inputs.never(made.wired) == []
 
 
 def test_an_input_may_be_waited_for_without_an_end(tmp_path):
     never = 'deploy.nodes.master.stale={"master_control.xi_in"={stop=0}}'
     made = Slave(tmp_path, "deploy.silence='0.3 s'", never)
     with made.wired:
-        assert hearing.unheard(made.wired) == []
+        assert missing_inputs.unheard(made.wired) == []
         made.struct.life.state = LifeState.ACTIVE
         slots(made, 1000)
         assert made.struct.life.state == LifeState.ACTIVE
@@ -82,18 +82,20 @@ def test_an_input_may_be_waited_for_without_an_end(tmp_path):
 
 def test_a_node_that_hears_nothing_stops_and_says_what_it_misses(master):
     slots(master, 300)
-    assert master.struct.life.state == LifeState.ACTIVE and hearing.silent(master.wired) == []
+    assert (
+        master.struct.life.state == LifeState.ACTIVE and missing_inputs.silent(master.wired) == []
+    )
     slots(master, 10)
     assert master.struct.life.state in (LifeState.STOPPING, LifeState.FAULT)
-    assert hearing.silent(master.wired) == ["xi_slave from slave for 0.31 s"]
-    assert hearing.never(master.wired) == ["xi_slave from slave"]
+    assert missing_inputs.silent(master.wired) == ["xi_slave from slave for 0.31 s"]
+    assert missing_inputs.never(master.wired) == ["xi_slave from slave"]
 
 
 def test_what_was_heard_once_is_missed_from_then_on(master):
     for k in range(40):
         master.say(LifeState.ACTIVE, k, k * 5e-3)
     slots(master, 200)
-    assert hearing.never(master.wired) == []
+    assert missing_inputs.never(master.wired) == []
     slots(master, 290)
     assert master.struct.life.state == LifeState.ACTIVE
     slots(master, 20)
@@ -102,15 +104,15 @@ def test_what_was_heard_once_is_missed_from_then_on(master):
 
 def test_who_has_finished_is_not_missed(master):
     slots(master, 400)
-    assert hearing.silent(master.wired)
+    assert missing_inputs.silent(master.wired)
     master.wired.peers["slave"].state = LifeState.FINISHED
-    assert hearing.silent(master.wired) == []
+    assert missing_inputs.silent(master.wired) == []
 
 
 def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_path):
     with Slots(named("can", STEP, "run.stop=2"), "master", tmp_path) as slots:
         slots.begin()
-        assert hearing.unheard(slots.wired) == ["LINK_2 from master_control"]
+        assert missing_inputs.unheard(slots.wired) == ["LINK_2 from master_control"]
         codec = slots.system.messages["LINK_2"].encoding
         for k in range(60):
             header = Header(
@@ -119,7 +121,7 @@ def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_pa
             slots.put("left", codec.frame([0.0] * 4, header), k * 5e-3 + 6e-4)
             slots.step()
         assert slots.wired.receivers["LINK_2"].ok > 50
-        assert hearing.unheard(slots.wired) == hearing.never(slots.wired) == []
+        assert missing_inputs.unheard(slots.wired) == missing_inputs.never(slots.wired) == []
 
 
 def test_torques_of_a_node_in_fault_are_heard(tmp_path):
@@ -131,17 +133,17 @@ def test_torques_of_a_node_in_fault_are_heard(tmp_path):
         twin.run(system, nodes)
         assert nodes["master_control"].struct.life.state == LifeState.FAULT
         assert nodes["master"].receivers["LINK_2"].ok > 300
-        assert hearing.silent(nodes["master"]) == []
+        assert missing_inputs.silent(nodes["master"]) == []
 
 
 def test_a_node_whose_peer_waits_for_its_start_is_not_deaf(master):
     slots(master, 310)
-    assert hearing.silent(master.wired)
+    assert missing_inputs.silent(master.wired)
     master.say(LifeState.INACTIVE, 0, 0.31)
     slots(master, 1)
-    assert hearing.silent(master.wired) == []
+    assert missing_inputs.silent(master.wired) == []
     slots(master, 310)
-    assert hearing.silent(master.wired) == ["xi_slave from slave for 0.311 s"]
+    assert missing_inputs.silent(master.wired) == ["xi_slave from slave for 0.311 s"]
 
 
 def test_who_is_heard_but_refused_is_not_said_to_be_silent_only(master):
@@ -153,9 +155,9 @@ def test_who_is_heard_but_refused_is_not_said_to_be_silent_only(master):
 
 
 def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path, monkeypatch):
-    monkeypatch.setattr(hearing, "REPEAT", 0.02)
+    monkeypatch.setattr(missing_inputs, "REPEAT", 0.02)
     made, said = Slave(tmp_path), []
-    with made.wired, hearing.watched(made.wired, said.append, lambda: {"event": "ready"}):
+    with made.wired, missing_inputs.watched(made.wired, said.append, lambda: {"event": "ready"}):
         within(lambda: len(said) > 1)
         assert said[0] == {"event": "waiting", "for": ["xi_slave from slave"]}
         made.say(LifeState.INACTIVE)
@@ -165,7 +167,7 @@ def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path
 
 def test_a_supervisor_is_told_once_what_is_heard_no_more(master):
     said = []
-    with hearing.watched(master.wired, said.append, lambda: {"event": "ready"}):
+    with missing_inputs.watched(master.wired, said.append, lambda: {"event": "ready"}):
         slots(master, 310)
         within(lambda: len(said) > 1)
         sleep(0.1)
@@ -183,9 +185,11 @@ def within(true, seconds=20.0):
 def test_who_is_required_and_not_there_is_named(tmp_path):
     made = Slave(tmp_path, 'deploy.nodes.master.requires=["slave"]')
     with made.wired:
-        assert "a heartbeat of slave" in hearing.unheard(made.wired)
+        assert "a heartbeat of slave" in missing_inputs.unheard(made.wired)
         peer = made.wired.peers["slave"]
         peer.state, peer.heartbeat.last_ns = LifeState.INACTIVE, monotonic_ns()
-        assert "a heartbeat of slave" not in hearing.unheard(made.wired)
+        assert "a heartbeat of slave" not in missing_inputs.unheard(made.wired)
         peer.state = LifeState.FAULT
-        assert "a heartbeat of slave in another state than FAULT" in hearing.unheard(made.wired)
+        assert "a heartbeat of slave in another state than FAULT" in missing_inputs.unheard(
+            made.wired
+        )

@@ -20,7 +20,7 @@ from bridge.native.bus import TrafficStruct, traffic_add
 from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import bringer, keep_thread
 from bridge.zenoh.access import MONITOR
-from bridge.zenoh.attach import rules_of, traffic_of
+from bridge.zenoh.node_channel import rules_of, traffic_of
 from bridge.zenoh.options import ZenohOptions, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
 from bridge.zenoh.session import close_session, configure, open_session

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis import declared
+from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Metric, MetricResult, evaluate
 from cosim.analysis.preview import Preview
 from cosim.analysis.signals import Signals
@@ -95,7 +95,7 @@ def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     plan = assemble(scenario)
     units: dict[str, str] = {}
     known = Preview({c.name: c.unit for c in _recorded(scenario, plan)})
-    for result in evaluate(declared.metrics(scenario), known):
+    for result in evaluate(declared_metrics.metrics(scenario), known):
         for name, _ in _named(result):
             units[name] = _unit(result, name)
     for name in job.stable:
@@ -131,7 +131,7 @@ def perform(job: StudySetup, point: Point) -> StudyRow:
 def _measure(job: StudySetup, point: Point) -> tuple[MetricResult, ...]:
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)
-    metrics = declared.metrics(scenario)
+    metrics = declared_metrics.metrics(scenario)
     signals: Signals
     if job.keep is not None:
         folder = job.keep / point.run

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bridge.deployment import zenoh_keys
 from bridge.deployment.system import load_system
 from bridge.native.message import Decoded, E2EProfile, Header
-from bridge.zenoh.attach import traffic_of
+from bridge.zenoh.node_channel import traffic_of
 from cosim.base.errors import ScenarioError
 
 CONFIGS = Path(__file__).parents[3] / "configs"

@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import Alike
+from cosim.fmi.clock_start import Ticking, intervals, set_intervals
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 from cosim.native import fmu_log, structs
 

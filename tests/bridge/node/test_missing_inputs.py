@@ -150,7 +150,7 @@ def test_who_is_heard_but_refused_is_not_said_to_be_silent_only(master):
     for k in range(70):
         master.say(LifeState.ACTIVE, k, k * 5e-3, xi=1e6)
     slots(master, 320)
-    (said,) = hearing.silent(master.wired)
+    (said,) = missing_inputs.silent(master.wired)
     assert said.startswith("xi_slave from slave for 0.3") and "range)" in said
 
 

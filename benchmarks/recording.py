@@ -33,83 +33,18 @@ from typing import Any
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import tables
+from benchmarks.recording_work import ALONE, COMMAND, ENGINE, MEMORY
 from benchmarks.teleoperation import Environment, environment
 
-ROOT = Path(__file__).resolve().parents[1]
-CONFIG = ROOT / "configs" / "teleoperation.toml"
-AS_IT_IS, AGAIN, MEMORY, ALONE = "as it is", "as it is, again", "in memory", "in memory, alone"
+WORK = Path(__file__).with_name("recording_work.py")
+AS_IT_IS, AGAIN = "as it is", "as it is, again"
 #: The variants of a case; ratios are to the third.
 CASES = {
-    "`cosim run --no-plot`": (AS_IT_IS, AGAIN, MEMORY, ALONE),
-    "engine, about 10 s": (AS_IT_IS, AGAIN, MEMORY),
+    COMMAND: (AS_IT_IS, AGAIN, MEMORY, ALONE),
+    ENGINE: (AS_IT_IS, AGAIN, MEMORY),
 }
-COMMAND, ENGINE = CASES
 GOAL = 1.03  # of the median of ratios to MEMORY
 STATED = 1.96  # standard deviations either side of 95 %
-
-
-def forget() -> None:
-    """Make this process keep what it records in memory until the run ends."""
-    import mmap
-
-    import numpy as np
-
-    from cosim.engine import simulate
-    from cosim.links import writer
-    from cosim.links.storage import GROUP
-    from cosim.record import live
-
-    class Table(writer.TableWriter):
-        def __init__(self, path: Path, facts: Any) -> None:
-            self._path, self._facts, self._kept = path, facts, list[Any]()
-
-        def write(self, rows: Any) -> None:
-            self._kept.append(np.array(rows, np.int32))
-
-        def close(self) -> None:
-            rows = np.concatenate(self._kept)
-            groups = (rows[i : i + GROUP] for i in range(0, rows.size, GROUP))
-            writer.write_groups(self._path, self._facts, groups)
-
-    written = simulate.write_metadata
-    simulate.TableWriter = Table  # type: ignore[misc]
-    simulate.write_metadata = lambda *a, indented=True: indented and written(*a)  # type: ignore[assignment]
-    live.mapped = lambda path, size: (mmap.mmap(-1, size), -1)
-
-
-def work(case: str, variant: str, folder: str, stop: str) -> None:
-    """One run, in this process; of the engine, its processor and wall seconds are printed."""
-    import time
-
-    from cosim.cli.supervise import supervised
-
-    def prepare() -> None:
-        from cosim.engine import simulate
-        from cosim.links import writer
-        from cosim.record import live
-
-        del simulate, writer, live
-        if variant in (MEMORY, ALONE):
-            forget()
-
-    def command() -> None:
-        prepare()
-        from cosim.cli.commands import command
-
-        sys.argv = ["cosim", "run", str(CONFIG), "--no-plot", "--out", folder]
-        sys.argv += ["--set", f"run.stop={stop}"]
-        command()
-
-    if case == COMMAND:
-        sys.exit(command() if variant == ALONE else supervised(command))
-    prepare()
-    from cosim.engine.simulate import simulate
-    from cosim.scenario.spec import load
-
-    scenario = load(CONFIG, [f"run.stop={stop}"])
-    cpu, wall = time.process_time(), time.perf_counter()
-    simulate(scenario, folder)
-    print(json.dumps([time.process_time() - cpu, time.perf_counter() - wall]))
 
 
 def measured(case: str, variant: str, stop: str, env: Environment) -> tuple[float, float]:
@@ -117,7 +52,7 @@ def measured(case: str, variant: str, stop: str, env: Environment) -> tuple[floa
     import time
 
     with TemporaryDirectory(dir=Path.cwd(), prefix="recording-") as folder:
-        call = [sys.executable, __file__, "--work", case, variant, f"{folder}/run", stop]
+        call = [sys.executable, str(WORK), case, variant, f"{folder}/run", stop]
         begin = time.perf_counter()
         process = subprocess.Popen(call, env=env, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         assert process.stdout is not None
@@ -176,16 +111,14 @@ def rows(times: dict[str, list[list[float]]]) -> list[list[str]]:
 def main() -> None:
     """Measure and print a table; exit code 1 where a cost is surely above the goal."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=40, help="of the command")
-    parser.add_argument("--long", type=int, default=12, help="rounds of the engine's run")
+    parser.add_argument("--rounds", type=int, default=40, help="of the command; 0: none")
+    parser.add_argument(
+        "--long", type=int, default=12, help="rounds of the engine's run; 0: leave it out"
+    )
     parser.add_argument("--stop", default="10000", help="simulated seconds of the engine's run")
     parser.add_argument("--quick", action="store_true", help="shows only that everything runs")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers here")
-    parser.add_argument("--work", nargs=4, help=argparse.SUPPRESS)
     said = parser.parse_args()
-    if said.work:
-        work(*said.work)
-        return
     machine, dear = tables.machine(), False
     found: dict[str, Any] = {}
     print(f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, Python "
@@ -196,9 +129,15 @@ def main() -> None:
         for case, rounds, stop in (
             (COMMAND, said.rounds, "60"), (ENGINE, said.long, said.stop)
         ):  # fmt: skip
+            if not rounds:
+                continue
             short = (2, "2") if said.quick else (rounds, stop)
             times = found[case] = run(case, *short, env)
-            head = [f"{case}, {short[0]} rounds", "processor s, median / p99", "wall s, likewise"]
+            head = [
+                f"{case}, {short[1]} s, {short[0]} rounds",
+                "processor s, median / p99",
+                "wall s, likewise",
+            ]
             head += ["ratio to *in memory*, median of rounds (95 %)", "ratio of medians"]
             print(tables.grid(head, rows(times)) + "\n")
             ratios = [a[0] / b[0] for a, b in zip(times[AS_IT_IS], times[MEMORY], strict=True)]

@@ -11,6 +11,7 @@ import numpy as np
 from cosim.links.storage import load_table
 from cosim.record import Run, verify
 from cosim.record.recover import unfinished
+from cosim.sweeps.store import rows
 
 #: How the sentence of a command begins.
 SENTENCES = ("error: ", "interrupted")
@@ -35,7 +36,13 @@ def judge(here: Path, found: Mapping[str, object], whole: Path | None = None) ->
             assert not any("Traceback" in line for line in said), found
         for folder in recorded_folders(here):
             other = None if whole is None else whole / folder.relative_to(here)
-            compared(folder, other, complete=found["code"] == 0)
+            complete = found["code"] == 0 and not reason(here, folder)
+            compared(folder, other, complete=complete)
+
+
+def reason(here: Path, folder: Path) -> str:
+    """Why a run of a sweep failed, which is a row of a complete sweep; "" for any other run."""
+    return "" if folder.parent.name != "runs" else str(rows(here)[folder.name]["reason"])
 
 
 def recorded_folders(here: Path) -> Iterator[Path]:
@@ -63,9 +70,9 @@ def compared(folder: Path, whole: Path | None, *, complete: bool) -> None:
         mine, its = run.column(name)[same], other.column(name)[:n][same]
         assert np.array_equal(mine, its, equal_nan=True), f"{folder}: {name}"
     for link, path in run.link_tables.items():
-        rows, of_whole = load_table(path)[1], load_table(other.link_tables[link])[1]
-        assert np.array_equal(rows, of_whole[: len(rows)]), f"{folder}: {link}"
-        assert len(rows) == len(of_whole) or not complete, f"{folder}: {link}"
+        held, of_whole = load_table(path)[1], load_table(other.link_tables[link])[1]
+        assert np.array_equal(held, of_whole[: len(held)]), f"{folder}: {link}"
+        assert len(held) == len(of_whole) or not complete, f"{folder}: {link}"
 
 
 def readable(folder: Path) -> bool:

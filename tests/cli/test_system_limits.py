@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from cosim.record import Run
+from tests.bridge.zenoh.rehearsed import sockets
 from tests.cli.command import CALL, CONFIG, ROOT
 from tests.cli.outcomes import judge
 
@@ -33,6 +34,10 @@ exit $code
 """
 RUN = ("run", str(CONFIG), "--quiet", "--no-plot")
 TWIN = ("run", str(CONFIG), "--deploy", "can", "--quiet", "--no-plot")
+LOCKSTEP = (
+    "rehearse", str(CONFIG), "--deploy", "zenoh", "--clock", "lockstep", "--quiet", "--no-plot",
+    "--no-twin", "--set", "run.stop=0.5",
+)  # fmt: skip
 
 
 def call(words: Sequence[str], cwd: Path, **environment: str) -> dict[str, object]:
@@ -76,6 +81,9 @@ def on_a_disk(folder: Path, size: str, taken: str, words: Sequence[str]) -> dict
                 ("1m", "0", TWIN),
                 ("60m", "0", TWIN),
                 ("70m", "0", TWIN),
+                ("100k", "100k", LOCKSTEP),
+                ("100k", "0", LOCKSTEP),
+                ("700k", "0", LOCKSTEP),
             )
         ),
     ],
@@ -83,6 +91,9 @@ def on_a_disk(folder: Path, size: str, taken: str, words: Sequence[str]) -> dict
 def test_a_disk_that_is_full_or_fills_up(
     tmp_path: Path, size: str, taken: str, words: Sequence[str], code: int | None
 ) -> None:
+    if words is LOCKSTEP:
+        here = sockets(("master", "slave"), tmp_path)
+        words = [*words, *(word for setting in here for word in ("--set", setting))]
     found = on_a_disk(tmp_path, size, taken, words)
     judge(tmp_path / "kept" / "here", found)
     assert found["code"] == code or code is None, found

@@ -10,15 +10,25 @@ from cosim.native import structs
 
 
 class Alike:
-    """State, end and addresses of an instance. `STATE`, `HOT`: names of functions, without prefix.
+    """Status, state, end and addresses of an instance.
 
-    `HOT`: to set reals, to step, to get reals.
+    `STATE` and `HOT` are names of functions, without prefix; `HOT`: those that set reals, step and
+    get reals.
     """
 
     STATE: ClassVar[str]
     HOT: ClassVar[tuple[str, str, str]]
     handle: int
     _calls: Calls
+
+    @property
+    def broken(self) -> int:
+        """ERROR or FATAL where one was returned; else OK."""
+        return self._calls.broken
+
+    def returned(self, status: int) -> None:
+        """Take note of a status that the engine got."""
+        self._calls.returned(status)
 
     def get_state(self) -> int:
         """``fmi2GetFMUstate``, ``fmi3GetFMUState``."""

@@ -60,15 +60,6 @@ class Instance2(Alike):
         if not self.handle:
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {'; '.join(self.log.tail())}")
 
-    @property
-    def broken(self) -> int:
-        """ERROR or FATAL where one was returned; else OK."""
-        return self._calls.broken
-
-    def returned(self, status: int) -> None:
-        """Take note of a status that the engine got."""
-        self._calls.returned(status)
-
     def setup(self, t0: float) -> None:
         """Set up the experiment (§2.1.6 of FMI 2.0.5), without tolerance and stop time."""
         setup = self._calls.checked(

@@ -47,15 +47,6 @@ class Instance3(Alike):
             lines = "; ".join(self.log.tail())
             raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
 
-    @property
-    def broken(self) -> int:
-        """ERROR or FATAL where one was returned; else OK."""
-        return self._calls.broken
-
-    def returned(self, status: int) -> None:
-        """Take note of a status that the engine got."""
-        self._calls.returned(status)
-
     def setup(self, t0: float) -> None:
         """FMI 3.0 sets up an experiment when it enters Initialization Mode."""
 

@@ -194,7 +194,7 @@ def test_what_cannot_be_is_refused(
 
 # ---- the end of the process ---------------------------------------------------------------------
 
-SLOW = "settings = [\"components.gain.parameters.wait='30 ms'\"]\n" + STUDY
+SLOW = "settings = [\"components.gain.parameters.wait='100 ms'\"]\n" + STUDY
 SLOW += "range = [1, 40]\ncount = 40\n"
 
 
@@ -222,7 +222,7 @@ def resumed(cosim: Command, folder: Path, there: list[dict]) -> None:
 def test_killed_in_the_middle_it_goes_on_where_it_was(cosim: Command, tmp_path: Path) -> None:
     process = begun(tmp_path, 5, "--jobs", "2")
     process.send_signal(signal.SIGKILL)
-    process.communicate(timeout=20)  # the workers have let go of its pipes: they have ended
+    process.communicate(timeout=60)  # the workers have let go of its pipes: they have ended
     there = journal(tmp_path / "here")
     assert 5 <= len(there) < 40
     resumed(cosim, tmp_path, there)
@@ -231,7 +231,7 @@ def test_killed_in_the_middle_it_goes_on_where_it_was(cosim: Command, tmp_path: 
 def test_ctrl_c_ends_cleanly(cosim: Command, tmp_path: Path) -> None:
     process = begun(tmp_path, 5, "--jobs", "2")
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     assert "--resume goes on" in err
     assert "Traceback" not in err

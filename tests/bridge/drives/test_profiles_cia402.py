@@ -126,7 +126,7 @@ def test_a_pdo_of_ours_arrives_in_the_drive_s_objects(
                 is_extended_id=False,
             )
         )  # fmt: skip
-        assert drive.node.rpdo[1].wait_for_reception(timeout=5)
+        assert drive.node.rpdo[1].wait_for_reception(timeout=60)
     received = drive.node.rpdo[1]
     assert [variable.raw for variable in received.map] == [0x0F, 10, 123]
 

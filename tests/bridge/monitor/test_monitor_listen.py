@@ -57,7 +57,7 @@ def encoded(encoding, values, status=0, counter=0):
 
 def taken(listener, n):
     """Take n frames; they come through a thread."""
-    end, got = monotonic_ns() + 5 * SECOND, 0
+    end, got = monotonic_ns() + 20 * SECOND, 0
     while got < n and monotonic_ns() < end:
         got += listener.take(monotonic_ns())
         sleep(0.005)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -185,8 +186,14 @@ def test_a_step_that_hangs_can_be_stopped(nasty: Path) -> None:
                    options=FmuOptions(isolate=True))  # fmt: skip
     with Engine(plan) as engine:
         engine.initialize()
-        timer = threading.Timer(0.3, engine.stop)
-        timer.start()
+
+        def stop() -> None:
+            while engine.tick < 3:  # the first step that hangs
+                sleep(0.01)
+            engine.stop()
+
+        thread = threading.Thread(target=stop, daemon=True)
+        thread.start()
         with pytest.raises(RunError, match="doStep was stopped and was ended"):
             engine.run(10)
-        timer.join()
+        thread.join()

@@ -183,7 +183,7 @@ def test_buffer_waits_until_one_has_been_written(
     add = groups.GroupWriter.add
 
     def slow(self: groups.GroupWriter, rows: np.ndarray, k0: int) -> None:
-        assert gate.wait(10)
+        assert gate.wait(60)
         add(self, rows, k0)
 
     monkeypatch.setattr(groups.GroupWriter, "add", slow)
@@ -203,7 +203,7 @@ def test_buffer_waits_until_one_has_been_written(
         thread.start()
         assert not got.wait(0.05)
         gate.set()
-        thread.join(10)
+        thread.join(60)
     assert Run.open(tmp_path).column("b.tau").tolist() == [0, 1, 2, 3]
 
 

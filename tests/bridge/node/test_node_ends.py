@@ -191,9 +191,11 @@ def test_values_that_do_not_fit_their_message_are_told(request, tmp_path):
 
     def listen(control):
         control.start(monotonic_ns() + 200_000_000)
+        until(lambda: control._struct.slot > 10)
+        control.quit()
 
     system = load_system(
-        TELEOPERATION, "can", changes(request.node.name, "run.stop=0.05", "deploy.silence=0", far)
+        TELEOPERATION, "can", changes(request.node.name, "run.stop=600", "deploy.silence=0", far)
     )
     options = NodeOptions(Life("master"), tmp_path, warm_up=0.0, realtime=False)
     report = run_node(system, options, lambda event: None, listen)

@@ -15,7 +15,7 @@ from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node.control import Control
-from bridge.node.hearing import unheard
+from bridge.node.missing_inputs import unheard
 from bridge.wiring.wiring import Wired
 from cosim.base.clock import monotonic_ns
 from tests.bridge.deployments import TELEOPERATION

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from bridge.can.health import BusHealth, bus_health, interface_counters
 from bridge.can.interface import CanBusSpec, attach, configuration, parse_spec
-from bridge.can.ringed import RingedInterface
 from bridge.can.socket import BusError
+from bridge.can.threaded import RingedInterface
 from bridge.native import frame as frames
 from bridge.native.bus import Accept, Bus, BusKind, BusState, TrafficStruct, traffic_add
 from bridge.native.frame import Flags, Frame, Ring

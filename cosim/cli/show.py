@@ -111,12 +111,9 @@ def _ports(slots: Sequence[Slot]) -> str:
 
 
 def _model(step: Step) -> str:
-    from cosim.fmi import FmuComponent
+    from cosim.fmi.components import model_name
 
-    component = step.component
-    if isinstance(component, FmuComponent):
-        return f"{component.archive.path.name}, FMI {component.description.fmi}"
-    return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
+    return model_name(step.component)
 
 
 def _order(plan: Plan) -> list[list[str]]:

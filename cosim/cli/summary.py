@@ -23,9 +23,9 @@ _WIDTH = 16
 
 def header(scenario: Scenario, plan: Plan) -> str:
     """What is about to run."""
-    from cosim.fmi import FmuComponent
+    from cosim.fmi.components import fmus_in
 
-    fmus = sum(isinstance(c.component, FmuComponent) for c in plan.components)
+    fmus = fmus_in(c.component for c in plan.components)
     parts = [
         f"{n} {what}{'s' if n > 1 else ''}"
         for n, what in (

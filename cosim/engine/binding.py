@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
-from cosim.fmi import FmuComponent, access_order
+from cosim.fmi import access_order
+from cosim.fmi.component import FmuComponent
+from cosim.fmi.components import fmu_of, terminated_at
 from cosim.fmi.failures import starting
 from cosim.fmi.isolated import RemoteInstance, RemoteStep
 from cosim.fmi.layout import StepLayout, bind, late
@@ -104,13 +106,14 @@ class Binding:
         unit = structs.UnitStruct(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
-        if isinstance(step.component, FmuComponent):
+        fmu = fmu_of(step.component)
+        if fmu is not None:
             layout = access_order.layout(
-                step.component, h, lag, step.period, unit.input, unit.output, self._slopes(step)
+                fmu, h, lag, step.period, unit.input, unit.output, self._slopes(step)
             )
-            if step.component.remote is None:
-                return bind(step.component.instance, layout, self._alive)
-            function = self._remote_call_back(index, step, layout, step.component.remote)
+            if fmu.remote is None:
+                return bind(fmu.instance, layout, self._alive)
+            function = self._remote_call_back(index, step, layout, fmu, fmu.remote)
         else:
             function = self._call_back(index, step)
         call = structs.CALL(function)
@@ -128,10 +131,9 @@ class Binding:
         }
 
     def _remote_call_back(
-        self, index: int, step: Step, layout: StepLayout, remote: RemoteInstance
+        self, index: int, step: Step, layout: StepLayout, fmu: FmuComponent, remote: RemoteInstance
     ) -> Callable[[int, float, float], int]:
-        assert isinstance(step.component, FmuComponent)
-        there = access_order.isolated(step.component, layout)
+        there = access_order.isolated(fmu, layout)
         stepped = RemoteStep(remote, layout, there, self.signals)
         remote.stopping = lambda: bool(self.state.stop)
 
@@ -159,9 +161,7 @@ class Binding:
         if result in ENDS:
             at = self.units[index].reached
         elif result is EngineResult.STEP and self.state.failed_status == DISCARD:
-            component = self.plan.components[index].component
-            assert isinstance(component, FmuComponent)
-            at = component.instance.terminated()
+            at = terminated_at(self.plan.components[index].component)
         return None if at is None else Termination(self.plan.components[index].name, at)
 
     def _call_back(self, index: int, step: Step) -> Callable[[int, float, float], int]:
@@ -193,9 +193,9 @@ class Binding:
         """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
         found = {}
         for step, unit in zip(self.plan.components, self.units, strict=True):
-            if isinstance(step.component, FmuComponent):
-                remote = step.component.remote
-                count, most = late(unit) if remote is None else remote.late()
+            fmu = fmu_of(step.component)
+            if fmu is not None:
+                count, most = late(unit) if fmu.remote is None else fmu.remote.late()
                 if count:
                     found[step.name] = count, most
         return found

@@ -18,9 +18,8 @@ from cosim.base.errors import RunError
 from cosim.base.interrupts import deferred
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
-from cosim.fmi import FmuComponent
+from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
-from cosim.fmi.library import FATAL, OK, WARNING
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import EngineResult
@@ -74,8 +73,7 @@ class Engine:
         self._streams = [link.table.stream() for link in self.plan.links]
         self._played = [player.source.stream() for player in self.plan.players]
         for step in self.plan.components:
-            if isinstance(step.component, FmuComponent):
-                step.component.begin = tick * self.plan.h
+            components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
         self._bound.bind(tick)
 
@@ -187,8 +185,7 @@ class Engine:
         return {
             f"{step.name}.{port}": found
             for step in self.plan.components
-            if isinstance(step.component, FmuComponent)
-            for port, found in step.component.results().items()
+            for port, found in components.texts(step.component).items()
         }
 
     def late(self) -> dict[str, tuple[int, float]]:
@@ -200,7 +197,7 @@ class Engine:
         return {
             step.name: text
             for step in self.plan.components
-            if isinstance(step.component, FmuComponent) and (text := step.component.log_text())
+            if (text := components.log_text(step.component))
         }
 
     def save_logs(self, folder: Path) -> None:
@@ -213,13 +210,10 @@ class Engine:
 
         After a fatal status the standard forbids every call to any instance of that FMU.
         """
-        fmus = [s.component for s in self.plan.components if isinstance(s.component, FmuComponent)]
-        status, failed = self._state.failed_status, self._state.failed_index
-        if status not in (OK, WARNING):  # of a step, by an FMU
-            self.plan.components[failed].component.instance.returned(status)
-        fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}
-        for x in fmus:
-            x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
+        state = self._state
+        components.close(
+            [s.component for s in self.plan.components], state.failed_index, state.failed_status
+        )
 
 
 def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:

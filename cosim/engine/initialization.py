@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.errors import RunError
 from cosim.engine.binding import Termination, Vector, Views, store
-from cosim.fmi import FmuComponent
+from cosim.fmi.components import exit_initialization, is_fmu
 from cosim.fmi.failures import starting
 from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
 
@@ -84,20 +84,16 @@ def _exits(plan: Plan) -> list[int]:
     An output that changes then is seen by those that are still in it.
     """
     place = {name: i for i, name in enumerate(plan.order)}
-    fmus = [i for i, s in enumerate(plan.components) if isinstance(s.component, FmuComponent)]
+    fmus = [i for i, s in enumerate(plan.components) if is_fmu(s.component)]
     return sorted(fmus, key=lambda i: place.get(plan.components[i].name, -1))
 
 
 def _exit(step: Step, outputs: Views) -> Termination | None:
-    assert isinstance(step.component, FmuComponent)
     with starting(step.name):
-        for port, value in step.component.exit_initialization().items():
+        found, ended = exit_initialization(step.component)
+        for port, value in found.items():
             outputs[port][...] = value
-        return (
-            Termination(step.name, step.component.begin)
-            if step.component.instance.has_ended()
-            else None
-        )
+        return None if ended is None else Termination(step.name, ended)
 
 
 def _check(plan: Plan, signals: Vector) -> None:

@@ -19,7 +19,7 @@ from cosim.base.errors import Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import deferred
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
-from cosim.fmi import FmuComponent
+from cosim.fmi.components import facts
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
@@ -245,9 +245,7 @@ def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "order": list(plan.later if plan.algorithm == "gauss-seidel" else plan.order),
         "versions": versions(),
         "fmus": {
-            c.name: c.component.facts()
-            for c in plan.components
-            if isinstance(c.component, FmuComponent)
+            c.name: found for c in plan.components if (found := facts(c.component)) is not None
         },
         "weights": {p.target.name: p.source.facts() for p in plan.players},
         "links": {x.name: x.table.facts() for x in plan.links},

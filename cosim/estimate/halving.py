@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, RunError
 from cosim.engine.engine import Engine
-from cosim.fmi import FmuComponent
+from cosim.fmi.components import free_state
 from cosim.fmi.failures import sentence
 from cosim.schedule.plan import Plan, Slot, Step
 
@@ -54,8 +54,7 @@ def again(behind: Engine, group: StepGroup, used: Vector, tick: int, parts: int)
     finally:
         for step, state in zip(group.steps, saved, strict=True):
             step.component.set_state(state)
-            if isinstance(step.component, FmuComponent):
-                step.component.instance.free_state(state)  # type: ignore[arg-type]
+            free_state(step.component, state)
     return signals
 
 

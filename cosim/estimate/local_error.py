@@ -30,7 +30,7 @@ import numpy as np
 from cosim.base.errors import RunError
 from cosim.engine.engine import Engine
 from cosim.estimate.halving import StepGroup, Vector, again, extent, outputs
-from cosim.fmi import FmuComponent
+from cosim.fmi.components import why_not_in_parts
 from cosim.schedule.plan import Plan, Step
 
 #: Differences below this many rounding errors of the largest value say nothing.
@@ -135,23 +135,9 @@ def _unable(plan: Plan) -> dict[str, str]:
 
 
 def _reason(step: Step) -> str:
-    component = step.component
     if step.extrapolate:
         return "its inputs are extrapolated over a step: in halves it would be given others"
-    if isinstance(component, FmuComponent):
-        flags, two = component.description.flags, component.description.fmi == "2.0"
-        save = "canGetAndSetFMUstate" if two else "canGetAndSetFMUState"
-        vary = "canHandleVariableCommunicationStepSize"
-        if not flags.get(save):
-            return f"cannot save its state ({save})"
-        if not flags.get(vary):
-            return f"cannot do a step in halves ({vary})"
-        clocks = component.events and any(
-            v.type == "Clock" for v in component.description.variables
-        )
-        return "has clocks" if clocks else ""
-    missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
-    return f"cannot save its state (no {' and no '.join(missing)})" if missing else ""
+    return why_not_in_parts(step.component)
 
 
 def _groups(plan: Plan, left_out: Mapping[str, str]) -> list[StepGroup]:

@@ -12,7 +12,8 @@ from typing import Any
 from cosim.base.component import Component, Parameter, Port
 from cosim.base.convert import numbers
 from cosim.base.errors import FmuError, PlanError, ScenarioError
-from cosim.fmi import FmuComponent
+from cosim.fmi.component import FmuComponent
+from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
 from cosim.scenario import connect
 from cosim.scenario.models import load_component
 from cosim.scenario.spec import ComponentSpec, Scenario
@@ -50,7 +51,6 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")
-        fmu = component if isinstance(component, FmuComponent) else None
         inputs, start = _slots(name, component.inputs, start)
         outputs, start = _slots(name, component.outputs, start)
         values, starts = _values(spec, component, presets, place)
@@ -65,8 +65,8 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
                 outputs=outputs,
                 start=starts,
                 extrapolate=spec.extrapolate == "linear",
-                discrete=fmu.discrete if fmu else frozenset(),
-                sloped=fmu.sloped if fmu else frozenset(),
+                discrete=discrete_inputs(component),
+                sloped=sloped_inputs(component),
             )
         )
     return steps
@@ -96,7 +96,7 @@ def _values(
     given |= {k: (v, f"{place}.start.{k}") for k, v in spec.start.items()}
     values: dict[str, tuple[float, ...]] = {}
     starts: dict[str, tuple[float, ...]] = {}
-    fmu = component if isinstance(component, FmuComponent) else None
+    fmu = fmu_of(component)
     for key, (value, where) in given.items():
         if fmu is not None and key in fmu.taken:
             continue

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import Unit, conversion
-from cosim.fmi import FmuComponent
+from cosim.fmi.components import is_text, unit_of
 from cosim.scenario.spec import LinkSpec, Scenario, WireSpec
 from cosim.schedule.plan import Link, Player, Slot, Step, Wire
 
@@ -57,7 +57,7 @@ class ScenarioComponents:
         slot = self.slots[causality].get(f"{name}.{port}")
         if slot is None:
             component = self.steps[name].component
-            if isinstance(component, FmuComponent) and component.is_text(port):
+            if is_text(component, port):
                 raise ScenarioError(
                     f"{name}.{port} is a String or Binary variable; expected a number or Boolean: "
                     "texts are set at the start and kept with the run, not wired",
@@ -138,10 +138,7 @@ def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> t
 
 
 def _unit(parts: ScenarioComponents, slot: Slot) -> str | Unit:
-    component = parts.steps[slot.component].component
-    if isinstance(component, FmuComponent):
-        return component.description.units.get(slot.unit, slot.unit)
-    return slot.unit
+    return unit_of(parts.steps[slot.component].component, slot.unit)
 
 
 # ---- links ----------------------------------------------------------------------------------

@@ -15,7 +15,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.base.errors import ScenarioError
-from cosim.fmi import FmuComponent
+from cosim.fmi import components
+from cosim.fmi.component import FmuComponent
 from cosim.fmi.ports import VariableGroup
 from cosim.scenario.spec import Scenario, as_data
 from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
@@ -196,21 +197,22 @@ class _Packer:
 def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
     """The FMU of a component. Raises ScenarioError for one that SSP 1.0 cannot hold."""
     place = scenario.place("components", step.name, "model")
-    if not isinstance(step.component, FmuComponent):
+    fmu = components.fmu_of(step.component)
+    if fmu is None:
         model = scenario.components[step.name].model
         raise ScenarioError(
             f"{model} is a Python component, and an SSP holds FMUs; `fmus build {model}` makes one "
             "of it that needs Python where it runs",
             place,
         )
-    for group in _carried(step.component):
+    for group in _carried(fmu):
         if group.first.shape:
             raise ScenarioError(
                 f"{group.name} is an array of FMI 3.0, which SSP 1.0 has no connectors for; "
                 'expected fmi = "2.0"',
                 place,
             )
-    return step.component
+    return fmu
 
 
 def _carried(fmu: FmuComponent) -> list[VariableGroup]:

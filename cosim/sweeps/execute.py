@@ -13,7 +13,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.interrupts import deferred
 from cosim.engine.simulate import versions
-from cosim.fmi import FmuComponent
+from cosim.fmi import components
 from cosim.native import structs
 from cosim.record.folder import SUMS, replace_file
 from cosim.schedule.plan import Plan
@@ -166,9 +166,9 @@ def _at(place: str) -> Iterator[None]:
 def _fingerprint(scenario: Path, plan: Plan) -> str:
     """A hash of what all runs share: the scenario's text, and the FMUs of the first run."""
     facts = {
-        step.name: step.component.facts()["sha256"]
+        step.name: found["sha256"]
         for step in plan.components
-        if isinstance(step.component, FmuComponent)
+        if (found := components.facts(step.component)) is not None
     }
     text = json.dumps(facts, sort_keys=True)
     return sha256(scenario.read_bytes() + text.encode()).hexdigest()

@@ -1,0 +1,146 @@
+"""Components of which some are FMUs: what other rooms ask of them, answered for either kind.
+
+This is the only module that tells FMUs and Python components apart. What it answers for a Python
+component is what is true of one: no file, no texts, no log, nothing to free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from cosim.base.component import Component, Outputs
+from cosim.base.units import Unit
+from cosim.fmi.component import FmuComponent
+from cosim.fmi.library import FATAL, OK, WARNING
+
+
+def fmu_of(component: Component) -> FmuComponent | None:
+    """The component if it is an FMU, else None."""
+    return component if isinstance(component, FmuComponent) else None
+
+
+def is_fmu(component: Component) -> bool:
+    """Whether the component is an FMU."""
+    return fmu_of(component) is not None
+
+
+# ---- before the start -----------------------------------------------------------------------
+
+
+def facts(component: Component) -> Mapping[str, str] | None:
+    """What a run's metadata keeps of an FMU: file, hash, version, tool; None: a Python class."""
+    fmu = fmu_of(component)
+    return None if fmu is None else fmu.facts()
+
+
+def model_name(component: Component) -> str:
+    """What a component is, in words: the file of an FMU, or the class."""
+    fmu = fmu_of(component)
+    if fmu is not None:
+        return f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
+    return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
+
+
+def is_text(component: Component, port: str) -> bool:
+    """Whether a name is a String or Binary variable of an FMU: no signal."""
+    fmu = fmu_of(component)
+    return fmu is not None and fmu.is_text(port)
+
+
+def unit_of(component: Component, unit: str) -> str | Unit:
+    """A unit by the FMU's own definition if it has one, else its name."""
+    fmu = fmu_of(component)
+    return unit if fmu is None else fmu.description.units.get(unit, unit)
+
+
+def discrete_inputs(component: Component) -> frozenset[str]:
+    """Inputs that the component says change in jumps only."""
+    fmu = fmu_of(component)
+    return frozenset() if fmu is None else fmu.discrete
+
+
+def sloped_inputs(component: Component) -> frozenset[str]:
+    """Inputs whose slope over a step can be set."""
+    fmu = fmu_of(component)
+    return frozenset() if fmu is None else fmu.sloped
+
+
+def why_not_in_parts(component: Component) -> str:
+    """Why a step cannot be done again in halves from a saved state; "": it can."""
+    fmu = fmu_of(component)
+    if fmu is None:
+        missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
+        return f"cannot save its state (no {' and no '.join(missing)})" if missing else ""
+    flags, two = fmu.description.flags, fmu.description.fmi == "2.0"
+    save = "canGetAndSetFMUstate" if two else "canGetAndSetFMUState"
+    vary = "canHandleVariableCommunicationStepSize"
+    if not flags.get(save):
+        return f"cannot save its state ({save})"
+    if not flags.get(vary):
+        return f"cannot do a step in halves ({vary})"
+    clocks = fmu.events and any(v.type == "Clock" for v in fmu.description.variables)
+    return "has clocks" if clocks else ""
+
+
+# ---- while it runs --------------------------------------------------------------------------
+
+
+def begin_at(component: Component, t: float) -> None:
+    """Initialise at `t` (s), which an FMU is told; a Python component is told with its steps."""
+    fmu = fmu_of(component)
+    if fmu is not None:
+        fmu.begin = t
+
+
+def exit_initialization(component: Component) -> tuple[Outputs, float | None]:
+    """Leave Initialization Mode: outputs that are new, and the time (s) if the FMU has ended."""
+    fmu = fmu_of(component)
+    if fmu is None:
+        return {}, None
+    outputs = fmu.exit_initialization()
+    return outputs, fmu.begin if fmu.instance.has_ended() else None
+
+
+def terminated_at(component: Component) -> float | None:
+    """The time (s) at which an FMU ended the simulation by discarding a step; None: it did not."""
+    fmu = fmu_of(component)
+    return None if fmu is None else fmu.instance.terminated()
+
+
+def free_state(component: Component, state: object) -> None:
+    """Give back a state that was saved; Python's are collected."""
+    fmu = fmu_of(component)
+    if fmu is not None:
+        assert isinstance(state, int)
+        fmu.instance.free_state(state)
+
+
+def texts(component: Component) -> Mapping[str, list[str]]:
+    """String and Binary outputs as they stand, by name."""
+    fmu = fmu_of(component)
+    return {} if fmu is None else fmu.results()
+
+
+def log_text(component: Component) -> str:
+    """What the component logged, if it is an FMU whose logging is on."""
+    fmu = fmu_of(component)
+    return "" if fmu is None else fmu.log_text()
+
+
+def close(components: Sequence[Component], failed: int, status: int) -> None:
+    """Free the FMUs, after a step of component `failed` returned `status`.
+
+    After a fatal status the standard forbids every call to any instance of that FMU.
+    """
+    fmus = [x for x in map(fmu_of, components) if x is not None]
+    broken = fmu_of(components[failed]) if status not in (OK, WARNING) else None
+    if broken is not None:
+        broken.instance.returned(status)
+    fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}
+    for x in fmus:
+        x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
+
+
+def fmus_in(components: Iterable[Component]) -> int:
+    """How many of the components are FMUs."""
+    return sum(map(is_fmu, components))

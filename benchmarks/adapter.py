@@ -11,7 +11,8 @@ from typing import final
 from benchmarks.peers import Absent
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
-from cosim.schedule.plan import Plan, Step
+from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
 
 
 @final

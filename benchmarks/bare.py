@@ -15,7 +15,8 @@ from cosim.base.clock import stopwatch
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
 from cosim.native.structs import Code
-from cosim.schedule.plan import Plan, Step
+from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
 from fmus.toolchain import compile_shared, shared_suffix
 
 Rows = NDArray[np.float64]

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from bridge.can import dbc
-from bridge.can.codec import Codec, verify
+from bridge.can.codec import Codec
+from bridge.can.codec_check import verify
 from bridge.can.layout import find
 from bridge.native import library
 from bridge.native.frame import Frame

@@ -21,7 +21,8 @@ from typing import Any, final
 from cosim.base.clock import stopwatch
 from cosim.fmi import FmuComponent
 from cosim.fmi.ports import REAL
-from cosim.schedule.plan import Plan, Step
+from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
 
 
 class Absent(Exception):

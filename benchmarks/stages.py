@@ -60,7 +60,7 @@ def main() -> None:
     from cosim.engine.simulate import simulate
     from cosim.record import Run
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     stages.mark("import the runner")
     scenario = load(Path(sys.argv[2]), sys.argv[4:])

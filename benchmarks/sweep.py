@@ -25,7 +25,7 @@ from benchmarks.fmpy_loop import Planned
 from benchmarks.peers import Absent
 from cosim.base.clock import stopwatch
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import load
+from cosim.scenario.files import load
 from cosim.sweeps.execute import sweep
 from cosim.sweeps.study import Study, load_study
 from cosim.sweeps.workers import processes, threads

@@ -20,7 +20,8 @@ from bridge.node.run import NodeOptions, stated
 from bridge.records.lives import Life
 from bridge.rehearsal.supervisor import Ended
 from bridge.replay import twin
-from bridge.results.outcome import RehearsalOutcome, begin, complete
+from bridge.results.outcome import begin, complete
+from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.wiring.wiring import Wired
 from cosim.record.folder import NODES
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.can.codec import Codec
-from bridge.deployment.system import Carried, System
+from bridge.deployment.carried import Carried
+from bridge.deployment.system import System
 from bridge.native import message as messages
 from bridge.native.bus import Accept
 from bridge.native.journal import Journal
@@ -23,7 +24,7 @@ from bridge.native.safety import Why
 from bridge.records.lives import Life, lives_of
 from bridge.records.records import LifeEnd
 from bridge.results import undetected as injected
-from bridge.results.outcome import RehearsalOutcome
+from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from bridge.safety.limits import names, per_joint
 from bridge.wiring.wiring import HEARD, Rows

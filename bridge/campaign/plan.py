@@ -34,9 +34,9 @@ from bridge.campaign.soak_spec import FRAMES, LINKS, Soak, SoakSpec, Table, Valu
 from bridge.deployment import spec as deploy
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE
+from cosim.base import toml
 from cosim.base.convert import Number, convert, number
 from cosim.base.errors import ScenarioError
-from cosim.scenario.spec import read_document
 
 #: s at the start and at the end of a run without faults, so that what they do still shows.
 FIRST, LAST = 0.8, 1.0
@@ -117,7 +117,7 @@ class Many(msgspec.Struct, frozen=True):
 
 def load_many(path: Path) -> Many:
     """Read a campaign of many faults. Raises ScenarioError that names the file and the place."""
-    spec = convert(read_document(path), ManySpec, path, "")
+    spec = convert(toml.read(Path(path)), ManySpec, path, "")
     kinds = {kind: kind_of(kind, table, path) for kind, table in spec.kinds.items()}
     if not kinds or not spec.channels:
         raise ScenarioError("expected one [kinds.NAME] and one [channels.NAME] at least", str(path))

@@ -17,7 +17,7 @@ from bridge.native.safety import LifeState
 from bridge.node.handle import NodeHandle
 from bridge.records.lives import Life
 from bridge.records.records import LifeEnd, Missed, Refused
-from bridge.results.outcome import RehearsalOutcome
+from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
 from bridge.wiring.wiring import Rows
 from cosim.analysis import declared_metrics

@@ -29,9 +29,9 @@ import numpy as np
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE
 from bridge.faults.spec import SPECS
+from cosim.base import toml
 from cosim.base.convert import Number, convert, number
 from cosim.base.errors import ScenarioError
-from cosim.scenario.spec import read_document
 
 #: Kinds a soak can draw, and what it says itself of each.
 FRAMES = ("drop", "burst", "corrupt", "duplicate", "reorder", "delay", "jitter")
@@ -93,7 +93,7 @@ class Soak(msgspec.Struct, frozen=True):
 def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
     """The file `given`, or that beside the scenario. Raises ScenarioError with file and place."""
     path = Path(given) if given else Path(scenario).parent / DEFAULT
-    spec = convert(read_document(path), SoakSpec, path, "")
+    spec = convert(toml.read(Path(path)), SoakSpec, path, "")
     if not 0 < spec.faults[0] <= spec.faults[1]:
         raise ScenarioError(f"is {list(spec.faults)}; expected [least, most]", f"{path} at faults")
     kinds = {kind: kind_of(kind, table, path) for kind, table in spec.kinds.items()}

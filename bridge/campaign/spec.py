@@ -32,9 +32,9 @@ from bridge.faults.load import load
 from bridge.faults.script import FaultScript
 from bridge.native import message as messages
 from bridge.native.safety import Why
+from cosim.base import toml
 from cosim.base.convert import convert
 from cosim.base.errors import ScenarioError
-from cosim.scenario.spec import read_document
 
 #: Reasons a node can have stopped for, and counters of a receiver, by their names here.
 REASONS = tuple((why.name or "").lower() for why in Why)
@@ -71,7 +71,7 @@ class Campaign:
 def load_campaign(path: str | Path) -> Campaign:
     """Read a campaign and its scripts. Raises ScenarioError that names the file and the place."""
     path = Path(path)
-    document = read_document(path)
+    document = toml.read(Path(path))
     known = ("title", "scenario", "deploy", "settings", "run")
     for key in document:
         if key not in known:

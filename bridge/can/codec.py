@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -79,29 +79,6 @@ class Codec:
         frame = Frame.of(self.layout.identifier, data, self.message.flags)
         result = native.decode(self.message, frame, values.ctypes.data, header)
         return result, values, header
-
-
-def verify(codec: Codec, n: int = 8, seed: int = 0) -> None:
-    """Compare C with cantools: ends, beyond the ends, zero, invalid, and `n` random vectors.
-
-    For messages of a DBC file. Raises CodecError at the first difference.
-    """
-    from bridge.can.codec_check import compare
-
-    compare(codec, vectors(codec.signals, n, seed))
-
-
-def vectors(signals: Iterable[Signal], n: int, seed: int) -> list[Vector]:
-    """Vectors of values that show what may go wrong: (n + 6) of shape (len(signals),)."""
-    random = np.random.default_rng(seed)
-    ends = [sorted((s.scale * r + s.offset) for r in s.raw_range) for s in signals]
-    low, high = np.array([e[0] for e in ends]), np.array([e[1] for e in ends])
-    span = np.minimum(high - low, 1e30)  # of a float32: as good as any
-    middle = np.clip(0.0, low, high)
-    start = np.where(span < 1e30, low, -0.5e30)
-    found = [low, high, middle, low - 1e-3 * span, high + span, np.full(low.shape, np.nan)]
-    found += [start + span * random.random(low.shape) for _ in range(n)]
-    return found
 
 
 def _check_names(layout: MessageLayout, names: list[str]) -> None:

@@ -189,7 +189,7 @@ def _predict(
     from cosim.engine.simulate import simulate
     from cosim.record import Run
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     ours = [s for s in settings if not s.startswith("deploy.")]
     added = links_with_laws(system, here, found, out) if system.deployment.latency else None

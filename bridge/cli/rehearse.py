@@ -13,7 +13,7 @@ from cosim.cli.supervise import asking, recording
 if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.rehearsal.supervisor import Settings
-    from bridge.results.outcome import RehearsalOutcome
+    from bridge.results.rehearsal_outcome import RehearsalOutcome
     from bridge.results.verdict import Verdict
 
 Deploy = Annotated[

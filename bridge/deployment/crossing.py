@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from bridge.deployment.gateways import Forward, carried, entries, gateways
 from bridge.deployment.spec import Deployment
 from cosim.base.errors import ScenarioError
-from cosim.schedule.plan import Link, Plan, Slot, Wire
+from cosim.schedule.parts import Link, Slot, Wire
+from cosim.schedule.plan import Plan
 
 Edge = Wire | Link
 #: Messages and numbers of the value in them, the first sender's first, by place in the plan's

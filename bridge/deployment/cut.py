@@ -19,7 +19,8 @@ from bridge.deployment.gateways import Forward, carried, forwards
 from bridge.deployment.spec import Deployment, MessageSpec, NodeSpec
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
-from cosim.schedule.plan import Gate, Link, Plan, Slot, Step, Wire, compile_plan
+from cosim.schedule.parts import Gate, Link, Slot, Step, Wire
+from cosim.schedule.plan import Plan, compile_plan
 
 Vector = NDArray[np.float64]
 

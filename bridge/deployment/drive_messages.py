@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bridge.can.codec import Codec, verify
+from bridge.can.codec import Codec
+from bridge.can.codec_check import verify
 from bridge.can.layout import MessageLayout, Signal
 from bridge.deployment.cut import Outlet
 from bridge.deployment.spec import Deployment

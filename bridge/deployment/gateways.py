@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 from bridge.deployment.spec import Deployment, MessageSpec
 from cosim.base.errors import ScenarioError
-from cosim.schedule.plan import Plan, Slot
+from cosim.schedule.parts import Slot
+from cosim.schedule.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)

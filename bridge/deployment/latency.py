@@ -20,7 +20,7 @@ from cosim.links.laws import Constant, FloatArray
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable, TableSpec, generator
-from cosim.schedule.plan import Link, Wire
+from cosim.schedule.parts import Link, Wire
 
 #: What a delay line keeps beyond its law, s: for the network's own delay, and a receiver that
 #: stood still.

@@ -15,7 +15,7 @@ from bridge.drives.model import DEFAULTS, DriveSpec
 from bridge.drives.profiles import load_profile
 from bridge.safety.limits import GuardSpec, in_si
 from cosim.base.errors import ScenarioError
-from cosim.schedule.plan import Slot
+from cosim.schedule.parts import Slot
 
 
 @dataclass(frozen=True, slots=True)

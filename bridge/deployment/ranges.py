@@ -21,11 +21,12 @@ from dataclasses import dataclass
 from math import inf, isfinite
 
 from bridge.can.codec import Codec
+from bridge.deployment.carried import Carried
 from bridge.deployment.cut import Inlet
 from bridge.deployment.protection import emulated
 from bridge.deployment.signal_spec import SignalSpec
 from bridge.deployment.spec import NodeSpec
-from bridge.deployment.system import Carried, System
+from bridge.deployment.system import System
 from bridge.drives.profiles import load_profile
 from bridge.native.message import Limit
 from bridge.safety.limits import PerJoint, in_si

@@ -15,10 +15,10 @@ import msgspec
 from bridge.deployment.signal_spec import SignalSpec
 from bridge.drives.model import DriveSpec
 from bridge.safety.limits import GuardSpec
+from cosim.base import toml
 from cosim.base.convert import Number, convert, each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import as_toml, change
-from cosim.scenario.spec import read_document
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
@@ -190,7 +190,7 @@ def find(scenario: str | Path, given: str) -> Path:
 def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
     """Read a deployment and apply ``path=value`` settings. Raises ScenarioError."""
     path = Path(path)
-    document = read_document(path)
+    document = toml.read(Path(path))
     for setting in settings:
         change(document, setting)
     for key in document:

@@ -8,15 +8,12 @@ more.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
 
+from bridge.deployment.carried import Carried
 from bridge.deployment.spec import ApartSpec, Deployment
 from bridge.native import node as native
 from cosim.base.convert import number
 from cosim.base.errors import ScenarioError
-
-if TYPE_CHECKING:
-    from bridge.deployment.system import Carried
 
 
 def messages(

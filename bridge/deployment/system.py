@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bridge.can import dbc
-from bridge.can.codec import Codec, verify
+from bridge.can.codec import Codec
+from bridge.can.codec_check import verify
 from bridge.can.layout import MessageLayout, find
 from bridge.deployment import drive_messages, drive_sequences, protection, start_positions
 from bridge.deployment import gateways as routes
 from bridge.deployment import spec as deploy
 from bridge.deployment import zenoh_keys as names
+from bridge.deployment.carried import Carried, Listened
 from bridge.deployment.cut import NodePlan, Outlet, cut, start_values
 from bridge.deployment.gateways import Forward
 from bridge.deployment.services import Encoding, Service, services_on
@@ -23,37 +25,9 @@ from bridge.deployment.spec import Deployment
 from bridge.native.bus import Accept
 from cosim.base.errors import ScenarioError
 from cosim.scenario.assemble import assemble
+from cosim.scenario.files import load as load_scenario
 from cosim.scenario.spec import Scenario
-from cosim.scenario.spec import load as load_scenario
 from cosim.schedule.plan import Plan
-
-
-@dataclass(frozen=True, slots=True)
-class Carried:
-    """A message of the deployment: who sends it when, and how it is encoded.
-
-    `offset_ns`: the sender's phase; `period_ns`: between two samples. `forward`: what it is made
-    of, where a gateway sends it; numbers, phase and period are then its first sender's.
-    """
-
-    name: str
-    bus: str
-    node: str
-    outlet: Outlet
-    encoding: Encoding
-    period_ns: int
-    offset_ns: int
-    max_age_ns: int
-    forward: Forward | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Listened:
-    """A message or service that a node listens to on a bus, and which frames are it."""
-
-    bus: str
-    name: str
-    accept: Accept
 
 
 @dataclass(frozen=True, slots=True)

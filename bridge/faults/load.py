@@ -37,9 +37,9 @@ from bridge.faults.spec import (
     Spec,
     SyncLossSpec,
 )
+from cosim.base import toml
 from cosim.base.convert import Number, convert, number
 from cosim.base.errors import ScenarioError
-from cosim.scenario.spec import read_document
 
 #: s between two draws of a network's delay.
 HOLD = 0.03
@@ -48,7 +48,7 @@ HOLD = 0.03
 def load(path: str | Path) -> FaultScript:
     """Read a script. Raises ScenarioError that names the file and the place in it."""
     path = Path(path)
-    return build(read_document(path), path)
+    return build(toml.read(Path(path)), path)
 
 
 def build(document: Mapping[str, Any], path: Path) -> FaultScript:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bridge.can.repeated_frame import EXTENDED
-from bridge.deployment.system import Listened
+from bridge.deployment.carried import Listened
 from bridge.native import faults as native
 from bridge.native.bus import Accept
 from bridge.native.faults import Fault, Injector

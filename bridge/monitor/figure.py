@@ -10,7 +10,7 @@ from bridge.recording.live_run import Watched
 from cosim.base.errors import ScenarioError
 from cosim.reporting import figures
 from cosim.reporting.figures import Figure, Panel
-from cosim.schedule.plan import Slot
+from cosim.schedule.parts import Slot
 
 
 def draw(watched: Watched, path: Path, span: float | None = None) -> Path:

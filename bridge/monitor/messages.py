@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.deployment.system import Carried
+from bridge.deployment.carried import Carried
 from bridge.native import message as native
 from bridge.native.frame import Frame
 from bridge.native.message import Decoded, E2EProfile, Header, Message, Receiver

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from bridge.can.load import log_bits, log_times
 from bridge.can.log import once
+from bridge.deployment.carried import Carried
 from bridge.deployment.cut import NodePlan
-from bridge.deployment.system import Carried, System
+from bridge.deployment.system import System
 from bridge.monitor.journal_signals import Held
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags

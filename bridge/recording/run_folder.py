@@ -25,7 +25,7 @@ from cosim.links.grid import Grid
 from cosim.links.statistics import LinkStatistics, statistics
 from cosim.links.writer import TableWriter
 from cosim.record import Recorder, link_file
-from cosim.schedule.plan import Link
+from cosim.schedule.parts import Link
 
 #: The folder of bus logs in a run folder.
 BUSES = "buses"

@@ -6,22 +6,20 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from bridge.faults.script import FaultEvent
 from bridge.node.handle import NodeHandle
 from bridge.records.records import Note
-
-if TYPE_CHECKING:
-    from bridge.rehearsal.supervisor import Rehearsal
 
 Inside = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True, slots=True)
 class ScheduledEvent:
-    """Something done to a rehearsal at `t` (s); `what`: for its notes, see
-    :mod:`bridge.faults.load`.
+    """Something done at `t` (s): `do` is called with the Rehearsal that runs.
+
+    `what`: for its notes, see :mod:`bridge.faults.load`.
 
     `revives`: it starts a node again, for which a run waits of which nobody is left. `prepare`:
     starts, while the nodes start, what takes a while to begin; what it returns waits until that is
@@ -30,9 +28,9 @@ class ScheduledEvent:
 
     t: float
     what: str | FaultEvent
-    do: Callable[[Rehearsal], None]
+    do: Callable[[Any], None]
     revives: bool = False
-    prepare: Callable[[Rehearsal], Callable[[], None]] | None = None
+    prepare: Callable[[Any], Callable[[], None]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
 from bridge.can.log import FrameLog, frame_of, read_log
+from bridge.deployment.carried import Carried
 from bridge.deployment.spec import BusSpec
-from bridge.deployment.system import Carried, System
+from bridge.deployment.system import System
 from bridge.native.bus import Accept
 from bridge.native.load import frame_time_ns
 from bridge.native.message import Decoded

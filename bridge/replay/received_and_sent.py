@@ -14,7 +14,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.deployment.system import Carried, System
+from bridge.deployment.carried import Carried
+from bridge.deployment.system import System
 from bridge.native import node as native
 from bridge.native.message import E2EProfile
 from bridge.records.lives import Life, lives_of

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
-from bridge.deployment.system import Listened, System
+from bridge.deployment.carried import Listened
+from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, FaultEvent, FaultScript, FrameFault
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.deployment.system import Carried, System
+from bridge.deployment.carried import Carried
+from bridge.deployment.system import System
 from bridge.records.lives import Life, lives_of
 from bridge.results.report import NodeReport
 from bridge.wiring.wiring import Rows

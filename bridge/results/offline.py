@@ -29,7 +29,8 @@ from cosim.base.errors import PlanError
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble
 from cosim.scenario.recorded import over
-from cosim.schedule.plan import Plan, Player, Slot
+from cosim.schedule.parts import Player, Slot
+from cosim.schedule.plan import Plan
 
 #: Name in a run folder.
 OFFLINE = "offline"

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,54 +27,21 @@ from bridge.deployment.system import System
 from bridge.faults.script import FaultScript
 from bridge.recording import run_folder
 from bridge.records.lives import Life
-from bridge.records.records import LifeEnd, Note
 from bridge.rehearsal.supervisor import STARTED, Ended
 from bridge.replay import replay, twin
 from bridge.results import detection, report, verdict
 from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Evidence
-from bridge.results.report import NodeReport
+from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.symptoms import Shown
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError
 from cosim.engine.simulate import metadata, stopped
-from cosim.links.statistics import LinkStatistics
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, NODES, STOPPED
 
 TWIN = "twin"
-
-
-@dataclass(frozen=True, slots=True)
-class RehearsalOutcome:
-    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared."""
-
-    folder: Path
-    ticks: int
-    rows: Mapping[Life, Rows]
-    reports: Sequence[NodeReport]
-    ages: Mapping[str, LinkStatistics]
-    replayed: replay.ReplayReport | None
-    replay_error: str
-    twin_rms: float
-    buses: Sequence[str]
-    notes: Sequence[Note]
-    faults: Sequence[Evidence] = ()
-
-    @property
-    def finished(self) -> bool:
-        """Whether every node came to the end of the run without a stop.
-
-        Where an FMU ended the simulation, that is the end, and all others stop for it.
-        """
-        ends = {r.end for r in self.reports}
-        whole = (
-            {LifeEnd.ENDED, LifeEnd.FINISHED, LifeEnd.STOPPED}
-            if LifeEnd.ENDED in ends
-            else {LifeEnd.FINISHED}
-        )
-        return bool(ends) and ends <= whole
 
 
 def clear(folder: Path) -> None:

@@ -14,7 +14,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.deployment.system import Carried, System
+from bridge.deployment.carried import Carried
+from bridge.deployment.system import System
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal

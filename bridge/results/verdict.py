@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +18,8 @@ from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
 from bridge.records.records import LifeEnd
 from bridge.results.extra_senders import surpluses
+from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
-
-if TYPE_CHECKING:
-    from bridge.results.outcome import RehearsalOutcome
 
 
 class Word(StrEnum):

@@ -9,16 +9,17 @@ from typing import Any, final
 import numpy as np
 
 from bridge.deployment import drive_sequences, ranges, start_positions
+from bridge.deployment.carried import Carried
 from bridge.deployment.cut import Inlet
 from bridge.deployment.latency import delays_for, newest_for
 from bridge.deployment.protection import age_slot, drives_by, emulated, input_of, torque_age
 from bridge.deployment.spec import StaleSpec
-from bridge.deployment.system import Carried, System
+from bridge.deployment.system import System
 from bridge.drives import model
 from bridge.native import message as messages
 from bridge.native import node as native
 from bridge.native.delay import DelayLine
-from cosim.schedule.plan import Wire
+from cosim.schedule.parts import Wire
 
 #: A node waits at least so many periods of a message, however short the deployment's `silence`.
 PERIODS = 4

@@ -9,9 +9,10 @@ from typing import Any, final
 import numpy as np
 
 from bridge.deployment import drive_sequences
+from bridge.deployment.carried import Carried
 from bridge.deployment.cut import Outlet, guard_gate
 from bridge.deployment.protection import Span, emulated, span
-from bridge.deployment.system import Carried, System
+from bridge.deployment.system import System
 from bridge.native import node as native
 from bridge.native.safety import JOINTS
 from bridge.safety.limits import GuardSpec, TorqueGuard

@@ -16,7 +16,8 @@ from cosim.analysis.facts import Array
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
 from cosim.scenario.connect import unknown
-from cosim.schedule.plan import Plan, Player, Slot, Step, compile_plan
+from cosim.schedule.parts import Player, Slot, Step
+from cosim.schedule.plan import Plan, compile_plan
 
 #: Values of the signal vector that are recorded at once.
 _CHUNK = 1 << 18

@@ -14,7 +14,8 @@ from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import AnalysisSpec, Scenario, build, load
+from cosim.scenario.files import load
+from cosim.scenario.spec import AnalysisSpec, Scenario, build
 from cosim.schedule.plan import Plan
 
 #: Rows of a run in memory at the most; longer ones are recorded more coarsely.

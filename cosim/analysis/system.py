@@ -22,7 +22,8 @@ from cosim.links.semantics import PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.scenario.connect import EdgeWeight
 from cosim.scenario.spec import Scenario
-from cosim.schedule.plan import Link, Plan, Player, Slot, Step, Wire
+from cosim.schedule.parts import Link, Player, Slot, Step, Wire
+from cosim.schedule.plan import Plan
 
 #: Looks that the mean age of a link, and the mean weight of an edge, are taken over.
 LOOKS = 8000

@@ -13,7 +13,7 @@ from cosim.checks.finding import Finding, Severity
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
-from cosim.schedule.plan import Link
+from cosim.schedule.parts import Link
 
 #: Gaps in what arrives that are shorter than this on average are no more than a note, s.
 GAP = 0.5

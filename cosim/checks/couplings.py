@@ -11,7 +11,7 @@ from cosim.checks.finding import Finding
 from cosim.links.losses import Lossy
 from cosim.links.semantics import PlayoutSemantics
 from cosim.links.table import DrawnTable
-from cosim.schedule.plan import Link
+from cosim.schedule.parts import Link
 
 
 def ground(system: AnalyzedSystem) -> Iterator[Finding]:

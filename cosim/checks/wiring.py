@@ -8,7 +8,8 @@ from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import peaks
-from cosim.schedule.plan import Plan, Slot
+from cosim.schedule.parts import Slot
+from cosim.schedule.plan import Plan
 
 #: A recording of more bytes is worth a warning.
 LARGE = 2e9

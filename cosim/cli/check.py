@@ -44,7 +44,7 @@ def check(
     """
     from cosim.checks import check as findings
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     loaded = load(scenario, [s for s in set_ or [] if not s.startswith("deploy.")])
     found = findings(loaded, assemble(loaded))

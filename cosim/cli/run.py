@@ -76,8 +76,9 @@ def run(
     from cosim.engine.simulate import columns, simulate
     from cosim.record import Run, seal
     from cosim.scenario.assemble import assemble
+    from cosim.scenario.files import load
     from cosim.scenario.recorded import over
-    from cosim.scenario.spec import load, logging
+    from cosim.scenario.spec import logging
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     if deploy is not None:

@@ -11,7 +11,8 @@ import typer
 from cosim.cli.options import Set, Strict, Verify
 
 if TYPE_CHECKING:
-    from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
+    from cosim.schedule.parts import Link, Slot, Step, Wire
+    from cosim.schedule.plan import Plan
 
 
 def show(
@@ -28,7 +29,7 @@ def show(
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import forgotten
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     if scenario.is_dir():
         if set_:
@@ -185,7 +186,7 @@ def _fed(plan: Plan, step: Step) -> list[tuple[Slot, str, str]]:
 
 
 def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
-    from cosim.schedule.plan import Link
+    from cosim.schedule.parts import Link
 
     hold = f", holds it {step.period * plan.h:g} s"
     if isinstance(edge, Link):

@@ -28,7 +28,8 @@ from cosim.comparison.variants import (
 )
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import unknown
-from cosim.scenario.spec import Scenario, build, read_document
+from cosim.scenario.files import read_document
+from cosim.scenario.spec import Scenario, build
 from cosim.schedule.plan import Plan
 
 Document = dict[str, Any]

@@ -25,7 +25,8 @@ from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, EngineResult
-from cosim.schedule.plan import Plan, Slot, Step
+from cosim.schedule.parts import Slot, Step
+from cosim.schedule.plan import Plan
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
 ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)

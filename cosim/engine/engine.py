@@ -23,7 +23,8 @@ from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import EngineResult
-from cosim.schedule.plan import Plan, Slot, Step
+from cosim.schedule.parts import Slot, Step
+from cosim.schedule.plan import Plan
 
 
 class Engine:

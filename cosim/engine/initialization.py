@@ -11,7 +11,8 @@ from cosim.base.errors import RunError
 from cosim.engine.binding import Termination, Vector, Views, store
 from cosim.fmi.components import exit_initialization, is_fmu
 from cosim.fmi.failures import starting
-from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
+from cosim.schedule.parts import Link, Slot, Step, Wire
+from cosim.schedule.plan import Plan
 
 
 def initialize(

@@ -27,7 +27,8 @@ from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
 from cosim.record.recover import unfinished
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, as_data
-from cosim.schedule.plan import Plan, Slot
+from cosim.schedule.parts import Slot
+from cosim.schedule.plan import Plan
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
 CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18

@@ -17,7 +17,8 @@ from cosim.base.errors import CosimError, RunError
 from cosim.engine.engine import Engine
 from cosim.fmi.components import free_state
 from cosim.fmi.failures import sentence
-from cosim.schedule.plan import Plan, Slot, Step
+from cosim.schedule.parts import Slot, Step
+from cosim.schedule.plan import Plan
 
 Vector = NDArray[np.float64]
 

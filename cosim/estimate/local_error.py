@@ -31,7 +31,8 @@ from cosim.base.errors import RunError
 from cosim.engine.engine import Engine
 from cosim.estimate.halving import StepGroup, Vector, again, extent, outputs
 from cosim.fmi.components import why_not_in_parts
-from cosim.schedule.plan import Plan, Step
+from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
 
 #: Differences below this many rounding errors of the largest value say nothing.
 ROUNDING = 64 * float(np.finfo(np.float64).eps)

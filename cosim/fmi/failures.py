@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.fmi.library import status_name
 from cosim.native.structs import EngineResult
-from cosim.schedule.plan import Slot
+from cosim.schedule.parts import Slot
 
 
 def sentence(error: BaseException, name: str = "") -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.failures import refused
 from cosim.native.structs import EngineResult
-from cosim.schedule.plan import Slot, Step
+from cosim.schedule.parts import Slot, Step
 
 if TYPE_CHECKING:
     import numpy as np

@@ -17,7 +17,8 @@ from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
 from cosim.scenario import connect
 from cosim.scenario.models import load_component
 from cosim.scenario.spec import ComponentSpec, Scenario
-from cosim.schedule.plan import Plan, Slot, Step, compile_plan
+from cosim.schedule.parts import Slot, Step
+from cosim.schedule.plan import Plan, compile_plan
 
 #: Ticks of a run: a tick is a whole number that float64 has exactly, and in ns it has 64 bits.
 MOST_TICKS = 2**53

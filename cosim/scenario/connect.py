@@ -17,7 +17,7 @@ from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import Unit, conversion
 from cosim.fmi.components import is_text, unit_of
 from cosim.scenario.spec import LinkSpec, Scenario, WireSpec
-from cosim.schedule.plan import Link, Player, Slot, Step, Wire
+from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 
 if TYPE_CHECKING:
     import numpy as np

@@ -14,7 +14,8 @@ from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.storage import StoredTable, open_table
 from cosim.record.recover import stored_tables
-from cosim.schedule.plan import Link, Plan, Player, compile_plan
+from cosim.schedule.parts import Link, Player
+from cosim.schedule.plan import Plan, compile_plan
 
 
 def over(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:

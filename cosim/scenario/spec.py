@@ -8,7 +8,7 @@ an error; whether components, ports and shapes fit together is seen by
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -17,7 +17,6 @@ import msgspec
 from cosim.base import toml
 from cosim.base.convert import Number, Value, convert, each, number
 from cosim.base.errors import ScenarioError
-from cosim.base.settings import change
 from cosim.links.semantics_names import Semantics
 
 
@@ -190,34 +189,6 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures", "analysis")
-
-
-def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
-    """Read a scenario, TOML or SSP, and apply ``path=value`` settings. Raises ScenarioError."""
-    path = Path(path)
-    if path.suffix == ".ssp":
-        from cosim import ssp
-
-        return ssp.load(path, settings)
-    document = read_document(path)
-    for setting in settings:
-        change(document, setting)
-    return build(document, path)
-
-
-def read_document(path: str | Path) -> dict[str, Any]:
-    """A TOML file, parsed; an SSP in the same words. Raises ScenarioError."""
-    path = Path(path)
-    if path.suffix == ".fmu":
-        raise ScenarioError(
-            f"{path}: an FMU is no scenario; expected a file (.toml, .ssp) where it is the model "
-            f"of a component (cosim info {path.name} says what it has)"
-        )
-    if path.suffix == ".ssp":
-        from cosim.ssp.document import document
-
-        return document(path)
-    return toml.read(path)
 
 
 def build(document: Mapping[str, Any], path: str | Path) -> Scenario:

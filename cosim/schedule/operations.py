@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from cosim.native.structs import Code
-
-if TYPE_CHECKING:
-    from cosim.schedule.plan import Gate, Link, Player, Step, Wire
+from cosim.schedule.parts import Gate, Link, Player, Step, Wire
 
 T = TypeVar("T")
 

@@ -11,128 +11,15 @@ from bisect import bisect_left
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
-from cosim.base.component import Component, Kind
 from cosim.base.errors import PlanError
 from cosim.schedule.operations import Connections, Line, Operation, lay_out
 from cosim.schedule.order import CycleError, sequence, topological
+from cosim.schedule.parts import Gate, Link, Player, Slot, Step, Wire
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from cosim.links.table import TableSpec
-
-
-@dataclass(frozen=True, slots=True)
-class Slot:
-    """A stretch of the signal vector: a port, or a row of one. `name` is ``component.port``."""
-
-    name: str
-    component: str
-    port: str
-    start: int
-    shape: tuple[int, ...]
-    unit: str
-
-    @property
-    def size(self) -> int:
-        """Number of scalars."""
-        size = 1
-        for n in self.shape:
-            size *= n
-        return size
-
-    def scalars(self) -> tuple[str, ...]:
-        """Names of the scalars: ``master.q[0]``, ``control.xi_in[0,1]``."""
-        indices: list[tuple[int, ...]] = [()]
-        for n in self.shape:
-            indices = [(*i, j) for i in indices for j in range(n)]
-        head = f"{self.name[:-1]}," if self.name.endswith("]") else f"{self.name}["
-        return tuple(f"{head}{','.join(map(str, i))}]" if i else self.name for i in indices)
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A component in the plan: `period` in ticks, `values` flattened, its slots in port order."""
-
-    name: str
-    component: Component
-    kind: Kind
-    period: int
-    values: Mapping[str, tuple[float, ...]]
-    inputs: tuple[Slot, ...]
-    outputs: tuple[Slot, ...]
-    start: Mapping[str, tuple[float, ...]]  # inputs at the start, where nothing feeds them
-    extrapolate: bool = False  # wires from continuous components, over a step
-    discrete: frozenset[str] = frozenset()  # inputs that are held all the same
-    sloped: frozenset[str] = frozenset()  # inputs that take the slope of what is extrapolated
-
-
-@dataclass(frozen=True, slots=True)
-class Wire:
-    """`target = gain * source + offset`, in the same tick."""
-
-    source: Slot
-    target: Slot
-    gain: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Link:
-    """A wire through a table of sent samples; `initial` is the pre-history, None: the start.
-
-    `age`: a scalar input that gets the age (s) of what the link holds.
-    """
-
-    name: str
-    source: Slot
-    target: Slot
-    table: TableSpec
-    gain: float = 1.0
-    offset: float = 0.0
-    initial: tuple[float, ...] | None = None
-    age: Slot | None = None
-
-
-class ValueStream(Protocol):
-    """Values in order, in chunks whose sizes do not change them."""
-
-    def rows(self, n: int) -> NDArray[np.float64]:
-        """The next `n` values."""
-
-
-class ValueSource(Protocol):
-    """What a player plays: one value a hit of its receiver."""
-
-    def stream(self) -> ValueStream:
-        """The values from the first on."""
-
-    def facts(self) -> dict[str, Any]:
-        """What is written down with a run."""
-
-
-@dataclass(frozen=True, slots=True)
-class Player:
-    """A table of values that feeds a scalar input: the weight of an edge over time."""
-
-    target: Slot
-    source: ValueSource
-
-
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """A place where signals of the plan leave, or others enter, at the hits of `component`.
-
-    Out: once its outputs of t_k are there; in: before it reads its inputs. What happens there is a
-    function given to the engine (``docs/design.md``, idea 6).
-    """
-
-    name: str
-    component: str
-    out: bool
+    pass
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,8 @@ from typing import Any
 from cosim.base.errors import FmuError, ScenarioError
 from cosim.fmi import FmuComponent
 from cosim.scenario.spec import Scenario
-from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
+from cosim.schedule.parts import Link, Slot, Step, Wire
+from cosim.schedule.plan import Plan
 from cosim.ssp.delays import build_delays
 from cosim.ssp.export import fmu_of, literal
 

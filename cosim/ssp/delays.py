@@ -11,7 +11,8 @@ from pathlib import Path
 
 from cosim.base.errors import ScenarioError
 from cosim.scenario.spec import Scenario
-from cosim.schedule.plan import Link, Plan
+from cosim.schedule.parts import Link
+from cosim.schedule.plan import Plan
 
 #: The module that makes them; models are named, not imported (see docs/design.md, section 3).
 _MODEL = "fmus.models.delay"

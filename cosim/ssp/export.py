@@ -19,7 +19,8 @@ from cosim.fmi import components
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.ports import VariableGroup
 from cosim.scenario.spec import Scenario, as_data
-from cosim.schedule.plan import Link, Plan, Slot, Step, Wire
+from cosim.schedule.parts import Link, Slot, Step, Wire
+from cosim.schedule.plan import Plan
 from cosim.ssp import annotation
 from cosim.ssp.archive import ROOT, pack
 

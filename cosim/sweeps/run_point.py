@@ -22,7 +22,8 @@ from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
 from cosim.record import Column, Run
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import Scenario, build, read_document
+from cosim.scenario.files import read_document
+from cosim.scenario.spec import Scenario, build
 from cosim.schedule.plan import Plan
 from cosim.sweeps.axes import Cell
 from cosim.sweeps.design import Point

@@ -14,7 +14,7 @@ from bridge.replay import replay, twin
 from bridge.wiring.wiring import Rows
 from cosim.engine.simulate import simulate
 from cosim.record import Run
-from cosim.scenario.spec import load as load_scenario
+from cosim.scenario.files import load as load_scenario
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TELEOPERATION = CONFIGS / "teleoperation.toml"

@@ -11,7 +11,7 @@ from cosim.base.component import Port
 from cosim.checks.wiring import unfed
 from cosim.cli.commands import app
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import load
+from cosim.scenario.files import load
 from fmus.models import planar2r, teleoperation
 from tests.cosim.fmi.exporter import export, strict2
 

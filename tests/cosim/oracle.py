@@ -10,7 +10,8 @@ import numpy as np
 
 from cosim.fmi import FmuComponent
 from cosim.native.structs import Code
-from cosim.schedule.plan import Link, Plan, Player, Slot, Step
+from cosim.schedule.parts import Link, Player, Slot, Step
+from cosim.schedule.plan import Plan
 
 
 def execute(plan: Plan) -> np.ndarray:

@@ -103,18 +103,24 @@ def _in_child(name: str, seed: int, count: int, seconds: float) -> Fuzzed:
 
 @contextmanager
 def _limited() -> Iterator[None]:
-    """Raise Hang after a while."""
+    """Raise Hang after HANG s of processor time, or of waiting ten times as long."""
 
     def late(*_: object) -> None:
         raise Hang(f"still at it after {HANG:g} s")
 
-    before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, HANG)
+    timers = (
+        (signal.SIGPROF, signal.ITIMER_PROF, HANG),
+        (signal.SIGALRM, signal.ITIMER_REAL, 10 * HANG),
+    )
+    before = [signal.signal(number, late) for number, _, _ in timers]
+    for _, timer, seconds in timers:
+        signal.setitimer(timer, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for (number, timer, _), handler in zip(timers, before, strict=True):
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, handler)
 
 
 @contextmanager

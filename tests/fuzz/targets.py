@@ -78,7 +78,7 @@ def _buslog(path: Path) -> None:
 
 def _scenario(path: Path) -> None:
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     assemble(load(path))
 
@@ -91,7 +91,7 @@ def _deployment(path: Path) -> None:
 
 
 def _faults(path: Path) -> None:
-    from bridge.deployment.system import Listened
+    from bridge.deployment.carried import Listened
     from bridge.faults.load import load
     from bridge.native.bus import Accept
 
@@ -120,7 +120,7 @@ def _fmu(path: Path) -> None:
 
 def _ssp(path: Path) -> None:
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     assemble(load(path))
 
@@ -149,7 +149,7 @@ def _run(path: Path) -> None:
 def _recorded_run() -> list[tuple[str, bytes]]:
     """A run of 50 ticks, packed: as today's code writes it."""
     from cosim.engine.simulate import simulate
-    from cosim.scenario.spec import load
+    from cosim.scenario.files import load
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"

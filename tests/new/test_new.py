@@ -17,7 +17,7 @@ from cosim.cli.new import new
 from cosim.engine.simulate import simulate
 from cosim.record import Run
 from cosim.scaffold import write_controller
-from cosim.scenario.spec import load
+from cosim.scenario.files import load
 
 ROOT = Path(__file__).resolve().parents[2]
 _PATHS = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])

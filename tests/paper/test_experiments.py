@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import build, load
+from cosim.scenario.files import load
+from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from fmus.paper import experiments as e
 from fmus.paper.claims import cases

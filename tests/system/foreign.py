@@ -17,7 +17,8 @@ from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
-from cosim.schedule.plan import Plan, Step
+from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
 
 Outputs = dict[str, np.ndarray]  # (steps + 1,) by the name of the scalar: "master.q[0]"
 

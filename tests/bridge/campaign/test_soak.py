@@ -20,7 +20,7 @@ from bridge.rehearsal import hosts, injector
 from bridge.relay import namespaces
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import seal, verify
-from cosim.scenario.spec import read_document
+from cosim.scenario.files import read_document
 from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.can.codec import Codec, verify
+from bridge.can.codec import Codec
+from bridge.can.codec_check import verify
 from bridge.can.layout import CodecError, LayoutError, MessageLayout, Signal, find, stream
 from bridge.native.frame import Flags
 from bridge.native.message import Decoded, FieldKind, Header

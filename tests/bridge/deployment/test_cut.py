@@ -12,8 +12,8 @@ from bridge.deployment.spec import find, load
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import load as load_scenario
-from cosim.schedule.plan import Link
+from cosim.scenario.files import load as load_scenario
+from cosim.schedule.parts import Link
 from tests.bridge.deployments import (
     NETWORK,
     SHORT,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.can.codec import verify
+from bridge.can.codec_check import verify
 from bridge.drives.profiles import DriveProfile, Joint, load_profile
 from bridge.native.safety import DriveState, Status
 from cosim.base.errors import ScenarioError

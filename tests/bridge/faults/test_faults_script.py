@@ -10,7 +10,7 @@ from msgspec import structs
 
 from bridge.campaign.spec import load_campaign
 from bridge.deployment import spec
-from bridge.deployment.system import Listened
+from bridge.deployment.carried import Listened
 from bridge.faults.load import SPECS, SyncLossSpec, build, load
 from bridge.faults.script import FaultEvent
 from bridge.native import faults as native
@@ -250,6 +250,7 @@ def test_there_is_a_script_of_every_kind():
     here = {kind for kind in SPECS if not kind.startswith("net-")}  # those need hosts: cosim soak
     assert {run.script.removesuffix(".toml") for run, _ in campaign.runs} == here
     others = {"campaign.toml", "many.toml", "soak.toml", "soak-can.toml", "soak-mixed.toml"}
+    others |= {"buses.toml", "buses-campaign.toml"}
     files = {p.name for p in FOLDER.glob("*.toml")} - others
     assert {run.script for run, _ in campaign.runs} == files
     assert campaign.scenario.resolve().is_file()

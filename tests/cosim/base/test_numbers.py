@@ -12,7 +12,8 @@ from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import quantity
 from cosim.cli.commands import app
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import build, load, read_document
+from cosim.scenario.files import load, read_document
+from cosim.scenario.spec import build
 
 SCENARIO = "configs/teleoperation.toml"
 BAD = ("nan", "inf", "-inf", "5e-324", "1e-160", "1e160", "9223372036854775808", "1" * 400)

@@ -12,7 +12,8 @@ import numpy as np
 from cosim.base.component import Kind
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, FmuOptions
-from cosim.schedule.plan import Plan, Slot, Step, compile_plan
+from cosim.schedule.parts import Slot, Step
+from cosim.schedule.plan import Plan, compile_plan
 from fmus.toolchain import compile_shared, shared_suffix
 
 SOURCES = Path(__file__).parent / "c"

@@ -15,7 +15,8 @@ import pytest
 from cosim.base.errors import CosimError, RunError
 from cosim.engine.engine import Engine, Termination
 from cosim.fmi import FmuComponent, FmuOptions
-from cosim.schedule.plan import Plan, Slot, Step, compile_plan
+from cosim.schedule.parts import Slot, Step
+from cosim.schedule.plan import Plan, compile_plan
 from tests.cosim.fmi.exporter import column, export, plan_of, run, strict2, strict3
 from tests.cosim.oracle import execute
 
@@ -134,7 +135,7 @@ def chain(path: Path, second: Path, isolate: bool, **of_a: float) -> Plan:
     """jumping FMU `a` -> sampled Python `b`; a -> (2 ticks late) -> FMU `d` -> Python `e`."""
     from cosim.base.component import Port
     from cosim.links.spec import link_table
-    from cosim.schedule.plan import Link, Wire
+    from cosim.schedule.parts import Link, Wire
 
     options = FmuOptions(isolate=isolate)
     components = {

@@ -14,7 +14,7 @@ from cosim.engine.simulate import columns
 from cosim.record import Run
 from cosim.record.folder import read_metadata
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import load
+from cosim.scenario.files import load
 from cosim.sweeps.memory import record
 from tests.cosim.fmi.exporter import export, strict2, strict3
 

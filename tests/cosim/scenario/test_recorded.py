@@ -12,8 +12,8 @@ from cosim.engine.simulate import simulate
 from cosim.links.storage import load_table
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
+from cosim.scenario.files import load
 from cosim.scenario.recorded import over
-from cosim.scenario.spec import load
 
 CONFIG = Path(__file__).parents[3] / "configs" / "teleoperation.toml"
 LOSS = [f'links.{i}.loss={{law="independent", p=0.2}}' for i in (0, 1)]

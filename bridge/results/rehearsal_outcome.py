@@ -1,0 +1,46 @@
+"""What a rehearsal was: reports and journals of its nodes, replay, faults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bridge.records.lives import Life
+from bridge.records.records import LifeEnd, Note
+from bridge.replay import replay
+from bridge.results.findings import Evidence
+from bridge.results.report import NodeReport
+from bridge.wiring.wiring import Rows
+from cosim.links.statistics import LinkStatistics
+
+
+@dataclass(frozen=True, slots=True)
+class RehearsalOutcome:
+    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared."""
+
+    folder: Path
+    ticks: int
+    rows: Mapping[Life, Rows]
+    reports: Sequence[NodeReport]
+    ages: Mapping[str, LinkStatistics]
+    replayed: replay.ReplayReport | None
+    replay_error: str
+    twin_rms: float
+    buses: Sequence[str]
+    notes: Sequence[Note]
+    faults: Sequence[Evidence] = ()
+
+    @property
+    def finished(self) -> bool:
+        """Whether every node came to the end of the run without a stop.
+
+        Where an FMU ended the simulation, that is the end, and all others stop for it.
+        """
+        ends = {r.end for r in self.reports}
+        whole = (
+            {LifeEnd.ENDED, LifeEnd.FINISHED, LifeEnd.STOPPED}
+            if LifeEnd.ENDED in ends
+            else {LifeEnd.FINISHED}
+        )
+        return bool(ends) and ends <= whole

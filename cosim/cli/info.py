@@ -62,7 +62,7 @@ def _is_number(text: str) -> bool:
 
 
 def _facts(component: FmuComponent) -> list[list[str]]:
-    from cosim.fmi.archive import has_sources
+    from cosim.fmi.binaries import has_sources
 
     d = component.description
     binaries = component.archive.folder / "binaries"

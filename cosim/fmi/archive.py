@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import platform
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,46 +28,3 @@ def unpack(path: str | Path) -> Archive:
         return Archive(path, *archive.unpack(path, "FMU", "modelDescription.xml", "unpacked"))
     except archive.ArchiveError as error:
         raise FmuError(f"{path}: {error}") from error
-
-
-_MACHINE = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
-_SYSTEM = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
-
-
-def binary(fmu: Archive, fmi: str, identifier: str, build: bool = False) -> Path:
-    """The shared library of this platform, compiled from the FMU's sources if `build` is set.
-
-    Raises FmuError naming the platforms there are.
-    """
-    folder, suffix = platform_folder(fmi)
-    path = fmu.folder / "binaries" / folder / f"{identifier}{suffix}"
-    if path.is_file():
-        return path
-    if build and has_sources(fmu):
-        from cosim.fmi.sources import compile_sources
-
-        return compile_sources(fmu, fmi, identifier, path)
-    found = sorted(p.name for p in (fmu.folder / "binaries").glob("*") if p.is_dir())
-    sources = " (it holds sources, which could be built: build = true)"
-    there = ", ".join(found) if found else "none"
-    raise FmuError(
-        f"{fmu.path}: no binary for this platform: expected binaries/{folder}/"
-        f"{identifier}{suffix}; platforms in the FMU: {there}"
-        f"{sources if has_sources(fmu) else ''}"
-    )
-
-
-def platform_folder(fmi: str) -> tuple[str, str]:
-    """This platform as a version of FMI calls it, and the suffix of its shared libraries."""
-    system, suffix = _SYSTEM.get(sys.platform, (sys.platform, ".so"))
-    machine = _MACHINE.get(platform.machine().lower(), platform.machine().lower())
-    if fmi == "2.0":
-        bits = "64" if sys.maxsize > 2**32 else "32"
-        old = {"linux": "linux", "darwin": "darwin", "windows": "win"}.get(system, system)
-        return old + bits, suffix
-    return f"{machine}-{system}", suffix
-
-
-def has_sources(fmu: Archive) -> bool:
-    """Whether there is C to compile."""
-    return any((fmu.folder / "sources").glob("*.c"))

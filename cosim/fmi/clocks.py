@@ -9,18 +9,16 @@ ticked by the FMU, in its events, and asked; how often they have ticked is a sig
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from cosim.base.component import Values
 from cosim.base.errors import FmuError
 from cosim.fmi.description import Description
 from cosim.fmi.layout import Ticker
-from cosim.fmi.library import Clocked, Clocks, TriggeredClock
+from cosim.fmi.library import Clocked, Clocks, Instance, TriggeredClock
+from cosim.fmi.ports import VariableGroup
 from cosim.fmi.variables import TEXTS, FmuVariable
 from cosim.native.structs import ClockKind
-
-if TYPE_CHECKING:
-    from cosim.fmi.component import FmuComponent
 
 #: Interval and shift (s) of clocks that do not state them, by value reference, as the FMU said.
 Intervals = Mapping[int, tuple[float, float]]
@@ -29,6 +27,30 @@ _KINDS = {
     "changing": ClockKind.CHANGING, "countdown": ClockKind.COUNTDOWN,
     "triggered": ClockKind.WIRED,
 }  # fmt: skip
+
+
+class ClockedFmu(Protocol):
+    """What is asked here of an FMU: :class:`cosim.fmi.component.FmuComponent`."""
+
+    @property
+    def name(self) -> str:
+        """As errors call it."""
+
+    @property
+    def events(self) -> bool:
+        """Whether it is run with event mode."""
+
+    @property
+    def description(self) -> Description:
+        """Its model description."""
+
+    @property
+    def groups(self) -> Mapping[str, VariableGroup]:
+        """Its variables by name, arrays as one."""
+
+    @property
+    def instance(self) -> Instance:
+        """The FMU that runs. Raises FmuError where none does."""
 
 
 def tickers(
@@ -48,7 +70,7 @@ def is_signal(variable: FmuVariable) -> bool:
     return variable.causality == "output" or _variability(variable) == "triggered"
 
 
-def of(x: FmuComponent) -> Clocks:
+def of(x: ClockedFmu) -> Clocks:
     """What is asked of an FMU's clocks, with event mode. Raises FmuError where one is none."""
     if not x.events:
         return Clocks()
@@ -133,7 +155,7 @@ def _ticker(
     )
 
 
-def set_intervals(x: FmuComponent, values: Values) -> Intervals:
+def set_intervals(x: ClockedFmu, values: Values) -> Intervals:
     """Set the clocks among `values`; returns their intervals and shifts (s)."""
     groups = {k: x.groups[k] for k in values if x.groups[k].first.type == "Clock"}
     found = {

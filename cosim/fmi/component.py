@@ -12,10 +12,11 @@ from cosim.base.component import Kind, Outputs, Values
 from cosim.base.errors import FmuError, UnitError
 from cosim.base.units import Unit, parse
 from cosim.fmi import archive as archives
-from cosim.fmi import clocks
+from cosim.fmi import binaries, clocks
 from cosim.fmi.description import of_content
+from cosim.fmi.instances import instantiate
 from cosim.fmi.isolated import RemoteInstance
-from cosim.fmi.library import OK, Instance, Setup, instantiate
+from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.start_values import InstanceStart, StartValue
@@ -168,7 +169,7 @@ class FmuComponent:
 
     def _instantiate(self) -> Instance:
         d, options = self.description, self.options
-        binary = archives.binary(self.archive, d.fmi, d.identifier, options.build)
+        binary = binaries.binary(self.archive, d.fmi, d.identifier, options.build)
         if d.flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
             self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
             binary = Path(shutil.copy2(binary, self._private))

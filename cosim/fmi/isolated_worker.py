@@ -15,8 +15,9 @@ import sys
 from typing import Any
 
 from cosim.base.errors import FmuError
+from cosim.fmi.instances import instantiate
 from cosim.fmi.layout import StepLayout, bind, late
-from cosim.fmi.library import Instance, Setup, instantiate
+from cosim.fmi.library import Instance, Setup
 from cosim.native import fmu_log, structs
 
 STEP, ANSWER = struct.Struct("<cdq"), struct.Struct("<cqqq")

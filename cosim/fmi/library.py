@@ -234,12 +234,3 @@ def array_of(kind: Any, values: Sequence[Any]) -> Any:
 def texts_of(values: Any) -> list[str]:
     """Texts out of an array of C strings; what is no UTF-8 is marked."""
     return [(v or b"").decode("utf-8", "replace") for v in values]
-
-
-def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
-    """An instance of an FMU in this process. `log`: where it logs to. Raises FmuError."""
-    from cosim.fmi.fmi2 import Instance2
-    from cosim.fmi.fmi3 import Instance3
-
-    kind = Instance2 if setup.fmi == "2.0" else Instance3
-    return kind(setup, fmu_log.log() if log is None else log)

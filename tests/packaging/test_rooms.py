@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import importlib.util
 import tomllib
 from pathlib import Path
@@ -51,3 +52,29 @@ def test_bridge_tests_mirror_the_rooms():
     folders = {p.parent.name for p in (ROOT / "tests" / "bridge").glob("*/test_*.py")}
     assert folders <= set(rooms.rooms("bridge"))
     assert not list((ROOT / "tests" / "bridge").glob("test_*.py"))
+
+
+def imports(packages: tuple[str, ...]) -> dict[str, set[str]]:
+    """The modules that each module imports, at its top, in functions or for types only."""
+    files = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for package in packages
+        for path in (ROOT / package).rglob("*.py")
+    }
+    found: dict[str, set[str]] = {}
+    for module, path in files.items():
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names.update(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                whole = {f"{node.module}.{alias.name}" for alias in node.names}
+                names.update(n if n in files else node.module for n in whole)
+        found[module] = names & files.keys() - {module}
+    return found
+
+
+def test_no_module_comes_back_to_itself_by_its_imports():
+    found = imports(("cosim", "bridge", "fmus"))
+    assert "cosim.fmi.library" in found["cosim.fmi.fmi2"]
+    graphlib.TopologicalSorter(found).prepare()  # CycleError names the modules of a circle

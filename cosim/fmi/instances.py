@@ -1,0 +1,17 @@
+"""An instance of an FMU in this process, by the version of FMI that it speaks."""
+
+from __future__ import annotations
+
+from cosim.fmi.fmi2 import Instance2
+from cosim.fmi.fmi3 import Instance3
+from cosim.fmi.library import Instance, Setup
+from cosim.native import fmu_log
+
+
+def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
+    """An instance of an FMU. `log`: where it logs to; None: where this process keeps it.
+
+    Raises FmuError.
+    """
+    kind = Instance2 if setup.fmi == "2.0" else Instance3
+    return kind(setup, fmu_log.log() if log is None else log)

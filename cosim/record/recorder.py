@@ -210,7 +210,7 @@ class Recorder(Closing):
     def save_last(self, path: str | Path, n: int, columns: Sequence[Column] | None = None) -> Path:
         """Write :meth:`last` as Parquet: `columns` of the signal vector (default the recorded).
 
-        Raises RunError with the path.
+        Raises RunError with the path; then no part of it is left.
         """
         path = Path(path)
         k0, rows = self.last(n)
@@ -220,6 +220,7 @@ class Recorder(Closing):
             writer.add(rows, k0)
             writer.close()
         except OSError as error:
+            path.unlink(missing_ok=True)
             raise RunError(f"cannot write {path}: {reason(error)}") from error
         return path
 

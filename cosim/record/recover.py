@@ -95,16 +95,18 @@ def complete(folder: Path) -> None:
     if journals(folder):
         _complete_nodes(folder)
         return
-    scratch = folder / f"{TRAJECTORIES}.recovered"
+    scratch, last = (folder / f"{name}.recovered" for name in (TRAJECTORIES, LAST))
     try:
         with pa.OSFile(str(scratch), "wb") as sink:
             _write(folder, sink)
-        _write_last(folder)
+        if _write_last(folder, last):
+            last.replace(folder / LAST)
         scratch.replace(folder / TRAJECTORIES)
         for name in (LIVE, PART):
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        scratch.unlink(missing_ok=True)
+        for path in (scratch, last):
+            path.unlink(missing_ok=True)
         raise RunError(f"cannot write {folder / TRAJECTORIES}: {reason(error)}") from error
 
 
@@ -178,15 +180,15 @@ def _newest(live: Live) -> int:
     return max((k0 + len(rows) for k0, rows in _chunks(live)), default=0) - 1
 
 
-def _write_last(folder: Path) -> None:
-    """The last ticks of all signals, as far as the chunks reach back."""
+def _write_last(folder: Path, output: Path) -> bool:
+    """The last ticks of all signals, as far as the chunks reach back; False: there are none."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     live = Live.read(folder / LIVE)
     chunks = _chunks(live)
     if not live.layout.everything or not chunks:
-        return
+        return False
     rows = np.concatenate([rows for _, rows in chunks])
     ticks = np.concatenate([np.arange(k0, k0 + len(rows)) for k0, rows in chunks])
     everything: tuple[Column, ...] = live.layout.everything
@@ -194,7 +196,8 @@ def _write_last(folder: Path) -> None:
     index = np.array([column.index for column in everything], dtype=np.intp)
     values = np.concatenate([ticks[None] * live.layout.h, rows.T[index]])
     with (
-        pa.OSFile(str(folder / LAST), "wb") as sink,
+        pa.OSFile(str(output), "wb") as sink,
         pq.ParquetWriter(sink, fields, **SETTINGS) as writer,
     ):
         writer.write_batch(batch(np.ascontiguousarray(values), fields))
+    return True

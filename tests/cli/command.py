@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,12 @@ from cosim.cli.commands import command
 ROOT = Path(__file__).resolve().parents[2]
 CONFIG = ROOT / "configs" / "teleoperation.toml"
 CALL = [sys.executable, "-c", "from cosim.cli import main; main()"]
+
+
+def options_of(name: str) -> set[str]:
+    """The options that the help of a command lists: ``--set``, ``--no-plot``."""
+    done = subprocess.run([*CALL, name, "--help"], capture_output=True, text=True, check=True)
+    return set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", done.stdout))
 
 
 @dataclass(frozen=True)

@@ -32,26 +32,28 @@ def graph(package: str) -> Graph:
     found: dict[str, set[str]] = {name: set() for name in names}
     for name in names:
         for path in (ROOT / package / name).rglob("*.py"):
-            found[name].update(set(_imported(path, package)) & found.keys())
+            found[name].update(set(_imported_rooms(path, package)) & found.keys())
     return {
         a: frozenset(b for b in to if b != a and (package, a, b) not in UP)
         for a, to in found.items()
     }
 
 
-def _imported(path: Path, package: str) -> Iterator[str]:
-    """Second parts of the names that a file imports from the package."""
+def imported(path: Path) -> Iterator[str]:
+    """Names that a file imports, with their modules: at its top, in functions, for types only."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
-        else:
-            continue
-        for name in names:
-            parts = name.split(".")
-            if parts[0] == package and len(parts) > 1:
-                yield parts[1]
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _imported_rooms(path: Path, package: str) -> Iterator[str]:
+    """Second parts of the names that a file imports from the package."""
+    for name in imported(path):
+        parts = name.split(".")
+        if parts[0] == package and len(parts) > 1:
+            yield parts[1]
 
 
 def below(found: Graph, room: str) -> frozenset[str]:

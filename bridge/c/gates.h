@@ -73,7 +73,7 @@ typedef struct {
     history_t *history;     /* what was heard of it: replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
     int32_t n_forwards;
-    forward_t *forwards;    /* what goes on at once when a sample was accepted */
+    forward_t *forwards;    /* messages that are sent on when a sample of this one is accepted */
 } reception_t;
 
 /* Frames by which a drive with a protocol of its own is asked for a change of state, one after the

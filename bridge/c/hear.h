@@ -6,7 +6,7 @@
 
 /* Frames that have arrived by limit_ns (relative), each to who takes it. */
 void node_hear(node_t *n, int64_t limit_ns);
-/* Whether a frame is an emergency stop of everybody on its bus. */
+/* Whether a frame is an emergency stop, which stops every node on its bus. */
 int32_t node_is_estop(const node_t *n, const frame_t *frame);
 
 #endif

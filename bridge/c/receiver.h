@@ -51,8 +51,8 @@ enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
  *
  * What is refused is believed after all when 3 such frames follow each other, over two periods, with
  * none accepted between them (as the state machine of AUTOSAR E2E needs a window of valid samples):
- * `resyncs`. So a forged frame shuts nobody out, and a sender that counts anew is heard with its
- * third frame. What a stamp says is older than what was accepted is never believed. To start over, set
+ * `resyncs`. So a forged frame cannot block the true sender, and a sender that restarts its counter is
+ * accepted with its third frame. What a stamp says is older than what was accepted is never believed. To start over, set
  * sequence = -1. */
 API int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns);
 

@@ -13,7 +13,7 @@ typedef struct {
     int64_t *busy;          /* a network: until */
 } twin_t;
 
-/* To everybody else on the network, when the frame has gone over it. */
+/* Hands a frame to all other nodes of a network, at the time at which its last bit is on the bus. */
 static void deliver(twin_t *w, int32_t from, int32_t network, frame_t *frame)
 {
     const int64_t begin = frame->t_ns > w->busy[network] ? frame->t_ns : w->busy[network];

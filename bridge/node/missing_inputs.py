@@ -48,7 +48,7 @@ def unheard(wired: Wired) -> list[str]:
 
 
 def _of_state(state: int) -> str:
-    """Of a peer that is heard, but in a state in which nobody may start."""
+    """The state of a peer that is heard, if its state prevents a start; else ""."""
     ready = state in (-1, LifeState.INACTIVE, LifeState.ACTIVE)
     return "" if ready else f" in another state than {LifeState(state).name}"
 

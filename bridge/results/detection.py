@@ -129,7 +129,7 @@ def _of_frames(
         for name, there in received.hit(fault).items():
             rows = _effective(record[there], fault)
             if fault.kind == "delay" and not shown.arrives(life, name, *span):
-                rows = rows[:0]  # of a gateway: nobody was there who would know how old it is
+                rows = rows[:0]  # a gateway, and no node behind it ran that would show the age
             alike = [f for f in every if _counted_as(fault, f, life.node)]
             alike = [f for f in alike if name in {one.name for one in f.about(received.listened)}]
             total = max(sum(len(_effective(record[there], f)) for f in alike), len(rows))

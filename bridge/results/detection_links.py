@@ -59,7 +59,7 @@ def of_links(
         for life, message in _receivers(first.action, link, first.t, t1, shown, network):
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
             samples = (rows["length"] >= size) & shown.sends(message, t)
-            samples &= left <= shown.last(life)  # what comes later is heard by nobody
+            samples &= left <= shown.last(life)  # what arrives later has no receiver any more
             acted, least = _acted(first.action, rows[samples])
             done = acted if acted >= FEW[first.action] else 0
             signs = _link_signs(first, quiet, t1, shown, life, message, least) if done else ()

@@ -1,4 +1,4 @@
-"""The process of an isolated FMU: does what :mod:`cosim.fmi.isolated` asks, until nobody does.
+"""The process of an isolated FMU: it obeys :mod:`cosim.fmi.isolated` until that closes.
 
 Knows one FMU. Its memory is shared: the log first, so that it outlives a crash, then the signals.
 """

@@ -227,9 +227,9 @@ class Recorder(Closing):
     # ---- the thread's side -------------------------------------------------------------------
 
     def _write(self) -> None:
-        """Write chunks until told to stop; after a failure go on taking them, so nobody waits.
+        """Write chunks until told to stop; takes them after a failure, too, as the engine waits.
 
-        Nobody gets a chunk to fill again whose rows are not all in the row group or the file.
+        A chunk is given back to be filled again when all its rows are in the row group or the file.
         """
         chunk: tuple[Rows, int, int] | None = None
         try:

@@ -55,23 +55,17 @@ def test_bridge_tests_mirror_the_rooms():
 
 
 def imports(packages: tuple[str, ...]) -> dict[str, set[str]]:
-    """The modules that each module imports, at its top, in functions or for types only."""
+    """The modules that each module imports."""
     files = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
         for package in packages
         for path in (ROOT / package).rglob("*.py")
     }
-    found: dict[str, set[str]] = {}
-    for module, path in files.items():
-        names: set[str] = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                names.update(alias.name for alias in node.names)
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                whole = {f"{node.module}.{alias.name}" for alias in node.names}
-                names.update(n if n in files else node.module for n in whole)
-        found[module] = names & files.keys() - {module}
-    return found
+    return {
+        module: {n if n in files else n.rpartition(".")[0] for n in rooms.imported(path)}
+        & files.keys() - {module}
+        for module, path in files.items()
+    }
 
 
 def test_no_module_comes_back_to_itself_by_its_imports():

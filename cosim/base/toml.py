@@ -31,7 +31,11 @@ def read_text(path: Path, what: str = "a file (.toml)") -> str:
         raise ScenarioError(f"{path}: no such file; expected {what}") from None
     except IsADirectoryError:
         raise ScenarioError(f"{path}: is a folder; expected {what}") from None
-    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or no path
+    except UnicodeDecodeError as error:
+        raise ScenarioError(
+            f"{path}: cannot be read: not UTF-8 text (byte {error.start}); expected {what}"
+        ) from None
+    except (OSError, ValueError) as error:  # ValueError: no path
         raise ScenarioError(f"{path}: cannot be read: {error}") from None
 
 

@@ -24,6 +24,15 @@ def test_every_deployment_of_the_project_is_read(name):
     assert all(found.file(bus.dbc).is_file() for bus in found.buses.values() if bus.dbc)
 
 
+def test_a_file_that_is_no_text_is_named_with_what_was_expected(tmp_path):
+    (tmp_path / "plant.fmu").write_bytes(b"PK\x03\x04\xff\xfe")
+    with pytest.raises(
+        ScenarioError,
+        match=r"plant\.fmu: cannot be read: not UTF-8 text \(byte 4\); expected a file",
+    ):
+        load(tmp_path / "plant.fmu")
+
+
 def test_a_deployment_is_read_as_written():
     found = load(find(TELEOPERATION, "can"))
     assert found.title == "Two arms on two CAN FD buses"

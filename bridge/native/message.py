@@ -71,6 +71,8 @@ COUNTERS = (
     *("ok", "lost", "repeated", "reordered", "wrong_sequence", "crc", "length", "invalid"),
     *("range", "simulated", "stale", "rate", "resyncs"),
 )
+#: Those of frames that came and were refused.
+REFUSALS = ("crc", "length", "invalid", "range", "rate", "simulated", "stale", "wrong_sequence")
 
 
 class Field(c.Structure):

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from bridge.native import node as native
-from bridge.native.message import Receiver
+from bridge.native.message import REFUSALS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node.control import Say
 from bridge.records.records import names_of, refusal
@@ -24,8 +24,6 @@ from cosim.base.clock import monotonic_ns, stopwatch
 
 #: s between two looks, and between two times a node says what it still waits for.
 LOOK, REPEAT = 0.02, 0.5
-#: Counters of frames that came and were refused.
-REFUSALS = ("crc", "length", "invalid", "range", "rate", "simulated", "stale", "wrong_sequence")
 #: Periods of a message in which a life that runs hears at least one.
 MANY = 20
 

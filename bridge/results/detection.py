@@ -18,12 +18,13 @@ from bridge.can.codec import Codec
 from bridge.deployment.carried import Listened
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, FaultEvent, FaultScript, FrameFault
+from bridge.native.message import COUNTERS
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal.babbler import accept
 from bridge.results.detection_links import RecordedNetwork, of_links
 from bridge.results.findings import Evidence, Place, Sign, Signs
-from bridge.results.symptoms import COUNTERS, SIGNS, Shown
+from bridge.results.symptoms import SIGNS, Shown
 from bridge.results.undetected import of_run
 from bridge.wiring.wiring import Rows
 

@@ -11,10 +11,11 @@ from typing import Protocol
 import numpy as np
 
 from bridge.faults.script import FaultEvent
+from bridge.native.message import COUNTERS
 from bridge.records.lives import Life
 from bridge.relay.router import UDP
 from bridge.results.findings import Place, Signs
-from bridge.results.symptoms import COUNTERS, SIGNS, Shown
+from bridge.results.symptoms import SIGNS, Shown
 from bridge.wiring.wiring import Rows
 
 #: Packets of samples below which a fault had nothing to act on; some are of handshakes.

@@ -54,10 +54,6 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "net-loss": ("lost",),
     "net-rate": ("age", "silence", "lost"),
 }
-COUNTERS = (
-    *("lost", "crc", "length", "invalid", "range", "rate", "repeated", "reordered", "stale"),
-    *("wrong_sequence", "resyncs"),
-)
 #: Share of what was done that has to show, in numbers and in time.
 ENOUGH, LONG = 0.5, 0.8
 #: s after the end of a fault within which what it did may show.

@@ -80,6 +80,7 @@ def sweep(
     for path in figures.draw_all(loaded, table, folder) if plot else ():
         say(f"{'figure':<16} {path}")
     seal(folder, anew=True)
+    summary.refuse_lost_runs(table)
 
 
 def stopping() -> None:

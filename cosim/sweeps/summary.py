@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.errors import RunError
 from cosim.record.folder import replace_file
 from cosim.sweeps.store import write_table
 from cosim.sweeps.table import SweepTable, column, groups
@@ -33,6 +34,19 @@ def lines(table: SweepTable) -> list[str]:
     first += f" ({len(failed)} of them did not reach their end)" if failed else ""
     first += f"; {left} not run yet" if left else ""
     return [first, *_reasons(failed, table.axes), *_ranges(table)]
+
+
+def refuse_lost_runs(table: SweepTable) -> None:
+    """Raise RunError where runs have no result: they neither ended nor stopped at a time of theirs.
+
+    A run that diverges or is ended by a model has a time at which it stopped, which is a result.
+    """
+    lost = [r for r in table.records if r["reason"] and np.isnan(r["stopped_at"])]
+    if lost:
+        raise RunError(
+            f"{len(lost)} of {len(table.records)} runs have no result, the first of them: "
+            f"{lost[0]['reason']}; --retry repeats them"
+        )
 
 
 def _reasons(failed: Sequence[Mapping[str, Any]], axes: Sequence[str]) -> list[str]:

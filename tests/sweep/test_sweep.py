@@ -97,7 +97,7 @@ def test_a_component_that_crashes_takes_its_own_run_with_it(cosim: Command, tmp_
     study = STUDY.replace('.gain"', '.how"') + "values = [0, 1, 2, 0.0, 0.00, 1.0]\n"
     done = cosim("sweep", written(tmp_path, study), "--jobs", 2, "--out", "here", "--no-plot")
     assert done.code == 1
-    assert " runs have no result, the first of them: the worker process died" in done.out
+    assert " runs have no result, the first of them: the worker process died" in done.err
     found = {r["gain"]: r for r in table(tmp_path / "here")}
     assert found[0]["stable"]
     assert found[1]["reason"].startswith("gain: ZeroDivisionError: one over nothing")

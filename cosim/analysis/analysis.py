@@ -89,9 +89,10 @@ def analyse(
     """
     port, known, remarks = subject.port, subject.system, list(subject.remarks)
     recorded = read(subject.signals, port)
-    net, arm = None, None
+    net, hand = None, None
     if known is not None and known.is_position(port.response):
-        net, arm = network(known, port.arm), known.arms.get(port.arm)
+        net = network(known, port.arm)
+        hand = known.hand(port.arm) if port.arm in known.arms else None
     if known is not None:
         remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
     swept: list[Swept] = []
@@ -104,7 +105,7 @@ def analyse(
     return Analysis(
         title=subject.title,
         port=port,
-        run=tuple(numbers(recorded, net, arm)),
+        run=tuple(numbers(recorded, net, hand)),
         tests=tested,
         recorded=recorded,
         bound=_bound(net, recorded),

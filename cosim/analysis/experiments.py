@@ -16,6 +16,7 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.frequency import MultiSine, PortGain
+from cosim.analysis.inputs import acts
 from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.port import PortSignals
@@ -74,8 +75,8 @@ class Bench:
         return self.every * self.system.plan.h
 
     def at_rest(self, seconds: float) -> Change:
-        """Everybody at `q`, at rest and let go of."""
-        change = Change(seconds)
+        """Everybody at `q`, at rest and let go of, also by operators that are components."""
+        change = Change(seconds, forces=self._silenced())
         for name, arm in self.system.arms.items():
             m = len(arm.q)
             q = self.q if len(self.q) == m else arm.q
@@ -90,6 +91,13 @@ class Bench:
                 given |= {law.estimate: self._true(name, law), law.adaptation: (0.0,)}
             change = change.merged(**{name: given})
         return change
+
+    def _silenced(self) -> dict[str, Array]:
+        """No torque on every arm's external input that anything feeds, by its name."""
+        plan = self.system.plan
+        slots = plan.slots()
+        names = [f"{name}.{arm.external}" for name, arm in self.system.arms.items()]
+        return {name: np.zeros((1, slots[name].size)) for name in names if acts(plan, name)}
 
     def _true(self, name: str, law: DynamicFeedback) -> Vector:
         """What the estimate of a law should be."""
@@ -109,9 +117,7 @@ class Bench:
         """A constant push on every joint, from rest; force and response are recorded."""
         if not self.port.inject:
             raise ScenarioError("no input for a test force; name it in [analysis] as inject")
-        change = replace(
-            self.at_rest(seconds), forces={self.port.inject: np.full((1, self.size), force)}
-        )
+        change = self._fed(seconds, np.full((1, self.size), force))
         return self.run(change, (self.port.inject, self.port.response))
 
     def gain(self, sines: MultiSine) -> PortGain:
@@ -155,7 +161,8 @@ class Bench:
         return PortGain(omega, G, self.h, max(slow.astray, fast.astray))
 
     def _fed(self, seconds: float, force: Array) -> Change:
-        return replace(self.at_rest(seconds), forces={self.port.inject: force})
+        change = self.at_rest(seconds)
+        return replace(change, forces={**change.forces, self.port.inject: force})
 
     # ---- grips and walls -------------------------------------------------------------------------
 
@@ -169,13 +176,13 @@ class Bench:
     def wall(self, k_w: float, seconds: float) -> Change:
         """The far arm in front of a wall, and the arm at the port pulled into it by its grip.
 
-        The grip is the scenario's; 10 N.m/rad, 5 N.m.s/rad where it has none.
+        The grip is the scenario's hand; 10 N.m/rad, 5 N.m.s/rad where nothing is known of that.
         """
         arm, far = self._arm(), self.system.arms.get(self.port.far)
         if far is None:
             raise ScenarioError("there is no far arm whose wall could be set")
-        k_p = arm.grip.stiffness if any(arm.grip.stiffness) else (10.0,)
-        k_d = arm.grip.damping if arm.grip.there else (5.0,)
+        own = self.system.hand(self.port.arm)
+        k_p, k_d = (own.stiffness, own.damping) if own is not None else ((10.0,), (5.0,))
         hand = tuple(x + 4 * APART for x in self.q)
         grip = dict(zip(arm.grip.names, (k_p, k_d, hand), strict=True))
         wall = dict(zip(far.wall.names, ((k_w,), far.wall.damping, self._away()), strict=True))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from cosim.analysis.facts import Arm, DynamicFeedback
+from cosim.analysis.inputs import acts
 from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
 from cosim.scenario.connect import unknown
@@ -20,9 +21,10 @@ from cosim.scenario.spec import AnalysisSpec
 class PortSignals:
     """Names of signals, "" where there is none; `arm`, `far` are the components they belong to.
 
-    `force` on the robot, its position `response` and velocity `rate`; `inject`, the input of a test
-    force; `far_force` of the far robot on its environment, with `far_response`, `far_rate`;
-    `estimate`: theta_hat of the controller at the port.
+    The force on the robot is the signal `force` plus the input `external`, which other components
+    feed; `response` is its position and `rate` its velocity; `inject` is the input of a test force.
+    The torque of the far robot on its environment is `far_force` less `far_external`, with
+    `far_response` and `far_rate`. `estimate`: theta_hat of the controller at the port.
     """
 
     arm: str
@@ -30,10 +32,12 @@ class PortSignals:
     response: str
     rate: str = ""
     inject: str = ""
+    external: str = ""
     far: str = ""
     far_force: str = ""
     far_response: str = ""
     far_rate: str = ""
+    far_external: str = ""
     estimate: str = ""
 
     @property
@@ -45,8 +49,9 @@ class PortSignals:
     def signals(self) -> tuple[str, ...]:
         """Names of what is recorded of it."""
         names = (
-            *(self.force, self.response, self.rate),
-            *(self.far_force, self.far_response, self.far_rate, self.estimate),
+            *(self.force, self.external, self.response, self.rate),
+            *(self.far_force, self.far_external, self.far_response, self.far_rate),
+            self.estimate,
         )
         return tuple(dict.fromkeys(name for name in names if name))
 
@@ -70,7 +75,7 @@ def port_of(
         raise ScenarioError(unknown(arm, components, "component with signals"), place)
     hand, q, dq, external, _ = _names(system, arm)
     far = _component(spec.far_response or spec.far_force) or _far(system, arm)
-    _, far_q, far_dq, _, environment = _names(system, far)
+    _, far_q, far_dq, far_external, environment = _names(system, far)
     pick = _picker(known, place)
     own = spec if chosen in ("", _component(spec.force or spec.response)) else AnalysisSpec()
     return PortSignals(
@@ -79,12 +84,26 @@ def port_of(
         response=pick(own.response, f"{arm}.{q}", True),
         rate=pick(own.rate, f"{arm}.{dq}"),
         inject=pick(own.inject, f"{arm}.{external}"),
+        external=_acting(own.force, f"{arm}.{hand}", f"{arm}.{external}", known, system),
         far=far,
         far_force=pick(own.far_force, f"{far}.{environment}"),
         far_response=pick(own.far_response, f"{far}.{far_q}"),
         far_rate=pick(own.far_rate, f"{far}.{far_dq}"),
+        far_external=_acting(
+            own.far_force, f"{far}.{environment}", f"{far}.{far_external}", known, system
+        ),
         estimate=pick("", _estimate(system, arm)),
     )
+
+
+def _acting(
+    given: str, usual: str, external: str, known: Collection[str], system: AnalyzedSystem | None
+) -> str:
+    """The input `external` where something feeds it; "" where `given` is a force of its own."""
+    if given not in ("", usual):
+        return ""
+    there = external in known if system is None else acts(system.plan, external)
+    return external if there else ""
 
 
 def _picker(known: Collection[str], place: str) -> Callable[..., str]:

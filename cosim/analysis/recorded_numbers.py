@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.analysis.closed_form import manipulability_bound, poles, quasi_static_poles
 from cosim.analysis.energy import effort, observer
-from cosim.analysis.facts import Arm, Array
+from cosim.analysis.facts import Array, Hand
 from cosim.analysis.felt_impedance import felt, is_the_hand
 from cosim.analysis.manipulability import growth, manipulability, running_integral
 from cosim.analysis.network import RobotNetwork
@@ -59,16 +59,23 @@ def read(signals: Signals, port: PortSignals) -> RecordedPort:
     """The port's signals of a run. Raises ScenarioError where one was not recorded."""
     far = None
     if port.far_force and port.far_rate:
-        far = (signals.array(port.far_force), signals.array(port.far_rate))
+        far_force = _total(signals, port.far_force, port.far_external, -1.0)
+        far = (far_force, signals.array(port.far_rate))
     return RecordedPort(
         t=np.asarray(signals.t, dtype=np.float64),
-        force=signals.array(port.force),
+        force=_total(signals, port.force, port.external, 1.0),
         response=signals.array(port.response),
         rate=signals.array(port.rate) if port.rate else None,
         far=far,
         units=(signals.unit(port.force), signals.unit(port.response)),
         estimate=_last(signals, port.estimate),
     )
+
+
+def _total(signals: Signals, inside: str, external: str, sign: float) -> Array:
+    """The torque of a grip or wall inside an arm, (n, m), with what other components feed in."""
+    found = signals.array(inside)
+    return found + sign * signals.array(external) if external else found
 
 
 def _last(signals: Signals, name: str) -> tuple[float, ...]:
@@ -80,18 +87,20 @@ def _last(signals: Signals, name: str) -> tuple[float, ...]:
     return tuple(float(x) for x in rows[-1]) if len(rows) else ()
 
 
-def numbers(found: RecordedPort, net: RobotNetwork | None, arm: Arm | None) -> Iterator[Quantity]:
-    """The numbers of a run; closed forms where `net` and `arm` are known."""
-    if len(found.t) < 4:
-        yield absent("manipulability", "manipulability M^t", found.unit, "run", "nothing recorded")
+def numbers(found: RecordedPort, net: RobotNetwork | None, hand: Hand | None) -> Iterator[Quantity]:
+    """The numbers of a run; closed forms where `net` and the `hand` at the port are known."""
+    why = "nothing recorded" if len(found.t) < 4 else "" if found.force.any() else "no force acted"
+    if why:
+        yield absent("manipulability", "manipulability M^t", found.unit, "run", why)
+        yield absent("effort", "effort ‖f‖₂", f"{found.units[0]}.√s", "run", why)
         return
     yield from _manipulability(found, net)
     yield from _effort(found)
     yield from _energy(found)
     if found.rate is not None:
         yield from _felt(found)
-    if net is not None and arm is not None and any(arm.grip.stiffness):
-        yield _approach(found, net, arm)
+    if net is not None and hand is not None:
+        yield _approach(found, net, hand)
 
 
 def least_feedback(net: RobotNetwork) -> float:
@@ -106,9 +115,6 @@ def _manipulability(found: RecordedPort, net: RobotNetwork | None) -> Iterator[Q
     if net is not None:
         limit = manipulability_bound(net, t[-1:], least_feedback(net))
         bound = {"expected": limit, "formula": "O6, at most (theta known, from rest)"}
-    if not np.isfinite(M[-1]):
-        yield absent("manipulability", "manipulability M^t", found.unit, "run", "no force acted")
-        return
     how = f"‖y‖₂/‖f‖₂ over [0, {t[-1]:.4g}] s"
     yield quantity("manipulability", "manipulability M^t", M[-1], found.unit, how, **bound)  # type: ignore[arg-type]
     yield quantity(
@@ -173,9 +179,9 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
         yield quantity(name, f"felt {part}, in windows", medians, unit, how, note=note)
 
 
-def _approach(found: RecordedPort, net: RobotNetwork, arm: Arm) -> Quantity:
+def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
     """Rate at which the error to where the hand wants the arm decays, against the slowest pole."""
-    error = np.abs(found.response - np.asarray(arm.grip.place)).max(axis=1)
+    error = np.abs(found.response - np.asarray(hand.place)).max(axis=1)
     rate = approach(found.t, error)
     label, how = "rate of approach", "slope of log |q - q_h|, from 1 % of the start down"
     if np.isnan(rate):
@@ -184,8 +190,8 @@ def _approach(found: RecordedPort, net: RobotNetwork, arm: Arm) -> Quantity:
     ended = len(found.estimate) == len(estimates[net.port])
     if ended:
         estimates = [found.estimate if i == net.port else e for i, e in enumerate(estimates)]
-    roots = poles(net, found.response[-1], estimates, arm.grip.stiffness, arm.grip.damping)
-    simple = quasi_static_poles(net.law, least_feedback(net), *_softest(arm))[0].real
+    roots = poles(net, found.response[-1], estimates, hand.stiffness, hand.damping)
+    simple = quasi_static_poles(net.law, least_feedback(net), *_softest(hand))[0].real
     o3 = f"; O3 without inertia {simple:.4g}" if len(net.laws) == 1 else ""
     return quantity(
         "approach", label, rate, "1/s", how, expected=roots[0].real if len(roots) else (),
@@ -193,8 +199,8 @@ def _approach(found: RecordedPort, net: RobotNetwork, arm: Arm) -> Quantity:
     )  # fmt: skip
 
 
-def _softest(arm: Arm) -> tuple[float, float]:
-    return min(arm.grip.stiffness), min(arm.grip.damping)
+def _softest(hand: Hand) -> tuple[float, float]:
+    return min(hand.stiffness), min(hand.damping)
 
 
 def approach(t: Array, error: Array) -> float:

@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from cosim.analysis.inputs import RunWithInputs
 from cosim.analysis.memory_run import SignalTrace, trace
 from cosim.analysis.port import PortSignals, port_of
 from cosim.analysis.signals import Signals
@@ -62,7 +65,20 @@ def find_port(
 def record(scenario: Scenario, plan: Plan, port: PortSignals) -> SignalTrace:
     """The scenario run as it is, in memory, with the port's signals recorded."""
     every = max(scenario.run.record.every, -(-plan.ticks // ROWS))
-    return trace(plan, port.signals(), every)
+    found = trace(plan, port.signals(), every)
+    return found if every > 1 else _acting_from(found, (port.external, port.far_external))
+
+
+def _acting_from(found: SignalTrace, inputs: Collection[str]) -> SignalTrace:
+    """Rows of `inputs` moved up by one: at t_k the torque that acts from then on.
+
+    An arm reads its inputs as it steps, so row k + 1 holds what acted from t_k to t_(k+1). Outputs
+    of a sampled operator, which is what a recorded run has, are those of t_k as well.
+    """
+    columns = dict(found.columns)
+    for name in filter(None, inputs):
+        columns[name] = np.concatenate([columns[name][1:], columns[name][-1:]])
+    return replace(found, columns=columns)
 
 
 def of_run(folder: str | Path, chosen: str = "") -> Subject:
@@ -83,10 +99,24 @@ def of_run(folder: str | Path, chosen: str = "") -> Subject:
         remark = f"no closed forms, no test forces: {error}"
     if known is None:
         port = port_of(_recordable(spec), names, None, chosen, str(folder))
+        if not port.external:
+            remark += f"; the force is {port.force} alone: what else acted is not known"
         return Subject(title, run, port, None, (remark,))
     slots = known.plan.slots()
     port = _recorded(port_of(spec, slots, known, chosen, str(folder)), names, folder)
-    return Subject(title, run, port, known)
+    signals = RunWithInputs(run, known.plan)
+    port, remarks = _far_end(port, signals)
+    return Subject(title, signals, port, known, remarks)
+
+
+def _far_end(port: PortSignals, signals: Signals) -> tuple[PortSignals, tuple[str, ...]]:
+    """The port without its far end where a torque on that was not recorded, and a remark."""
+    try:
+        if port.far_external:
+            signals.array(port.far_external)
+    except ScenarioError as error:
+        return replace(port, far_force="", far_external=""), (f"no far end: {error}",)
+    return port, ()
 
 
 def _recordable(spec: AnalysisSpec) -> AnalysisSpec:

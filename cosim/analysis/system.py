@@ -15,6 +15,8 @@ from typing import TypeVar
 import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
+from cosim.analysis.hands import together
+from cosim.analysis.inputs import acts, feeders, start_value
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
 from cosim.links.losses import Lossy
@@ -90,13 +92,35 @@ class AnalyzedSystem:
         return self.plan.component(name).period * self.plan.h
 
     def held(self) -> tuple[str, ...]:
-        """The arms that somebody holds or pushes: by a grip inside, or through a wire."""
-        fed = {w.target.name.split("[")[0] for w in self.plan.wires}
+        """The arms that somebody holds or pushes: by a grip inside, or by the external torque."""
         return tuple(
             name
             for name, arm in sorted(self.arms.items())
-            if arm.grip.there or f"{name}.{arm.external}" in fed
+            if arm.grip.there or acts(self.plan, f"{name}.{arm.external}")
         )
+
+    def hand(self, name: str) -> Hand | None:
+        """What holds an arm: the grip inside it, operators wired to it, or the sum of both.
+
+        None where nothing does, or where something else than a spring and a damper to a constant
+        place acts as well.
+        """
+        arm = self.arms[name]
+        external, place = (self.plan.slots().get(f"{name}.{port}") for port in
+                           (arm.external, arm.grip.names[2]))  # fmt: skip
+        grip = arm.grip
+        hands = [Hand(stiffness=grip.stiffness, damping=grip.damping, place=grip.place)]
+        if grip.there and place is not None and feeders(self.plan, place):
+            return None
+        if external is not None and any(start_value(self.plan.component(name), external)):
+            return None
+        for feeder in feeders(self.plan, external) if external is not None else ():
+            wired = isinstance(feeder, Wire) and (feeder.gain, feeder.offset) == (1.0, 0.0)
+            source = self.facts.get(feeder.source.component) if isinstance(feeder, Wire) else None
+            if not wired or not isinstance(source, Hand):
+                return None
+            hands.append(source)
+        return together(hands, len(arm.q))
 
 
 def values_of(step: Step) -> dict[str, tuple[float, ...]]:

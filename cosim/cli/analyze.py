@@ -94,9 +94,10 @@ def status() -> Iterator[Callable[[str], None]]:
 def report(found: Analysis) -> list[str]:
     """The numbers in two tables, each with its closed form, and how they came about below."""
     footnotes: dict[str, int] = {}
-    names = ", ".join(name for name in (found.port.force, found.port.response, found.port.inject)
-                      if name)  # fmt: skip
-    lines = [found.title, f"port {found.port.arm}: {names}"]
+    port = found.port
+    force = f"{port.force} + {port.external}" if port.external else port.force
+    names = ", ".join(name for name in (force, port.response, port.inject) if name)
+    lines = [found.title, f"port {port.arm}: {names}"]
     tests = (
         "the port, by tests (as it starts: estimates of the scenario, posture of the run's end; "
         "M_hat = M: true estimates that stay, heaviest posture)"

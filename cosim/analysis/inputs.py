@@ -1,0 +1,106 @@
+"""What an input of a component receives: from the plan, and from a run that recorded its sources.
+
+By default a run records outputs, and not the inputs that wires copy them into. The torque that an
+operator component feeds into an arm is such an input, so it is computed from its sources here.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from cosim.analysis.signals import Array, Signals
+from cosim.base.errors import ScenarioError
+from cosim.schedule.parts import Link, Player, Slot, Step, Wire
+from cosim.schedule.plan import Plan
+
+
+def feeders(plan: Plan, slot: Slot) -> tuple[Wire | Link | Player, ...]:
+    """All wires, links and players that feed a part of an input."""
+    every: tuple[Wire | Link | Player, ...] = (*plan.wires, *plan.links, *plan.players)
+    end = slot.start + slot.size
+    return tuple(
+        e for e in every if e.target.start < end and slot.start < e.target.start + e.target.size
+    )
+
+
+def acts(plan: Plan, name: str) -> bool:
+    """Whether anything feeds the input `name`, or the scenario holds it at other than 0."""
+    slot = plan.slots().get(name)
+    if slot is None:
+        return False
+    return bool(feeders(plan, slot)) or any(start_value(plan.component(slot.component), slot))
+
+
+def start_value(step: Step, slot: Slot) -> tuple[float, ...]:
+    """The value of an input that nothing feeds, one number per entry, in its unit."""
+    port = next(p for p in step.component.inputs if p.name == slot.port)
+    return step.start.get(slot.port) or port.default or (0.0,) * slot.size
+
+
+@final
+class RunWithInputs:
+    """A recorded run that also answers for inputs which were not recorded themselves."""
+
+    def __init__(self, run: Signals, plan: Plan) -> None:
+        self._run = run
+        self._plan = plan
+        self._slots = plan.slots()
+
+    @property
+    def t(self) -> Array:
+        """Time of each row, (n,), s."""
+        return self._run.t
+
+    def array(self, prefix: str) -> Array:
+        """Entries of a signal, (n, m), in its unit.
+
+        Raises ScenarioError for an input whose sources were not recorded.
+        """
+        slot = self._computed(prefix)
+        return self._run.array(prefix) if slot is None else self._input(slot)
+
+    def entries(self, prefix: str) -> tuple[str, ...]:
+        """Names of those entries. Raises ScenarioError for a signal that is not there."""
+        slot = self._computed(prefix)
+        return self._run.entries(prefix) if slot is None else slot.scalars()
+
+    def unit(self, prefix: str) -> str:
+        """Unit of a signal. Raises ScenarioError for a signal that is not there."""
+        slot = self._computed(prefix)
+        return self._run.unit(prefix) if slot is None else slot.unit
+
+    def _computed(self, prefix: str) -> Slot | None:
+        """The input `prefix`, if it was not recorded."""
+        try:
+            self._run.entries(prefix)
+        except ScenarioError:
+            slot = self._slots.get(prefix)
+            inputs = self._plan.component(slot.component).inputs if slot is not None else ()
+            return slot if slot in inputs else None
+        return None
+
+    def _input(self, slot: Slot) -> Array:
+        """An input, (n, m): its start value, overwritten by the wires that feed it."""
+        start = start_value(self._plan.component(slot.component), slot)
+        found = np.tile(np.asarray(start, dtype=np.float64), (len(self.t), 1))
+        for feeder in feeders(self._plan, slot):
+            if not isinstance(feeder, Wire):
+                raise ScenarioError(
+                    f"{slot.name} was not recorded, and a link or a table feeds it;"
+                    f" record {slot.name} as well"
+                )
+            first = feeder.target.start - slot.start
+            values = self._source(feeder, slot)
+            found[:, first : first + feeder.target.size] = feeder.gain * values + feeder.offset
+        return found
+
+    def _source(self, wire: Wire, slot: Slot) -> Array:
+        try:
+            return self._run.array(wire.source.name)
+        except ScenarioError as error:
+            raise ScenarioError(
+                f"{slot.name} is fed by {wire.source.name}, and neither was recorded;"
+                f" expected one of them in run.record.signals"
+            ) from error

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cosim.base.errors import ScenarioError
-from fmus.paper import network, robustness, teaching, teleoperation, theory
+from fmus.paper import network, remarks, robustness, teaching, teleoperation, theory
 from fmus.paper.claim import Claim
 from fmus.paper.experiments import Document
 from fmus.paper.figures import FIGURES, PaperFigure
@@ -17,6 +17,7 @@ SECTIONS: Mapping[str, tuple[Claim, ...]] = {
     "Teaching a single robot: Sec. IV-B, VII-A, Figs 1-3, Theorem 2": teaching.CLAIMS,
     "Six networked robots: Sec. V, VII-B, Figs 6-11, Theorems 3 and 4": network.CLAIMS,
     "Bilateral teleoperation: Sec. VI, VII-C, Figs 12-15, Theorem 5": teleoperation.CLAIMS,
+    "Remarks 5 and 6, Sec. VIII: hands of finite effort, delays of any bound": remarks.CLAIMS,
     "Beyond the paper: passivity, stiff grips, sampling": robustness.CLAIMS,
 }
 #: Figures without a run: the interaction graphs.
@@ -25,7 +26,7 @@ GRAPHS = {"fig4", "fig5"}
 
 def cases(seed: int) -> dict[str, Document]:
     """Every case by name, as a scenario document; `seed` of delays and switching graphs."""
-    parts = (theory, teaching, network, teleoperation, robustness)
+    parts = (theory, teaching, network, teleoperation, remarks, robustness)
     return {name: document for part in parts for name, document in part.cases(seed).items()}
 
 

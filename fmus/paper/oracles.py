@@ -9,7 +9,7 @@ closed loop is constant and the integral of s grows linearly, which leaves algeb
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi
+from math import exp, pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,6 +81,38 @@ def poles(
         lambda_M * k_p,
     ]
     return np.sort(np.roots(np.trim_zeros(polynomial, "f")).real)[::-1]
+
+
+def delayed_pole(
+    K: float,
+    alpha: float,
+    lambda_M: float,
+    k_p: float,
+    k_d: float,
+    lambda_: float,
+    delays: tuple[float, float],
+) -> float:
+    """O3 of the teleoperator, quasi-static, whose delays are redrawn fast: slowest pole, 1/s.
+
+    (p + λ)² - λ² E² + (p + λ) (p + λ_M)(k_d p + k_p)/(K (p + α)) = 0, where E is the mean of
+    exp(-pT) over T ~ U[`delays`] (s): what arrives is the mean over the draws. The largest real
+    root, which must lie between -α and 0.
+    """
+    low, high = delays
+
+    def left(p: float) -> float:
+        mean = (exp(-p * low) - exp(-p * high)) / (p * (high - low))
+        hand = (p + lambda_M) * (k_d * p + k_p) / (K * (p + alpha))
+        return (p + lambda_) ** 2 - (lambda_ * mean) ** 2 + (p + lambda_) * hand
+
+    grid = -np.geomspace(1e-6, 0.999 * min(alpha, lambda_), 4000)
+    signs = np.sign([left(float(p)) for p in grid])
+    k = int(np.argmax(signs != signs[0]))
+    stable, slow = float(grid[k]), float(grid[k - 1])
+    for _ in range(60):
+        middle = (stable + slow) / 2
+        stable, slow = (stable, middle) if left(middle) * left(slow) > 0 else (middle, slow)
+    return slow
 
 
 # ---- O4, O5: a constant push, and a wall --------------------------------------------------------

@@ -28,7 +28,7 @@ def test_what_a_remark_says(evidence: Evidence, name: str) -> None:
 
 
 def test_the_hand_of_remark_5_is_finite_and_what_it_moves_is_not(evidence: Evidence) -> None:
-    """Twice the time adds next to nothing to the effort and ln 2 times the drift to the position."""
+    """Twice the time adds nothing to the effort, and ln 2 times the drift to the position."""
     run = evidence.run("hand-one")
     half, last = m.row(run, 300.0), m.row(run, 600.0)
     effort = m.integral((run.array(FORCE) ** 2).sum(axis=1), run.t)

@@ -72,7 +72,7 @@ def work(case: str, variant: str, folder: str, stop: str) -> None:
         sys.exit(command() if variant == ALONE else supervised(command))
     prepare()
     from cosim.engine.simulate import simulate
-    from cosim.scenario.files import load
+    from cosim.loading.files import load
 
     scenario = load(CONFIG, [f"run.stop={stop}"])
     cpu, wall = time.process_time(), time.perf_counter()

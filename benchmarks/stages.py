@@ -58,9 +58,9 @@ def main() -> None:
     stages.mark("import the command line")
     from cosim.cli.summary import figures, summary
     from cosim.engine.simulate import simulate
+    from cosim.loading.files import load
     from cosim.record import Run
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
 
     stages.mark("import the runner")
     scenario = load(Path(sys.argv[2]), sys.argv[4:])

@@ -24,8 +24,8 @@ from benchmarks import tables
 from benchmarks.fmpy_loop import Planned
 from benchmarks.peers import Absent
 from cosim.base.clock import stopwatch
+from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load
 from cosim.sweeps.execute import sweep
 from cosim.sweeps.study import Study, load_study
 from cosim.sweeps.workers import processes, threads

@@ -15,8 +15,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "design.md"
 BEGIN, END = "<!-- rooms: python docs/rooms.py -->", "<!-- end of rooms -->"
-#: Imports between rooms that go up, and why; the contracts in pyproject.toml name the same.
-UP = {("cosim", "scenario", "ssp"): "a scenario may be an SSP file"}
 
 Graph = Mapping[str, frozenset[str]]
 
@@ -27,16 +25,13 @@ def rooms(package: str) -> list[str]:
 
 
 def graph(package: str) -> Graph:
-    """Which rooms each room imports, without itself and the imports in `UP`."""
+    """Which other rooms each room imports."""
     names = rooms(package)
     found: dict[str, set[str]] = {name: set() for name in names}
     for name in names:
         for path in (ROOT / package / name).rglob("*.py"):
             found[name].update(set(_imported_rooms(path, package)) & found.keys())
-    return {
-        a: frozenset(b for b in to if b != a and (package, a, b) not in UP)
-        for a, to in found.items()
-    }
+    return {a: frozenset(to - {a}) for a, to in found.items()}
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -123,8 +118,6 @@ def section() -> str:
             *picture(package),
             "",
         ]
-    for (package, a, b), why in UP.items():
-        lines += [f"One import goes up: `{package}/{a}` → `{package}/{b}`, because {why}.", ""]
     return "\n".join(lines)
 
 

@@ -187,9 +187,9 @@ def _predict(
     from cosim.checks.laws import prediction
     from cosim.cli.summary import summary
     from cosim.engine.simulate import simulate
+    from cosim.loading.files import load
     from cosim.record import Run
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
 
     ours = [s for s in settings if not s.startswith("deploy.")]
     added = links_with_laws(system, here, found, out) if system.deployment.latency else None

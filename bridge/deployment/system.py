@@ -24,8 +24,8 @@ from bridge.deployment.services import Encoding, Service, services_on
 from bridge.deployment.spec import Deployment
 from bridge.native.bus import Accept
 from cosim.base.errors import ScenarioError
+from cosim.loading.files import load as load_scenario
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load as load_scenario
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 

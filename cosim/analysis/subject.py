@@ -15,9 +15,9 @@ from cosim.analysis.port import PortSignals, port_of
 from cosim.analysis.signals import Signals
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load
 from cosim.scenario.spec import AnalysisSpec, Scenario, build
 from cosim.schedule.plan import Plan
 

@@ -43,8 +43,8 @@ def check(
     Exits with 1 where there is an error; with --strict for warnings as well.
     """
     from cosim.checks import check as findings
+    from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
 
     loaded = load(scenario, [s for s in set_ or [] if not s.startswith("deploy.")])
     found = findings(loaded, assemble(loaded))

@@ -30,7 +30,7 @@ def export(
         raise ScenarioError(f"{links!r} is neither annotation nor fmu", "--links")
     if ssp is None and fmu is None:
         raise ScenarioError("say what to write: --ssp FILE or --fmu FILE", "cosim export")
-    from cosim.scenario.files import load
+    from cosim.loading.files import load
 
     read = load_ssp if scenario.suffix == ".ssp" else load
     loaded = read(scenario, set_ or [])

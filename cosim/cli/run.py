@@ -74,9 +74,9 @@ def run(
     from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
     from cosim.cli.supervise import recording
     from cosim.engine.simulate import columns, simulate
+    from cosim.loading.files import load
     from cosim.record import Run, seal
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
     from cosim.scenario.recorded import over
     from cosim.scenario.spec import logging
 

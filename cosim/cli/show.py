@@ -28,8 +28,8 @@ def show(
     """
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import forgotten
+    from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
 
     if scenario.is_dir():
         if set_:

@@ -26,9 +26,9 @@ from cosim.comparison.variants import (
     Role,
     Variants,
 )
+from cosim.loading.files import read_document
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import unknown
-from cosim.scenario.files import read_document
 from cosim.scenario.spec import Scenario, build
 from cosim.schedule.plan import Plan
 

@@ -76,7 +76,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.record import Run
-from cosim.scenario.files import load
+from cosim.loading.files import load
 from cosim.engine.simulate import simulate
 
 SCENARIO = Path(__file__).with_name("{name}.toml")

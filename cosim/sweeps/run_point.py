@@ -20,9 +20,9 @@ from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.settings import change
 from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
+from cosim.loading.files import read_document
 from cosim.record import Column, Run
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import read_document
 from cosim.scenario.spec import Scenario, build
 from cosim.schedule.plan import Plan
 from cosim.sweeps.axes import Cell

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.recording import interval, percentile
 from benchmarks.recording_work import CONFIG
 from cosim.engine.simulate import simulate
-from cosim.scenario.files import load
+from cosim.loading.files import load
 
 ROOT = Path(__file__).parents[2]
 IN_MEMORY = """
@@ -20,7 +20,7 @@ from pathlib import Path
 from benchmarks import recording_work as recording
 from cosim.engine.simulate import simulate
 from cosim.record import live
-from cosim.scenario.files import load
+from cosim.loading.files import load
 
 recording.forget()
 seen = []

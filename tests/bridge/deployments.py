@@ -13,8 +13,8 @@ from bridge.records.lives import ByLife
 from bridge.replay import replay, twin
 from bridge.wiring.wiring import Rows
 from cosim.engine.simulate import simulate
+from cosim.loading.files import load as load_scenario
 from cosim.record import Run
-from cosim.scenario.files import load as load_scenario
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TELEOPERATION = CONFIGS / "teleoperation.toml"

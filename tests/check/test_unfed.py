@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from cosim.base.component import Port
 from cosim.checks.wiring import unfed
 from cosim.cli.commands import app
+from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load
 from fmus.models import planar2r, teleoperation
 from tests.cosim.fmi.exporter import export, strict2
 

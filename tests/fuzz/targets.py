@@ -77,8 +77,8 @@ def _buslog(path: Path) -> None:
 
 
 def _scenario(path: Path) -> None:
+    from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
 
     assemble(load(path))
 
@@ -119,8 +119,8 @@ def _fmu(path: Path) -> None:
 
 
 def _ssp(path: Path) -> None:
+    from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.files import load
 
     assemble(load(path))
 
@@ -149,7 +149,7 @@ def _run(path: Path) -> None:
 def _recorded_run() -> list[tuple[str, bytes]]:
     """A run of 50 ticks, packed: as today's code writes it."""
     from cosim.engine.simulate import simulate
-    from cosim.scenario.files import load
+    from cosim.loading.files import load
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"

@@ -15,9 +15,9 @@ from cosim.base.errors import ScenarioError
 from cosim.cli.export import export
 from cosim.cli.new import new
 from cosim.engine.simulate import simulate
+from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scaffold import write_controller
-from cosim.scenario.files import load
 
 ROOT = Path(__file__).resolve().parents[2]
 _PATHS = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load
 from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from fmus.paper import experiments as e

@@ -19,8 +19,8 @@ from bridge.records.records import Refused
 from bridge.rehearsal import hosts, injector
 from bridge.relay import namespaces
 from cosim.base.errors import RunError, ScenarioError
+from cosim.loading.files import read_document
 from cosim.record import seal, verify
-from cosim.scenario.files import read_document
 from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown

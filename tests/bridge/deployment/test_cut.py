@@ -11,8 +11,8 @@ from bridge.deployment.cut import cut, start_values
 from bridge.deployment.spec import find, load
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
+from cosim.loading.files import load as load_scenario
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load as load_scenario
 from cosim.schedule.parts import Link
 from tests.bridge.deployments import (
     NETWORK,

@@ -10,7 +10,7 @@ import pytest
 
 from bridge.deployment.spec import find, load
 from cosim.base.errors import ScenarioError
-from cosim.scenario.files import load as load_scenario
+from cosim.loading.files import load as load_scenario
 from tests.bridge.deployments import CONFIGS, TELEOPERATION, document, toml, written
 
 NAMES = sorted(path.stem for path in (CONFIGS / "deploy").glob("*.toml"))

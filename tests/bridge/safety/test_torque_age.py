@@ -13,7 +13,7 @@ from bridge.native.safety import DriveState
 from bridge.results import verdict
 from bridge.results.verdict import Word
 from cosim.base.errors import ScenarioError
-from cosim.scenario.files import read_document
+from cosim.loading.files import read_document
 from cosim.scenario.spec import build
 from tests.bridge.deployments import TELEOPERATION, document, named, system_of
 from tests.bridge.heard_alone import alone

@@ -11,8 +11,8 @@ from cosim.base import toml
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import quantity
 from cosim.cli.commands import app
+from cosim.loading.files import load, read_document
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load, read_document
 from cosim.scenario.spec import build
 
 SCENARIO = "configs/teleoperation.toml"

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 from cosim.analysis.memory_run import trace
 from cosim.cli.commands import app
 from cosim.engine.simulate import columns
+from cosim.loading.files import load
 from cosim.record import Run
 from cosim.record.folder import read_metadata
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load
 from cosim.sweeps.memory import record
 from tests.cosim.fmi.exporter import export, strict2, strict3
 

@@ -10,9 +10,9 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.engine.simulate import simulate
 from cosim.links.storage import load_table
+from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
-from cosim.scenario.files import load
 from cosim.scenario.recorded import over
 
 CONFIG = Path(__file__).parents[3] / "configs" / "teleoperation.toml"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.base.convert import numbers
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.scenario.files import load
+from cosim.loading.files import load
 from cosim.scenario.spec import build
 
 TEXT = """

@@ -27,7 +27,8 @@ from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 from cosim.schedule.plan import Plan
 
-#: Looks that the mean age of a link, and the mean weight of an edge, are taken over.
+#: Looks over which the mean age of a link is taken where its law does not give it, and the mean
+#: of a table of weights that is no switching graph.
 LOOKS = 8000
 
 F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand)
@@ -45,8 +46,8 @@ class Age:
 class Edge:
     """Row `row` of what the law `receiver` gets; `sender`: a law, "" where nobody knows.
 
-    `weight`: mean over time; `lasting`: whether it is there again and again; `link`: None: a wire;
-    `fed`: whether anything feeds the row at all.
+    `weight`: mean over time, that of the mean graph where graphs switch; `lasting`: whether it is
+    there again and again; `link`: None: a wire; `fed`: whether anything feeds the row at all.
     """
 
     receiver: str
@@ -209,11 +210,13 @@ def _weight(system: AnalyzedSystem, slot: Slot | None, row: int) -> tuple[float,
 
 
 def _played(player: Player) -> tuple[float, bool]:
-    mean = float(player.source.stream().rows(LOOKS).mean())
-    if isinstance(player.source, EdgeWeight):
-        i, j = player.source.edge
-        return mean, bool(player.source.topology.union.weights[i - 1, j - 1] > 0)
-    return mean, mean > 0
+    source = player.source
+    if isinstance(source, EdgeWeight):
+        i, j = source.edge
+        mean = source.topology.mean_weight(i, j, period=source.period, h=source.h)
+        return mean, bool(source.topology.union.weights[i - 1, j - 1] > 0)
+    drawn = float(source.stream().rows(LOOKS).mean())
+    return drawn, drawn > 0
 
 
 def _origin(system: AnalyzedSystem, name: str) -> str:

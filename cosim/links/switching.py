@@ -38,6 +38,12 @@ class Switching(Protocol):
     def lasting(self, graphs: int) -> tuple[int, ...]:
         """The graphs that are there again and again for ever, by index."""
 
+    def shares(self, graphs: int, period: Fraction) -> FloatArray:
+        """The share of looks, a `period` (s) apart, at which each graph is there in the long run.
+
+        Shape (graphs,); the sum is 1. Expected values where graphs are drawn.
+        """
+
     def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
         """The graphs at t = 0, period, 2·period, … (s), drawn from `rng`."""
 
@@ -60,6 +66,10 @@ class Static:
     def lasting(self, graphs: int) -> tuple[int, ...]:
         """The graph."""
         return (0,)
+
+    def shares(self, graphs: int, period: Fraction) -> FloatArray:
+        """All looks see the graph, (1,)."""
+        return np.ones(1)
 
     def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
         """Nothing is drawn."""
@@ -96,6 +106,10 @@ class Random:
     def lasting(self, graphs: int) -> tuple[int, ...]:
         """All."""
         return tuple(range(graphs))
+
+    def shares(self, graphs: int, period: Fraction) -> FloatArray:
+        """All graphs are equally likely, (graphs,)."""
+        return np.full(graphs, 1.0 / graphs)
 
     def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
         """One draw a dwell time, whether a look falls into it or not."""
@@ -158,6 +172,22 @@ class Schedule:
     def lasting(self, graphs: int) -> tuple[int, ...]:
         """Those of the schedule if it repeats, else the last."""
         return self.indices[-1:] if self.repeat is None else tuple(sorted(set(self.indices)))
+
+    def shares(self, graphs: int, period: Fraction) -> FloatArray:
+        """The parts of a cycle in which each graph is there, (graphs,), exact.
+
+        Looks a `period` apart meet all parts of the cycle equally often (see :class:`Cycle`).
+        """
+        found = np.zeros(graphs)
+        if self.repeat is None:
+            found[self.indices[-1]] = 1.0
+            return found
+        cycle = Cycle(period, self.repeat)
+        whole = cycle.ratio.denominator
+        first = [cycle.parts(exact(t)) for t in self.times]
+        for index, start, stop in zip(self.indices, first, [*first[1:], whole], strict=True):
+            found[index] += (stop - start) / whole
+        return found
 
     def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
         """Nothing is drawn."""

@@ -106,6 +106,17 @@ class Topology:
         table = np.array([graph.weights[receiver - 1, columns] for graph in self.graphs])
         return WeightStream(choices, table, length)
 
+    def mean_weight(self, receiver: int, sender: int, *, period: int, h: float) -> float:
+        """Long-run mean of w_ij at the hits of `receiver` i, `period` ticks of `h` (s) apart.
+
+        Of the mean graph, whatever the seed draws. Raises ScenarioError for numbers no robot has.
+        """
+        for robot in (receiver, sender):
+            check_robot(robot, self.n)
+        shares = self.switching.shares(len(self.graphs), Grid(1, period, h).looking)
+        weights = [graph.weights[receiver - 1, sender - 1] for graph in self.graphs]
+        return float(shares @ np.array(weights))
+
     def facts(self) -> dict[str, Any]:
         """Name, graphs, switching, seed."""
         return {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.analysis.closed_form import felt_damping
 from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
 from cosim.analysis.memory_run import Change, changed, trace
 from cosim.analysis.system import AnalyzedSystem, age, system
@@ -19,7 +20,7 @@ from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from fmus.models.facts import FACTS, planar2r
 from fmus.paper.experiments import network, single, teleoperator
-from tests.analysis.cases import DOCUMENTS, pointmass
+from tests.analysis.cases import DOCUMENTS, net_of, pointmass
 
 
 def planned(document: dict[str, Any]) -> Plan:
@@ -102,10 +103,24 @@ def test_edges_over_links_and_over_components_in_between() -> None:
         assert all(e.weight == 1.0 and e.lasting and e.fed for e in found.edges)
 
 
-def test_weights_of_a_switching_graph_are_means() -> None:
-    found = known(network(5.0))
+@pytest.mark.parametrize("seed", [0, 3])
+def test_weights_of_a_switching_graph_are_those_of_the_mean_graph(seed: int) -> None:
+    """One of three graphs at a time has each edge of `ring`: 1/3, whatever the seed draws."""
+    found = known(network(5.0, seed=seed))
     assert {e.receiver: e.sender for e in found.edges}["control4"] == "control3"
-    assert sum(e.weight for e in found.edges) == pytest.approx(2.0, abs=0.15)  # of 6, two at a time
+    assert [e.weight for e in found.edges] == pytest.approx([1 / 3] * 6, rel=1e-12)
+
+
+def test_felt_damping_of_a_switching_network_is_that_of_the_mean_graph() -> None:
+    """Kα/λ_M Σ_i (1 + w T), six arms: 16·1.6/10·6·(1 + 0.75/3) = 19.2 N.m.s/rad with delay.
+
+    At rest in drift every ξ_j is late by T, so each arm is held back by 1 + w T of its own.
+    """
+    delayed = {"delay": {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}}
+    for link, damping in (({}, 15.36), (delayed, 19.2)):
+        for seed in range(3):
+            net = net_of(network(5.0, seed=seed, link=link))
+            assert felt_damping(net, 16.0) == pytest.approx(damping, rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links.graphs import PRESETS, Graph
 from cosim.links.laws import exact
-from cosim.links.switching import Random, Schedule, Static
+from cosim.links.switching import Random, Schedule, Static, Switching
 from cosim.links.table import generator
 from cosim.links.topology import Topology, make_topology
 
@@ -246,3 +246,41 @@ def test_a_name_that_two_graphs_have_is_no_name(tmp_path):
     (tmp_path / "a.csv").write_text("0,1\n0,0\n")
     with pytest.raises(ScenarioError, match="graph 'a', there is more than one among"):
         made(tmp_path, graphs=["a.csv", "a.csv"], schedule=[(0, "a")])
+
+
+# ---- long-run means -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("switching", "means"),
+    [
+        (Random(0.15), (1 / 3, 1 / 3, 1 / 3)),
+        (Schedule((0.0, 0.1), (0, 2), 0.4), (1 / 4, 0.0, 3 / 4)),
+        (Schedule((0.0, 0.1), (0, 1)), (0.0, 1.0, 0.0)),
+    ],
+)
+def test_mean_weight_is_the_share_of_time_that_the_graphs_have(
+    switching: Switching, means: tuple[float, ...]
+) -> None:
+    """The edges (2, 1), (3, 2), (4, 3) of `ring` belong to the graphs 0, 1, 2, one each."""
+    topology = Topology(PRESETS["ring"], switching, 0)
+    found = [topology.mean_weight(i, i - 1, period=5, h=1e-3) for i in (2, 3, 4)]
+    assert found == pytest.approx(means, abs=1e-12)
+
+
+def test_mean_weight_is_that_of_the_looks_of_a_receiver() -> None:
+    """Graphs in turn, 5 ms each: looks 15 ms apart always meet the first; 10 ms apart meet all."""
+    switching = Schedule((0.0, 0.005, 0.010), (0, 1, 2), 0.015)
+    topology = Topology(PRESETS["ring"], switching, 0)
+    for period, mean in ((15, 1.0), (10, 1 / 3), (7, 1 / 3)):
+        assert topology.mean_weight(2, 1, period=period, h=1e-3) == pytest.approx(mean, abs=0.07)
+        stream = topology.weights(2, [1], period=period, h=1e-3)
+        drawn = float(stream.rows(30_000).mean())
+        assert topology.mean_weight(2, 1, period=period, h=1e-3) == pytest.approx(drawn, abs=1e-4)
+
+
+def test_mean_weight_of_a_static_graph_is_its_weight() -> None:
+    topology = Topology((Graph.of(2, [(2, 1, 0.7)]),), Static(), 0)
+    assert topology.mean_weight(2, 1, period=1, h=1e-3) == 0.7
+    with pytest.raises(ScenarioError, match="robot 3"):
+        topology.mean_weight(3, 1, period=1, h=1e-3)

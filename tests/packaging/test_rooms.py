@@ -70,3 +70,17 @@ def test_no_module_comes_back_to_itself_by_its_imports():
     found = imports(("cosim", "bridge", "fmus"))
     assert "cosim.fmi.library" in found["cosim.fmi.fmi2"]
     graphlib.TopologicalSorter(found).prepare()  # CycleError names the modules of a circle
+
+
+def test_only_the_fmi_layer_asks_whether_a_component_is_an_fmu():
+    """Everybody else uses what `Component` promises: the engine stands behind that seam."""
+    asking = [
+        str(path.relative_to(ROOT))
+        for package in ("cosim", "bridge", "fmus")
+        for path in (ROOT / package).rglob("*.py")
+        if (ROOT / "cosim" / "fmi") not in path.parents
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance"
+        if "FmuComponent" in ast.unparse(node.args[1])
+    ]
+    assert asking == []

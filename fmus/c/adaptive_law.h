@@ -92,12 +92,59 @@ static inline void add_gravity(const Model *x, const double theta_hat[P], const 
 }
 #endif
 
+/* --- gains that are matrices ---------------------------------------------------------------- */
+
+/* The entry (i, j) of Gamma: the rows right of the diagonal stand in Gamma_off. */
+static inline double gamma_entry(const Model *x, int i, int j) {
+    const int row = i < j ? i : j, column = i < j ? j : i;
+    if (i == j) return x->Gamma[i];
+    return x->Gamma_off[row * P - row * (row + 1) / 2 + column - row - 1];
+}
+
+/* Entry i of Gamma Y^T s. */
+static inline double adaptation(const Model *x, const double Ys[P], int i) {
+    double rate = x->Gamma[i] * Ys[i];
+    for (int j = 0; j < P; j++)
+        if (j != i) rate += gamma_entry(x, i, j) * Ys[j];
+    return rate;
+}
+
+static inline int any_off(const Model *x) {
+    int any = 0;
+    for (int i = 0; i < P * (P - 1) / 2; i++) any |= x->Gamma_off[i] != 0.0;
+    return any;
+}
+
+/* Whether Gamma = L D L^T with D > 0. */
+static inline int gamma_is_positive(const Model *x) {
+    double L[P][P], D[P];
+    for (int i = 0; i < P; i++) {
+        for (int j = 0; j <= i; j++) {
+            double rest = gamma_entry(x, i, j);
+            for (int k = 0; k < j; k++) rest -= L[i][k] * L[j][k] * D[k];
+            if (j == i)
+                D[i] = rest;
+            else
+                L[i][j] = rest / D[j];
+        }
+        if (!(D[i] > 0.0)) return 0;
+    }
+    return 1;
+}
+
+static inline int is_bounded(const Model *x) {
+    int bounded = 0;
+    for (int i = 0; i < P; i++) bounded |= x->theta_min[i] > -1e9 || x->theta_max[i] < 1e9;
+    return bounded;
+}
+
 /* --- the law ------------------------------------------------------------------------------ */
 
 /* The law as of t_k, with the state z, theta_hat. */
 static inline void law(const Model *x, const double z[2], const double theta_hat[P], Law *y) {
     const double *q = x->q, *dq = x->dq, *s = y->s;
     const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
+    const double K_off = inertial ? 0.0 : x->K_off;
     double a[2], K[2];
     for (int i = 0; i < 2; i++) {
         y->xi[i] = dq[i] + x->alpha * q[i];
@@ -108,8 +155,9 @@ static inline void law(const Model *x, const double z[2], const double theta_hat
     }
     const Regressor Y = regressor(q, dq, z, a);
     double tau[2] = {
-        -K[0] * s[0] + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] + Y.Y13 * theta_hat[2],
-        -K[1] * s[1] + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
+        -(K[0] * s[0] + K_off * s[1]) + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] +
+            Y.Y13 * theta_hat[2],
+        -(K[1] * s[1] + K_off * s[0]) + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
     transposed_times(&Y, s, y->Ys);
     add_gravity(x, theta_hat, s, tau, y->Ys);
     for (int i = 0; i < 2; i++) y->tau[i] = limited(tau[i], x->tau_max[i]);
@@ -135,6 +183,11 @@ static const char DIVERGED[] =
 
 /* Values that no single minimum or maximum says. */
 static inline const char *check(const Model *x) {
+    if (x->K_off != 0.0 && !(x->K[0] > 0.0 && x->K[0] * x->K[1] > x->K_off * x->K_off))
+        return "K with K_off is not positive definite";
+    if (any_off(x) && !gamma_is_positive(x)) return "Gamma with Gamma_off is not positive definite";
+    if (any_off(x) && is_bounded(x))
+        return "theta_min and theta_max are bounded while Gamma_off is not 0: expected a diagonal";
     for (int i = 0; i < P; i++)
         if (!(x->theta_min[i] <= x->theta_hat[i] && x->theta_hat[i] <= x->theta_max[i]))
             return "theta_hat starts outside of theta_min ... theta_max";
@@ -173,7 +226,7 @@ const char *model_step(Model *x, double t, double h) {
         x->z_next[i] += advance * y.dz[i];
     }
     for (int i = 0; i < P; i++) {
-        const double theta_hat = x->theta_hat_next[i] - adapt * x->Gamma[i] * y.Ys[i];
+        const double theta_hat = x->theta_hat_next[i] - adapt * adaptation(x, y.Ys, i);
         x->theta_hat[i] = x->theta_hat_next[i];
         x->theta_hat_next[i] = theta_hat > x->theta_max[i]   ? x->theta_max[i]
                                : theta_hat < x->theta_min[i] ? x->theta_min[i]

@@ -1,6 +1,6 @@
 /* pointmass.c - a point mass with viscous friction; equations in fmus/models/pointmass.py.
  *
- *     m ddx + b dx = f,   exact for f held over the step
+ *     m ddx + (b + b_add) dx = f,   exact for f and b_add held over the step
  */
 #include <stddef.h>
 
@@ -32,9 +32,10 @@ const char *model_initial(Model *x) {
 }
 
 const char *model_step(Model *x, double t, double h) {
-    const double z = -x->b / x->m * h;
+    const double b = x->b + x->b_add, z = -b / x->m * h;
     double E, phi1, phi2;
     (void)t; /* the mass does not depend on time */
+    if (b < 0.0) return "b + b_add is negative: friction must take energy";
     if (!all_finite(&z, 1)) return "b h / m left the range of numbers";
     exponential(z, &E, &phi1, &phi2);
     const double ddx = x->f / x->m;

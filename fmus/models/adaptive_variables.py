@@ -8,7 +8,8 @@ from __future__ import annotations
 from fmus.model import Variable
 
 _TORQUE, _RATE, _FEEDBACK = "N.m", "rad/s", "N.m.s/rad"
-_UNLIMITED = 1e9
+#: A bound of theta_hat, a limit of the torque or an age that is none.
+UNLIMITED = 1e9
 
 
 def variables(neighbours: int, gravity: bool) -> tuple[Variable, ...]:
@@ -47,7 +48,7 @@ def _inputs(n: int) -> tuple[Variable, ...]:
 def _outputs(n: int, gravity: bool) -> tuple[Variable, ...]:
     network = ("xi_in", "w", "age") if n else ()
     gains = (
-        *("K", "alpha", "lambda_M", "lambda_c", "tau_max"),
+        *("K", "K_off", "alpha", "lambda_M", "lambda_c", "tau_max"),
         *(("lambda", "age_max", "age_fade") if n else ()),
         *(("theta_g", "gravity") if gravity else ()),
     )
@@ -104,10 +105,19 @@ def _next(gravity: bool) -> tuple[Variable, ...]:
 
 
 def _gains(gravity: bool) -> tuple[Variable, ...]:
-    p, adaptation = (_size(gravity),), "1" if gravity else "kg.m2.s2/rad2"
+    p, adaptation = _size(gravity), "1" if gravity else "kg.m2.s2/rad2"
     return (
         Variable("K", "parameter", (2,), _FEEDBACK, 16.0, "Feedback gain of s", minimum=0.0),
-        Variable("Gamma", "parameter", p, adaptation, 1.0, "Adaptation gain", minimum=0.0),
+        Variable("K_off", "parameter", (), _FEEDBACK, 0.0, "K beside its diagonal, [0, 1]"),
+        Variable("Gamma", "parameter", (p,), adaptation, 1.0, "Adaptation gain", minimum=0.0),
+        Variable(
+            "Gamma_off",
+            "parameter",
+            (p * (p - 1) // 2,),
+            adaptation,
+            0.0,
+            "Gamma right of its diagonal, row by row",
+        ),
         Variable("alpha", "parameter", (), "1/s", 0.5, "Gain of q in xi", minimum=0.0),
         Variable("lambda_M", "parameter", (), "1/s", 10.0, "Manipulability gain", minimum=0.0),
         Variable(
@@ -123,10 +133,10 @@ def _gains(gravity: bool) -> tuple[Variable, ...]:
 def _bounds(gravity: bool) -> tuple[Variable, ...]:
     p, unit = (_size(gravity),), _unit(gravity)
     return (
-        Variable("theta_min", "parameter", p, unit, -_UNLIMITED, "Lower bound of theta_hat"),
-        Variable("theta_max", "parameter", p, unit, _UNLIMITED, "Upper bound of theta_hat"),
+        Variable("theta_min", "parameter", p, unit, -UNLIMITED, "Lower bound of theta_hat"),
+        Variable("theta_max", "parameter", p, unit, UNLIMITED, "Upper bound of theta_hat"),
         Variable(
-            "tau_max", "parameter", (2,), _TORQUE, _UNLIMITED, "Limit of the torque", minimum=0.0
+            "tau_max", "parameter", (2,), _TORQUE, UNLIMITED, "Limit of the torque", minimum=0.0
         ),
     )
 
@@ -134,7 +144,7 @@ def _bounds(gravity: bool) -> tuple[Variable, ...]:
 def _coupling() -> tuple[Variable, ...]:
     return (
         Variable("lambda", "parameter", (), "1/s", 2.0, "Coupling gain", minimum=0.0),
-        Variable("age_max", "parameter", (), "s", _UNLIMITED, "Age beyond which xi_in is stale"),
+        Variable("age_max", "parameter", (), "s", UNLIMITED, "Age beyond which xi_in is stale"),
         Variable(
             "age_fade",
             "parameter",

@@ -86,8 +86,13 @@ def _regressor_norm() -> float:
     return float(np.sqrt(np.mean(norms**2)))
 
 
-def adaptive(values: Values) -> DynamicFeedback:
-    """The law alone, or with neighbours, with gravity in theta_hat or without."""
+def adaptive(values: Values) -> DynamicFeedback | None:
+    """The law alone, or with neighbours, with gravity in theta_hat or without.
+
+    None where K or Gamma is no diagonal: the closed forms take each joint by itself.
+    """
+    if any(values.get("K_off", ())) or any(values.get("Gamma_off", ())):
+        return None
     network = "lambda" in values
     gravity = _GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
     return DynamicFeedback(
@@ -209,7 +214,7 @@ def _zero(a: Vector) -> Vector:
 
 
 #: By the last name of the model's module.
-FACTS: Mapping[str, Callable[[Values], Facts]] = {
+FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "planar2r": planar2r,
     "adaptive": adaptive,
     "teleoperation": adaptive,

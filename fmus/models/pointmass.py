@@ -8,7 +8,10 @@ b > 0: one pure integral, infinitely manipulable with degree one. A constant for
 velocity f / b, and f = 1 / (t + 1), of finite L2 norm, moves the mass beyond every bound. b = 0:
 two integrals, degree two.
 
-Continuous, and exact: the force is held over the step h, and with z = -b h / m::
+The input `b_add` is added to b and may change with time, as long as the sum is not negative: the
+time-varying damping of Sec. III. Left open it is 0.
+
+Continuous, and exact: force and friction are held over the step h, and with z = -b h / m::
 
     x(t + h)  = x + h φ1 dx + h² φ2 f / m       φ1 = (exp z - 1) / z,   φ1 = 1    for b = 0
     dx(t + h) = exp(z) dx + h φ1 f / m          φ2 = (φ1 - 1) / z,      φ2 = 1/2
@@ -32,6 +35,9 @@ def model() -> Model:
         kind="continuous",
         variables=(
             Variable("f", "input", (), "N", description="Force on the mass"),
+            Variable(
+                *("b_add", "input", (), "N.s/m", 0.0, "Viscous friction added to b"), optional=True
+            ),
             Variable("x", "output", (), "m", settable=True, description="Position"),
             Variable("dx", "output", (), "m/s", settable=True, description="Velocity"),
             Variable("m", "parameter", (), "kg", 1.0, "Mass, more than 0", minimum=0.0),
@@ -66,10 +72,13 @@ def exponential(z: float) -> tuple[float, float, float]:
     return E, phi1, phi2
 
 
-def law(x: Values, t: float, h: float, f: Array) -> Values:
-    """The closed form above. Raises RunError where b h / m is too large a number."""
+def law(x: Values, t: float, h: float, f: Array, b_add: Array) -> Values:
+    """The closed form above. Raises RunError where b is negative or b h / m too large a number."""
+    b = x["b"] + b_add
+    if b < 0.0:
+        raise RunError(f"b + b_add is {b:g} N.s/m, expected at least 0", time=t)
     with np.errstate(over="ignore"):
-        z = float(-x["b"] / x["m"] * h)
+        z = float(-b / x["m"] * h)
     if not isfinite(z):
         raise RunError("b h / m left the range of numbers", time=t)
     E, phi1, phi2 = exponential(z)
@@ -77,8 +86,8 @@ def law(x: Values, t: float, h: float, f: Array) -> Values:
     return {"x": place + h * (phi1 * dx + h * phi2 * ddx), "dx": E * dx + h * phi1 * ddx}
 
 
-def start(x: Values, f: Array) -> Values:
-    """Outputs at the start; they do not depend on the force. Raises ScenarioError where m is 0."""
+def start(x: Values, f: Array, b_add: Array) -> Values:
+    """Outputs at the start; they do not depend on the inputs. Raises ScenarioError where m is 0."""
     if x["m"] <= 0:
         raise ScenarioError("m is 0, expected more than 0", "pointmass.m")
     return {"x": x["x"], "dx": x["dx"]}

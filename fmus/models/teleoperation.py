@@ -17,9 +17,11 @@ One law serves the whole paper, for one arm and its n neighbours j::
 
 Sampled: the step at t_k reads its inputs, gives xi, s, z, theta_hat and tau as of t_k, and advances
 z and theta_hat by one step of the explicit Euler method to t_k + h. `lambda` carries the unit 1/s,
-`w` is a pure number: the paper's w_ij is their product. K and Gamma are diagonal, one entry a joint
-and a parameter. alpha = 0 is for one arm alone: its velocity is the output then (Sec. IV-C); with
-neighbours alpha > 0 is needed, or velocities would agree and positions not.
+`w` is a pure number: the paper's w_ij is their product. K and Gamma are symmetric: `K` and `Gamma`
+are their diagonals, an entry for each joint and each parameter; `K_off` and `Gamma_off` what stands
+right of them, row by row, 0 by default. With entries there both must be positive definite.
+alpha = 0 is for one arm alone: its velocity is the output then (Sec. IV-C); with neighbours
+alpha > 0 is needed, or velocities would agree and positions not.
 
 Options, all of them off by default:
 
@@ -27,8 +29,9 @@ tau_max: each joint's torque is limited to ±tau_max; while any joint is at its 
 stand still (anti-windup).
 
 theta_min, theta_max: theta_hat is clipped to these bounds after each Euler step. Where the true
-theta lies between them this takes nothing from dV/dt <= -sᵀ K s: Gamma is diagonal, so clipping an
-entry only shrinks its term (theta_hat_i - theta_i)² / (2 Gamma_i) of V.
+theta lies between them this takes nothing from dV/dt <= -sᵀ K s: with a diagonal Gamma clipping an
+entry only shrinks its term (theta_hat_i - theta_i)² / (2 Gamma_i) of V. That is not so with entries
+in Gamma_off, and bounds are refused beside them.
 
 age, age_max, age_fade: an edge with w_j > 0 whose signal is older than age_max is stale. While
 there is one theta_hat stands still, and its weight falls linearly, from w_j at age_max to 0 at
@@ -59,7 +62,7 @@ from __future__ import annotations
 
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal
-from fmus.models.adaptive_variables import variables
+from fmus.models.adaptive_variables import UNLIMITED, variables
 from fmus.models.dynamics import gravity_regressor, regressor
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
@@ -107,15 +110,15 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     coupling, stale = _coupling(x, xi, *network) if network else (np.zeros_like(q), False)
     dz = -alpha * dq + x["lambda_M"] * (dq - z) - coupling
     s = dq - z
-    K = x["K"] if lambda_c == 0 else 0.0
+    feedback = x["K"] * s + x["K_off"] * s[::-1] if lambda_c == 0 else np.zeros_like(s)
     Y = _regressor(x, q, dq, z, dz - lambda_c * s)  # (2, p)
-    wanted = -K * s + Y @ theta_hat + _compensation(x, q)
+    wanted = -feedback + Y @ theta_hat + _compensation(x, q)
     tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
     now = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
     if (tau != wanted).any():
         return now | {"z_next": z, "theta_hat_next": theta_hat}
     if not stale:
-        adapted = theta_hat - h * x["Gamma"] * (Y.T @ s)
+        adapted = theta_hat - h * (_symmetric(x["Gamma"], x["Gamma_off"]) @ (Y.T @ s))
         theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
     return now | {"z_next": z + h * dz, "theta_hat_next": theta_hat}
 
@@ -123,6 +126,7 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
 def start(x: Values, *inputs: Array) -> Values:
     """State at the start. Raises ScenarioError, also where theta_hat is outside of its bounds."""
     place = "teleoperation" if "lambda" in x else "adaptive"
+    _check_gains(x, place)
     if (x["theta_hat"] < x["theta_min"]).any() or (x["theta_hat"] > x["theta_max"]).any():
         raise ScenarioError(
             f"theta_hat starts at {x['theta_hat'].tolist()}, expected within theta_min "
@@ -132,6 +136,41 @@ def start(x: Values, *inputs: Array) -> Values:
     if "lambda" in x and x["alpha"] <= 0:
         raise ScenarioError("alpha is 0, expected more than 0 with neighbours", place)
     return {"z_next": x["z"], "theta_hat_next": x["theta_hat"]}
+
+
+def _check_gains(x: Values, place: str) -> None:
+    for name in ("K", "Gamma"):
+        off = np.atleast_1d(x[f"{name}_off"])
+        if off.any() and not _positive_definite(_symmetric(x[name], off)):
+            raise ScenarioError(
+                f"{name} with {name}_off = {off.tolist()} is not positive definite; expected a "
+                "symmetric positive definite matrix",
+                place,
+            )
+    bounded = (x["theta_min"] > -UNLIMITED).any() or (x["theta_max"] < UNLIMITED).any()
+    if x["Gamma_off"].any() and bounded:
+        raise ScenarioError(
+            "theta_min and theta_max are bounded while Gamma_off is not 0, expected a diagonal "
+            "Gamma: only then does clipping theta_hat leave V falling",
+            place,
+        )
+
+
+def _symmetric(diagonal: Array, off: Array) -> Array:
+    """The symmetric matrix of a diagonal, (p,), and what stands right of it, row by row, (p, p)."""
+    matrix = np.diag(diagonal)
+    rows, columns = np.triu_indices(len(diagonal), 1)
+    matrix[rows, columns] = matrix[columns, rows] = off
+    return matrix
+
+
+def _positive_definite(matrix: Array) -> bool:
+    """Whether a symmetric matrix, (p, p), has a Cholesky factor with a positive diagonal."""
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _coupling(x: Values, xi: Array, xi_in: Array, w: Array, age: Array) -> tuple[Array, bool]:

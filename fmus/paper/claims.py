@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cosim.base.errors import ScenarioError
-from fmus.paper import network, remarks, robustness, teaching, teleoperation, theory
+from fmus.paper import (
+    equations,
+    gains,
+    network,
+    remarks,
+    robustness,
+    teaching,
+    teleoperation,
+    theory,
+)
 from fmus.paper.claim import Claim
 from fmus.paper.experiments import Document
 from fmus.paper.figures import FIGURES, PaperFigure
@@ -14,6 +23,7 @@ from fmus.paper.figures import FIGURES, PaperFigure
 #: The claims by section of the paper, in its order.
 SECTIONS: Mapping[str, tuple[Claim, ...]] = {
     "Point mass, damping, gravity: Sec. III, IV, Theorem 1, Remark 3": theory.CLAIMS,
+    "The equations at every sample, Theorem 2 in numbers": (*equations.CLAIMS, *gains.CLAIMS),
     "Teaching a single robot: Sec. IV-B, VII-A, Figs 1-3, Theorem 2": teaching.CLAIMS,
     "Six networked robots: Sec. V, VII-B, Figs 6-11, Theorems 3 and 4": network.CLAIMS,
     "Bilateral teleoperation: Sec. VI, VII-C, Figs 12-15, Theorem 5": teleoperation.CLAIMS,
@@ -26,7 +36,7 @@ GRAPHS = {"fig4", "fig5"}
 
 def cases(seed: int) -> dict[str, Document]:
     """Every case by name, as a scenario document; `seed` of delays and switching graphs."""
-    parts = (theory, teaching, network, teleoperation, remarks, robustness)
+    parts = (theory, equations, gains, teaching, network, teleoperation, remarks, robustness)
     return {name: document for part in parts for name, document in part.cases(seed).items()}
 
 

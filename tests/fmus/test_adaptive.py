@@ -225,3 +225,49 @@ def test_a_gravity_mode_that_is_none_is_refused(make: Make, mode: float) -> None
 def test_sizes_that_cannot_be_are_refused(sizes: dict[str, int]) -> None:
     with pytest.raises(CosimError, match="expected at least 0; gravity is"):
         teleoperation.model(**sizes)
+
+
+@given(seed=seed)
+@settings(max_examples=25)
+def test_gains_may_be_symmetric_matrices(make: Make, seed: int) -> None:
+    """tau = -K s + Y theta_hat and a step of -Gamma Yᵀ s, K and Gamma with entries off diagonal."""
+    rng = np.random.default_rng(seed)
+    root, factor = rng.uniform(-1, 1, (2, 2)), rng.uniform(-1, 1, (3, 3))
+    K, Gamma = root @ root.T + np.eye(2), factor @ factor.T + np.eye(3)
+    z, theta_hat, u = rng.uniform(-1, 1, 2), rng.uniform(0.5, 3, 3), moving(rng)
+    control = make(0)
+    control.initialize(
+        arrays(
+            K=np.diag(K), K_off=K[0, 1], alpha=0.7, lambda_M=3.0, z=z, theta_hat=theta_hat,
+            Gamma=np.diag(Gamma), Gamma_off=Gamma[np.triu_indices(3, 1)],
+        )
+    )  # fmt: skip
+    s = u["dq"] - z
+    Y = regressor(u["q"], u["dq"], z, -0.7 * u["dq"] + 3.0 * s)
+    assert control.step(0.0, H, u)["tau"] == pytest.approx(-K @ s + Y @ theta_hat, abs=1e-12)
+    after = control.step(H, H, u)["theta_hat"]
+    assert after == pytest.approx(theta_hat - H * Gamma @ Y.T @ s, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"K": [4.0, 1.0], "K_off": 2.0}, "K with K_off .*is not positive definite"),
+        (
+            {"Gamma": [1.0] * 3, "Gamma_off": [0.9, 0.9, -0.9]},
+            "Gamma with Gamma_off .*not positive",
+        ),
+        ({"Gamma": [0.0] * 3, "Gamma_off": [0.1, 0.0, 0.0]}, "Gamma with Gamma_off .*not positive"),
+        (
+            {"Gamma_off": [0.1, 0.0, 0.0], "theta_max": [9.0] * 3},
+            "theta_max are bounded while Gamma_off",
+        ),
+    ],
+)
+def test_gains_that_are_not_positive_definite_are_refused(
+    make: Make, values: dict[str, object], said: str
+) -> None:
+    with pytest.raises(CosimError, match=said):
+        control = make(0)
+        control.initialize(arrays(**values))
+        control.initial(moving(np.random.default_rng(0)))

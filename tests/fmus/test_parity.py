@@ -65,6 +65,7 @@ def controller_values(rng: np.random.Generator) -> Values:
     """Gains around the paper's; now and then limits, bounds and Remark 3."""
     return {
         "K": rng.uniform(1, 20, 2),
+        "K_off": np.array(rng.choice([0.0, -0.9, 0.9])),
         "alpha": np.array(rng.uniform(0.1, 2)),
         "lambda_M": np.array(rng.choice([0.0, 1.0, 6.0, 10.0])),
         "lambda_c": np.array(rng.choice([0.0, 0.0, 5.0])),
@@ -76,8 +77,10 @@ def controller_values(rng: np.random.Generator) -> Values:
 def estimate_values(rng: np.random.Generator, p: int) -> Values:
     """Of theta_hat with p entries; every other time within bounds that are met."""
     bounded = bool(rng.integers(2))
+    entries = p * (p - 1) // 2  # right of the diagonal, small enough for a positive matrix
     return {
-        "Gamma": rng.uniform(0, 1, p),
+        "Gamma": rng.uniform(0.2, 1, p),
+        "Gamma_off": np.zeros(entries) if bounded else rng.uniform(-0.04, 0.04, entries),
         "theta_hat": rng.uniform(0.5, 3, p),
         "theta_min": np.full(p, 0.1 if bounded else -1e9),
         "theta_max": np.full(p, 4.0 if bounded else 1e9),
@@ -148,9 +151,9 @@ CASES = [
 
 
 def inputs(component: Component, rng: np.random.Generator) -> Values:
-    """Inputs at random, of the size of a working robot's; a grip damps, it never drives."""
+    """Inputs at random, of the size of a working robot's; grip and friction only damp."""
     return {
-        port.name: rng.uniform(0 if port.name == "grip" else -3, 3, port.shape)
+        port.name: rng.uniform(0 if port.name in ("grip", "b_add") else -3, 3, port.shape)
         for port in component.inputs
     }
 

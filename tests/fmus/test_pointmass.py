@@ -103,3 +103,20 @@ def test_values_it_cannot_take_are_refused(mass: Component) -> None:
     mass.initialize(arrays(b=1e300, m=1e-300))
     with pytest.raises(CosimError, match="range of numbers"):
         mass.step(0.0, 1.0, {})
+
+
+@given(b=st.floats(0, 10), b_add=st.floats(0, 10), f=st.floats(-10, 10))
+def test_friction_that_is_added_is_friction(
+    mass: Component, b: float, b_add: float, f: float
+) -> None:
+    ends = []
+    for kept, added in ((b, b_add), (b + b_add, 0.0)):
+        mass.initialize(arrays(b=kept, x=1.0, dx=-2.0))
+        ends.append(mass.step(0.0, 0.3, arrays(f=f, b_add=added)))
+    assert ends[0] == ends[1]
+
+
+def test_friction_that_drives_is_refused(mass: Component) -> None:
+    mass.initialize(arrays(b=1.0))
+    with pytest.raises(CosimError, match="b_add is"):
+        mass.step(0.0, 0.1, arrays(b_add=-1.5))

@@ -10,7 +10,9 @@ from fmus.paper import oracles
 from fmus.paper.hands import FORCE
 from tests.paper.evidence import CLAIMS, Evidence, about
 
-TOPICS = ["sec3", "sec4c", "sec8", "remark3", "remark5", "remark6"]
+TOPICS = [
+    "sec3", "sec4c", "sec8", "remark3", "remark5", "remark6", "equations", "eq33", "eq35", "matrix",
+]  # fmt: skip
 NAMES = sorted(
     {n for topic in TOPICS for broken in (False, True) for n in about(topic, broken=broken)}
 )

@@ -1,0 +1,91 @@
+"""Inputs of the experiments that no model of :mod:`fmus.models` gives, as Python components.
+
+A scenario names the function and gives its values as options::
+
+    [components.hand]
+    model = "fmus.paper.signals:sine"
+    options = { amplitude = [1.0, 0.0], rate = 20.0 }
+
+Sampled: the value of t_k holds to the next step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import cos, exp, sin
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.component import Kind, Parameter, Port
+
+if TYPE_CHECKING:
+    from cosim.base.component import Outputs, Values
+
+Array = NDArray[np.float64]
+
+
+@final
+class Waveform:
+    """A known function of time as a component without inputs.
+
+    `values`: the output at a time (s), of the shape of `port` and in its unit.
+    """
+
+    kind: Kind = "sampled"
+    inputs: tuple[Port, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+
+    def __init__(self, port: Port, values: Callable[[float], Any]) -> None:
+        self.outputs: tuple[Port, ...] = (port,)
+        self._name, self._values = port.name, values
+
+    def initialize(self, values: Values) -> None:
+        """Nothing can be set."""
+
+    def initial(self, u: Values) -> Outputs:
+        """The value at t = 0, in the unit of the port."""
+        return {self._name: self._values(0.0)}
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """The value at `t` (s), in the unit of the port; the step `h` (s) does not matter."""
+        return {self._name: self._values(t)}
+
+    def get_state(self) -> object:
+        """Nothing: the value depends on time only."""
+        return None
+
+    def set_state(self, state: object) -> None:
+        """Nothing to restore."""
+
+
+def sine(amplitude: Sequence[float], rate: float) -> Waveform:
+    """tau_h = amplitude sin(rate t): `amplitude` (2,), N.m, `rate` in rad/s."""
+    a = np.array(amplitude, dtype=np.float64)
+    return Waveform(_torque(), lambda t: a * sin(rate * t))
+
+
+def swelling(amplitude: Sequence[float], rate: float, until: float) -> Waveform:
+    """tau_h = amplitude exp(rate (t - until)), 0 from `until` (s) on: `rate` in 1/s, (2,), N.m."""
+    a = np.array(amplitude, dtype=np.float64)
+    return Waveform(_torque(), lambda t: a * exp(rate * (t - until)) if t < until else 0.0 * a)
+
+
+def chirp(rate: float) -> Waveform:
+    """Force u = d/dt sin(rate t²) = 2 rate t cos(rate t²): unbounded, its integral within ±1.
+
+    `rate` in rad/s². The output `u` is in N.
+    """
+    port = Port("u", (), "N", "Chirp that grows with time")
+    return Waveform(port, lambda t: 2.0 * rate * t * cos(rate * t * t))
+
+
+def square(low: float, high: float, half: float) -> Waveform:
+    """Friction b = low for `half` s, then high for `half` s, and so on, in N.s/m."""
+    port = Port("b", (), "N.s/m", "Friction that alternates")
+    return Waveform(port, lambda t: low if int((t + 1e-9) / half) % 2 == 0 else high)
+
+
+def _torque() -> Port:
+    return Port("tau_h", (2,), "N.m", "Torque on an arm")

@@ -67,15 +67,21 @@ def sources(model: Model) -> dict[str, str]:
 
     Raises FmuError where a source of the model does not exist or a declaration cannot be.
     """
+    files = dict(_written(model))
+    files["variables.h"] = _header(model)
+    files["variables.c"] = _tables(model, token(model))
+    return dict(sorted(files.items()))
+
+
+@lru_cache(maxsize=32)
+def _written(model: Model) -> dict[str, str]:
+    """The files of :func:`sources` that are not generated."""
     _check(model)
     files = {name: _read(_FOLDER / name, model) for name in (*_GENERIC, *_HEADERS)}
     for source in model.sources:
         path = Path(source) if Path(source).is_absolute() else _FOLDER / source
         files[path.name] = _read(path, model)
-    found = _token(model, files)
-    files["variables.h"] = _header(model)
-    files["variables.c"] = _tables(model, found)
-    return dict(sorted(files.items()))
+    return files
 
 
 def c_files(model: Model) -> list[str]:
@@ -106,7 +112,10 @@ def _unit(files: Mapping[str, str], name: str) -> dict[str, str]:
 @lru_cache(maxsize=64)
 def token(model: Model) -> str:
     """The GUID (FMI 2.0) and instantiation token (3.0): a hash of declaration and sources."""
-    return _token(model, {k: v for k, v in sources(model).items() if "variables" not in k})
+    named = replace(model, sources=tuple(Path(source).name for source in model.sources))
+    made_from = [asdict(named), sorted(_written(model).items()), _generator()]
+    digest = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).digest()
+    return "{" + str(uuid.UUID(bytes=digest[:16])) + "}"
 
 
 def scalars(variable: Variable) -> Iterator[str]:
@@ -145,13 +154,6 @@ def _read(path: Path, model: Model) -> str:
 @lru_cache(maxsize=1)
 def _generator() -> str:
     return "".join((_FOLDER.parent / name).read_text(encoding="utf-8") for name in _GENERATOR)
-
-
-def _token(model: Model, files: dict[str, str]) -> str:
-    named = replace(model, sources=tuple(Path(source).name for source in model.sources))
-    made_from = [asdict(named), sorted(files.items()), _generator()]
-    digest = hashlib.sha256(json.dumps(made_from, sort_keys=True).encode()).digest()
-    return "{" + str(uuid.UUID(bytes=digest[:16])) + "}"
 
 
 def _layout(model: Model) -> str:

@@ -72,4 +72,5 @@ def stack(signals: Signals, names: Sequence[str], place: str) -> Stack:
     for name, array in zip(names, arrays, strict=True):
         if len(array) != len(t):
             raise ScenarioError(f"{name} has {len(array)} rows, the time has {len(t)}", place)
-    return Stack(t, np.concatenate(arrays, axis=1), units[0], columns)
+    x = arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis=1)
+    return Stack(t, x, units[0], columns)

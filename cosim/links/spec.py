@@ -15,14 +15,15 @@
     semantics = "signal" | "last-arrival" | "newest-stamp" | "fifo" | "playout"
     playout = 1.2                                                       # buffer, for playout only
 
-Numbers are seconds; a text has its unit. Files are relative to the scenario.
+Numbers are seconds; a text has its unit. Files are relative to the scenario. The modules of losses,
+and of laws other than the first two, are imported when a link names one of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
@@ -30,15 +31,13 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.units import quantity
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Law, Uniform
-from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
-from cosim.links.markov import Markov
-from cosim.links.outages import Outage, RandomOutage
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.semantics_names import Semantics as Semantics
-from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
-from cosim.links.traces import read_trace
+
+if TYPE_CHECKING:
+    from cosim.links.losses import Loss
 
 Seconds = int | float | str
 Number = int | float | str  # without a dimension, or with the one that is said
@@ -179,6 +178,8 @@ def link_table(
         else:
             law = delay_law(spec, folder)
             if loss is not None:
+                from cosim.links.losses import Lossy
+
                 law = Lossy(law, loss_model(loss))
             table = DrawnTable(name, grid, law, _rule(semantics, playout), seed)
         if ticks is not None:
@@ -207,22 +208,30 @@ def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:
         case UniformDelay() as d:
             return Uniform(si(d.low, "low"), si(d.high, "high"), _optional(d.hold, "hold"))
         case GammaDelay() as d:
+            from cosim.links.skewed import Gamma
+
             shift, scale = si(d.shift, "shift"), si(d.scale, "scale")
             shape, maximum = si(d.shape, "shape", "1"), si(d.maximum, "maximum")
             return Gamma(shift, shape, scale, maximum, _optional(d.hold, "hold"))
         case LognormalDelay() as d:
+            from cosim.links.skewed import Lognormal
+
             shift, median = si(d.shift, "shift"), si(d.median, "median")
             sigma, maximum = si(d.sigma, "sigma", "1"), si(d.maximum, "maximum")
             return Lognormal(shift, median, sigma, maximum, _optional(d.hold, "hold"))
         case MarkovDelay() as d:
             return _markov(d)
         case TraceDelay() as d:
+            from cosim.links.traces import read_trace
+
             return read_trace(folder / d.file, lookup=d.lookup, repeat=d.repeat)
         case TableDelay():
             raise ScenarioError('delay.law = "table" is a table already, not a law')
 
 
 def _markov(d: MarkovDelay) -> Law:
+    from cosim.links.markov import Markov
+
     levels = tuple(si(x, f"levels[{i}]") for i, x in enumerate(d.levels))
     step = si(d.step, "step")
     if d.transitions is not None and d.dwell is None:
@@ -235,6 +244,8 @@ def _markov(d: MarkovDelay) -> Law:
 
 def loss_model(loss: LossSpec | Mapping[str, Any]) -> Loss:
     """The model that `loss` names. Raises ScenarioError."""
+    from cosim.links.losses import GilbertElliott, Independent
+
     spec: LossSpec = _decode(loss, LossSpec, "loss")
     match spec:
         case IndependentLoss() as d:
@@ -248,6 +259,8 @@ def loss_model(loss: LossSpec | Mapping[str, Any]) -> Loss:
 
 
 def _outage(d: OutageLoss) -> Loss:
+    from cosim.links.outages import Outage, RandomOutage
+
     length = si(d.length, "length")
     if d.rate is not None and d.every is None and d.start is None:
         return RandomOutage(length, si(d.rate, "rate", "1/s"))

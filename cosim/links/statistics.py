@@ -74,7 +74,8 @@ class Ages:
         self._backwards += int(np.count_nonzero(step < 0))
         if sent.size:
             self._before = sent[-1:]
-            different = np.unique(sent)
+            ordered = np.sort(sent)  # np.unique would import numpy.ma, as long as a short run takes
+            different = ordered[np.diff(ordered, prepend=-1) != 0]
             slot = different % REMEMBERED
             self._used += int(np.count_nonzero(self._seen[slot] != different))
             self._seen[slot] = different

@@ -143,3 +143,12 @@ def test_stages_and_memory_of_the_teleoperator(tmp_path: Path) -> None:
     assert parts == pytest.approx(found["total"]["median"], rel=0.01)
     assert all(m["peak_mb"] > 10 for m in found["memory"].values())
     assert "x real time" in text
+
+
+@pytest.mark.slow
+def test_every_command_is_measured_beside_the_start_of_python(tmp_path: Path) -> None:
+    found, said = run("startup.py", tmp_path)
+    names = ["python -c pass", "cosim --help", "cosim check", "cosim run --no-plot"]
+    assert list(found["seconds"]) == names
+    assert all(0 < found["seconds"][names[0]][0] < found["seconds"][name][0] for name in names[1:])
+    assert all(name in said for name in names)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import inspect
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from cosim.cli import main
 from cosim.cli.commands import COMMANDS
 from tests.cli.command import Command
 
@@ -42,11 +45,15 @@ def test_every_command_is_listed_with_its_line(cosim: Command) -> None:
     ("words", "most", "without"),
     [
         (["--help"], 200, {"numpy", "rich", "markdown_it", "pydantic", "matplotlib", "pandas"}),
-        (["check", TELEOPERATION], 430, {"pyarrow", "matplotlib", "pandas", "rich", "pydantic"}),
+        (
+            ["check", TELEOPERATION],
+            425,
+            {"pyarrow", "matplotlib", "pandas", "rich", "pydantic", "cosim.links.skewed"},
+        ),
         (
             ["run", TELEOPERATION, "--no-plot", "--out"],
-            500,
-            {"matplotlib", "pandas", "rich", "pydantic"},
+            480,
+            {"matplotlib", "numpy.ma", "pandas", "rich", "pydantic", "cosim.links.skewed"},
         ),
     ],
 )
@@ -62,3 +69,26 @@ def test_a_command_imports_what_it_needs(
     modules = set(done.stderr.splitlines()[-1].split())
     assert not modules & without
     assert len(modules) <= most
+
+
+@pytest.mark.parametrize(("before", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "4"}, "4")])
+def test_a_command_has_one_thread_of_linear_algebra_unless_the_environment_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, before: dict[str, str], expected: str
+) -> None:
+    """A second thread of OpenBLAS waits busily from the import of NumPy on."""
+    found = []
+    monkeypatch.setattr(os, "environ", dict(before))
+    monkeypatch.setattr(
+        "cosim.cli.supervise.supervised",
+        lambda _: found.append((os.environ["OPENBLAS_NUM_THREADS"], gc.get_threshold()[0])) or 0,
+    )
+    thresholds = gc.get_threshold()
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        gc.set_threshold(*thresholds)
+    assert ended.value.code == 0
+    [(threads, new_objects)] = found
+    assert threads == expected
+    assert new_objects > 10_000  # or imports are searched for garbage dozens of times

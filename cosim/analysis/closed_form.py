@@ -112,8 +112,8 @@ def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
     """O6, M^t <= (1 + 2 lambda_M t/π) ‖H‖/(alpha lambda_min(K)), rad/(N.m), theta known.
 
     1/lambda_min(K) bounds tau_h -> s, 1/alpha is a filter, 2 t/π the norm of the integral over
-    [0, t], and H(p) = p [L⁻¹]_port what the other robots make of it (1 for one robot). inf for
-    alpha = 0. `K`: the least feedback gain.
+    [0, t], and H(p) = p [L⁻¹]_port the effect of the other robots (1 for one robot). inf for
+    alpha = 0. `t` (n,) s; `K`: the least feedback gain, N.m.s/rad; the result (n,).
     """
     law = net.law
     if law.alpha == 0:
@@ -126,7 +126,8 @@ def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
 def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
     """O9, the lambda_M up to which a robot is passive to its operator, theta known, 1/s.
 
-    alpha + lambda_min(K M⁻¹); with Remark 3 alpha + lambda_c, whatever the inertia.
+    alpha + lambda_min(K M⁻¹); with Remark 3 alpha + lambda_c, whatever the inertia. `M` (m, m)
+    kg.m2; `K` N.m.s/rad, one value or m.
     """
     if law.lambda_c:
         return law.alpha + law.lambda_c
@@ -137,7 +138,8 @@ def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
 def grip_stable(law: DynamicFeedback, M: float, K: float, k_p: float, k_d: float) -> bool:
     """Whether a grip on a robot of inertia M, theta known, is stable (Routh).
 
-    M p³ + (K + alpha M + k_d) p² + (alpha K + lambda_M k_d + k_p) p + lambda_M k_p = 0
+    M p³ + (K + alpha M + k_d) p² + (alpha K + lambda_M k_d + k_p) p + lambda_M k_p = 0, with `M` in
+    kg.m2, `k_p` in N.m/rad, `K` and `k_d` in N.m.s/rad.
     """
     inner = (K + law.alpha * M + k_d) * (law.alpha * K + law.lambda_M * k_d + k_p)
     return inner > M * law.lambda_M * k_p

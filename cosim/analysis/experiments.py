@@ -114,7 +114,11 @@ class Bench:
         return found
 
     def push(self, seconds: float, force: float = FORCE) -> SignalTrace:
-        """A constant push on every joint, from rest; force and response are recorded."""
+        """A constant push on every joint for so many seconds, from rest.
+
+        `force` is in N.m (N for a port in space). Force and response are recorded. Raises
+        ScenarioError if the port has no input for a test force, RunError if the run stops.
+        """
         if not self.port.inject:
             raise ScenarioError("no input for a test force; name it in [analysis] as inject")
         change = self._fed(seconds, np.full((1, self.size), force))
@@ -176,7 +180,8 @@ class Bench:
     def wall(self, k_w: float, seconds: float) -> Change:
         """The far arm in front of a wall, and the arm at the port pulled into it by its grip.
 
-        The grip is the scenario's hand; 10 N.m/rad, 5 N.m.s/rad where nothing is known of that.
+        The grip is the scenario's hand, or 10 N.m/rad and 5 N.m.s/rad if the scenario gives none.
+        `k_w` is the stiffness of the wall, N.m/rad. Raises ScenarioError if there is no far arm.
         """
         arm, far = self._arm(), self.system.arms.get(self.port.far)
         if far is None:

@@ -49,9 +49,10 @@ class Swept:
 
 
 def sweep(bench: Bench, lowest: float = LOWEST) -> Swept:
-    """G(jω) of the bench, with its closed form.
+    """G(jω) of the bench from `lowest` (rad/s) to HIGHEST, with its closed form.
 
-    Raises CosimError, also where almost nothing of the response is at the frequencies fed in.
+    Raises RunError if a run stops, or if almost nothing of the response is at the frequencies that
+    were fed in; ScenarioError if the port has no input for a test force.
     """
     measured = bench.bands(lowest, HIGHEST)
     if measured.astray > UNSTABLE:

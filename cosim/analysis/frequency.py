@@ -45,7 +45,7 @@ class MultiSine:
 
     @property
     def omega(self) -> Array:
-        """Frequencies, rad/s."""
+        """Frequencies of the sines, (bins,), rad/s."""
         return 2 * pi * np.array(self.bins) / (self.n * self.h)
 
     @property

@@ -36,7 +36,10 @@ def manipulability(t: Array, force: Array, response: Array) -> Array:
 
 
 def growth(t: Array, M: Array, start: float, stop: float) -> float:
-    """Slope d log M/d log t between two times (s), least squares over log t; NaN without data."""
+    """Slope d log M/d log t between two times (s), a pure number; NaN without data.
+
+    A least-squares fit over log t. `t` (n,) s; `M` (n,).
+    """
     times, values = _even(t, M, start, stop)
     if len(times) < 3:
         return float("nan")
@@ -44,7 +47,10 @@ def growth(t: Array, M: Array, start: float, stop: float) -> float:
 
 
 def local_growth(t: Array, M: Array) -> tuple[Array, Array]:
-    """(t, d log M/d log t), over a quarter of a decade each, for a drawing."""
+    """(t, d log M/d log t) for a drawing, both (k,); each slope is over a quarter of a decade.
+
+    `t` (n,) s; `M` (n,). Both results are empty if there are too few rows.
+    """
     times, values = _even(t, M, 0.0, float(t[-1]))
     reach = _PER_DECADE // 8
     if len(times) <= 2 * reach:

@@ -70,7 +70,10 @@ def quantity(
     formula: str = "",
     note: str = "",
 ) -> Quantity:
-    """A quantity of one value or several. Several that are alike are said once."""
+    """A quantity of one value or several, in `unit`; `values` and `expected` are scalar or (m,).
+
+    Values that are all equal are kept as one.
+    """
     return Quantity(
         name=name,
         label=label,

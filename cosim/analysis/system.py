@@ -125,7 +125,10 @@ class AnalyzedSystem:
 
 
 def values_of(step: Step) -> dict[str, tuple[float, ...]]:
-    """Every parameter, start value and input of a component, flattened, defaults filled in."""
+    """Every parameter, start value and input of a component, with defaults filled in.
+
+    Values are flattened, each in the unit that the component declares for it.
+    """
     component = step.component
     found = {p.name: step.values.get(p.name, p.default) for p in component.parameters}
     for port in component.inputs:

@@ -44,17 +44,17 @@ def relative(value: float, share: float) -> Expected:
 
 
 def within(low: float, high: float) -> Expected:
-    """From `low` to `high`."""
+    """From `low` to `high`, ends included, in the unit of the claim."""
     return Expected(low, high, f"{low:g} to {high:g}")
 
 
 def at_most(high: float) -> Expected:
-    """No more than `high`; of what cannot be negative."""
+    """At most `high`, in the unit of the claim; for values that cannot be negative."""
     return Expected(-inf, high, f"≤ {high:g}")
 
 
 def at_least(low: float) -> Expected:
-    """No less than `low`, and finite or not."""
+    """At least `low`, in the unit of the claim; an infinite value holds as well."""
     return Expected(low, inf, f"≥ {low:g}")
 
 

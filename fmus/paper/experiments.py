@@ -160,7 +160,8 @@ def teleoperator(
 
     `link`: delay and semantics from master to slave, `back` the other way (default the same);
     {} is no delay: xi is then taken next to the robot, so that there is no loop. `master` and
-    `slave` are further values of the arms (a wall, a push), `gains` of both controllers.
+    `slave` are further values of the arms (a wall, a push), `gains` of both controllers. `stop` and
+    `period` are in s, gains in the units of :mod:`fmus.models.teleoperation`.
     """
     forth = {"delay": dict(DELAY)} if link is None else link
     back = forth if back is None else back
@@ -245,9 +246,10 @@ def neighbours(graphs: str) -> dict[int, tuple[int, ...]]:
 
 
 def controller(robot: str, heard: int, period: float, values: Table) -> Document:
-    """The adaptive controller of `robot`, with `heard` neighbours; `values` are its gains.
+    """The adaptive controller of `robot`, sampled every `period` s; `values` are its gains.
 
-    With ``gravity`` among them it is the model that knows gravity: 1 compensated, 2 adapted.
+    `heard` is the number of its neighbours. With ``gravity`` among the gains, the controller
+    handles gravity: 1 compensates it, 2 adapts to it.
     """
     alone = {key: value for key, value in values.items() if key != "lambda"}
     sizes = {"neighbours": heard} if heard else {}
@@ -262,7 +264,10 @@ def controller(robot: str, heard: int, period: float, values: Table) -> Document
 
 
 def signal(robot: str, alpha: float, period: float) -> Document:
-    """Xi = dq + alpha q of a robot, computed next to it, eq. (47)."""
+    """Xi = dq + alpha q of a robot, computed next to it every `period` s, eq. (47).
+
+    `alpha` is in 1/s.
+    """
     return {
         "model": "fmus.models.xi",
         "period": period,

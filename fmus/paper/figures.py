@@ -51,7 +51,7 @@ class Window:
 
     @property
     def t(self) -> Array:
-        """Time of each row, s."""
+        """Time of each row, (n,), s."""
         return self.run.t[: self.rows]
 
     def array(self, prefix: str) -> Array:
@@ -124,7 +124,10 @@ def draw_figure(figure: PaperFigure, run: Run, folder: Path) -> Path:
 
 
 def write_csv(figure: PaperFigure, window: Window, path: Path) -> None:
-    """The numbers of a figure every 20 ms: ``t`` (s) and each line, named with its unit."""
+    """Write the numbers of a figure every 20 ms: ``t`` (s) and each line, named with its unit.
+
+    Raises RunError if the file cannot be written.
+    """
     columns = [window.array(name)[:, 0] for name in figure.y]
     header = ",".join(["t [s]", *(f"{name} [{window.unit(name)}]" for name in figure.y)])
     every = max(1, round(APART / (window.t[1] - window.t[0])))

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 def settled(run: Run, names: Sequence[str], target: ArrayLike | str, band: float = 0.05) -> float:
     """Last exit from the band, s: from then on every entry is within `band` of `target`.
 
-    `target`: one value an entry, or the name of a signal. inf if the last row is outside.
+    `target`: scalar, (m,) with one value an entry, or the name of a signal. `band` has the unit of
+    the signals. inf if the last row is outside.
     """
     aim = run.array(target) if isinstance(target, str) else np.asarray(target, dtype=np.float64)
     error = np.max([np.abs(run.array(name) - aim).max(axis=1) for name in names], axis=0)
@@ -36,18 +37,18 @@ def agreed(run: Run, names: Sequence[str], band: float = 0.05) -> float:
 
 
 def norm(run: Run, name: str) -> float:
-    """‖x‖₂ = sqrt(∫ |x|² dt), by trapezoids."""
+    """‖x‖₂ = sqrt(∫ |x|² dt) over the run, by trapezoids, in the unit of the signal times √s."""
     return sqrt(integral((run.array(name) ** 2).sum(axis=1), run.t)[-1])
 
 
 def integral(y: Array, t: Array) -> Array:
-    """∫ y dt from the first row to each, by trapezoids, (n,)."""
+    """∫ y dt from the first row to each, by trapezoids, (n,); `y` (n,), `t` (n,) s."""
     steps = np.diff(t) * (y[1:] + y[:-1]) / 2
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def length(x: ArrayLike) -> float:
-    """|x| of a vector."""
+    """Euclidean norm |x| of a vector (m,), in its unit."""
     return float(np.linalg.norm(np.asarray(x)))
 
 
@@ -62,12 +63,12 @@ def at(run: Run, name: str, t: float) -> Array:
 
 
 def miss(found: ArrayLike, expected: ArrayLike) -> float:
-    """The largest |found - expected| of the entries."""
+    """The largest |found - expected| of the entries, in their unit; both scalar or (m,)."""
     return float(np.abs(np.asarray(found) - np.asarray(expected)).max())
 
 
 def peak(run: Run, names: Sequence[str]) -> float:
-    """Largest |x_i(t)| over entries and time."""
+    """Largest |x_i(t)| over entries and time, in the unit of the signals."""
     return max(float(np.abs(run.array(name)).max()) for name in names)
 
 
@@ -108,7 +109,11 @@ def decay(run: Run, name: str, target: float, start: float, stop: float) -> floa
 
 
 def swell(run: Run, name: str, target: ArrayLike) -> float:
-    """How an oscillation about `target` grows, 1/s: log of RMS, last against third quarter."""
+    """How fast an oscillation about `target` grows, 1/s; `target` scalar or (m,).
+
+    The logarithm of the ratio of the RMS values of the last and of the third quarter, divided by
+    the length of a quarter.
+    """
     x = run.array(name) - np.asarray(target)
     n = len(x) // 4
     before, after = (sqrt(float((part**2).mean())) for part in (x[2 * n : 3 * n], x[3 * n :]))
@@ -116,5 +121,5 @@ def swell(run: Run, name: str, target: ArrayLike) -> float:
 
 
 def rises(values: Array) -> float:
-    """Largest rise from any row to a later one, as a share of the first value."""
+    """Largest rise from any row to a later one, as a share of the first value; `values` (n,)."""
     return float((values - np.minimum.accumulate(values)).max() / values[0])

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 def rest_position(q_0: ArrayLike, q_h: ArrayLike, K: float, alpha: float, k_p: float) -> Array:
-    """O2, where the arm comes to rest for lambda_M = 0, rad.
+    """O2, where the arm comes to rest for lambda_M = 0, rad; `q_0`, `q_h` and the result (m,).
 
     q = (αK q(0) + k_p q_h) / (αK + k_p); from z + αq = αq(0) for all t (z(0) = dq(0) = 0), and
     τ_h = K s at rest.
@@ -31,7 +31,7 @@ def rest_position(q_0: ArrayLike, q_h: ArrayLike, K: float, alpha: float, k_p: f
 
 
 def holding_torque(q_0: ArrayLike, q_h: ArrayLike, K: float, alpha: float, k_p: float) -> Array:
-    """O2, what the operator has to hold there for ever: τ_h = k_p (q_h - q), N.m."""
+    """O2, torque that holds the arm there: τ_h = k_p (q_h - q), N.m; scalar or (m,)."""
     return k_p * (np.asarray(q_h) - rest_position(q_0, q_h, K, alpha, k_p))
 
 
@@ -68,7 +68,7 @@ def rest_position_pair(
 def poles(
     K: float, alpha: float, lambda_M: float, k_p: float, k_d: float, mass: float = 0.0
 ) -> Array:
-    """O3, poles of one arm in the operator's hand, slow one first, 1/s (real parts).
+    """O3, poles of one arm in the operator's hand, (2,) or (3,), slow one first, 1/s (real parts).
 
     m p³ + (K + αm + k_d) p² + (αK + λ_M k_d + k_p) p + λ_M k_p = 0, from the admittance
     dq/τ_h = (p + λ_M)/((m p + K)(p + α)) of a joint with `mass` m (kg.m2) and theta known.
@@ -143,7 +143,7 @@ def sync_offset(tau: float, K: float, alpha: float, lambda_M: float, lambda_: fl
 def wall_torque(q_h: ArrayLike, q_w: ArrayLike, k_p: float, kappa: float, k_w: float) -> Array:
     """O5, torque through grip, teleoperator and wall at rest, three springs in series, N.m.
 
-    k_p (q_h - q_1) = κ (q_1 - q_2) = k_w (q_2 - q_w)
+    k_p (q_h - q_1) = κ (q_1 - q_2) = k_w (q_2 - q_w); `q_h`, `q_w` and the result scalar or (m,).
     """
     return np.asarray((np.asarray(q_h) - np.asarray(q_w)) / (1 / k_p + 1 / kappa + 1 / k_w))
 
@@ -152,7 +152,7 @@ def wall_torque(q_h: ArrayLike, q_w: ArrayLike, k_p: float, kappa: float, k_w: f
 
 
 def manipulability_bound(t: ArrayLike, K: float, alpha: float, lambda_M: float) -> Array:
-    """O6, M^t <= (1 + 2 λ_M t/π)/(α λ_min(K)), rad/(N.m), theta known.
+    """O6, M^t <= (1 + 2 λ_M t/π)/(α λ_min(K)), rad/(N.m), theta known; `t` in s, scalar or (n,).
 
     1/λ_min(K) bounds τ_h -> s, 1/α is the filter p -> q, and 2t/π the gain of the integral over
     [0, t] (norm of the Volterra operator).

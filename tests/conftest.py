@@ -3,7 +3,7 @@
 import signal
 from typing import Any
 
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 # A loaded machine is slow, and slowness is measured elsewhere.
 _ALL: dict[str, Any] = {
@@ -15,6 +15,9 @@ _ALL: dict[str, Any] = {
 #: nothing to do with it. `pytest --hypothesis-profile=search` tries others.
 settings.register_profile("project", derandomize=True, **_ALL)
 settings.register_profile("search", max_examples=1000, **_ALL)
+# Whether one fails is all that tests.mutants asks.
+_WITHOUT_SHRINKING = (Phase.explicit, Phase.generate)
+settings.register_profile("mutants", derandomize=True, phases=_WITHOUT_SHRINKING, **_ALL)
 settings.load_profile("project")
 
 

@@ -1,14 +1,17 @@
-"""``python -m tests.mutants [--count N] [--seed S] [--least SHARE] [--only FILE] [GROUP ...]``.
+"""``python -m tests.mutants [--count N] [--seed S] [--least SHARE] [--only TEXT] [GROUP ...]``.
 
-In a copy of the checkout, one small change after the other is made in the sources of a group, its
-libraries are built again, and its tests run. A mutant that no test notices has *survived*: its line
-is printed, and either a test is missing there or the change makes no difference. Exits with 1 where
-fewer than ``--least`` of the mutants of a group were noticed.
+In a copy of the checkout, one small change after the other is made in the sources of a group, what
+it reaches is built again, and the tests of the group run until one fails: those first that noticed
+changes of the same file before. A mutant that no test notices has *survived*: its line is printed,
+and a test is missing there, or the change makes no difference and belongs in
+``tests/mutants/equivalent.toml``. Exits with 1 where fewer than ``--least`` of the mutants of a
+group were noticed.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import shutil
@@ -16,85 +19,62 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple
 from pathlib import Path
 
-from tests.mutants.changes import Mutant, mutants
+from tests.mutants.changes import Mutant, equivalent
+from tests.mutants.groups import GROUPS
 
 ROOT = Path(__file__).resolve().parents[2]
-#: s for the tests of one mutant; one that takes longer was noticed.
-PATIENCE = 600
-LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".*_cache", "runs", ".hypothesis")
+LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".*_cache", "runs", ".hypothesis")
+#: One thread for each process: the tests compute little, and forked processes have no others.
+THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
-    """Sources that are changed, and the tests that are to notice it."""
-
-    sources: tuple[str, ...]
-    tests: tuple[str, ...]
-
-    def files(self, root: Path) -> list[Path]:
-        """The sources, by name."""
-        return sorted(path for pattern in self.sources for path in root.glob(pattern))
+def chosen(name: str, count: int, seed: int, only: str) -> list[Mutant]:
+    """Mutants of a group, drawn at random; none of those known to make no difference."""
+    known = equivalent()
+    found = [m for m in GROUPS[name].mutants(ROOT) if only in f"{m.said(ROOT)}"]
+    found = [mutant for mutant in found if mutant.key(ROOT) not in known]
+    return random.Random(seed).sample(found, min(count, len(found)))
 
 
-_BRIDGE = ("native", "can", "safety", "node", "faults", "drives", "replay")
-GROUPS = {
-    "bridge": Group(("bridge/c/*.c",), tuple(f"tests/bridge/{room}" for room in _BRIDGE)),
-    "engine": Group(
-        ("cosim/c/*.c", "cosim/c/*.h"), ("tests/cosim/engine", "tests/cosim/links", "tests/system")
-    ),
-    "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
-    "kernels": Group(("fmus/c/*.c",), ("tests/fmus", "tests/cosim/fmi")),
-}
+def tried(name: str, copy: Path, tasks: Sequence[tuple[int, Mutant]]) -> list[tuple[int, str]]:
+    """Try mutants in a copy of the checkout; the number of each, and what noticed it or ``""``."""
+    shutil.copytree(ROOT, copy, ignore=LEFT_OUT)
+    words = [(n, (str(m.file), *astuple(m)[1:])) for n, m in tasks]
+    (copy / "mutants.json").write_text(json.dumps(words), encoding="utf-8")
+    command = [sys.executable, "-m", "tests.mutants.worker", name, "mutants.json"]
+    own = {"PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(copy / "mutants.cache"), **THREADS}
+    found, mutants = [], dict(tasks)
+    with subprocess.Popen(command, cwd=copy, env=os.environ | own, stdout=subprocess.PIPE) as run:
+        for line in run.stdout or ():
+            event = json.loads(line)
+            if "said" in event:
+                print(f"{name}: {event['said']}", flush=True)
+                continue
+            number, failed = event["number"], event["failed"]
+            by = f"noticed by {failed}" if failed else "SURVIVED"
+            said = mutants[number].said(ROOT)
+            print(f"{name} {number} ({event['took']:.1f} s) {said}\n    {by}", flush=True)
+            found.append((number, failed))
+    if run.returncode:
+        raise SystemExit(f"{name}: the worker ended with {run.returncode}")
+    return found
 
 
-def passes(copy: Path, tests: Sequence[str], log: Path) -> bool:
-    """Whether the copy can be built and its tests pass."""
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    build = [sys.executable, "build_backend/compiled.py"]
-    run = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    with log.open("w", encoding="utf-8") as out:
-        for words in (build, run):
-            try:
-                done = subprocess.run(
-                    words, cwd=copy, env=environment, stdout=out, stderr=out, timeout=PATIENCE
-                )
-            except subprocess.TimeoutExpired:
-                return False
-            if done.returncode:
-                return False
-    return True
-
-
-def noticed(copy: Path, mutant: Mutant, tests: Sequence[str], log: Path) -> bool:
-    """Whether the tests fail with this change; the file is as before afterwards."""
-    text = mutant.file.read_text(encoding="utf-8")
-    mutant.file.write_text(mutant.apply(text), encoding="utf-8")
-    try:
-        return not passes(copy, tests, log)
-    finally:
-        mutant.file.write_text(text, encoding="utf-8")
-
-
-def survivors(name: str, copy: Path, count: int, seed: int, only: str) -> tuple[int, list[str]]:
-    """How many mutants of a group were made, and the lines of those that nothing noticed."""
-    group, log = GROUPS[name], copy / "mutant.log"
-    if not passes(copy, group.tests, log):
-        raise SystemExit(f"{name}: its tests fail before any change:\n{log.read_text()[-2000:]}")
-    found = [m for file in group.files(copy) if only in file.name for m in mutants(file)]
-    chosen = random.Random(seed).sample(found, min(count, len(found)))
-    lines = []
-    for number, mutant in enumerate(chosen, 1):
-        said = mutant.said(mutant.file.read_text(encoding="utf-8"), copy)
-        alive = not noticed(copy, mutant, group.tests, log)
-        lines += [said] if alive else []
-        print(
-            f"{name} {number}/{len(chosen)} {'SURVIVED' if alive else 'noticed '} {said}",
-            flush=True,
-        )
-    return len(chosen), lines
+def survivors(name: str, mutants: Sequence[Mutant], parallel: int) -> list[Mutant]:
+    """Those of the mutants that nothing noticed; `parallel` of them are tried at a time."""
+    numbered = list(enumerate(mutants, 1))
+    with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
+        with ThreadPoolExecutor(parallel) as pool:
+            jobs = [
+                pool.submit(tried, name, Path(scratch, str(n)), numbered[n::parallel])
+                for n in range(min(parallel, len(numbered)))
+            ]
+        found = sorted(result for job in jobs for result in job.result())
+    return [mutants[number - 1] for number, failed in found if not failed]
 
 
 def main() -> int:
@@ -104,23 +84,21 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=40, help="mutants of each group (40)")
     parser.add_argument("--seed", type=int, default=1, help="of which are chosen (1)")
     parser.add_argument("--least", type=float, default=0.75, help="share to be noticed (0.75)")
-    parser.add_argument("--only", default="", help="only files with this in their name")
+    parser.add_argument("--only", default="", help="only mutants whose line contains this text")
+    parser.add_argument("--parallel", type=int, default=1, help="mutants tried at a time (1)")
     options = parser.parse_args()
     for name in options.groups:
         if name not in GROUPS:
             parser.error(f"unknown group {name!r}; expected one of {', '.join(GROUPS)}")
     few = False
-    with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
-        copy = Path(scratch) / "copy"
-        shutil.copytree(ROOT, copy, ignore=LEFT_OUT)
-        for name in options.groups:
-            made, alive = survivors(name, copy, options.count, options.seed, options.only)
-            share = 1 - len(alive) / made if made else 1.0
-            few |= share < options.least
-            print(
-                f"{name}: {made - len(alive)} of {made} noticed ({share:.0%}), seed {options.seed}"
-            )
-            print("".join(f"    {line}\n" for line in alive), end="")
+    for name in options.groups:
+        mutants = chosen(name, options.count, options.seed, options.only)
+        alive = survivors(name, mutants, max(1, options.parallel))
+        made = len(mutants)
+        share = 1 - len(alive) / made if made else 1.0
+        few |= share < options.least
+        print(f"{name}: {made - len(alive)} of {made} noticed ({share:.0%}), seed {options.seed}")
+        print("".join(f"    {mutant.said(ROOT)}\n" for mutant in alive), end="", flush=True)
     return 1 if few else 0
 
 

@@ -1,4 +1,4 @@
-"""Mutants are made of code only, and each is another text."""
+"""Mutants are made of code only, each is another text, and those said to be equivalent exist."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants.__main__ import GROUPS, ROOT
-from tests.mutants.changes import mutants
+from tests.mutants.__main__ import ROOT, chosen
+from tests.mutants.changes import equivalent, mutants
+from tests.mutants.groups import GROUPS
 
 C = """#if A < B
 /* a < b */
@@ -32,14 +33,26 @@ def test_comments_texts_and_directives_stay(
 ) -> None:
     file = tmp_path / name
     file.write_text(text)
-    found = list(mutants(file))
+    found = list(mutants(file, tmp_path))
     assert [m.old for m in found] == changes
     assert len({m.apply(text) for m in found} - {text}) == len(changes)
-    assert found[0].said(text, tmp_path).startswith(name)
+    assert found[0].said(tmp_path).startswith(name)
 
 
 @pytest.mark.parametrize("name", GROUPS)
 def test_every_group_has_sources_and_tests(name: str) -> None:
     group = GROUPS[name]
     assert all((ROOT / path).is_dir() for path in group.tests)
-    assert sum(len(list(mutants(file))) for file in group.files(ROOT)) > 100
+    assert len(group.mutants(ROOT)) > 100
+
+
+def test_the_same_seed_chooses_the_same_mutants() -> None:
+    assert chosen("links", 20, 1, "") == chosen("links", 20, 1, "")
+    assert chosen("links", 20, 1, "") != chosen("links", 20, 2, "")
+    assert {m.file.name for m in chosen("bridge", 500, 1, "hear.c:")} == {"hear.c"}
+
+
+def test_each_equivalent_mutant_exists_and_has_a_reason() -> None:
+    made = {m.key(ROOT) for group in GROUPS.values() for m in group.mutants(ROOT)}
+    assert set(equivalent()) <= made
+    assert all(why.endswith(".") for why in equivalent().values())

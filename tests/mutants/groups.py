@@ -1,0 +1,41 @@
+"""What is changed together: sources, the tests that have to notice, and what these import."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.mutants.changes import Mutant, mutants
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Sources that are changed, and the tests that are to notice it, best ones first.
+
+    `imported`: packages that no change touches, imported once for all mutants.
+    """
+
+    sources: tuple[str, ...]
+    tests: tuple[str, ...]
+    imported: tuple[str, ...] = ()
+
+    def files(self, root: Path) -> list[Path]:
+        """The sources, by name."""
+        return sorted(path for pattern in self.sources for path in root.glob(pattern))
+
+    def mutants(self, root: Path) -> list[Mutant]:
+        """All mutants of the sources in the checkout `root`."""
+        return [mutant for file in self.files(root) for mutant in mutants(file, root)]
+
+
+_BRIDGE = ("native", "can", "safety", "faults", "drives", "replay", "node")
+GROUPS = {
+    "bridge": Group(
+        ("bridge/c/*.c",), tuple(f"tests/bridge/{room}" for room in _BRIDGE), ("bridge", "fmus")
+    ),
+    "engine": Group(
+        ("cosim/c/*.c", "cosim/c/*.h"), ("tests/cosim/engine", "tests/system"), ("cosim", "fmus")
+    ),
+    "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
+    "kernels": Group(("fmus/c/*.c",), ("tests/fmus", "tests/cosim/fmi"), ("cosim", "fmus")),
+}

@@ -9,12 +9,15 @@ from cosim.base.errors import ScenarioError
 from fmus.paper import (
     equations,
     gains,
+    lemmas,
     network,
     remarks,
     robustness,
+    sampling,
     teaching,
     teleoperation,
     theory,
+    upright,
 )
 from fmus.paper.claim import Claim
 from fmus.paper.experiments import Document
@@ -22,13 +25,18 @@ from fmus.paper.figures import FIGURES, PaperFigure
 
 #: The claims by section of the paper, in its order.
 SECTIONS: Mapping[str, tuple[Claim, ...]] = {
+    "Lemmas 1 to 3, friction that varies, degrees: Sec. II-B, III": lemmas.CLAIMS,
     "Point mass, damping, gravity: Sec. III, IV, Theorem 1, Remark 3": theory.CLAIMS,
     "The equations at every sample, Theorem 2 in numbers": (*equations.CLAIMS, *gains.CLAIMS),
     "Teaching a single robot: Sec. IV-B, VII-A, Figs 1-3, Theorem 2": teaching.CLAIMS,
     "Six networked robots: Sec. V, VII-B, Figs 6-11, Theorems 3 and 4": network.CLAIMS,
     "Bilateral teleoperation: Sec. VI, VII-C, Figs 12-15, Theorem 5": teleoperation.CLAIMS,
     "Remarks 5 and 6, Sec. VIII: hands of finite effort, delays of any bound": remarks.CLAIMS,
-    "Beyond the paper: passivity, stiff grips, sampling": robustness.CLAIMS,
+    "Gravity in Y, adapted from 0: Theorems 2, 3 and 5": upright.CLAIMS,
+    "Beyond the paper: sampled time, passivity, stiff grips": (
+        *sampling.CLAIMS,
+        *robustness.CLAIMS,
+    ),
 }
 #: Figures without a run: the interaction graphs.
 GRAPHS = {"fig4", "fig5"}
@@ -36,7 +44,19 @@ GRAPHS = {"fig4", "fig5"}
 
 def cases(seed: int) -> dict[str, Document]:
     """Every case by name, as a scenario document; `seed` of delays and switching graphs."""
-    parts = (theory, equations, gains, teaching, network, teleoperation, remarks, robustness)
+    parts = (
+        lemmas,
+        theory,
+        equations,
+        gains,
+        teaching,
+        network,
+        teleoperation,
+        remarks,
+        upright,
+        sampling,
+        robustness,
+    )
     return {name: document for part in parts for name, document in part.cases(seed).items()}
 
 

@@ -72,13 +72,28 @@ def swelling(amplitude: Sequence[float], rate: float, until: float) -> Waveform:
     return Waveform(_torque(), lambda t: a * exp(rate * (t - until)) if t < until else 0.0 * a)
 
 
-def chirp(rate: float) -> Waveform:
-    """Force u = d/dt sin(rate t²) = 2 rate t cos(rate t²): unbounded, its integral within ±1.
+def chirp(rate: float, fading: bool = False, unit: str = "N") -> Waveform:
+    """Output u = dw/dt of w = sin(rate t²), or of w = sin(rate t²)/(t + 1) if `fading`.
 
-    `rate` in rad/s². The output `u` is in N.
+    `rate` in rad/s²; `unit` of u. The first w is bounded and its u is not; the second w is
+    square-integrable and its u is not.
     """
-    port = Port("u", (), "N", "Chirp that grows with time")
-    return Waveform(port, lambda t: 2.0 * rate * t * cos(rate * t * t))
+
+    def slope(t: float) -> float:
+        wave, steep = sin(rate * t * t), 2.0 * rate * t * cos(rate * t * t)
+        return steep / (t + 1.0) - wave / (t + 1.0) ** 2 if fading else steep
+
+    return Waveform(Port("u", (), unit, "Chirp"), slope)
+
+
+def fading(size: float, unit: str = "N") -> Waveform:
+    """Output u = size/(t + 1), `size` in the `unit` of u."""
+    return Waveform(Port("u", (), unit, "Fades"), lambda t: size / (t + 1.0))
+
+
+def steady(size: float, unit: str = "N") -> Waveform:
+    """Output u = size, in the `unit` of u."""
+    return Waveform(Port("u", (), unit, "Steady"), lambda t: size)
 
 
 def square(low: float, high: float, half: float) -> Waveform:

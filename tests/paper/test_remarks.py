@@ -12,6 +12,7 @@ from tests.paper.evidence import CLAIMS, Evidence, about
 
 TOPICS = [
     "sec3", "sec4c", "sec8", "remark3", "remark5", "remark6", "equations", "eq33", "eq35", "matrix",
+    "varying", "degree", "lemma1", "lemma2", "lemma3", "upright", "sampling",
 ]  # fmt: skip
 NAMES = sorted(
     {n for topic in TOPICS for broken in (False, True) for n in about(topic, broken=broken)}

@@ -13,7 +13,7 @@ from bridge.deployment.latency import DelaySpec, delays_for, newest_for
 from bridge.native import delay as native
 from cosim.base.errors import ScenarioError
 from cosim.links.spec import link_table
-from cosim.scenario import files as scenario
+from cosim.loading import files as scenario
 from cosim.scenario.assemble import assemble
 from cosim.schedule.parts import Link, Slot, Wire
 from tests.cosim.links.stored import save_table

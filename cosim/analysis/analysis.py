@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from cosim.analysis import closed_form as closed
+from cosim.analysis.conditions import broken
 from cosim.analysis.contacts import by_grip, by_wall, margin
 from cosim.analysis.experiments import Bench, rest_position
 from cosim.analysis.facts import Array
@@ -33,8 +34,8 @@ from cosim.base.errors import CosimError
 class Analysis:
     """What was found: `quantities` in two groups, and what the figures show.
 
-    `bound`: O6 at the times of the run, where it is known; `swept`: the port by frequency;
-    `remarks`: what could not be done, and why.
+    `bound`: O6 at the times of the run, where it is known and its conditions hold; `swept`: the
+    port by frequency; `remarks`: what could not be done, and why.
     """
 
     title: str
@@ -95,6 +96,7 @@ def analyse(
         hand = known.hand(port.arm) if port.arm in known.arms else None
     if known is not None:
         remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
+    missed = broken(known, net) if known is not None and net is not None else ()
     swept: list[Swept] = []
     tested: tuple[Quantity, ...] = ()
     if known is not None and tests and not port.inject:
@@ -105,10 +107,10 @@ def analyse(
     return Analysis(
         title=subject.title,
         port=port,
-        run=tuple(numbers(recorded, net, hand)),
+        run=tuple(numbers(recorded, net, hand, missed)),
         tests=tested,
         recorded=recorded,
-        bound=_bound(net, recorded),
+        bound=None if missed else _bound(net, recorded),
         swept=tuple(swept),
         remarks=tuple(remarks),
     )
@@ -135,7 +137,7 @@ def _tests(
         swept.append(one)
         yield from by_frequency(one, b)
     progress("constant push")
-    pushed = list(by_push(bench))
+    pushed = list(by_push(replace(bench, known=bench.network is not None)))
     yield from pushed
     yield from margin(bench)
     if bench.arm is not None:

@@ -27,6 +27,9 @@ from cosim.base.errors import RunError, ScenarioError
 FORCE = 1e-6
 #: Time for what the start sets off to die away, s.
 SETTLE = 40.0
+#: Uncertainty of one period, as a share of |G|, from which on several are averaged; how many of
+#: slow and of fast forces.
+DISTURBED, SLOW_PERIODS, FAST_PERIODS = 0.05, 4, 6
 #: How far a grip or a wall is away from where the arm is, rad.
 APART = 0.3
 #: Beyond this an arm has run away, rad.
@@ -63,6 +66,19 @@ class Bench:
     def size(self) -> int:
         """Entries of the force."""
         return self.system.plan.slots()[self.port.inject].size
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of felt inertia, damping and stiffness: of a joint, or of what moves along a line.
+
+        From the units of the test force and of the response.
+        """
+        slots = self.system.plan.slots()
+        force, length = slots[self.port.inject].unit, slots[self.port.response].unit
+        inertia = "kg" if (force, length) == ("N", "m") else "kg.m2"
+        return {
+            "inertia": inertia, "damping": f"{force}.s/{length}", "stiffness": f"{force}/{length}",
+        }  # fmt: skip
 
     @property
     def every(self) -> int:
@@ -124,30 +140,35 @@ class Bench:
         change = self._fed(seconds, np.full((1, self.size), force))
         return self.run(change, (self.port.inject, self.port.response))
 
-    def gain(self, sines: MultiSine) -> PortGain:
+    def gain(self, sines: MultiSine, periods: int = 1) -> PortGain:
         """G(jω): one run with the force on each joint, one without. Raises RunError, ScenarioError.
 
-        Before the period that is transformed there is time for what the start set off to die away.
+        The mean of the last `periods` is transformed: what jumps and switches averages out. Before
+        the first of them there is time for what the start set off to die away.
         Steps of the response are transformed, not the response: what is left of a slow decay, or of
         a drift, hardly leaks into other frequencies then.
         """
         if not self.port.inject:
             raise ScenarioError("no input for a test force; name it in [analysis] as inject")
         settle = max(-(-sines.n // 4), round(SETTLE / sines.h))
-        seconds = (settle + sines.n) * sines.h
+        seconds = (settle + periods * sines.n) * sines.h
         wave, response = sines.values(), (self.port.response,)
         f = sines.transform(np.roll(wave, -settle)[:, None])
         step = np.exp(1j * sines.omega * sines.h)[:, None] - 1
         before = self.run(self._fed(seconds, np.zeros((1, self.size))), response)
-        columns, astray = [], 0.0
+        columns, deviations, astray = [], [], 0.0
         for j in range(self.size):
             force = np.zeros((sines.n, self.size))
             force[:, j] = wave
             after = self.run(self._fed(seconds, force), response)
             moved = np.diff(after.array(response[0]) - before.array(response[0]), axis=0)
-            columns.append(sines.transform(moved) / step / f)
-            astray = max(astray, sines.astray(moved))
-        return PortGain(sines.omega, np.stack(columns, axis=2), sines.h, astray)
+            each = moved[-periods * sines.n :].reshape(periods, sines.n, -1)
+            mean = each.mean(axis=0)
+            columns.append(sines.transform(mean) / step / f)
+            deviations.append(sines.deviation(each) / np.abs(step * f))
+            astray = max(astray, sines.astray(mean))
+        sd = np.stack(deviations, axis=2)
+        return PortGain(sines.omega, np.stack(columns, axis=2), sines.h, astray, sd)
 
     def bands(self, lowest: float, highest: float) -> PortGain:
         """G(jω) from `lowest` to `highest`, rad/s: slow and fast forces in runs of their own.
@@ -155,14 +176,21 @@ class Bench:
         A link whose delay jumps makes noise of what is fast; slow motion is not to hear it.
         """
         middle = min(max(1.0, 8 * lowest), highest)
-        slow = self.gain(MultiSine.spread(lowest, middle, self.h, 9, FORCE))
+        slow = self.averaged(MultiSine.spread(lowest, middle, self.h, 9, FORCE), SLOW_PERIODS)
         if middle >= highest:
             return slow
-        fast = self.gain(MultiSine.spread(middle / 8, highest, self.h, 24, FORCE))
+        fast = self.averaged(MultiSine.spread(middle / 8, highest, self.h, 24, FORCE), FAST_PERIODS)
         above = fast.omega > slow.omega[-1] * (1 + 1e-9)
         omega = np.concatenate([slow.omega, fast.omega[above]])
         G = np.concatenate([slow.G, fast.G[above]])
-        return PortGain(omega, G, self.h, max(slow.astray, fast.astray))
+        assert slow.sd is not None and fast.sd is not None
+        sd = np.concatenate([slow.sd, fast.sd[above]])
+        return PortGain(omega, G, self.h, max(slow.astray, fast.astray), sd)
+
+    def averaged(self, sines: MultiSine, periods: int) -> PortGain:
+        """G(jω) of one period, or the mean of `periods` where that one is disturbed."""
+        once = self.gain(sines)
+        return self.gain(sines, periods) if once.error.max() > DISTURBED else once
 
     def _fed(self, seconds: float, force: Array) -> Change:
         change = self.at_rest(seconds)

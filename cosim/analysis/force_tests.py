@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import inf, log, nan
 
 import numpy as np
 
 from cosim.analysis import closed_form as closed
+from cosim.analysis.conditions import constant
 from cosim.analysis.experiments import FORCE, RESOLVED, Bench
 from cosim.analysis.facts import Array
 from cosim.analysis.frequency import PortGain, degree
@@ -19,15 +20,15 @@ from cosim.analysis.recorded_numbers import least_feedback
 from cosim.base.errors import CosimError, RunError
 
 #: Length of a run with a push, s, by whether there are more than two arms.
-PUSH = {False: 80.0, True: 240.0}
-#: How much the velocity under a push may differ between the last two quarters, as a share of it.
+PUSH = {False: 80.0, True: 600.0}
+#: Parts of the later three quarters of a push whose mean velocities tell how they scatter.
+PARTS = 8
+#: The greatest uncertainty of the mean velocity under a push, as a share of it.
 VARIES = 0.25
 #: What is said where everything tried is stable.
 RESOLVES = (
     f"at least: stiffer is not tried, the arm's step would not resolve it (hω = {RESOLVED:g})"
 )
-#: A wall that is neither soft nor stiff, N.m/rad.
-MODERATE = 200.0
 #: Share of the motion at other frequencies: above the first links and graphs that switch disturb
 #: what is measured, above the second nothing is measured.
 DISTURBED, UNSTABLE = 0.02, 0.9
@@ -93,8 +94,9 @@ def with_known(bench: Bench) -> Bench | None:
 
 
 def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
-    """Degree, positive real part, and what is felt slowly and quickly."""
+    """Degree, positive real part, and what is felt slowly and quickly, with uncertainties."""
     gain, form, tag = swept.measured, swept.closed, "known" if bench.known else "started"
+    units = bench.units
     lowest, title = gain.omega[0], swept.title
     if not bench.known:
         k, whole = degree(gain)
@@ -103,19 +105,36 @@ def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
             f"-slope of log |G| at {lowest:.3g} rad/s: {round(k)} pure integral(s)",
             expected=degree(form)[0] if form else (),
             formula="of the closed form at that frequency" if form else "",
-            note=_doubts(gain, whole),
+            error=gain.slope_error(), note=_doubts(gain, whole),
         )  # fmt: skip
     if not bench.port.collocated:
         return
     least, at, share = gain.least()
     where = "least eigenvalue of (Y + Yᴴ)/2 relative to |Y|, over frequency"
+    error = float(gain.error[int(np.argmin(gain.shares()))])
+    said = f"Re Y = {least:.3g} {_admittance(units)} at {at:.3g} rad/s"
     yield quantity(
         f"real_part_{tag}", f"min Re Y/|Y|, {title}", share, "1", where,
         expected=form.least()[2] if form else (),
         formula="closed form, not sampled" if form else "",
-        note=f"{'passive' if share >= 0 else 'not passive'}; Re Y = {least:.3g} at {at:.3g} rad/s",
+        error=error,
+        note=f"{_VERDICT[gain.passive()]}; {said}",
     )  # fmt: skip
-    yield from _bands(gain, form, title, tag)
+    yield from _bands(gain, form, title, tag, units)
+
+
+#: What is said of passivity, see :meth:`PortGain.passive`.
+_VERDICT = {
+    True: "passive",
+    False: "not passive",
+    None: "no verdict: the uncertainty is too large",
+}
+
+
+def _admittance(units: Mapping[str, str]) -> str:
+    """Unit of an admittance, from that of a damping."""
+    above, below = units["damping"].rsplit("/", 1)
+    return f"{below}/({above})"
 
 
 def _doubts(gain: PortGain, whole: bool) -> str:
@@ -125,23 +144,27 @@ def _doubts(gain: PortGain, whole: bool) -> str:
     return "; ".join(said)
 
 
-def _bands(gain: PortGain, form: PortGain | None, title: str, tag: str) -> Iterator[Quantity]:
+def _bands(
+    gain: PortGain, form: PortGain | None, title: str, tag: str, units: Mapping[str, str]
+) -> Iterator[Quantity]:
     low, high = (gain.omega[0], 8 * gain.omega[0]), (10.0, HIGHEST)
-    for part, index, unit, band in (
-        ("damping", 1, "N.m.s/rad", low),
-        ("stiffness", 2, "N.m/rad", low),
-        ("inertia", 0, "kg.m2", high),
-        ("damping", 1, "N.m.s/rad", high),
+    for part, index, band in (
+        ("damping", 1, low),
+        ("stiffness", 2, low),
+        ("inertia", 0, high),
+        ("damping", 1, high),
     ):
         how = f"Z = jωI + D + S/(jω) from {band[0]:.2g} to {band[1]:.2g} rad/s"
         speed = "slowly" if band is low else "quickly"
         found = gain.felt(*band)
         value = found[index]
-        little = part == "stiffness" and (np.abs(value) < 0.05 * np.abs(found[1]) * band[0]).all()
+        least = np.maximum(0.05 * np.abs(found[1]) * band[0], 2 * gain.felt_error(*band)[2])
+        little = part == "stiffness" and (np.abs(value) < least).all()
         if np.isnan(value).any() or little:
             continue  # with a pure integral there is no stiffness
         yield quantity(
-            f"{part}_{speed}_{tag}", f"felt {part}, {speed}, {title}", value, unit, how,
+            f"{part}_{speed}_{tag}", f"felt {part}, {speed}, {title}", value, units[part], how,
+            error=gain.felt_error(*band)[index],
             expected=form.felt(*band)[index] if form else (),
             formula="closed form" if form else "",
         )  # fmt: skip
@@ -153,24 +176,28 @@ def _bands(gain: PortGain, form: PortGain | None, title: str, tag: str) -> Itera
 def by_push(bench: Bench) -> Iterator[Quantity]:
     """O4: what a constant push feels, from rest; and how far it gets of what it could, O6."""
     seconds = PUSH[len(bench.system.arms) > 2]
-    how = f"constant push of {FORCE:g} on every joint for {seconds:g} s, from rest"
+    kind = f", {title_of(bench)}" if bench.known else ""
+    how = f"constant push of {FORCE:g} on every joint for {seconds:g} s, from rest{kind}"
     try:
         run = bench.push(seconds)
     except CosimError as error:
-        yield absent("push_damping", "felt damping, push", "N.m.s/rad", how, str(error))
+        yield absent("push_damping", "felt damping, push", bench.units["damping"], how, str(error))
         return
     t, y = run.t, run.array(bench.port.response)
     y = y - y[0]
     net = bench.network
     yield _growth(t, y, net, how)
     if bench.port.response != bench.port.rate:
-        yield from _pushed(t, y, net, how)
-    if net is not None and net.law.alpha > 0:
+        yield from _pushed(t, y, net, how, bench.units)
+    if net is not None and net.law.alpha > 0 and bench.known:
         M = manipulability(t, np.full_like(y, FORCE), y)
         bound = closed.manipulability_bound(net, t, least_feedback(net))
+        holds = constant(bench.system, net)
         yield quantity(
-            "push_share", "M^t of a push over its bound", M[-1] / bound[-1], "1",
-            f"{how}, at {t[-1]:.3g} s", expected=1.0, formula="O6, at most (theta known)",
+            "push_share", "M^t of a push over O6", M[-1] / bound[-1], "1",
+            f"{how}, at {t[-1]:.3g} s", expected=1.0 if holds else (),
+            formula="O6, at most" if holds else "",
+            note="" if holds else "no bound: O6 needs delays and weights that are constant",
         )  # fmt: skip
 
 
@@ -187,39 +214,46 @@ def _growth(t: Array, y: Array, net: RobotNetwork | None, how: str) -> Quantity:
     )  # fmt: skip
 
 
-def _pushed(t: Array, y: Array, net: RobotNetwork | None, how: str) -> Iterator[Quantity]:
-    half, tail = (int(np.searchsorted(t, t[-1] * share)) for share in (0.5, 0.75))
-    late = (y[-1] - y[tail]) / (t[-1] - t[tail])
-    early = (y[tail] - y[half]) / (t[tail] - t[half])
-    varies = float(np.abs(late - early).max() / np.abs(late).max()) if late.any() else 0.0
+def _pushed(
+    t: Array, y: Array, net: RobotNetwork | None, how: str, units: Mapping[str, str]
+) -> Iterator[Quantity]:
+    quarter = int(np.searchsorted(t, t[-1] / 4))
+    ends = np.linspace(quarter, len(t) - 1, PARTS + 1).astype(int)
+    velocities = np.diff(y[ends], axis=0) / np.diff(t[ends])[:, None]
+    late, tail = velocities[-1], velocities[PARTS // 2 :]
     K = each_feedback(net, y.shape[1])
     if np.abs(late).max() * 10.0 <= 1e-3 * np.abs(y[-1]).max():
         yield quantity(
-            "push_stiffness", "felt stiffness, push", FORCE / y[-1], "N.m/rad",
+            "push_stiffness", "felt stiffness, push", FORCE / y[-1], units["stiffness"],
             f"{how}: comes to rest",
             expected=[closed.felt_stiffness(net, k) for k in K] if net else (),
             formula="αK: lambda_M = 0" if net else "",
         )  # fmt: skip
-    elif varies <= VARIES:
-        from_ = tail if varies <= 0.05 else half
-        velocity = (y[-1] - y[from_]) / (t[-1] - t[from_])
-        yield quantity(
-            "push_damping", "felt damping, push", FORCE / velocity, "N.m.s/rad",
-            f"{how}: force over mean velocity from {t[from_]:.3g} s on",
-            expected=[closed.felt_damping(net, k) for k in K] if net else (),
-            formula=_damping_formula(net),
-            note=f"velocities vary by {varies * 100:.2g} %" if varies > 0.01 else "",
-        )  # fmt: skip
-    else:
-        why = f"the velocity still changes, by {varies * 100:.2g} % from one quarter to the next"
-        yield absent("push_damping", "felt damping, push", "N.m.s/rad", how, why)
+        return
+    early, trend = velocities[: PARTS // 2].mean(axis=0), tail.mean(axis=0)
+    steady = np.abs(np.diff(tail, axis=0)).max() <= 0.01 * np.abs(trend).max()
+    used = velocities[-2:] if steady else velocities
+    velocity = used.mean(axis=0)
+    share = 2 * used.std(axis=0, ddof=1) / np.sqrt(len(used)) / np.abs(velocity)
+    grows = ~np.array(steady) & (np.abs(trend - early) > 3 * share * np.abs(velocity))
+    if grows.any() or share.max() > VARIES:
+        why = f"the velocity still changes or scatters, by {share.max() * 100:.2g} % of its mean"
+        yield absent("push_damping", "felt damping, push", units["damping"], how, why)
+        return
+    yield quantity(
+        "push_damping", "felt damping, push", FORCE / velocity, units["damping"],
+        f"{how}: force over mean velocity from {t[-1] * (0.8125 if steady else 0.25):.3g} s on",
+        error=share * np.abs(FORCE / velocity),
+        expected=[closed.felt_damping(net, k) for k in K] if net else (),
+        formula=_damping_formula(net),
+    )  # fmt: skip
 
 
 def _damping_formula(net: RobotNetwork | None) -> str:
     if net is None:
         return ""
     few = {1: "O4, Kα/λ_M", 2: "O4, Kα(2 + λΣT)/λ_M"}
-    return few.get(len(net.laws), "A(p)/p for p -> 0, mean weights")
+    return few.get(len(net.laws), "A(p)/p for p -> 0, mean graph")
 
 
 def each_feedback(net: RobotNetwork | None, m: int) -> list[float]:

@@ -22,6 +22,11 @@ from cosim.analysis.facts import Array
 
 Complex = NDArray[np.complex128]
 
+#: Bins not fed in from which the noise at a bin that is fed in is estimated.
+NEAR = 6
+#: Share of |Y| below which Re Y is 0: rounding, and what is left of a decay.
+LOSSLESS = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class MultiSine:
@@ -64,6 +69,26 @@ class MultiSine:
         """Amplitudes of the last period of `x` (k, m) at the frequencies, (bins, m)."""
         return np.asarray(np.fft.rfft(x[-self.n :], axis=0)[list(self.bins)])
 
+    def deviation(self, periods: Array) -> Array:
+        """Standard deviation of the transform of the mean of `periods` (p, n, m), (bins, m).
+
+        Of several periods, from how they scatter, relative to the mean and averaged with the bins
+        on both sides. Of one period, from the nearest bins that were not fed in, over which what
+        jumps and switches spreads as well.
+        """
+        X = np.fft.rfft(periods, axis=1)
+        if len(X) == 1:
+            power = np.abs(X[0]) ** 2
+            free = np.setdiff1d(np.arange(1, len(power)), self.bins)
+            near = [free[np.argsort(np.abs(free - b), kind="stable")[:NEAR]] for b in self.bins]
+            return np.asarray(np.sqrt([power[around].mean(axis=0) for around in near]))
+        X = X[:, list(self.bins)]
+        mean = X.mean(axis=0)
+        variance = (np.abs(X - mean) ** 2).sum(axis=0) / (len(X) - 1) / len(X)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.pad(variance / np.abs(mean) ** 2, ((1, 1), (0, 0)), mode="edge")
+        return np.asarray(np.sqrt((share[:-2] + share[1:-1] + share[2:]) / 3) * np.abs(mean))
+
     def astray(self, x: Array) -> float:
         """Share of the power of the last period of `x` (k, m) that is at other frequencies.
 
@@ -79,13 +104,23 @@ class MultiSine:
 class PortGain:
     """G(jω), (k, m, m), response over force, at `omega` (k,) rad/s, forces held over `h` s.
 
-    `astray`: the greatest share of the response's power that was at other frequencies.
+    `astray`: the greatest share of the response's power that was at other frequencies; `sd`: the
+    standard deviation of G that this means, (k, m, m), None: exact.
     """
 
     omega: Array
     G: Complex
     h: float
     astray: float = 0.0
+    sd: Array | None = None
+
+    @property
+    def error(self) -> Array:
+        """Two standard deviations of |G|, or of a part of Y, as a share of |G| or |Y|, (k,)."""
+        if self.sd is None:
+            return np.zeros(len(self.omega))
+        whole = np.linalg.norm(self.sd, axis=(1, 2)) / np.sqrt(2.0)
+        return np.asarray(2.0 * whole / self.size)
 
     @property
     def admittance(self) -> Complex:
@@ -108,11 +143,26 @@ class PortGain:
         Y = self.admittance
         return np.asarray(np.linalg.eigvalsh((Y + np.conj(np.swapaxes(Y, 1, 2))) / 2)[:, 0])
 
+    def shares(self) -> Array:
+        """Least Re Y/|Y| at each frequency, (k,): how active the port is there."""
+        return np.asarray(self.real_part() / np.linalg.norm(self.admittance, 2, axis=(1, 2)))
+
     def least(self) -> tuple[float, float, float]:
         """(min Re Y, at ω, as a share of |Y| there): the share tells how active it is."""
-        real, length = self.real_part(), np.linalg.norm(self.admittance, 2, axis=(1, 2))
-        at = int(np.argmin(real / length))
-        return float(real[at]), float(self.omega[at]), float(real[at] / length[at])
+        share = self.shares()
+        at = int(np.argmin(share))
+        return float(self.real_part()[at]), float(self.omega[at]), float(share[at])
+
+    def passive(self) -> bool | None:
+        """Whether Re Y is nowhere below 0; None where the uncertainty leaves it open.
+
+        A share of |Y| within `LOSSLESS` of 0 counts as 0. As many frequencies are looked at, a
+        verdict takes twice the uncertainty of one of them.
+        """
+        share, error = self.shares(), 2.0 * self.error
+        if (share + error < -LOSSLESS).any():
+            return False
+        return True if (share - error >= -LOSSLESS).all() else None
 
     def slope(self) -> float:
         """Slope d log |G|/d log ω at the lowest frequencies."""
@@ -120,6 +170,32 @@ class PortGain:
             return nan
         size = self.size
         return log(size[1] / size[0]) / log(self.omega[1] / self.omega[0])
+
+    def slope_error(self) -> float:
+        """Two standard deviations of :meth:`slope`; NaN with fewer than two frequencies."""
+        if len(self.omega) < 2:
+            return nan
+        return float(np.hypot(*self.error[:2])) / log(self.omega[1] / self.omega[0])
+
+    def felt_error(self, low: float, high: float) -> Array:
+        """Two standard deviations of I, D, S of :meth:`felt`, (3, m), from independent noise.
+
+        Z of a joint has the relative uncertainty of G; D is its weighted mean, I and S are least
+        squares, so all shrink with the number of frequencies in the band.
+        """
+        m = self.G.shape[1]
+        band = (self.omega >= low * (1 - 1e-9)) & (self.omega <= high * (1 + 1e-9))
+        if band.sum() < 2:
+            return np.full((3, m), nan)
+        w, e = self.omega[band], self.error[band]
+        Z = np.abs(np.diagonal(self.impedance[band], axis1=1, axis2=2))
+        D = np.sqrt((e**2).sum()) / (1 / Z).sum(axis=0)
+        found = np.empty((3, m))
+        for j in range(m):
+            X = np.column_stack([w, -1 / w]) / Z[:, [j]]
+            found[0, j], found[2, j] = np.sqrt(((np.linalg.pinv(X) * e) ** 2).sum(axis=1))
+        found[1] = D
+        return found
 
     def felt(self, low: float, high: float) -> tuple[Array, Array, Array]:
         """(I, D, S), (m,) each: Z = jω I + D + S/(jω) fitted from `low` to `high`, rad/s.

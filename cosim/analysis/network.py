@@ -1,26 +1,28 @@
 """Robots under dynamic feedback that hear each other, linear about rest.
 
-With the estimate at rest, M_hat = M(theta_hat), and the delays at their means, robots i in one
-posture each obey, in the Laplace variable p (matrices over joints, blocks over robots)::
+With the estimate at rest, M_hat = M(theta_hat), and delays T_ij, robots i in one posture each
+obey, in the Laplace variable p (matrices over joints, blocks over robots)::
 
     A(p) q = tau_h,   A = (M - M_hat) p² + (M_hat p + K) (p + alpha)/(p + lambda_M) L(p)
 
     L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
 
-from s = (p + alpha)/(p + lambda_M) L q and M p² q = -K s + M_hat p (p q - s) + tau_h. One robot
-has L = p. For M_hat = M one robot's admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)).
-SI; no gravity; Remark 3 is K = lambda_c M_hat.
+where a delay jumps exp(-p T_ij) is its mean over the distribution of T_ij: what the robots do on
+average, as long as a delay is drawn anew faster than they move. From s = (p + alpha)/(p + lambda_M)
+L q and M p² q = -K s + M_hat p (p q - s) + tau_h. One robot has L = p. For M_hat = M one robot's
+admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)). SI; no gravity; Remark 3 is
+K = lambda_c M_hat.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback
+from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.system import AnalyzedSystem
 
 Complex = NDArray[np.complex128]
@@ -30,8 +32,9 @@ Complex = NDArray[np.complex128]
 class RobotNetwork:
     """The robots that hear each other, `port` the one that is held.
 
-    `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `outside` (n,): lambda w of
-    rows that come from nobody known, as if their sender stood still.
+    `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `jitter`: differences from
+    that mean, s, equally likely, of the edges (i, j) whose delay varies; `outside` (n,): lambda w
+    of rows that come from nobody known, as if their sender stood still.
     """
 
     names: tuple[str, ...]
@@ -41,6 +44,7 @@ class RobotNetwork:
     delay: Array
     outside: Array
     port: int
+    jitter: Mapping[tuple[int, int], Vector] = field(default_factory=dict)
 
     @property
     def law(self) -> DynamicFeedback:
@@ -52,7 +56,10 @@ class RobotNetwork:
         p = np.asarray(p, dtype=np.complex128)[..., None, None]
         around = self.coupling.sum(axis=1) + self.outside
         own = p * np.eye(len(around)) + np.diag(around)
-        return np.asarray(own - self.coupling * np.exp(-p * self.delay))
+        heard = self.coupling * np.exp(-p * self.delay)
+        for (i, j), spread_ in self.jitter.items():
+            heard[..., i, j] *= np.exp(-p[..., 0] * np.asarray(spread_)).mean(axis=-1)
+        return np.asarray(own - heard)
 
     def at(self, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Linear:
         """All robots at `q` (m,), with the `estimates` theta_hat of each."""
@@ -125,17 +132,21 @@ def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
         return None
     n = len(names)
     coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    jitter: dict[tuple[int, int], Vector] = {}
     for e in (e for e in system.edges if e.receiver in names and e.lasting):
         i, strength = names.index(e.receiver), laws[e.receiver].lambda_ * e.weight
         if e.sender in names:
             j = names.index(e.sender)
             coupling[i, j] += strength
             delay[i, j] = e.age.mean
+            if e.age.spread:
+                jitter[i, j] = e.age.spread
         else:
             outside[i] += strength
     arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
     chosen = tuple(laws[name] for name in names)
-    return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, names.index(start))
+    at = names.index(start)
+    return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, at, jitter)
 
 
 def spread(values: Sequence[float], m: int) -> Array:

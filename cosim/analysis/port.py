@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
-from cosim.analysis.facts import Arm, DynamicFeedback
+from cosim.analysis.facts import Arm
 from cosim.analysis.inputs import acts
+from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
 from cosim.scenario.connect import unknown
@@ -24,7 +25,8 @@ class PortSignals:
     The force on the robot is the signal `force` plus the input `external`, which other components
     feed; `response` is its position and `rate` its velocity; `inject` is the input of a test force.
     The torque of the far robot on its environment is `far_force` less `far_external`, with
-    `far_response` and `far_rate`. `estimate`: theta_hat of the controller at the port.
+    `far_response` and `far_rate`. `estimates`: theta_hat of each robot of the network around the
+    port, in its order.
     """
 
     arm: str
@@ -38,7 +40,7 @@ class PortSignals:
     far_response: str = ""
     far_rate: str = ""
     far_external: str = ""
-    estimate: str = ""
+    estimates: tuple[str, ...] = ()
 
     @property
     def collocated(self) -> bool:
@@ -51,7 +53,7 @@ class PortSignals:
         names = (
             *(self.force, self.external, self.response, self.rate),
             *(self.far_force, self.far_external, self.far_response, self.far_rate),
-            self.estimate,
+            *self.estimates,
         )
         return tuple(dict.fromkeys(name for name in names if name))
 
@@ -92,7 +94,7 @@ def port_of(
         far_external=_acting(
             own.far_force, f"{far}.{environment}", f"{far}.{far_external}", known, system
         ),
-        estimate=pick("", _estimate(system, arm)),
+        estimates=_estimates(system, arm),
     )
 
 
@@ -147,11 +149,14 @@ def _far(system: AnalyzedSystem | None, arm: str) -> str:
     return others[0] if len(others) == 1 else ""
 
 
-def _estimate(system: AnalyzedSystem | None, arm: str) -> str:
-    """The signal theta_hat of the law that controls `arm`."""
-    law = system.controls.get(arm, "") if system is not None else ""
-    found = system.of(DynamicFeedback).get(law) if system is not None else None
-    return f"{law}.{found.estimate}" if found is not None else ""
+def _estimates(system: AnalyzedSystem | None, arm: str) -> tuple[str, ...]:
+    """The signals theta_hat of the laws around `arm`; none where one of them has none."""
+    net = network(system, arm) if system is not None else None
+    if system is None or net is None:
+        return ()
+    slots = system.plan.slots()
+    names = tuple(f"{n}.{law.estimate}" for n, law in zip(net.names, net.laws, strict=True))
+    return names if all(name in slots for name in names) else ()
 
 
 def _names(system: AnalyzedSystem | None, name: str) -> tuple[str, str, str, str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, isnan, nan
+from math import floor, isfinite, isnan, log10, nan
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 class Quantity:
     """`values` in `unit`, one or one a joint; `how` they came about.
 
-    `expected`: the closed form, as many, () where there is none; `formula` says which. `note`: what
-    to know before using it; where there is no number, why.
+    `error`: the uncertainty of each value, two standard deviations, in `unit`; () where the value
+    is exact up to rounding and sampling. `expected`: the closed form, as many, () where there is
+    none; `formula` says which. `note`: what to know before using it; where there is no number, why.
     """
 
     name: str
@@ -24,6 +25,7 @@ class Quantity:
     values: tuple[float, ...]
     unit: str
     how: str
+    error: tuple[float, ...] = ()
     expected: tuple[float, ...] = ()
     formula: str = ""
     note: str = ""
@@ -36,7 +38,9 @@ class Quantity:
     @property
     def text(self) -> str:
         """The numbers with their unit."""
-        return f"no number: {self.note}" if self.missing else _text(self.values, self.unit)
+        if self.missing:
+            return f"no number: {self.note}"
+        return _text(self.values, self.unit, self.error)
 
     @property
     def expected_text(self) -> str:
@@ -53,6 +57,7 @@ class Quantity:
             "values": [_plain(v) for v in self.values],
             "unit": self.unit,
             "how": self.how,
+            "error": [_plain(v) for v in self.error],
             "expected": [_plain(v) for v in self.expected],
             "formula": self.formula,
             "note": self.note,
@@ -66,20 +71,25 @@ def quantity(
     unit: str,
     how: str,
     *,
+    error: ArrayLike = (),
     expected: ArrayLike = (),
     formula: str = "",
     note: str = "",
 ) -> Quantity:
-    """A quantity of one value or several, in `unit`; `values` and `expected` are scalar or (m,).
+    """A quantity of one value or several, in `unit`; `values`, `error`, `expected`: scalar or (m,).
 
     Values that are all equal are kept as one.
     """
+    found = _alike(values)
+    given = np.asarray(error, dtype=np.float64)
+    spread = np.broadcast_to(given, np.shape(values)).ravel() if given.size else given
     return Quantity(
         name=name,
         label=label,
-        values=_alike(values),
+        values=found,
         unit=unit,
         how=how,
+        error=tuple(float(e) for e in spread[: len(found)]),
         expected=_alike(expected),
         formula=formula,
         note=note,
@@ -96,10 +106,21 @@ def _alike(values: ArrayLike) -> tuple[float, ...]:
     return found[:1] if found and all(v == found[0] for v in found) else found
 
 
-def _text(values: Sequence[float], unit: str) -> str:
-    each = [f"{v:.4g}" for v in values]
+def _text(values: Sequence[float], unit: str, error: Sequence[float] = ()) -> str:
+    errors = [*error, *(0.0 for _ in values[len(error) :])]
+    each = [with_error(v, e) for v, e in zip(values, errors, strict=True)]
     numbers = each[0] if len(set(each)) == 1 else f"({', '.join(each)})"
     return numbers if unit in ("", "1") else f"{numbers} {unit}"
+
+
+def with_error(value: float, error: float) -> str:
+    """``18.9 ± 1.1``: two digits of the error; no error where it would not show in four digits."""
+    if not isfinite(value) or not error > 5e-4 * abs(value):
+        return f"{value:.4g}"
+    if not isfinite(error):
+        return f"{value:.2g} ± {error:g}"
+    decimals = max(0, 1 - floor(log10(error)))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
 
 
 def _plain(value: float) -> float | str | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import sqrt
 
 import numpy as np
 
@@ -16,15 +18,14 @@ from cosim.analysis.network import RobotNetwork
 from cosim.analysis.port import PortSignals
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.signals import Signals
-from cosim.base.errors import ScenarioError
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedPort:
     """What was recorded at a port: `t` (n,) s, the rest (n, m) by the role it plays.
 
-    `far`: (torque, velocity) at the other end; `units` of force and response; `estimate`: theta_hat
-    as it ended, () where it was not recorded.
+    `far`: (torque, velocity) at the other end; `units` of force and response; `estimates`:
+    theta_hat of each robot as it ended, () where one was not recorded.
     """
 
     t: Array
@@ -33,7 +34,7 @@ class RecordedPort:
     rate: Array | None
     far: tuple[Array, Array] | None
     units: tuple[str, str]
-    estimate: tuple[float, ...] = ()
+    estimates: tuple[tuple[float, ...], ...] = ()
 
     @property
     def unit(self) -> str:
@@ -68,7 +69,7 @@ def read(signals: Signals, port: PortSignals) -> RecordedPort:
         rate=signals.array(port.rate) if port.rate else None,
         far=far,
         units=(signals.unit(port.force), signals.unit(port.response)),
-        estimate=_last(signals, port.estimate),
+        estimates=tuple(_last(signals, name) for name in port.estimates),
     )
 
 
@@ -79,22 +80,27 @@ def _total(signals: Signals, inside: str, external: str, sign: float) -> Array:
 
 
 def _last(signals: Signals, name: str) -> tuple[float, ...]:
-    """The last values of a signal; () if it was not recorded, or nothing was."""
-    try:
-        rows = signals.array(name) if name else np.empty((0, 0))
-    except ScenarioError:
-        return ()
+    """The last values of a signal; () if nothing was recorded."""
+    rows = signals.array(name)
     return tuple(float(x) for x in rows[-1]) if len(rows) else ()
 
 
-def numbers(found: RecordedPort, net: RobotNetwork | None, hand: Hand | None) -> Iterator[Quantity]:
-    """The numbers of a run; closed forms where `net` and the `hand` at the port are known."""
+def numbers(
+    found: RecordedPort,
+    net: RobotNetwork | None,
+    hand: Hand | None,
+    broken: Sequence[str] = (),
+) -> Iterator[Quantity]:
+    """The numbers of a run; closed forms where `net` and the `hand` at the port are known.
+
+    `broken`: conditions of O6 that do not hold, so that it is no bound of this run.
+    """
     why = "nothing recorded" if len(found.t) < 4 else "" if found.force.any() else "no force acted"
     if why:
-        yield absent("manipulability", "manipulability M^t", found.unit, "run", why)
+        yield absent("manipulability", "M^t of this run", found.unit, "run", why)
         yield absent("effort", "effort ‖f‖₂", f"{found.units[0]}.√s", "run", why)
         return
-    yield from _manipulability(found, net)
+    yield from _manipulability(found, net, broken)
     yield from _effort(found)
     yield from _energy(found)
     if found.rate is not None:
@@ -109,14 +115,21 @@ def least_feedback(net: RobotNetwork) -> float:
     return law.lambda_c * arm.inertia_range[0] if law.lambda_c else min(law.K)
 
 
-def _manipulability(found: RecordedPort, net: RobotNetwork | None) -> Iterator[Quantity]:
+def _manipulability(
+    found: RecordedPort, net: RobotNetwork | None, broken: Sequence[str]
+) -> Iterator[Quantity]:
     t, M = found.t, found.M
-    bound: dict[str, object] = {}
+    limit, why = np.empty(0), ""
     if net is not None:
         limit = manipulability_bound(net, t[-1:], least_feedback(net))
-        bound = {"expected": limit, "formula": "O6, at most (theta known, from rest)"}
+    if broken:
+        why = f"no bound: O6 ({', '.join(f'{x:.4g}' for x in limit)}) needs {'; '.join(broken)}"
+        limit = np.empty(0)
     how = f"‖y‖₂/‖f‖₂ over [0, {t[-1]:.4g}] s"
-    yield quantity("manipulability", "manipulability M^t", M[-1], found.unit, how, **bound)  # type: ignore[arg-type]
+    yield quantity(
+        "manipulability", "M^t of this run", M[-1], found.unit, how,
+        expected=limit, formula="O6, at most" if len(limit) else "", note=why,
+    )  # fmt: skip
     yield quantity(
         "growth", "growth of M^t", growth(t, M, t[-1] / 2, t[-1]), "1",
         f"d log M/d log t, {t[-1] / 2:.4g} to {t[-1]:.4g} s",
@@ -168,10 +181,11 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
         return
     windows = tuple(w for w in windows if not is_the_hand(w))
     rest = max(w.residual for w in windows)
+    force, length = found.units
     for name, part, unit in (
-        ("felt_inertia", "inertia", "kg.m2"),
-        ("felt_damping", "damping", "N.m.s/rad"),
-        ("felt_stiffness", "stiffness", "N.m/rad"),
+        ("felt_inertia", "inertia", "kg" if (force, length) == ("N", "m") else "kg.m2"),
+        ("felt_damping", "damping", f"{force}.s/{length}"),
+        ("felt_stiffness", "stiffness", f"{force}/{length}"),
     ):
         joints = sorted({w.joint for w in windows})
         medians = [np.median([getattr(w, part) for w in windows if w.joint == j]) for j in joints]
@@ -182,20 +196,20 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
 def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
     """Rate at which the error to where the hand wants the arm decays, against the slowest pole."""
     error = np.abs(found.response - np.asarray(hand.place)).max(axis=1)
-    rate = approach(found.t, error)
+    rate, uncertain = approach(found.t, error)
     label, how = "rate of approach", "slope of log |q - q_h|, from 1 % of the start down"
     if np.isnan(rate):
         return absent("approach", label, "1/s", how, "the error does not decay so far")
-    estimates = list(net.started())
-    ended = len(found.estimate) == len(estimates[net.port])
-    if ended:
-        estimates = [found.estimate if i == net.port else e for i, e in enumerate(estimates)]
+    ended = bool(found.estimates) and all(found.estimates)
+    estimates = found.estimates if ended else net.started()
     roots = poles(net, found.response[-1], estimates, hand.stiffness, hand.damping)
     simple = quasi_static_poles(net.law, least_feedback(net), *_softest(hand))[0].real
     o3 = f"; O3 without inertia {simple:.4g}" if len(net.laws) == 1 else ""
     return quantity(
-        "approach", label, rate, "1/s", how, expected=roots[0].real if len(roots) else (),
+        "approach", label, rate, "1/s", how, error=uncertain,
+        expected=roots[0].real if len(roots) else (),
         formula=f"slowest pole, theta_hat as it {'ended' if ended else 'starts'}{o3}",
+        note="" if ended else "theta_hat was not recorded: the closed form is that of the start",
     )  # fmt: skip
 
 
@@ -203,15 +217,21 @@ def _softest(hand: Hand) -> tuple[float, float]:
     return min(hand.stiffness), min(hand.damping)
 
 
-def approach(t: Array, error: Array) -> float:
+def approach(t: Array, error: Array) -> tuple[float, float]:
     """Rate (1/s) of the exponential that the envelope of `error` (n,) follows as it decays.
 
-    From where it is last above 1e-2 of its start to where it is last above 1e-5 of it; NaN where it
-    is not smaller than that at the end, or there are fewer than ten rows in between.
+    From where it is last above 1e-2 of its start to where it is last above 1e-5 of it, and its
+    uncertainty (1/s): two standard deviations of the mean rate of its three thirds, as the envelope
+    of an error that swings has steps. NaN where it is not smaller than that at the end, or there
+    are fewer than ten rows in between.
     """
     envelope = np.maximum.accumulate(error[::-1])[::-1]
     first, last = (int((envelope > share * error[0]).sum()) for share in (1e-2, 1e-5))
     if error[0] <= 0 or last >= len(t) or last - first < 10:
-        return float("nan")
-    rows = slice(first, last)
-    return float(np.polyfit(t[rows], np.log(envelope[rows]), 1)[0])
+        return float("nan"), float("nan")
+    ends = np.linspace(first, last, 4).astype(int)
+    whole, *parts = (
+        float(np.polyfit(t[a:b], np.log(envelope[a:b]), 1)[0])
+        for a, b in ((first, last), *pairwise(ends))
+    )
+    return whole, 2 * float(np.std(parts, ddof=1)) / sqrt(len(parts))

@@ -148,6 +148,7 @@ def _recorded(port: PortSignals, names: Collection[str], folder: Path) -> PortSi
             raise ScenarioError(f"{name} was not recorded; recorded are {known}", str(folder))
     kept = {
         field: getattr(port, field) if getattr(port, field) in names else ""
-        for field in ("rate", "far_force", "far_response", "far_rate", "estimate")
+        for field in ("rate", "far_force", "far_response", "far_rate")
     }
-    return replace(port, **kept)
+    estimates = port.estimates if all(name in names for name in port.estimates) else ()
+    return replace(port, **kept, estimates=estimates)

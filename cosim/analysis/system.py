@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
+from cosim.analysis.facts import Arm, Array, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
 from cosim.analysis.hands import together
 from cosim.analysis.inputs import acts, feeders, start_value
 from cosim.base.errors import ScenarioError
@@ -31,15 +31,22 @@ from cosim.schedule.plan import Plan
 #: of a table of weights that is no switching graph.
 LOOKS = 8000
 
+#: Values that stand for the distribution of the ages of a link.
+QUANTILES = 48
+
 F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand)
 
 
 @dataclass(frozen=True, slots=True)
 class Age:
-    """How old what is held is, s: `mean`, and `bound` (inf: there is none)."""
+    """How old what is held is, s: `mean`, and `bound` (inf: there is none).
+
+    `spread`: differences from the mean, s, equally likely; () where the age is always the mean.
+    """
 
     mean: float = 0.0
     bound: float = 0.0
+    spread: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,8 +250,19 @@ def _origin(system: AnalyzedSystem, name: str) -> str:
 def age(link: Link) -> Age:
     """Mean age of what a link holds once it holds something, and the bound its law declares."""
     table = link.table
-    if isinstance(table, DrawnTable) and isinstance(table.rule, SignalSemantics):
-        return Age(table.law.mean, _bound(table))
+    ages = _ages(table)
+    drawn = table if isinstance(table, DrawnTable) else None
+    declared = drawn.law.mean if drawn and isinstance(drawn.rule, SignalSemantics) else None
+    if not len(ages):
+        return Age(nan if declared is None else declared, _bound(table))
+    middle = float(ages.mean())
+    parts = np.quantile(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
+    spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
+    return Age(middle if declared is None else declared, _bound(table), spread)
+
+
+def _ages(table: TableSpec) -> Array:
+    """The ages of what a link holds at the looks of its receiver, (n,), s, once it has begun."""
     rows = LOOKS
     while rows:
         try:
@@ -255,12 +273,11 @@ def age(link: Link) -> Age:
     held = table.stream().rows(rows) if rows else np.empty(0, np.int32)
     begun = held[np.argmax(held >= 0) :] if (held >= 0).any() else held[:0]
     if not len(begun):
-        return Age(nan, _bound(table))
+        return np.empty(0)
     first = len(held) - len(begun)
     looks = table.grid.n_r * np.arange(first, len(held), dtype=np.int64)
     ages = (looks - table.grid.n_s * begun.astype(np.int64)) * table.grid.h
-    settled = ages[min(len(ages) // 2, table.history * table.grid.n_s // table.grid.n_r) :]
-    return Age(float(settled.mean()), _bound(table))
+    return np.asarray(ages[min(len(ages) // 2, table.history * table.grid.n_s // table.grid.n_r) :])
 
 
 def _bound(table: TableSpec) -> float:

@@ -97,7 +97,7 @@ def _manipulability(found: Analysis, axes: Sequence[Axes]) -> None:
     if len(rows):
         above.loglog(r.t[rows], M[rows], color=_COLOURS[0], label="$M^t$ of the run")
     if found.bound is not None and len(rows) and np.isfinite(found.bound[rows]).all():
-        label = "upper bound O6 (θ known, from rest)"
+        label = "upper bound O6 (θ known, together, from rest)"
         above.loglog(r.t[rows], found.bound[rows], color=_COLOURS[1], label=label, **_CLOSED)
     above.set_ylabel(f"$M^t$ [{_pretty(r.unit)}]")
     above.set_title("manipulability: ‖response‖₂ over ‖force‖₂ up to t")

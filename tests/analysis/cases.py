@@ -62,11 +62,11 @@ def subject(document: Document, port: str = "") -> Subject:
     return Subject(scenario.title, record(scenario, plan, place), place, known)
 
 
-def net_of(document: Document) -> RobotNetwork:
-    """The network at the port that is held."""
+def net_of(document: Document, port: str = "") -> RobotNetwork:
+    """The network at the port that is held, or chosen."""
     scenario = build(document, Path("test.toml"))
-    known, port = find_port(scenario, assemble(scenario))
-    found = network(known, port.arm)
+    known, place = find_port(scenario, assemble(scenario), port)
+    found = network(known, place.arm)
     assert found is not None
     return found
 

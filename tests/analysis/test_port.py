@@ -25,7 +25,10 @@ def test_the_arm_that_is_held_is_the_port() -> None:
     assert (found.arm, found.force, found.response) == ("master", "master.tau_h", "master.q")
     assert (found.rate, found.inject) == ("master.dq", "master.tau_ext")
     assert (found.far_force, found.far_rate) == ("slave.tau_e", "slave.dq")
-    assert found.estimate == "master_control.theta_hat" and found.collocated
+    assert (
+        found.estimates == ("master_control.theta_hat", "slave_control.theta_hat")
+        and found.collocated
+    )
 
 
 def test_another_arm_may_be_chosen() -> None:

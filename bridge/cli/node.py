@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from bridge.wiring.wiring import Rows
 
 UNSHARED = (
-    "hears of a run on a host whose clock is not known to be this one's, and does not join it; "
-    "let a time server (NTP, PTP) keep the date of both hosts"
+    "hears of a run on a host whose clock is not known to be this one's, and has not joined it; "
+    "let a time server (NTP, PTP) keep the date of both hosts. Over Zenoh it goes on measuring"
 )
 
 

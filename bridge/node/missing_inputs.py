@@ -24,6 +24,8 @@ from cosim.base.clock import monotonic_ns, stopwatch
 
 #: s between two looks, and between two times a node says what it still waits for.
 LOOK, REPEAT = 0.02, 0.5
+#: Failed measurements of other hosts' clocks before a node says so; it goes on measuring.
+FAILURES = 3
 #: Periods of a message in which a life that runs hears at least one.
 MANY = 20
 
@@ -117,14 +119,16 @@ def watched(
 
     ``ready`` once it has heard all it needs (`ready` gives the event), ``waiting`` with what is
     missing until then, ``refused`` each time it refuses ARM or START, ``joined`` with the time t
-    (s) where it begins in the middle of a run, ``unshared`` where it hears of a run on a host whose
-    clock it does not share and `measured` does not find its t = 0 otherwise, ``deaf`` when it hears
-    something no more.
+    (s) where it begins in the middle of a run, ``deaf`` when it hears something no more. Where it
+    hears of a run on a host whose clock it does not share, it calls `measured` after each EPOCH
+    until that returns True (t = 0 of the run was found), and says ``unshared`` after `FAILURES`
+    other answers.
     """
     ended = threading.Event()
 
     def look() -> None:
-        refusals, said, deaf, joined, unshared = 0, False, False, False, False
+        refusals, said, deaf, joined = 0, False, False, False
+        unshared, failures = 0, 0
         elapsed, next_ = stopwatch(), REPEAT
         while not ended.wait(LOOK):
             struct = wired.struct
@@ -143,9 +147,10 @@ def watched(
                 joined = True
                 if struct.first > 0:
                     say({"event": "joined", "t": struct.first * struct.h})
-            if struct.epoch.unshared and not unshared:
-                unshared = True
-                if not measured():
+            if struct.epoch.unshared != unshared and not struct.begun:
+                unshared = struct.epoch.unshared
+                failures += not measured()
+                if failures == FAILURES:
                     say({"event": "unshared"})
             if struct.begun and not deaf and (lost := silent(wired)):
                 deaf = True

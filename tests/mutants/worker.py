@@ -1,14 +1,16 @@
 """``python -m tests.mutants.worker GROUP MUTANTS``: try mutants, in the checkout this runs in.
 
-MUTANTS is a file of JSON. For each mutant, a line of JSON goes to standard output: its number, the
-test that noticed it or ``""``, and the seconds this took. pytest and what the tests import are
-imported once; building and testing happen in forked processes.
+MUTANTS is a file of JSON: the tests and the mutants. For each mutant, a line of JSON goes to
+standard output: its number, the test that noticed it or ``""``, and the wall time and processor
+time this took, s. pytest and what the tests import are imported once; building and testing happen
+in forked processes.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
+import os
 import pkgutil
 import sys
 import time
@@ -18,7 +20,7 @@ from pathlib import Path
 
 from tests.mutants.build import build
 from tests.mutants.changes import Mutant
-from tests.mutants.groups import GROUPS, Group
+from tests.mutants.groups import GROUPS
 from tests.mutants.trial import Outcome, Selection, forked, run
 
 #: Tests that take more processor time or wall time than this, s, are left out.
@@ -34,10 +36,10 @@ NOT_IMPORTED = ("__main__", "_engine", "_bridge")
 
 
 class Trials:
-    """The mutants of one group in one checkout, and which tests noticed those before."""
+    """The mutants tried in one checkout with some tests, and which tests noticed those before."""
 
-    def __init__(self, group: Group, root: Path) -> None:
-        self._group, self._root = group, root
+    def __init__(self, tests: list[str], root: Path) -> None:
+        self._tests, self._root = tests, root
         self._log, self._objects = root / "mutants.log", root / "mutants.objects"
         self._seconds: dict[str, tuple[float, float]] = {}
         self._left_out: frozenset[str] = frozenset()
@@ -45,7 +47,7 @@ class Trials:
 
     def unchanged(self) -> None:
         """Build, and run all tests once. Raises SystemExit where they fail."""
-        outcome = self._outcome(self._group.tests, Path(), PATIENCE)
+        outcome = self._outcome(self._tests, Path(), PATIENCE)
         if outcome.failed:
             said = self._log.read_text(encoding="utf-8", errors="replace")[-2000:]
             raise SystemExit(f"before any change, this fails: {outcome.failed}\n{said}")
@@ -92,7 +94,7 @@ class Trials:
         seconds = sum(wall for name, (wall, _) in self._seconds.items() if _file(name) == file)
         return -self._noticed[str(source), file], -self._noticed["", file], seconds, file
 
-    def _outcome(self, tests: list[str] | tuple[str, ...], source: Path, limit: float) -> Outcome:
+    def _outcome(self, tests: list[str], source: Path, limit: float) -> Outcome:
         def compiled(_: int) -> int:
             build(self._root, self._objects)
             return 0
@@ -140,15 +142,15 @@ def warm(packages: tuple[str, ...]) -> None:
 
 def main() -> None:
     """Try the mutants of the file named on the command line."""
-    group, tasks = GROUPS[sys.argv[1]], Path(sys.argv[2])
-    warm(group.imported)
-    trials = Trials(group, Path.cwd())
+    asked = json.loads(Path(sys.argv[2]).read_text(encoding="utf-8"))
+    warm(GROUPS[sys.argv[1]].imported)
+    trials = Trials(asked["tests"], Path.cwd())
     trials.unchanged()
     print(json.dumps({"said": trials.said()}), flush=True)
-    for number, (file, at, old, new) in json.loads(tasks.read_text(encoding="utf-8")):
-        begin = time.monotonic()
+    for number, (file, at, old, new) in asked["mutants"]:
+        wall, cpu = time.monotonic(), sum(os.times()[:4])
         failed = trials.failed(Mutant(Path(file), at, old, new))
-        took = time.monotonic() - begin
+        took = [time.monotonic() - wall, sum(os.times()[:4]) - cpu]
         print(json.dumps({"number": number, "failed": failed, "took": took}), flush=True)
 
 

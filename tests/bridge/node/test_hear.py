@@ -1,0 +1,99 @@
+"""What a node makes of each frame of a service, on the simulated clock: SYNCs, heartbeats, NMT."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.native.message import Header
+from bridge.native.safety import LifeState, Status, Why
+from tests.bridge.deployments import document, system_of
+from tests.bridge.slots import Slots
+
+STOP, ARM, RESET = 2, 128, 129
+
+
+@pytest.fixture
+def node(tmp_path):
+    """``master_control`` (number 2) of can.toml, which needs nobody else to go on."""
+    found = document("can")
+    found["nodes"]["master_control"] |= {"requires": [], "stale": {}}
+    with Slots(system_of(found, tmp_path), "master_control", tmp_path) as slots:
+        slots.begin()
+        yield slots
+
+
+def say(node, encoding, values, status=0):
+    """A frame on the left bus, heard in the next slot; its row."""
+    frame = encoding.frame(values, Header(status=status))
+    frame.t_ns = node.struct.slot * node.struct.h_ns
+    node.rings["left"].put(frame)
+    return node.step()
+
+
+def test_syncs_are_counted_and_so_are_those_that_are_missing(node):
+    """Their counter goes from 1 to 240 and from there to 1 (CiA 301, 7.2.5)."""
+    sync = node.system.services["left"].sync
+    heard = [(1, 0), (2, 0), (5, 2), (239, 233), (240, 0), (1, 0), (3, 1), (2, 238)]
+    lost = 0
+    for n, (counter, missing) in enumerate(heard, 1):
+        say(node, sync, [counter])
+        lost += missing
+        assert (node.struct.syncs_received, node.struct.syncs_lost) == (n, lost), counter
+
+
+def test_a_sync_feeds_its_watchdog_at_its_arrival(node):
+    for _ in range(3):
+        node.step()
+        say(node, node.system.services["left"].sync, [1])
+        arrived = (node.struct.slot - 1) * node.struct.h_ns
+        assert node.struct.sync_watchdog.last_ns == arrived
+
+
+@pytest.mark.parametrize("simulated_node", [False, True])
+@pytest.mark.parametrize("simulated_peer", [False, True])
+def test_only_among_simulated_nodes_is_a_simulated_peer_one(node, simulated_node, simulated_peer):
+    node.struct.simulated = simulated_node
+    beat = node.system.services["left"].heartbeats[1]
+    status = Status.SIMULATED if simulated_peer else 0
+    say(node, beat, [LifeState.ACTIVE, 0, 1, 0], status)
+    peer = node.wired.peers["master"]
+    there = simulated_node or not simulated_peer
+    assert peer.state == (LifeState.ACTIVE if there else -1)
+
+
+@pytest.mark.parametrize("accepted", [False, True])
+def test_samples_of_simulated_senders_are_counted_where_they_are_refused(node, accepted):
+    encoding = node.system.messages["STATE_1"].encoding
+    receiver = node.wired.receivers["STATE_1"]
+    node.wired.receiving.receptions["STATE_1"].accept_simulated = accepted
+    say(node, encoding, [0.0] * 4, LifeState.ACTIVE | Status.SIMULATED)
+    assert (receiver.simulated, receiver.ok) == ((0, 1) if accepted else (1, 0))
+    say(node, encoding, [0.0] * 4, LifeState.ACTIVE)
+    assert receiver.simulated == (0 if accepted else 1)
+
+
+def test_a_required_peer_that_has_begun_again_is_a_fault_of_its_node(node):
+    beat, peer = node.system.services["left"].heartbeats[1], node.wired.peers["master"]
+    for required, boots, why in [(0, 1, 0), (0, 2, 0), (1, 2, 0), (1, 3, Why.PEER), (1, 3, 0)]:
+        peer.required = required
+        row = say(node, beat, [LifeState.ACTIVE, 0, boots, 0])
+        assert row["now"] & Why.PEER == why
+        assert peer.boots == boots
+
+
+def test_the_counters_of_a_peer_that_has_begun_again_are_new(node):
+    beat = node.system.services["left"].heartbeats[1]
+    receivers = node.wired.receivers
+    for boots, forgotten in [(1, False), (1, False), (2, True)]:
+        for receiver in receivers.values():
+            receiver.sequence = 7
+        say(node, beat, [LifeState.ACTIVE, 0, boots, 0])
+        found = {name for name, receiver in receivers.items() if receiver.sequence == -1}
+        assert found == ({"STATE_1"} if forgotten else set())
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
+@pytest.mark.parametrize("command", [STOP, ARM, RESET, 77])
+def test_a_command_is_for_its_node_or_for_all(node, number, command):
+    row = say(node, node.system.services["left"].nmt, [command, number])
+    assert (row["commands"] != 0) == (number in (0, 2) and command != 77)

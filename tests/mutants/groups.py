@@ -34,7 +34,9 @@ GROUPS = {
         ("bridge/c/*.c",), tuple(f"tests/bridge/{room}" for room in _BRIDGE), ("bridge", "fmus")
     ),
     "engine": Group(
-        ("cosim/c/*.c", "cosim/c/*.h"), ("tests/cosim/engine", "tests/system"), ("cosim", "fmus")
+        ("cosim/c/*.c", "cosim/c/*.h"),
+        ("tests/cosim/engine", "tests/cosim/fmi", "tests/system"),
+        ("cosim", "fmus"),
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
     "kernels": Group(("fmus/c/*.c",), ("tests/fmus", "tests/cosim/fmi"), ("cosim", "fmus")),

@@ -6,7 +6,7 @@ import pytest
 
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status, Why
-from tests.bridge.deployments import document, system_of
+from tests.bridge.deployments import document, named, system_of
 from tests.bridge.slots import Slots
 
 STOP, ARM, RESET = 2, 128, 129
@@ -33,7 +33,7 @@ def say(node, encoding, values, status=0):
 def test_syncs_are_counted_and_so_are_those_that_are_missing(node):
     """Their counter goes from 1 to 240 and from there to 1 (CiA 301, 7.2.5)."""
     sync = node.system.services["left"].sync
-    heard = [(1, 0), (2, 0), (5, 2), (239, 233), (240, 0), (1, 0), (3, 1), (2, 238)]
+    heard = [(7, 0), (1, 233), (2, 0), (5, 2), (239, 233), (240, 0), (1, 0), (3, 1), (2, 238)]
     lost = 0
     for n, (counter, missing) in enumerate(heard, 1):
         say(node, sync, [counter])
@@ -97,3 +97,25 @@ def test_the_counters_of_a_peer_that_has_begun_again_are_new(node):
 def test_a_command_is_for_its_node_or_for_all(node, number, command):
     row = say(node, node.system.services["left"].nmt, [command, number])
     assert (row["commands"] != 0) == (number in (0, 2) and command != 77)
+
+
+def test_a_peer_that_waits_asks_a_node_that_runs_for_the_time_origin(node):
+    beat = node.system.services["left"].heartbeats[1]
+    table = [(0, LifeState.INACTIVE, 0), (1, LifeState.ACTIVE, 0), (1, LifeState.INACTIVE, 1)]
+    for begun, state, asked in [*table, (1, LifeState.ACTIVE, 1)]:  # asked once is asked
+        node.struct.begun = begun
+        say(node, beat, [state, 0, 1, 0])
+        assert node.struct.epoch.asked == asked
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_protected_emergency_stop_that_is_damaged_is_counted_as_unknown(tmp_path, damaged):
+    system = named("zenoh")
+    with Slots(system, "master", tmp_path) as slots:
+        slots.begin()
+        frame = system.services["net"].estop.frame([1, 0], Header())
+        frame.data[frame.length - 1] ^= damaged
+        slots.put("net", frame, 0.0)
+        row = slots.step()
+        assert bool(row["now"] & Why.ESTOP) is not damaged
+        assert slots.struct.unknown == damaged

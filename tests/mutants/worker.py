@@ -24,7 +24,7 @@ from tests.mutants.groups import GROUPS
 from tests.mutants.trial import Outcome, Selection, forked, run
 
 #: Tests that take more processor time or wall time than this, s, are left out.
-CPU, WALL = 3.0, 8.0
+CPU, WALL = 3.0, 20.0
 #: So many files of tests, which noticed most mutants of a source before, are tried first.
 FIRST = 3
 #: s for a build, and for the tests before any change.

@@ -119,3 +119,23 @@ def test_a_protected_emergency_stop_that_is_damaged_is_counted_as_unknown(tmp_pa
         row = slots.step()
         assert bool(row["now"] & Why.ESTOP) is not damaged
         assert slots.struct.unknown == damaged
+
+
+def test_a_bus_without_emergency_stops_has_none(tmp_path):
+    found = document("can")
+    found["buses"]["left"]["services"].remove("estop")
+    with Slots(system_of(found, tmp_path), "master", tmp_path) as slots:
+        slots.begin()
+        assert not say(slots, slots.system.services["left"].sync, [1])["now"] & Why.ESTOP
+        assert slots.struct.syncs_received == 1
+
+
+@pytest.mark.parametrize("start", [0, 5_000_000_000])
+def test_a_frame_is_heard_in_the_first_slot_after_its_arrival(node, start):
+    """Times of frames are on the clock of the bus, those of slots from the start of the run."""
+    node.struct.start_ns = start
+    frame = node.system.services["left"].sync.frame([1], Header())
+    frame.t_ns = start + 3 * node.struct.h_ns // 2
+    node.rings["left"].put(frame)
+    heard = [(node.step(), node.struct.syncs_received)[1] for _ in range(3)]
+    assert heard == [0, 0, 1]

@@ -136,11 +136,12 @@ def test_a_bus_without_emergency_stops_has_none(tmp_path):
 
 
 @pytest.mark.parametrize("start", [0, 5_000_000_000])
-def test_a_frame_is_heard_in_the_first_slot_after_its_arrival(node, start):
-    """Times of frames are on the clock of the bus, those of slots from the start of the run."""
-    node.struct.start_ns = start
+@pytest.mark.parametrize(("later", "heard"), [(0, [0, 1, 1]), (1, [0, 0, 1])])
+def test_a_frame_is_heard_in_the_first_slot_that_is_not_before_it(node, start, later, heard):
+    """Times of frames (ns) are on the clock of the bus, those of slots from the start of the run."""
+    s = node.struct
+    s.start_ns = start
     frame = node.system.services["left"].sync.frame([1], Header())
-    frame.t_ns = start + 3 * node.struct.h_ns // 2
+    frame.t_ns = start + s.h_ns + s.phase_ns + later
     node.rings["left"].put(frame)
-    heard = [(node.step(), node.struct.syncs_received)[1] for _ in range(3)]
-    assert heard == [0, 0, 1]
+    assert [(node.step(), s.syncs_received)[1] for _ in range(3)] == heard

@@ -138,7 +138,7 @@ def test_a_bus_without_emergency_stops_has_none(tmp_path):
 @pytest.mark.parametrize("start", [0, 5_000_000_000])
 @pytest.mark.parametrize(("later", "heard"), [(0, [0, 1, 1]), (1, [0, 0, 1])])
 def test_a_frame_is_heard_in_the_first_slot_that_is_not_before_it(node, start, later, heard):
-    """Times of frames (ns) are on the clock of the bus, those of slots from the start of the run."""
+    """Times of frames (ns) are on the clock of the bus, those of slots from the start on."""
     s = node.struct
     s.start_ns = start
     frame = node.system.services["left"].sync.frame([1], Header())

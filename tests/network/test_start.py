@@ -64,7 +64,9 @@ def test_a_start_that_travels_gives_all_one_time_origin(tmp_path: Path):
     ]
     apart = (begun[1] - begun[0]) * 1e-9
     assert apart == pytest.approx(0.0, abs=0.1 * LATE)
-    taken = {a: np.median(rows[a]["inlets"]["transit_ns"][1000:]) * 1e-9 for a in ARMS}
+    # The quickest one of each way: with a t = 0 each, one would be quicker and one slower by LATE.
+    # (A busy machine makes others slower.)
+    taken = {a: np.min(rows[a]["inlets"]["transit_ns"][1000:]) * 1e-9 for a in ARMS}
     assert taken["slave"] == pytest.approx(LATE, abs=0.3 * LATE)
     assert taken["master"] == pytest.approx(LATE, abs=0.3 * LATE)
     found = replay.replay(system, rows, heard, tmp_path)

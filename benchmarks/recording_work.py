@@ -41,7 +41,7 @@ def forget() -> None:
     written = simulate.write_metadata
     simulate.TableWriter = Table  # type: ignore[misc]
     simulate.write_metadata = lambda *a, indented=True: indented and written(*a)  # type: ignore[assignment]
-    live.mapped = lambda path, size: (mmap.mmap(-1, size), -1)
+    live.map_new_file = lambda path, size: (mmap.mmap(-1, size), -1)
 
 
 def work(case: str, variant: str, folder: str, stop: str) -> None:

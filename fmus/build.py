@@ -31,7 +31,7 @@ __all__ = [
     "build_all",
     "find",
     "pack",
-    "shipped",
+    "shipped_models",
     "versions",
 ]
 
@@ -97,7 +97,7 @@ def build(
 
 def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> list[Path]:
     """Build `models` (default: those an installation ships) for the host, in 2.0 and 3.0."""
-    chosen = shipped() if models is None else list(models)
+    chosen = shipped_models() if models is None else list(models)
     compiled = compile_models(chosen)
     return [
         pack(model, version, out_dir, binaries)
@@ -106,7 +106,7 @@ def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> lis
     ]
 
 
-def shipped() -> list[Model]:
+def shipped_models() -> list[Model]:
     """The models of :data:`SHIPPED`, declared."""
     modules = {name: import_module(f"fmus.models.{name}") for name in SHIPPED}
     return [modules[name].model(**sizes) for name, many in SHIPPED.items() for sizes in many]

@@ -17,7 +17,7 @@ import typer
 
 from cosim.base.errors import CosimError, ScenarioError, UnitError
 from cosim.base.units import quantity
-from fmus.build import SHIPPED, VERSIONS, Version, pack, shipped, versions
+from fmus.build import SHIPPED, VERSIONS, Version, pack, shipped_models, versions
 from fmus.library import compile_model
 from fmus.model import Model, clocked
 from fmus.toolchain import PLATFORMS
@@ -107,7 +107,7 @@ def _models(names: list[str], sizes: dict[str, int]) -> list[Model]:
     if not names and sizes:
         raise ScenarioError("sizes belong to a model; name it", "--set")
     if not names:
-        return shipped()
+        return shipped_models()
     return [_model(_module(name), sizes) for name in names]
 
 

@@ -22,7 +22,7 @@ from cosim.base.errors import FmuError, RunError, ScenarioError
 from fmus import toolchain
 from fmus.build import cache, find
 from fmus.model import Model
-from fmus.models.start import held, start_values
+from fmus.models.start import initial_input, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values
@@ -50,7 +50,9 @@ class Kernel:
         self._x: Array = np.zeros(size)
         self._address = self._x.ctypes.data
         self._place = self._places()
-        self._in = [(port.name, self._place[port.name], held(port)) for port in self.inputs]
+        self._in = [
+            (port.name, self._place[port.name], initial_input(port)) for port in self.inputs
+        ]
         self._out = [(port.name, self._place[port.name]) for port in self.outputs]
         self._library.kernel_reset(self._address)
 

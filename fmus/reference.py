@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
-from fmus.models.start import copied, given, held, received, start_values
+from fmus.models.start import checked_outputs, copy_state, initial_input, received, start_values
 from fmus.numeric import Array
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Reference:
         """Go to the start. Raises ScenarioError."""
         x = start_values(self._model, values)
         if self._start is not None:
-            x |= self._start(x, *map(held, self.inputs))
+            x |= self._start(x, *map(initial_input, self.inputs))
         self._x = x
 
     def initial(self, u: Given) -> Outputs:
@@ -77,15 +77,15 @@ class Reference:
         return outputs
 
     def _given(self, found: Values, t: float = 0.0) -> Outputs:
-        return given({port.name: found[port.name] for port in self.outputs}, t)
+        return checked_outputs({port.name: found[port.name] for port in self.outputs}, t)
 
     def get_state(self) -> object:
         """All values by name, copied."""
-        return copied(self._x)
+        return copy_state(self._x)
 
     def set_state(self, state: object) -> None:
         """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+        self._x = copy_state(state)
 
 
 class Derived(NamedTuple):

@@ -18,7 +18,7 @@ from cosim.base.component import Kind, Parameter, Port
 from fmus.build import Version, find
 from fmus.kernel import Kernel
 from fmus.model import Model, Variable
-from fmus.models.start import copied, given, received, start_values
+from fmus.models.start import checked_outputs, copy_state, received, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values
@@ -84,12 +84,12 @@ class VanDerPol:
         x, v = s["x"], s["v"]
         a = s["mu"] * (1.0 - x * x) * v - s["omega2"] * x + s["gain"] * drive
         s["x"], s["v"] = x + h * v, v + h * a
-        return given({"x": s["x"]}, t)
+        return checked_outputs({"x": s["x"]}, t)
 
     def get_state(self) -> object:
         """All values, copied."""
-        return copied(self._x)
+        return copy_state(self._x)
 
     def set_state(self, state: object) -> None:
         """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+        self._x = copy_state(state)

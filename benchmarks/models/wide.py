@@ -15,7 +15,7 @@ from cosim.base.component import Kind, Parameter, Port
 from fmus.build import Version, find
 from fmus.kernel import Kernel
 from fmus.model import Model, Variable
-from fmus.models.start import copied, given, received, start_values
+from fmus.models.start import checked_outputs, copy_state, received, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values
@@ -77,12 +77,12 @@ class Wide:
         """What came in, times the gain."""
         (signals,) = received(self.inputs, u, t)
         self._x["y"] = self._x["gain"] * signals  # (14,)
-        return given({"y": self._x["y"]}, t)
+        return checked_outputs({"y": self._x["y"]}, t)
 
     def get_state(self) -> object:
         """All values, copied."""
-        return copied(self._x)
+        return copy_state(self._x)
 
     def set_state(self, state: object) -> None:
         """Continue from what :meth:`get_state` gave."""
-        self._x = copied(state)
+        self._x = copy_state(state)

@@ -29,10 +29,10 @@ from bridge.results.outcome import begin, complete
 from bridge.results.verdict import Verdict, Word
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError
-from cosim.base.interrupts import terminated
+from cosim.base.interrupts import signals_as_interrupt
 from cosim.fmi.failures import sentence
 from cosim.record import seal
-from cosim.record.recover import unfinished
+from cosim.record.recover import is_unfinished
 from cosim.sweeps.run_point import StudyRow
 
 RUNS, SCRIPT = "runs", "script.toml"
@@ -80,7 +80,7 @@ def performed(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRo
     cells: dict[str, Any] = {"faults": "", "zenoh": Path(job.soak.zenoh(job.seed, k)).stem}
     measures: dict[str, float] = {}
     try:
-        with terminated(), np.errstate(all="ignore"):
+        with signals_as_interrupt(), np.errstate(all="ignore"):
             done = run(folder)
             measures = measured(job.soak, done)
             found = judged(job.soak, done, measures)
@@ -104,7 +104,7 @@ def performed(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRo
 def _sealed(folder: Path, found: Verdict) -> Verdict:
     """Sums of everything a run has left, also by its hosts; an error where that cannot be done."""
     try:
-        if not unfinished(folder):
+        if not is_unfinished(folder):
             seal(folder, anew=True)
     except CosimError as error:
         return Verdict(Word.ERROR, (*found.reasons, str(error)))

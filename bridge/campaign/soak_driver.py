@@ -15,7 +15,7 @@ from bridge.campaign.soak import RUNS, SoakSetup, perform
 from bridge.relay import namespaces
 from bridge.results.verdict import Word
 from cosim.base.errors import ScenarioError
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 from cosim.engine.simulate import versions
 from cosim.sweeps import store as stores
 from cosim.sweeps import workers
@@ -80,7 +80,7 @@ def drive(
     KeyboardInterrupt comes when the runs under way have ended, at a second one at once. Raises
     ScenarioError for a folder that was begun with something else, never for a run that fails.
     """
-    with stores.locked(folder):
+    with stores.lock_folder(folder):
         _claim(folder, title, facts)
         namespaces.sweep()
         with Store(folder, UNITS) as store:
@@ -92,7 +92,7 @@ def drive(
             try:
                 _run(perform, todo, parallel, store, observer)
             finally:
-                with deferred(lambda: None):
+                with stop_on_signal(lambda: None):
                     namespaces.sweep()  # of workers that were killed
         found = stores.rows(folder)
         records = [found[name] for name in sorted(found)]
@@ -114,7 +114,7 @@ def _run(
         observer.stopping()
 
     opened = partial(workers.processes, parallel)
-    with deferred(stop):
+    with stop_on_signal(stop):
         for k, result in workers.spread(opened, perform, todo, lambda: bool(pressed)):
             if isinstance(result, str):
                 result = StudyRow(

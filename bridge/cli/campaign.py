@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.rehearse import Interface, Realtime, Set
-from cosim.cli.supervise import recording
+from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
     from bridge.campaign.judgement import Judged
@@ -176,7 +176,7 @@ def _rehearsed(
     from cosim.base.errors import RunError
     from cosim.record import claim_folder
 
-    recording(folder)
+    announce_run_folder(folder)
     claim_folder(folder, force=False)
     facts = {"settings": list(settings.changes), "faults": settings.script, "real": False}
     begin(system, folder, facts)

@@ -10,7 +10,7 @@ import typer
 
 from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set, refuse
 from cosim.cli.options import Strict
-from cosim.cli.supervise import asking, recording
+from cosim.cli.supervise import allow_terminal_input, announce_run_folder
 
 if TYPE_CHECKING:
     from bridge.records.lives import Life
@@ -54,7 +54,7 @@ def node(
     import threading
     from contextlib import ExitStack
 
-    from bridge.cli.options import bus_settings, fresh
+    from bridge.cli.options import bus_settings, unused_folder
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
     from bridge.node.control import Control
@@ -77,10 +77,10 @@ def node(
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
     refuse(deployment.check(system), strict=strict, quiet=False)
     if hardware and not yes:
-        with asking():
+        with allow_terminal_input():
             typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
-    folder = out or fresh(Path("runs") / f"{name}-{stamp()}")
-    recording(folder)
+    folder = out or unused_folder(Path("runs") / f"{name}-{stamp()}")
+    announce_run_folder(folder)
     facts = begin_node(system, folder, {"settings": changes, "node": name})
 
     controls: list[Control] = []

@@ -66,7 +66,7 @@ def clock_settings(deployment: Deployment, clock: str) -> list[str]:
     return [f"deploy.buses.{name}.options.lockstep=true" for name in deployment.buses]
 
 
-def fresh(folder: Path) -> Path:
+def unused_folder(folder: Path) -> Path:
     """`folder`, or with -2, -3, … behind it."""
     n, path = 1, folder
     while path.exists():

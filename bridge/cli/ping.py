@@ -182,7 +182,7 @@ def _predict(
     out: Path,
 ) -> None:
     """Felt damping and stiffness, and the scenario offline with the delays its links would have."""
-    from bridge.cli.options import fresh
+    from bridge.cli.options import unused_folder
     from cosim.analysis.system import system as with_facts
     from cosim.checks.laws import prediction
     from cosim.cli.summary import summary
@@ -198,7 +198,7 @@ def _predict(
     typer.echo("on this network:")
     for finding in prediction(with_facts(loaded, assemble(loaded))):
         typer.echo(f"  {finding.where}: {finding.reason}")
-    folder = fresh(out / "run")
+    folder = unused_folder(out / "run")
     outcome = simulate(loaded, folder)
     for line in summary(loaded, Run.open(folder), outcome):
         typer.echo(f"  {line}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.options import Force, Plot, Quiet, Strict
-from cosim.cli.supervise import asking, recording
+from cosim.cli.supervise import allow_terminal_input, announce_run_folder
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
@@ -108,7 +108,7 @@ def rehearse(
     system = load_system(scenario, str(path), changes)
     refuse(deployment.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
-        with asking():
+        with allow_terminal_input():
             typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
     from bridge.rehearsal.supervisor import Settings
 
@@ -132,11 +132,11 @@ def _those(system: System, nodes: str | None) -> tuple[str, ...]:
 
 
 def _folder(system: System, out: Path | None) -> Path:
-    from bridge.cli.options import fresh
+    from bridge.cli.options import unused_folder
     from cosim.base.clock import stamp
 
     name = f"{system.scenario.name}-{system.deployment.name}-{stamp()}"
-    return out or fresh(Path("runs") / name)
+    return out or unused_folder(Path("runs") / name)
 
 
 def _run(
@@ -167,7 +167,7 @@ def _run(
         settings = replace(settings, events=injector.events(script, system))
     if force:
         clear(folder)
-    recording(folder)
+    announce_run_folder(folder)
     claim_folder(folder, force=force)
     if not quiet:
         typer.echo(header(system))

@@ -9,7 +9,7 @@ import typer
 
 from cosim.base.errors import Interrupted, ScenarioError
 from cosim.checks.finding import Finding
-from cosim.cli.supervise import recording
+from cosim.cli.supervise import announce_run_folder
 
 
 def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
@@ -44,7 +44,7 @@ def run(
     quiet: bool,
 ) -> None:
     """The twin into a run folder, and its numbers."""
-    from bridge.cli.options import fresh
+    from bridge.cli.options import unused_folder
     from bridge.cli.rehearse import header, refuse
     from bridge.deployment.system import load_system
     from bridge.preflight import deployment
@@ -62,8 +62,8 @@ def run(
     system = load_system(scenario, deploy, settings)
     refuse(deployment.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
-    folder = out or fresh(Path("runs") / name)
-    recording(folder)
+    folder = out or unused_folder(Path("runs") / name)
+    announce_run_folder(folder)
     claim_folder(folder, force=force)
     watch = stopwatch()
     try:

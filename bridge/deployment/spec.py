@@ -16,7 +16,7 @@ from bridge.deployment.signal_spec import SignalSpec
 from bridge.drives.model import DriveSpec
 from bridge.safety.limits import GuardSpec
 from cosim.base import toml
-from cosim.base.convert import Number, convert, each, number
+from cosim.base.convert import Number, convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import as_toml, change
 
@@ -210,9 +210,9 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
         patience=_seconds(document, "patience", 60.0, path),
         silence=_seconds(document, "silence", 10.0, path),
         set=convert(document.get("set", {}), dict[str, Any], path, "set"),
-        buses=each(document["buses"], BusSpec, path, "buses"),
-        nodes=each(document["nodes"], NodeSpec, path, "nodes"),
-        messages=each(document["messages"], MessageSpec, path, "messages"),
+        buses=convert_each(document["buses"], BusSpec, path, "buses"),
+        nodes=convert_each(document["nodes"], NodeSpec, path, "nodes"),
+        messages=convert_each(document["messages"], MessageSpec, path, "messages"),
         signals=convert(document.get("signals", {}), dict[str, SignalSpec], path, "signals"),
     )
     _check(d)

@@ -13,7 +13,7 @@ from itertools import groupby
 
 from bridge.can.messages import BusMessage, Role, SignalRange, bus_responses, bus_share
 from cosim.bus.timing import BusTiming, worst
-from cosim.checks.finding import Finding, merged
+from cosim.checks.finding import Finding, merge_findings
 
 __all__ = ["BusMessage", "BusTiming", "MessageTimeout", "SignalRange", "check_buses"]
 
@@ -63,7 +63,9 @@ def check_buses(
             found += _impossible(on_bus, timing)
         if not wrong and not twice:
             found += _late(name, on_bus, timing)
-    return list(merged([*found, *_watchdogs(messages, watchdogs), *_silent(messages, buses)]))
+    return list(
+        merge_findings([*found, *_watchdogs(messages, watchdogs), *_silent(messages, buses)])
+    )
 
 
 def _frames(messages: Iterable[BusMessage], timing: BusTiming) -> Iterator[Finding]:

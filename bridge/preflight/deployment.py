@@ -17,7 +17,7 @@ from bridge.preflight.identifiers import collisions
 from bridge.safety.limits import in_si, limits
 from cosim.bus.timing import BusTiming
 from cosim.checks.finding import Finding
-from cosim.checks.wiring import unfed
+from cosim.checks.wiring import unconnected_inputs
 
 #: s; what comes later over a network than this is nothing a controller wants.
 LATE = 10.0
@@ -221,6 +221,6 @@ def check(system: System) -> list[Finding]:
     """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
     plain = check_buses(messages(system), timings(system), watchdogs(system))
     buses = [f for f in plain if f.rule != "identifier"]  # collisions() looks at all parties
-    found = [*unfed(system.plan), *buses]
+    found = [*unconnected_inputs(system.plan), *buses]
     found += [*collisions(system), *overruns(system), *forwarded(system)]
     return [*found, *windups(system), *unlimited(system)]

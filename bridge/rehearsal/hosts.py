@@ -17,7 +17,7 @@ from bridge.deployment.system import System
 from bridge.relay import namespaces
 from bridge.relay.network import RelayNetwork
 from cosim.base.errors import ScenarioError
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 
 PORT = 7461
 #: TCP, and UDP for samples. Who connects goes on to UDP when TCP stands: declarations that go two
@@ -100,7 +100,7 @@ class Hosts:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            with deferred(lambda: None):  # a signal comes when everything made is known
+            with stop_on_signal(lambda: None):  # a signal comes when everything made is known
                 if self.network is not None:
                     stack.enter_context(self.network)
                 else:
@@ -112,7 +112,7 @@ class Hosts:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with deferred(lambda: None):  # a signal does not leave half of it behind
+        with stop_on_signal(lambda: None):  # a signal does not leave half of it behind
             self._stack.close()
 
     def inside(self, node: str) -> AbstractContextManager[None]:
@@ -138,7 +138,7 @@ def missing() -> str:
 @contextmanager
 def _tried() -> Iterator[str]:
     name = f"{namespaces.PREFIX}{os.getpid()}-tried{next(_NUMBER)}"
-    with deferred(lambda: None):
+    with stop_on_signal(lambda: None):
         namespaces.add(name)
         try:
             yield name

@@ -28,7 +28,7 @@ from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
-from cosim.base.interrupts import terminated
+from cosim.base.interrupts import signals_as_interrupt
 from cosim.record.folder import NODES, replace_file
 
 #: A file in a run folder.
@@ -117,7 +117,7 @@ class Rehearsal:
         for process in self.current.values():
             process.tell("start", start_ns=self.ended.start_ns)
         try:
-            with terminated():
+            with signals_as_interrupt():
                 self._watch(progress)
         except KeyboardInterrupt:
             self.stop()

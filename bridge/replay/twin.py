@@ -21,7 +21,7 @@ from bridge.native.safety import LifeState
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Wired
 from cosim.base.errors import RunError
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 
 #: Frames that may wait at a node between two of its slots.
 RING = 1024
@@ -86,7 +86,7 @@ def run(system: System, nodes: Mapping[str, Wired]) -> None:
     busy = np.zeros(len(networks), dtype=np.int64)
     end = 1 + max(n.struct.slots * n.struct.h_ns + n.struct.phase_ns for n in nodes.values())
     pressed: list[bool] = []
-    with deferred(lambda: pressed.append(True)):
+    with stop_on_signal(lambda: pressed.append(True)):
         for until in range(LOOK_NS, end + LOOK_NS, LOOK_NS):
             result = native.functions().nodes_simulate(
                 pointers, len(nodes), native.address("frame_time_ns"), rates.ctypes.data,

@@ -28,7 +28,7 @@ from cosim.analysis.memory_run import RepeatedValues
 from cosim.base.errors import PlanError
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble
-from cosim.scenario.recorded import over
+from cosim.scenario.recorded import with_recorded_links
 from cosim.schedule.parts import Player, Slot
 from cosim.schedule.plan import Plan
 
@@ -69,7 +69,7 @@ def _over(
     wires = tuple(w for w in whole.wires if w.target.start not in there)
     links = tuple(x for x in whole.links if x.target.start not in there)
     told = [p for p in _silences(system, rows) if p.target.start not in there]
-    return over(replace(whole, wires=wires, links=links), run, [*players, *told])
+    return with_recorded_links(replace(whole, wires=wires, links=links), run, [*players, *told])
 
 
 def _players(

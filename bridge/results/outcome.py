@@ -37,7 +37,7 @@ from bridge.results.symptoms import Shown
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError
-from cosim.engine.simulate import metadata, stopped
+from cosim.engine.simulate import metadata, stop_metadata
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, NODES, STOPPED
 
@@ -139,7 +139,7 @@ def run_twin(system: System, folder: Path, settings: Sequence[str] = ()) -> Path
         error.saved = str(folder)
     else:
         error = Interrupted(max(ticks - 1, 0) * system.plan.h, str(folder))
-    how = {"status": FINISHED} if error is None else stopped(error)
+    how = {"status": FINISHED} if error is None else stop_metadata(error)
     write_metadata(folder, facts | how)
     seal(folder)
     if error is not None:

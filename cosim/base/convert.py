@@ -10,14 +10,14 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import msgspec
 
 from cosim.base.errors import ScenarioError, UnitError
-from cosim.base.units import Unit, named, quantity
+from cosim.base.units import Unit, quantity, unit_text
 
 Number = int | float | str
 Value = Any  # number, boolean, text with a unit, or nested lists of these
 T = TypeVar("T")
 
 
-def each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
+def convert_each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
     """:func:`convert` for every entry of a table called `key`."""
     return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
 
@@ -30,7 +30,7 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
         message, _, inside = str(error).partition(" - at `$")
         if not inside and "unknown field" in message:
             message += f"; expected one of {', '.join(_keys(kind))}"
-        if words := _words(kind, inside.strip(".`")) if "enum" in message else ():
+        if words := _allowed_words(kind, inside.strip(".`")) if "enum" in message else ():
             message += f"; expected one of {', '.join(words)}"
         at = f"{place}{inside.rstrip('`')}".lstrip(".")
         raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
@@ -41,7 +41,7 @@ def _keys(kind: type[Any]) -> list[str]:
     return [field.encode_name for field in msgspec.structs.fields(kind)]
 
 
-def _words(kind: Any, key: str) -> tuple[str, ...]:
+def _allowed_words(kind: Any, key: str) -> tuple[str, ...]:
     """The words a table's key may have, or, without a key, a value: where it is one of some."""
     tables = [t for t in (kind, *get_args(kind)) if isinstance(t, type)]
     fields = [f for t in tables if issubclass(t, msgspec.Struct) for f in msgspec.structs.fields(t)]
@@ -56,7 +56,7 @@ def number(value: Number, unit: str | Unit, place: str) -> float:
         try:
             return quantity(value, unit)
         except UnitError as error:
-            raise ScenarioError(f"{error} (expected [{named(unit)}])", place) from None
+            raise ScenarioError(f"{error} (expected [{unit_text(unit)}])", place) from None
     return float(value)
 
 

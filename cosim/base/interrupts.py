@@ -31,11 +31,11 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None], ours: bool) -> Iterator[None]:
+def _signal_handler(handler: Callable[[int, FrameType | None], None], ours: bool) -> Iterator[None]:
     """Install `handler` for the ending signals in the block.
 
     A signal somebody else handles or ignores stays theirs. `ours`: only where Python's own handler
-    or :func:`terminated` is in place, not where the system's default would end the process.
+    or :func:`signals_as_interrupt` is in place, not where the default action would end the process.
     """
     free = {signal.default_int_handler, _interrupt} | (set() if ours else {signal.SIG_DFL})
     before = {}
@@ -51,13 +51,13 @@ def _handled(handler: Callable[[int, FrameType | None], None], ours: bool) -> It
 
 
 @contextmanager
-def deferred(stop: Callable[[], None]) -> Iterator[None]:
+def stop_on_signal(stop: Callable[[], None]) -> Iterator[None]:
     """Turn the first ending signal of the block into `stop()`, and KeyboardInterrupt at its end.
 
     Python raises KeyboardInterrupt wherever it next gets to run; in a function that C calls, that
     is before the function's first line, where nobody can catch it and it is lost. The second
     signal raises at once, for a component that hangs. SIGINT where Python's own handler is in
-    place, SIGTERM and SIGHUP inside of :func:`terminated`; only in the main thread.
+    place, SIGTERM and SIGHUP inside of :func:`signals_as_interrupt`; only in the main thread.
     """
     pressed = False
 
@@ -69,14 +69,14 @@ def deferred(stop: Callable[[], None]) -> Iterator[None]:
         pressed = True
         stop()
 
-    with _handled(note, ours=True):
+    with _signal_handler(note, ours=True):
         yield
     if pressed:
         raise KeyboardInterrupt
 
 
 @contextmanager
-def terminated() -> Iterator[None]:
+def signals_as_interrupt() -> Iterator[None]:
     """SIGTERM and SIGHUP are a Ctrl-C in the block, where this thread may say so."""
-    with _handled(_interrupt, ours=False):
+    with _signal_handler(_interrupt, ours=False):
         yield

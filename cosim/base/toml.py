@@ -65,10 +65,10 @@ def check_number(value: float, place: str) -> None:
     """Refuse a number that is none to compute with. Raises ScenarioError."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ScenarioError("found a whole number of more than 64 bits", place)
-    if not usable(value):
+    if not is_usable_number(value):
         raise ScenarioError(f"found {value!r}; expected {EXPECTED}", place)
 
 
-def usable(value: float) -> bool:
+def is_usable_number(value: float) -> bool:
     """Whether a number is one to compute with."""
     return value == 0 or LEAST <= abs(value) <= MOST  # neither is NaN

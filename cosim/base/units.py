@@ -15,7 +15,7 @@ from functools import lru_cache
 from math import pi
 
 from cosim.base.errors import UnitError
-from cosim.base.toml import EXPECTED, usable
+from cosim.base.toml import EXPECTED, is_usable_number
 
 #: Exponents in the order of FMI's BaseUnit.
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -103,7 +103,7 @@ def conversion(source: str | Unit, target: str | Unit) -> tuple[float, float]:
     a = parse(source) if isinstance(source, str) else source
     b = parse(target) if isinstance(target, str) else target
     if a.exponents[:-1] != b.exponents[:-1]:
-        raise UnitError(f"[{named(source)}] cannot feed [{named(target)}]")
+        raise UnitError(f"[{unit_text(source)}] cannot feed [{unit_text(target)}]")
     return a.factor / b.factor, (a.offset - b.offset) / b.factor
 
 
@@ -116,15 +116,15 @@ def quantity(text: str, unit: str | Unit) -> float:
         raise UnitError(f"{text!r} is not a number with a unit, like '5 ms'") from None
     if not suffix:
         raise UnitError(
-            f"{text!r} has no unit; expected one that fits [{named(unit)}], or a plain number"
+            f"{text!r} has no unit; expected one that fits [{unit_text(unit)}], or a plain number"
         )
     gain, offset = conversion(suffix, unit)
-    if not (usable(value) and usable(gain * value + offset)):
+    if not (is_usable_number(value) and is_usable_number(gain * value + offset)):
         raise UnitError(f"{text!r}: expected {EXPECTED}")
     return gain * value + offset
 
 
-def named(unit: str | Unit) -> str:
+def unit_text(unit: str | Unit) -> str:
     """A unit as text: its name, or its powers of :data:`BASE`."""
     if isinstance(unit, str):
         return unit or "1"

@@ -21,7 +21,7 @@ GAP = 0.5
 _DRAWS = 4000
 
 
-def bounded(system: AnalyzedSystem) -> Iterator[Finding]:
+def unbounded_delay(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 4 and 5 need delays with a bound: losses at random have none."""
     stop = system.plan.ticks * system.plan.h
     for link in system.plan.links:
@@ -84,7 +84,7 @@ def buffer(system: AnalyzedSystem) -> Iterator[Finding]:
         )
 
 
-def backwards(system: AnalyzedSystem) -> Iterator[Finding]:
+def reordered_samples(system: AnalyzedSystem) -> Iterator[Finding]:
     """Rules that let an older sample follow a newer one."""
     for link in system.plan.links:
         table = link.table
@@ -106,7 +106,7 @@ def backwards(system: AnalyzedSystem) -> Iterator[Finding]:
             )
 
 
-def like_a_wire(system: AnalyzedSystem) -> Iterator[Finding]:
+def zero_minimum_delay(system: AnalyzedSystem) -> Iterator[Finding]:
     """A least delay of 0 orders components like a wire."""
     for link in system.plan.links:
         if link.table.minimum_delay_ticks == 0:

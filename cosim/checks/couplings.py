@@ -14,7 +14,7 @@ from cosim.links.table import DrawnTable
 from cosim.schedule.parts import Link
 
 
-def ground(system: AnalyzedSystem) -> Iterator[Finding]:
+def ground_damping(system: AnalyzedSystem) -> Iterator[Finding]:
     """2 ground >= T_rt stiffness (means over the two sides): the delayed spring makes energy.
 
     T_rt, the longest delay there and back. Lee and Spong (2006): K_d >= T_rt K_p/2; Nuño et al.

@@ -49,7 +49,7 @@ class Finding:
         }
 
 
-def merged(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def merge_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Worst first; what is said of several in the same words is said once."""
     places: dict[Finding, list[str]] = {}
     for f in findings:

@@ -12,12 +12,12 @@ from cosim.analysis.facts import Arm, DynamicFeedback
 from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
-from cosim.checks.sampling import laws
+from cosim.checks.sampling import known_laws
 
 
 def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]]:
     """Controllers of this law, with their arms."""
-    for name, law, arm in laws(system):
+    for name, law, arm in known_laws(system):
         if isinstance(law, DynamicFeedback):
             yield name, law, arm
 
@@ -118,7 +118,7 @@ def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
 
 def gravity(system: AnalyzedSystem) -> Iterator[Finding]:
     """Gravity that is adapted takes the manipulability away; gravity unknown makes arms sag."""
-    for name, law, arm in laws(system):
+    for name, law, arm in known_laws(system):
         weight = max((abs(g) for g in arm.gravity), default=0.0)
         if isinstance(law, DynamicFeedback) and law.gravity == "adapted":
             yield Finding(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.checks import channels, couplings, laws, reachability, sampling, wiring
-from cosim.checks.finding import Finding, merged
+from cosim.checks.finding import Finding, merge_findings
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 
@@ -14,34 +14,34 @@ Rule = Callable[[AnalyzedSystem], Iterator[Finding]]
 
 #: Rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (
-    reachability.unreached,
+    reachability.unreached_robots,
     reachability.spanning_tree,
-    reachability.unheard,
-    reachability.stale,
+    reachability.unconnected_rows,
+    reachability.age_limit_without_age,
     sampling.feedback,
     sampling.adaptation,
     sampling.contact,
-    sampling.hand,
+    sampling.sampled_hand,
     laws.passivity,
     laws.grip,
     laws.degenerate,
     laws.no_integral,
     laws.gravity,
-    couplings.ground,
+    couplings.ground_damping,
     couplings.constant_delay,
-    channels.bounded,
+    channels.unbounded_delay,
     channels.buffer,
-    lambda known: wiring.unfed(known.plan),
+    lambda known: wiring.unconnected_inputs(known.plan),
     wiring.saturation,
     wiring.size,
 )
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (
     laws.prediction,
-    channels.backwards,
-    channels.like_a_wire,
+    channels.reordered_samples,
+    channels.zero_minimum_delay,
     wiring.jacobi,
-    wiring.unknown,
+    wiring.unchecked_components,
 )
 
 
@@ -54,4 +54,4 @@ def check(scenario: Scenario, plan: Plan, *, notes: bool = True) -> tuple[Findin
     found = [f for rule in RULES for f in rule(known)]
     if notes:
         found += [f for rule in NOTES for f in rule(known)]
-    return merged(f for f in found if notes or f.severity != "note")
+    return merge_findings(f for f in found if notes or f.severity != "note")

@@ -10,13 +10,13 @@ from cosim.checks.finding import Finding
 from cosim.scenario.connect import topology
 
 
-def held(system: AnalyzedSystem) -> tuple[str, ...]:
+def arms_acted_on(system: AnalyzedSystem) -> tuple[str, ...]:
     """The arms where somebody acts: as [analysis] says, or those that are held or pushed."""
     named = system.scenario.analysis.force.split(".")[0]
     return (named,) if named in system.arms else system.held()
 
 
-def reached(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
+def reachable_components(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
     """Components that what `start` does gets to, along wires, links and edges that last."""
     silent = {
         e.link.name for e in system.edges if e.link is not None and not e.lasting
@@ -25,7 +25,7 @@ def reached(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
     edges: dict[str, set[str]] = {}
     for wire in system.plan.wires:
         ends = (wire.target.component, wire.source.component)
-        if ends not in dead and not _muted(system, *ends):
+        if ends not in dead and not _has_zero_weight(system, *ends):
             edges.setdefault(wire.source.component, set()).add(wire.target.component)
     for link in system.plan.links:
         if link.name not in silent:
@@ -33,7 +33,7 @@ def reached(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
     return _closure(edges, start)
 
 
-def _muted(system: AnalyzedSystem, target: str, source: str) -> bool:
+def _has_zero_weight(system: AnalyzedSystem, target: str, source: str) -> bool:
     """Whether a wire only carries rows whose weight is 0 for ever."""
     law = system.of(DynamicFeedback).get(target)
     if law is None or not law.received:
@@ -68,13 +68,13 @@ def _closure(edges: Mapping[str, set[str]], start: Sequence[str]) -> frozenset[s
 # ---- rules --------------------------------------------------------------------------------------
 
 
-def unreached(system: AnalyzedSystem) -> Iterator[Finding]:
+def unreached_robots(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 3 to 5: who is held must be a root, or the others never learn of it."""
-    start = held(system)
+    start = arms_acted_on(system)
     if not start:
         return
-    found = reached(system, start)
-    exchanging = _exchanging(system)
+    found = reachable_components(system, start)
+    exchanging = _exchanging_controllers(system)
     missed = sorted(c for c in set(system.controls.values()) - found if c in exchanging)
     if not missed:
         return
@@ -91,7 +91,7 @@ def unreached(system: AnalyzedSystem) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def _exchanging(system: AnalyzedSystem) -> set[str]:
+def _exchanging_controllers(system: AnalyzedSystem) -> set[str]:
     """Controllers that exchange signals with others."""
     ends = {name for e in system.edges for name in (e.receiver, e.sender)}
     linked = {name for x in system.plan.links for name in (x.source.component, x.target.component)}
@@ -100,8 +100,8 @@ def _exchanging(system: AnalyzedSystem) -> set[str]:
 
 
 def _roots(system: AnalyzedSystem) -> list[str]:
-    wanted = _exchanging(system)
-    return [arm for arm in sorted(system.arms) if wanted <= reached(system, [arm])]
+    wanted = _exchanging_controllers(system)
+    return [arm for arm in sorted(system.arms) if wanted <= reachable_components(system, [arm])]
 
 
 def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
@@ -122,7 +122,7 @@ def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
         )
 
 
-def unheard(system: AnalyzedSystem) -> Iterator[Finding]:
+def unconnected_rows(system: AnalyzedSystem) -> Iterator[Finding]:
     """A row that nothing feeds, with a weight: the controller is tied to the number it holds."""
     for e in system.edges:
         law = system.of(DynamicFeedback)[e.receiver]
@@ -139,7 +139,7 @@ def unheard(system: AnalyzedSystem) -> Iterator[Finding]:
             )
 
 
-def stale(system: AnalyzedSystem) -> Iterator[Finding]:
+def age_limit_without_age(system: AnalyzedSystem) -> Iterator[Finding]:
     """An age limit without an age never finds anything stale."""
     fed = {x.age.name.split("[")[0] for x in system.plan.links if x.age is not None}
     fed |= {w.target.name.split("[")[0] for w in system.plan.wires}

@@ -18,7 +18,7 @@ RK4 = 2.8
 CLOSE = 0.7
 
 
-def laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
+def known_laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
     """Every controller whose law and arm are known."""
     for arm, name in sorted(system.controls.items()):
         law = system.facts.get(name)
@@ -33,7 +33,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     error where it fails at the start or where the hand pulls, a warning where it fails elsewhere.
     """
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
-    for name, law, arm in laws(system):
+    for name, law, arm in known_laws(system):
         T = system.period(name)
         remark3 = isinstance(law, DynamicFeedback) and law.lambda_c > 0
         gain = law.lambda_c if remark3 else max(law.feedback)  # type: ignore[union-attr]
@@ -126,7 +126,7 @@ def contact(system: AnalyzedSystem) -> Iterator[Finding]:
             )
 
 
-def hand(system: AnalyzedSystem) -> Iterator[Finding]:
+def sampled_hand(system: AnalyzedSystem) -> Iterator[Finding]:
     """A sampled hand: its spring makes energy that damping must take, k_p T/2 < k_d + K."""
     for wire in system.plan.wires:
         spring = system.facts.get(wire.source.component)

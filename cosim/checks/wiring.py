@@ -15,12 +15,12 @@ from cosim.schedule.plan import Plan
 LARGE = 2e9
 
 
-def unfed(plan: Plan) -> Iterator[Finding]:
+def unconnected_inputs(plan: Plan) -> Iterator[Finding]:
     """Inputs that nothing feeds and the scenario does not set: a wire may have been forgotten.
 
     Not those that their model declares optional (:class:`cosim.base.component.Port`).
     """
-    fed = {i for slot in _fed(plan) for i in range(slot.start, slot.start + slot.size)}
+    fed = {i for slot in _connected_inputs(plan) for i in range(slot.start, slot.start + slot.size)}
     for step in plan.components:
         for slot, port in zip(step.inputs, step.component.inputs, strict=True):
             idle = [name for i, name in enumerate(slot.scalars()) if slot.start + i not in fed]
@@ -39,7 +39,7 @@ def unfed(plan: Plan) -> Iterator[Finding]:
             )
 
 
-def _fed(plan: Plan) -> list[Slot]:
+def _connected_inputs(plan: Plan) -> list[Slot]:
     found = [w.target for w in plan.wires] + [x.target for x in plan.links]
     found += [x.age for x in plan.links if x.age is not None]
     return found + [p.target for p in plan.players]
@@ -103,7 +103,7 @@ def jacobi(system: AnalyzedSystem) -> Iterator[Finding]:
         )
 
 
-def unknown(system: AnalyzedSystem) -> Iterator[Finding]:
+def unchecked_components(system: AnalyzedSystem) -> Iterator[Finding]:
     """Components of which nothing is known: what was not checked."""
     for step in system.plan.components:
         if step.name in system.silent:

@@ -70,7 +70,7 @@ def paragraph(finding: Finding) -> list[str]:
     return [*lines, f"    -> {finding.advice}"] if finding.advice else lines
 
 
-def warn(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
+def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
     """What ``cosim run`` says of it: errors and warnings, a line each, on standard error.
 
     A check that fails is a line as well: it never stands in the way of a run. Raises ScenarioError
@@ -82,18 +82,18 @@ def warn(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
         lines = [f.line for f in findings(scenario, plan, notes=False)]
     except Exception as error:  # whatever a check comes across, the run goes on
         lines = [f"failed: {type(error).__name__}: {error}"]
-    _say(lines, strict=strict, quiet=quiet)
+    _print_findings(lines, strict=strict, quiet=quiet)
 
 
-def forgotten(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
+def report_unconnected_inputs(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
     """Say which inputs nothing feeds, a line each. Raises ScenarioError for any if `strict`."""
-    from cosim.checks.wiring import unfed
+    from cosim.checks.wiring import unconnected_inputs
 
-    found = dict.fromkeys(f.line for plan in plans for f in unfed(plan))
-    _say(list(found), strict=strict, quiet=quiet)
+    found = dict.fromkeys(f.line for plan in plans for f in unconnected_inputs(plan))
+    _print_findings(list(found), strict=strict, quiet=quiet)
 
 
-def _say(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:
+def _print_findings(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:
     from cosim.base.errors import ScenarioError
 
     if strict and lines:

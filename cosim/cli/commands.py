@@ -17,7 +17,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from cosim.base.errors import CosimError, FolderWarning, shortage
-from cosim.base.interrupts import exit_code, terminated
+from cosim.base.interrupts import exit_code, signals_as_interrupt
 
 #: Module and first line of help of every command, whose function has its name. Those of the bridge
 #: are here by name only: this package does not know it.
@@ -171,7 +171,7 @@ def command() -> None:
     # The working directory is where a user's own modules are.
     sys.path.insert(0, os.getcwd())
     try:
-        with warnings.catch_warnings(), terminated():
+        with warnings.catch_warnings(), signals_as_interrupt():
             warnings.simplefilter("once", FolderWarning)
             warnings.showwarning = _warn
             app()

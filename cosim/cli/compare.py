@@ -52,15 +52,15 @@ def compare(
 ) -> None:
     """Run every controller under every operator over every link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch
-    from cosim.cli.check import forgotten
+    from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import progress_bar
     from cosim.comparison import report
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check, read_base
-    from cosim.comparison.variants_file import beside, read
+    from cosim.comparison.variants_file import read, variants_path
     from cosim.record import seal
 
-    known = read(variants or beside(scenario))
+    known = read(variants or variants_path(scenario))
     if list_:
         typer.echo("\n".join(_listing(known)))
         return
@@ -68,7 +68,7 @@ def compare(
     base = read_base(scenario, known, set_ or ())
     folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
     plans = check(base, known, chosen)  # before there is a folder
-    forgotten(plans, strict=strict, quiet=quiet)
+    report_unconnected_inputs(plans, strict=strict, quiet=quiet)
     report.claim(folder, force=force)
     watch = stopwatch()
     with progress_bar(quiet) as progress:

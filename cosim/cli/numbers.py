@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import typer
 
-from cosim.base.toml import EXPECTED, usable
+from cosim.base.toml import EXPECTED, is_usable_number
 
 
 def finite(value: float | None) -> float | None:
     """The call-back of an option that is a number. Raises BadParameter."""
-    if value is not None and not usable(value):
+    if value is not None and not is_usable_number(value):
         raise typer.BadParameter(f"found {value!r}; expected {EXPECTED}")
     return value

@@ -70,14 +70,14 @@ def run(
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, ScenarioError
     from cosim.base.interrupts import exit_code
-    from cosim.cli.check import warn
+    from cosim.cli.check import print_warnings
     from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
-    from cosim.cli.supervise import recording
+    from cosim.cli.supervise import announce_run_folder
     from cosim.engine.simulate import columns, simulate
     from cosim.loading.files import load
     from cosim.record import Run, seal
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.recorded import over
+    from cosim.scenario.recorded import with_recorded_links
     from cosim.scenario.spec import logging
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
@@ -93,18 +93,18 @@ def run(
     loaded = load(scenario, settings)
     if fmu_log:
         loaded = logging(loaded)
-    plan = assemble(loaded) if links is None else over(assemble(loaded), links)
+    plan = assemble(loaded) if links is None else with_recorded_links(assemble(loaded), links)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, recorded)
-    folder = out or _fresh(Path("runs") / f"{loaded.name}-{stamp()}")
+    folder = out or _unused_folder(Path("runs") / f"{loaded.name}-{stamp()}")
 
     def say(text: str) -> None:
         if not quiet:
             typer.echo(text)
 
-    recording(folder)
+    announce_run_folder(folder)
     say(header(loaded, plan))
-    warn(loaded, plan, strict=strict, quiet=quiet)
+    print_warnings(loaded, plan, strict=strict, quiet=quiet)
     try:
         with progress_bar(quiet) as progress:
             outcome = simulate(loaded, folder, progress, plan, force=force)
@@ -139,7 +139,7 @@ def _errors(scenario: Scenario, tolerance: float, folder: Path) -> list[str]:
     return lines(found)
 
 
-def _fresh(folder: Path) -> Path:
+def _unused_folder(folder: Path) -> Path:
     """`folder`, or with -2, -3, ... behind it: two runs may start in one second."""
     n = 1
     path = folder

@@ -27,7 +27,7 @@ def show(
     were written.
     """
     from cosim.base.errors import ScenarioError
-    from cosim.cli.check import forgotten
+    from cosim.cli.check import report_unconnected_inputs
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
 
@@ -39,7 +39,7 @@ def show(
         return
     loaded = load(scenario, set_ or [])
     plan = assemble(loaded)
-    forgotten([plan], strict=strict, quiet=False)
+    report_unconnected_inputs([plan], strict=strict, quiet=False)
     typer.echo(loaded.title)
     typer.echo(
         f"base step {plan.h:g} s, {plan.ticks} ticks ({plan.ticks * plan.h:g} s), "
@@ -136,13 +136,13 @@ def _order(plan: Plan) -> list[list[str]]:
     for i, step in enumerate(plan.component(name) for name in plan.later):
         span = f"t_k -> t_k + {step.period * plan.h:g} s"
         if plan.algorithm == "gauss-seidel":
-            why = _seen(plan, step, plan.later[:i])
+            why = _gauss_seidel_order(plan, step, plan.later[:i])
             number += i > 0
         rows.append([f"{number}.", step.name, span, _due(step), why])
     return rows
 
 
-def _seen(plan: Plan, step: Step, before: Sequence[str]) -> str:
+def _gauss_seidel_order(plan: Plan, step: Step, before: Sequence[str]) -> str:
     """Of whom a Gauss-Seidel step sees the end of the interval, and of whom the start."""
     sources = {w.source.component for w in plan.wires if w.target.component == step.name}
     new = ", ".join(sorted(sources & set(before)))
@@ -159,7 +159,7 @@ def _due(step: Step) -> str:
 def _inputs(plan: Plan) -> list[list[str]]:
     rows = []
     for c in plan.components:
-        fed = sorted(_fed(plan, c), key=lambda entry: entry[0].start)
+        fed = sorted(_input_sources(plan, c), key=lambda entry: entry[0].start)
         rows += [[target.name, "<-", source, what] for target, source, what in fed]
         taken = {target.start + i for target, *_ in fed for i in range(target.size)}
         for slot, port in zip(c.inputs, c.component.inputs, strict=True):
@@ -173,7 +173,7 @@ def _inputs(plan: Plan) -> list[list[str]]:
     return rows
 
 
-def _fed(plan: Plan, step: Step) -> list[tuple[Slot, str, str]]:
+def _input_sources(plan: Plan, step: Step) -> list[tuple[Slot, str, str]]:
     """(input, what feeds it, what of it is there) of everything that reaches a component."""
     edges: list[Wire | Link] = [*plan.wires, *plan.links]
     fed = [(e.target, e.source.name, _samples(plan, e, step)) for e in edges]
@@ -198,10 +198,10 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
     if line and source.kind == "continuous":
         how = "value and slope" if edge.target.port in step.sloped else "the mean"
         hold = f", as {how} of a line through the last two over {step.period * plan.h:g} s"
-    return f"{_known(plan, source, step)}{factor}{hold}"
+    return f"{_available_value(plan, source, step)}{factor}{hold}"
 
 
-def _known(plan: Plan, source: Step, step: Step) -> str:
+def _available_value(plan: Plan, source: Step, step: Step) -> str:
     """What of `source` there is when `step` is due at tick k."""
     aligned_ = step.period % source.period == 0
     if source.name in plan.order:
@@ -222,16 +222,16 @@ def _links(plan: Plan) -> list[list[str]]:
         least = x.table.minimum_delay_ticks
         wire = "; orders like a wire" if least == 0 else ""
         rule = str(facts.get("semantics", "stored table"))
-        rows.append([x.name, rule, _words(law), f"at least {least} ticks old{wire}"])
+        rows.append([x.name, rule, _law_text(law), f"at least {least} ticks old{wire}"])
     return rows
 
 
-def _words(facts: Mapping[str, object]) -> str:
+def _law_text(facts: Mapping[str, object]) -> str:
     """A law and its values; what is in it has its own law."""
     parts = []
     for key, value in facts.items():
         if isinstance(value, Mapping):
-            parts.append(f"({key}: {_words(value)})")
+            parts.append(f"({key}: {_law_text(value)})")
         else:
             parts.append(str(value) if key == "law" else f"{key}={value}")
     return " ".join(parts)

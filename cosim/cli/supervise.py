@@ -24,14 +24,14 @@ _told: list[int] = []
 _PR_SET_PDEATHSIG = 1
 
 
-def recording(folder: Path) -> None:
+def announce_run_folder(folder: Path) -> None:
     """Tell the supervisor, if there is one, which run folder this command writes."""
     for pipe in _told:
         os.write(pipe, f"folder {folder.absolute()}\n".encode())
 
 
 @contextmanager
-def asking() -> Iterator[None]:
+def allow_terminal_input() -> Iterator[None]:
     """Let this process read the terminal in the block, for a question to the user.
 
     The child is in a process group of its own, so for the terminal it is in the background, where
@@ -81,7 +81,7 @@ def supervised(command: Callable[[], None]) -> int:
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     with open(reading, encoding="utf-8") as pipe:
         said = dict(line.rstrip("\n").split(" ", 1) for line in pipe)
-    return int(said["code"]) if "code" in said else _unfinished(status, said.get("folder", ""))
+    return int(said["code"]) if "code" in said else _finish_folder(status, said.get("folder", ""))
 
 
 def _die_with(parent: int) -> None:
@@ -134,7 +134,7 @@ def _wait(child: int, signals: set[signal.Signals]) -> int:
             os.kill(child, number)
 
 
-def _unfinished(status: int, folder: str) -> int:
+def _finish_folder(status: int, folder: str) -> int:
     """Say how the child ended, and complete the folder it has left; the exit code."""
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name

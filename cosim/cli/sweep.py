@@ -50,7 +50,7 @@ def sweep(
     quiet: Quiet = False,
 ) -> None:
     """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
-    from cosim.cli.check import forgotten
+    from cosim.cli.check import report_unconnected_inputs
     from cosim.record import seal
     from cosim.sweeps import execute, figures, summary
     from cosim.sweeps.study import load_study
@@ -67,7 +67,7 @@ def sweep(
         try:
             table = execute.sweep(
                 loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
-                checked=lambda plan: forgotten([plan], strict=strict, quiet=quiet),
+                checked=lambda plan: report_unconnected_inputs([plan], strict=strict, quiet=quiet),
                 begun=lambda b: progress.begin(b, loaded.title), done=progress.done,
                 stopping=stopping,
             )  # fmt: skip

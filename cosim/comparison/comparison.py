@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 
 from cosim.comparison.documents import Base, Case, scenario
-from cosim.comparison.measure import CaseOutcome, Task, lost, run_case
+from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
 from cosim.comparison.pool import spread
 from cosim.comparison.same_links import Tables
 from cosim.comparison.variants import ComparisonSelection, Variants
@@ -72,7 +72,7 @@ def compare(
     ]
     tables, found, told = Tables(), dict[Case, CaseOutcome](), 0
     for task, result in spread(run_case, tasks, jobs):
-        found[task.case] = result or lost(task.case, "its process died: a component crashed")
+        found[task.case] = result or failed_case(task.case, "its process died: a component crashed")
         while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
             outcome = found[tasks[told].case]
             tables.add(outcome.case, outcome.tables)

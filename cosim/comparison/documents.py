@@ -95,7 +95,7 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     document = deepcopy(dict(base.document))
     for key in ("metrics", "figures"):
         document.pop(key, None)
-    signals = sorted({signal for signal, _ in read_by(variants)})
+    signals = sorted({signal for signal, _ in signals_read(variants)})
     document["run"] |= {"seed": case.seed, "record": {"signals": signals}}
     controller = variants.controllers[case.controller]
     _hold(document, variants.operators[case.operator], variants.roles)
@@ -107,7 +107,7 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     return build(document, base.path)
 
 
-def read_by(variants: Variants) -> Iterator[tuple[str, str]]:
+def signals_read(variants: Variants) -> Iterator[tuple[str, str]]:
     """(signal, place in the variants file) of all that columns, verdict and figure read, whole."""
     s = variants.stability
     for place, names in (
@@ -136,7 +136,7 @@ def check(base: Base, variants: Variants, chosen: ComparisonSelection) -> list[P
     for name, case in cases.items():
         plans.append(_assembled(base, variants, case, name))
         slots = plans[-1].slots()
-        for signal, place in read_by(variants):
+        for signal, place in signals_read(variants):
             if signal not in slots:
                 sentence = f"with {name}, {unknown(signal, slots, 'signal')}"
                 raise ScenarioError(sentence, place)
@@ -189,7 +189,7 @@ def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Doc
                 "to": f"{variants.roles[here].controller}.{port}",
                 "channel": f"{there}->{here}",
             }
-            made.append({**ends, **_beside(law.options, variants.path.parent)})
+            made.append({**ends, **_link_options(law.options, variants.path.parent)})
     return made
 
 
@@ -210,7 +210,7 @@ def _model(model: str, folder: Path) -> str:
     return str((folder / model).absolute()) if model.endswith(".fmu") else model
 
 
-def _beside(options: Mapping[str, Any], folder: Path) -> Document:
+def _link_options(options: Mapping[str, Any], folder: Path) -> Document:
     """The options of a link; files of its law are relative to the variants file."""
     delay = options["delay"]
     if not isinstance(delay, dict):

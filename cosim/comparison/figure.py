@@ -20,7 +20,7 @@ import numpy as np
 from cosim.base.errors import RunError
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.measure import CaseOutcome, Curve
-from cosim.comparison.rows import columns, shown
+from cosim.comparison.rows import columns, format_number
 from cosim.reporting.figures import DPI, load
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _cell(
         level = y + float(cells.y(value))
         ax.plot([x, x + width], [level, level], linewidth=0.5, **_DASHED)
     _curves(ax, corner, cells, outcome.curves)
-    said = _said(outcome, comparison)
+    said = _cell_label(outcome, comparison)
     if said:
         patch = {"facecolor": ground, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
         x, y = x + width - 0.04, y + 0.04
@@ -160,7 +160,7 @@ def _curves(ax: Axes, corner: tuple[float, float], cells: _Cells, curves: Sequen
         ax.plot(x, y, color=colour, linewidth=0.8, solid_joinstyle="round")
 
 
-def _said(outcome: CaseOutcome, comparison: Comparison) -> str:
+def _cell_label(outcome: CaseOutcome, comparison: Comparison) -> str:
     """The first time that there is, or what became of the run."""
     v = outcome.verdict
     if not v.ended:
@@ -170,7 +170,7 @@ def _said(outcome: CaseOutcome, comparison: Comparison) -> str:
     times = [x for x, unit in columns(comparison) if unit == "s" and x.name in outcome.numbers]
     if not times:
         return ""
-    text = shown(outcome.numbers[times[0].name][0], "s")
+    text = format_number(outcome.numbers[times[0].name][0], "s")
     return text if text == "never" else f"{text} s"
 
 
@@ -207,21 +207,21 @@ def _caption(ax: Axes, comparison: Comparison) -> None:
     names = [curve.name for curve in max((o.curves for o in comparison.outcomes), key=len)]
     for k, name in enumerate(names):
         ax.plot([x, x + 0.22], [y, y], color=_COLOURS[k % len(_COLOURS)], linewidth=1.2)
-        x = _word(ax, x + 0.27, y, name)
+        x = _draw_text(ax, x + 0.27, y, name)
     if comparison.variants.picture.reference:
         ax.plot([x, x + 0.22], [y, y], linewidth=0.7, **_DASHED)
-        x = _word(ax, x + 0.27, y, "reference")
+        x = _draw_text(ax, x + 0.27, y, "reference")
     labels = [column.label for column, unit in columns(comparison) if unit == "s"]
     if labels:
-        _word(ax, x, y, f"number: {', or else '.join(labels)}")
+        _draw_text(ax, x, y, f"number: {', or else '.join(labels)}")
     x, y, found = _LEFT, 0.11, {o.verdict.kind for o in comparison.outcomes}
     for kind in (kind for kind in _GROUND if kind in found):
         box = Rectangle((x, y - 0.06), 0.2, 0.12, facecolor=_GROUND[kind], edgecolor="0.6")
         ax.add_patch(box)
-        x = _word(ax, x + 0.25, y, kind)
+        x = _draw_text(ax, x + 0.25, y, kind)
 
 
-def _word(ax: Axes, x: float, y: float, text: str) -> float:
+def _draw_text(ax: Axes, x: float, y: float, text: str) -> float:
     """Write a text at (x, y); where the next thing may begin."""
     ax.text(x, y, text, va="center", size=7)
     return x + 0.055 * len(text) + 0.16

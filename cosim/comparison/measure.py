@@ -91,7 +91,7 @@ class CaseOutcome:
         return replace(self, tables=())
 
 
-def lost(case: Case, reason: str) -> CaseOutcome:
+def failed_case(case: Case, reason: str) -> CaseOutcome:
     """The outcome of a case that left nothing behind."""
     return CaseOutcome(case, RunVerdict("stopped", nan, reason=reason))
 
@@ -108,11 +108,11 @@ def run_case(task: Task) -> CaseOutcome:
         except RunError as error:
             failure = error
         except _CANNOT as error:
-            return lost(task.case, str(error))
+            return failed_case(task.case, str(error))
         try:
             return _measured(task, Run.open(folder), failure)
         except _CANNOT as error:
-            return lost(task.case, str(failure or error))
+            return failed_case(task.case, str(failure or error))
 
 
 def _folder(folder: Path | None) -> AbstractContextManager[str | Path]:

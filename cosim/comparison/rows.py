@@ -50,7 +50,7 @@ class ComparisonRow:
         values = self.values(column)
         if not values:
             return NOTHING
-        middle, low, high = (shown(f(values), unit) for f in (median, min, max))
+        middle, low, high = (format_number(f(values), unit) for f in (median, min, max))
         return middle if low == high else f"{middle} [{low}, {high}]"
 
     @property
@@ -82,7 +82,7 @@ def columns(comparison: Comparison) -> list[tuple[MetricColumn, str]]:
     return [(column, _unit(column, c.outcomes)) for column in shown_]
 
 
-def shown(value: float, unit: str) -> str:
+def format_number(value: float, unit: str) -> str:
     """A number as the table shows it; an infinite time is ``never``."""
     if value == inf:
         return "never" if unit == "s" else "∞"

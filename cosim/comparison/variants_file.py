@@ -70,7 +70,7 @@ _LINK = ("delay", "semantics", "playout", "loss")
 _METRIC = ("kind", "of", "target", "within", "window", "norm", "label")
 
 
-def beside(scenario: str | Path) -> Path:
+def variants_path(scenario: str | Path) -> Path:
     """The variants file of a scenario: the one in the folder ``compare`` beside it.
 
     Raises ScenarioError if there is none, or several.
@@ -101,9 +101,9 @@ def read(path: str | Path) -> Variants:
     given = top.table("default")
     given.only("controllers", "operators", "links")
     default = ComparisonSelection(
-        _known(given, "controllers", controllers, "controller"),
-        _known(given, "operators", operators, "operator"),
-        _known(given, "links", links, "link"),
+        _known_names(given, "controllers", controllers, "controller"),
+        _known_names(given, "operators", operators, "operator"),
+        _known_names(given, "links", links, "link"),
     )
     return Variants(
         path, top.text("title", path.stem), top.texts("set", ()), roles, controllers, operators,
@@ -204,7 +204,7 @@ def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> Met
         label=label,
         place=table.place(),
     )
-    only = _known(table, "only", operators, "operator") if "only" in table else ()
+    only = _known_names(table, "only", operators, "operator") if "only" in table else ()
     return MetricColumn(name, label, table.text("part", ""), found, only)
 
 
@@ -252,6 +252,6 @@ def _check_without(
                 raise ScenarioError(unknown(name, names, "column"), place)
 
 
-def _known(table: Section, key: str, known: Mapping[str, Any], what: str) -> tuple[str, ...]:
+def _known_names(table: Section, key: str, known: Mapping[str, Any], what: str) -> tuple[str, ...]:
     """The names a list gives, all of them there; all if there is no list."""
     return choose(table.texts(key, ()), known, tuple(known), what, table.place(key))

@@ -20,7 +20,7 @@ from cosim.fmi.component import FmuComponent
 from cosim.fmi.components import fmu_of, terminated_at
 from cosim.fmi.failures import starting
 from cosim.fmi.isolated import RemoteInstance, RemoteStep
-from cosim.fmi.layout import StepLayout, bind, late
+from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
 from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
@@ -196,7 +196,7 @@ class Binding:
         for step, unit in zip(self.plan.components, self.units, strict=True):
             fmu = fmu_of(step.component)
             if fmu is not None:
-                count, most = late(unit) if fmu.remote is None else fmu.remote.late()
+                count, most = late_clock_ticks(unit) if fmu.remote is None else fmu.remote.late()
                 if count:
                     found[step.name] = count, most
         return found

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
 from cosim.fmi import components
@@ -96,7 +96,7 @@ class Engine:
         self._next_tables(ticks)
         state.record = None if record is None else record.ctypes.data
         state.recorded = recorded or None
-        with deferred(self.stop):
+        with stop_on_signal(self.stop):
             result = EngineResult(self._library.engine_run(c.byref(state), ticks))
         if result not in (EngineResult.OK, EngineResult.STOPPED):
             self.ended = self.end(result)

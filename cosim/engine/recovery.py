@@ -15,7 +15,7 @@ from cosim.record.folder import (
     read_metadata,
     write_metadata,
 )
-from cosim.record.recover import complete, goes_on, journals, unfinished
+from cosim.record.recover import complete, is_recording, is_unfinished, journals
 from cosim.record.run import Run
 
 
@@ -28,11 +28,11 @@ def repair(folder: Path, why: str = "cut short") -> str:
     """
     if not folder.is_dir():
         raise ScenarioError("there is no such run folder", str(folder))
-    if goes_on(folder):
+    if is_recording(folder):
         raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
     facts = read_metadata(folder)
     running = facts.get("status", "") == RUNNING
-    cut = unfinished(folder) or (running and bool(journals(folder)))
+    cut = is_unfinished(folder) or (running and bool(journals(folder)))
     if not cut and not running:
         if not (folder / TRAJECTORIES).exists():
             raise ScenarioError("no run folder: nothing was recorded in it", str(folder))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import cosim
 from cosim.base.clock import stopwatch
 from cosim.base.errors import Interrupted, RunError, ScenarioError
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
 from cosim.fmi.components import facts
@@ -24,7 +24,7 @@ from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
 from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
-from cosim.record.recover import unfinished
+from cosim.record.recover import is_unfinished
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, as_data
 from cosim.schedule.parts import Slot
@@ -108,7 +108,7 @@ def simulate(
     with ExitStack() as stack:
         engine = stack.enter_context(Engine(plan, keep))
         engine.initialize()
-        stack.enter_context(deferred(engine.stop))  # what is opened from here on is closed
+        stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
         facts = metadata(scenario, plan)
         stack.enter_context(_completed(folder, facts))
@@ -205,8 +205,8 @@ def _completed(folder: Path, facts: dict[str, Any]) -> Iterator[None]:
         yield
     except BaseException as error:
         try:
-            write_metadata(folder, facts | stopped(error))
-            if not unfinished(folder):
+            write_metadata(folder, facts | stop_metadata(error))
+            if not is_unfinished(folder):
                 seal(folder)
         except RunError as failure:  # what stopped the run comes first
             error.add_note(str(failure))
@@ -229,7 +229,7 @@ def _everything(plan: Plan) -> list[Column]:
     return _columns([s for c in plan.components for s in (*c.inputs, *c.outputs)])
 
 
-def stopped(error: BaseException) -> dict[str, Any]:
+def stop_metadata(error: BaseException) -> dict[str, Any]:
     """What ``run.json`` says of a run that had to stop."""
     return {"status": STOPPED, "error": f"{type(error).__name__}: {error}"}
 

@@ -37,7 +37,7 @@ class StepGroup:
     values: list[tuple[Vector, ...]] = field(default_factory=list)
 
 
-def again(behind: Engine, group: StepGroup, used: Vector, tick: int, parts: int) -> Vector:
+def step_in_parts(behind: Engine, group: StepGroup, used: Vector, tick: int, parts: int) -> Vector:
     """Signals after the group's step from `tick` in `parts` parts; the components go back then.
 
     `used`: signals after the whole step: its inputs are those that were held. Raises RunError for
@@ -46,7 +46,7 @@ def again(behind: Engine, group: StepGroup, used: Vector, tick: int, parts: int)
     plan, signals = behind.plan, behind.signals.copy()
     for step in group.steps:
         for slot in step.inputs:
-            signals[extent(slot)] = used[extent(slot)]
+            signals[slot_slice(slot)] = used[slot_slice(slot)]
     saved = [_save(step) for step in group.steps]
     length = group.period * plan.h / parts
     try:
@@ -71,11 +71,11 @@ def _part(
     for i, step in enumerate(group.steps):
         if newest:
             _carry(plan, step.name, names if part else names[:i], signals)
-        u = {s.port: signals[extent(s)].reshape(s.shape) for s in step.inputs}
+        u = {s.port: signals[slot_slice(s)].reshape(s.shape) for s in step.inputs}
         try:
             y = step.component.step(t, length, u)
             for slot in step.outputs:
-                signals[extent(slot)] = np.reshape(y[slot.port], -1)
+                signals[slot_slice(slot)] = np.reshape(y[slot.port], -1)
         except Exception as error:
             said = sentence(error, step.name)
             raise RunError(
@@ -88,7 +88,7 @@ def _part(
 def _carry(plan: Plan, name: str, sources: Sequence[str], signals: Vector) -> None:
     for w in plan.wires:
         if w.target.component == name and w.source.component in sources:
-            signals[extent(w.target)] = w.gain * signals[extent(w.source)] + w.offset
+            signals[slot_slice(w.target)] = w.gain * signals[slot_slice(w.source)] + w.offset
 
 
 def _save(step: Step) -> object:
@@ -98,11 +98,11 @@ def _save(step: Step) -> object:
         raise RunError(f"{step.name}: {sentence(error, step.name)}", component=step.name) from error
 
 
-def extent(slot: Slot) -> slice:
+def slot_slice(slot: Slot) -> slice:
     """Where a slot is in the signal vector."""
     return slice(slot.start, slot.start + slot.size)
 
 
 def outputs(signals: Vector, step: Step) -> Vector:
     """All outputs of a component: (scalars,)."""
-    return np.concatenate([np.zeros(0), *(signals[extent(s)] for s in step.outputs)])
+    return np.concatenate([np.zeros(0), *(signals[slot_slice(s)] for s in step.outputs)])

@@ -29,8 +29,8 @@ import numpy as np
 
 from cosim.base.errors import RunError
 from cosim.engine.engine import Engine
-from cosim.estimate.halving import StepGroup, Vector, again, extent, outputs
-from cosim.fmi.components import why_not_in_parts
+from cosim.estimate.halving import StepGroup, Vector, outputs, slot_slice, step_in_parts
+from cosim.fmi.components import reason_not_repeatable
 from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
 
@@ -103,16 +103,16 @@ def estimate(make: Callable[[], Plan], samples: int = 40, tolerance: float = 1e-
         ahead, behind = (stack.enter_context(Engine(make())) for _ in range(2))
         ahead.initialize()
         behind.initialize()
-        left_out = _unable(behind.plan)
+        left_out = _not_repeatable(behind.plan)
         groups = _groups(behind.plan, left_out)
         done = 0
         for tick in _points(ahead.plan, groups, samples):
-            if not (_go(ahead, tick) and _go(behind, tick)):
+            if not (_advance_to(ahead, tick) and _advance_to(behind, tick)):
                 break
-            changed = _changed(behind.plan, ahead.signals, behind.signals)
+            changed = _first_changed(behind.plan, ahead.signals, behind.signals)
             if changed:
                 left_out[changed] = "does not go on as before from a state it saved"
-                groups = [_without(g, changed) for g in groups]
+                groups = [_group_without(g, changed) for g in groups]
                 break
             if not _try(ahead, behind, groups, tick):
                 break
@@ -128,7 +128,7 @@ def estimate(make: Callable[[], Plan], samples: int = 40, tolerance: float = 1e-
 # ---- who, and when ----------------------------------------------------------------------------
 
 
-def _unable(plan: Plan) -> dict[str, str]:
+def _not_repeatable(plan: Plan) -> dict[str, str]:
     """Continuous components that cannot do a step again, and why."""
     continuous = (s for s in plan.components if s.kind == "continuous")
     reasons = ((s.name, _reason(s)) for s in continuous)
@@ -138,7 +138,7 @@ def _unable(plan: Plan) -> dict[str, str]:
 def _reason(step: Step) -> str:
     if step.extrapolate:
         return "its inputs are extrapolated over a step: in halves it would be given others"
-    return why_not_in_parts(step.component)
+    return reason_not_repeatable(step.component)
 
 
 def _groups(plan: Plan, left_out: Mapping[str, str]) -> list[StepGroup]:
@@ -150,7 +150,7 @@ def _groups(plan: Plan, left_out: Mapping[str, str]) -> list[StepGroup]:
     return [groups[period] for period in sorted(groups)]
 
 
-def _without(group: StepGroup, name: str) -> StepGroup:
+def _group_without(group: StepGroup, name: str) -> StepGroup:
     """The group with nothing found for one component."""
     kept = [i for i, s in enumerate(group.steps) if s.name != name]
     values = [tuple(v for i, v in enumerate(row) if i // 3 in kept) for row in group.values]
@@ -166,18 +166,18 @@ def _points(plan: Plan, groups: Sequence[StepGroup], samples: int) -> Iterator[i
     yield from (common * i for i in sorted({i * n // samples for i in range(samples)}) if i < n)
 
 
-def _go(engine: Engine, tick: int) -> bool:
+def _advance_to(engine: Engine, tick: int) -> bool:
     """Whether it gets there: an FMU may end the simulation before."""
     if tick > engine.tick:
         engine.run(tick - engine.tick)
     return engine.ended is None
 
 
-def _changed(plan: Plan, expected: Vector, found: Vector) -> str:
+def _first_changed(plan: Plan, expected: Vector, found: Vector) -> str:
     """The first component whose outputs are not what they were without going back, or ""."""
     for step in plan.components:
         for slot in step.outputs:
-            if expected[extent(slot)].tobytes() != found[extent(slot)].tobytes():
+            if expected[slot_slice(slot)].tobytes() != found[slot_slice(slot)].tobytes():
                 return step.name
     return ""
 
@@ -188,10 +188,10 @@ def _try(ahead: Engine, behind: Engine, groups: Sequence[StepGroup], tick: int) 
     Returns whether `ahead` got there.
     """
     for group in groups:
-        if not _go(ahead, tick + group.period):
+        if not _advance_to(ahead, tick + group.period):
             return False
         after = ahead.signals
-        tried = [again(behind, group, after, tick, parts) for parts in PARTS]
+        tried = [step_in_parts(behind, group, after, tick, parts) for parts in PARTS]
         group.ticks.append(tick)
         group.values.append(
             tuple(outputs(signals, step) for step in group.steps for signals in (after, *tried))
@@ -216,7 +216,7 @@ def _results(group: StepGroup, h: float, tolerance: float) -> list[ComponentErro
             for column, (name, unit) in enumerate(names)
         )
         worst = max(signals, key=lambda s: s.relative)
-        advised = min(_advised(s, step, tolerance) for s in signals)
+        advised = min(_advised_step(s, step, tolerance) for s in signals)
         found.append(ComponentError(c.name, step, worst, signals, advised))
     return found
 
@@ -234,7 +234,7 @@ def _signal(
     return SignalError(name, unit, float(error[at]), rms, float(times[at]), scale, order)
 
 
-def _advised(signal: SignalError, step: float, tolerance: float) -> float:
+def _advised_step(signal: SignalError, step: float, tolerance: float) -> float:
     """The step for a tolerance; where the order is not known, it is taken to be 1."""
     if signal.relative <= ROUNDING:
         return float("inf")

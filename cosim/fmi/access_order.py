@@ -77,7 +77,7 @@ def layout(
     cannot be kept.
     """
     clocks.check_step(x.description, h, x.name)
-    moves, found, asked = Moves(x.events), _slopes(x, inputs, slopes), clocks.of(x)
+    moves, found, asked = Moves(x.events), _slopes(x, inputs, slopes), clocks.read_clocks(x)
     at: dict[int, int] = {}  # of clocks that are signals, by value reference
     for causality, place in (("input", inputs), ("output", outputs)):
         for group in x.carried(causality):

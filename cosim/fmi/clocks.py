@@ -70,7 +70,7 @@ def is_signal(variable: FmuVariable) -> bool:
     return variable.causality == "output" or _variability(variable) == "triggered"
 
 
-def of(x: ClockedFmu) -> Clocks:
+def read_clocks(x: ClockedFmu) -> Clocks:
     """What is asked of an FMU's clocks, with event mode. Raises FmuError where one is none."""
     if not x.events:
         return Clocks()
@@ -91,7 +91,7 @@ def _variability(clock: FmuVariable) -> str:
     return clock.attributes.get("intervalVariability", "")
 
 
-def unstated(description: Description) -> list[int]:
+def intervals_from_fmu(description: Description) -> list[int]:
     """Value references of periodic clocks whose interval is the FMU's to say (FMI 3.0.2 §2.2.8)."""
     return [
         v.reference for v in _inputs(description)

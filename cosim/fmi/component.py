@@ -13,7 +13,7 @@ from cosim.base.errors import FmuError, UnitError
 from cosim.base.units import Unit, parse
 from cosim.fmi import archive as archives
 from cosim.fmi import binaries, clocks
-from cosim.fmi.description import of_content
+from cosim.fmi.description import read_cached
 from cosim.fmi.instances import instantiate
 from cosim.fmi.isolated import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
@@ -59,11 +59,11 @@ class FmuComponent:
         self.options = options or FmuOptions()
         self.archive = archives.unpack(path)
         path, folder = self.archive.path, self.archive.folder
-        self.description = of_content(folder, path)
+        self.description = read_cached(folder, path)
         given = self.options.given
         sizes = {**sizes_among(self.description.variables, given), **self.options.sizes}
         if sizes:
-            self.description = of_content(folder, path, tuple(sizes.items()))
+            self.description = read_cached(folder, path, tuple(sizes.items()))
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
@@ -219,9 +219,9 @@ class FmuComponent:
         """
         if self._start is None:
             return {}
-        asked = clocks.unstated(self.description) if self.events else []
+        asked = clocks.intervals_from_fmu(self.description) if self.events else []
         self.intervals = {**self.intervals, **(self.instance.intervals(asked) if asked else {})}
-        ticked, self._start = self._start.leave(clocks.of(self)), None
+        ticked, self._start = self._start.leave(clocks.read_clocks(self)), None
         free = [
             g for g in self.carried("output")
             if g.first.type != "Clock" and not (self.events and g.first.clocks)

@@ -65,7 +65,7 @@ def sloped_inputs(component: Component) -> frozenset[str]:
     return frozenset() if fmu is None else fmu.sloped
 
 
-def why_not_in_parts(component: Component) -> str:
+def reason_not_repeatable(component: Component) -> str:
     """Why a step cannot be done again in halves from a saved state; "": it can."""
     fmu = fmu_of(component)
     if fmu is None:

@@ -67,7 +67,7 @@ def read(path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None)
 
 
 @lru_cache(maxsize=64)
-def of_content(folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = ()) -> Description:
+def read_cached(folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = ()) -> Description:
     """Read the description in a folder that its contents name, once: it cannot change."""
     return read(folder / "modelDescription.xml", origin, dict(sizes))
 

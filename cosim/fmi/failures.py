@@ -51,7 +51,7 @@ def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
     return f"not a finite number: {', '.join(bad)}"
 
 
-def refused(result: EngineResult, status: int, lines: Sequence[str]) -> str:
+def step_failure(result: EngineResult, status: int, lines: Sequence[str]) -> str:
     """What an FMU did instead of a step; `lines`: the last of its log."""
     if result is EngineResult.EARLY_RETURN:
         return "the FMU returned early from its step, which is not supported"

@@ -16,7 +16,7 @@ from typing import Any
 
 from cosim.base.errors import FmuError
 from cosim.fmi.instances import instantiate
-from cosim.fmi.layout import StepLayout, bind, late
+from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
 from cosim.fmi.library import Instance, Setup
 from cosim.native import fmu_log, structs
 
@@ -51,7 +51,7 @@ class Worker:
 
     def late(self) -> tuple[int, float]:
         """How often a clock ticked after its time, and by how much at the most (s)."""
-        return late(self._unit)
+        return late_clock_ticks(self._unit)
 
     def step(self, t: float, hit: int) -> tuple[int, int, int]:
         """Step; returns engine.c's result, the FMU's status, and the signal at fault."""

@@ -115,7 +115,7 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
         unit.kind = structs.UnitKind.FMI2 if x.fmi == "2.0" else structs.UnitKind.FMI3
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
-            setattr(unit, name, _kept(c.c_uint32, references, alive))
+            setattr(unit, name, _array_address(c.c_uint32, references, alive))
             setattr(unit, f"n_{name}", len(references))
         return unit
     unit.kind = structs.UnitKind.TYPED
@@ -132,8 +132,8 @@ def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed
     if x.slopes is not None:
         slopes = _access(instance, "Set", x.slopes, x.fmi, held=False, alive=alive)
         slopes.call = instance.address("SetRealInputDerivatives")
-        typed.slopes = _kept(structs.Access, [slopes], alive)
-        typed.orders = _kept(c.c_int32, [1] * len(x.slopes.places), alive)
+        typed.slopes = _array_address(structs.Access, [slopes], alive)
+        typed.orders = _array_address(c.c_int32, [1] * len(x.slopes.places), alive)
     if x.events:
         typed.enter_event = instance.address("EnterEventMode")
         typed.update = instance.address("UpdateDiscreteStates")
@@ -148,30 +148,33 @@ def _clocked(typed: structs.Typed, instance: Instance, x: StepLayout, alive: lis
     next_ = instance.next_ticks
     references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]
     index = {r: i for i, r in enumerate(references)}
-    typed.active = _kept(c.c_bool, [False] * len(index), alive)
+    typed.active = _array_address(c.c_bool, [False] * len(index), alive)
     tickers = [
         structs.TickerStruct(
             t.reference, t.kind, t.period, t.shift, next_.get(t.reference, NEVER), t.place
         )
         for t in x.clocks
     ]
-    typed.clocks, typed.n_clocks = _kept(structs.TickerStruct, tickers, alive), len(tickers)
+    typed.clocks, typed.n_clocks = (
+        _array_address(structs.TickerStruct, tickers, alive),
+        len(tickers),
+    )
     triggered = []
     for t, count in zip(x.triggered, x.counts, strict=True):
-        places = _kept(c.c_int32, [index[r] for r in t.clocks], alive)
+        places = _array_address(c.c_int32, [index[r] for r in t.clocks], alive)
         triggered.append(structs.TriggeredStruct(t.reference, len(t.clocks), places, count))
-    typed.triggered = _kept(structs.TriggeredStruct, triggered, alive)
+    typed.triggered = _array_address(structs.TriggeredStruct, triggered, alive)
     typed.n_triggered = len(triggered)
     partitions = []
     for p in x.partitions:
-        places = _kept(c.c_int32, [index[r] for r in p.clocks], alive)
+        places = _array_address(c.c_int32, [index[r] for r in p.clocks], alive)
         partition = structs.PartitionStruct(clocks=places, n_clocks=len(p.clocks))
         if p.texts:
             partition.texts = _taking(instance, p.texts, alive)
         for name, verb, moves in (("inputs", "Set", p.inputs), ("outputs", "Get", p.outputs)):
             _move(partition, name, instance, verb, moves, x.fmi, alive)
         partitions.append(partition)
-    typed.partitions = _kept(structs.PartitionStruct, partitions, alive)
+    typed.partitions = _array_address(structs.PartitionStruct, partitions, alive)
     typed.n_partitions = len(partitions)
     if x.clocks:
         typed.set_clock = instance.address("SetClock")
@@ -197,7 +200,7 @@ def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> i
     return structs.address(call)
 
 
-def late(unit: structs.UnitStruct) -> tuple[int, float]:
+def late_clock_ticks(unit: structs.UnitStruct) -> tuple[int, float]:
     """How often a clock of an FMU ticked after its time, and by how much at the most (s)."""
     if not unit.typed:
         return 0, 0.0
@@ -211,7 +214,7 @@ def _move(
 ) -> None:  # fmt: skip
     held = name == "discrete"
     accesses = [_access(instance, verb, m, fmi, held=held, alive=alive) for m in moves]
-    setattr(struct, name, _kept(structs.Access, accesses, alive))
+    setattr(struct, name, _array_address(structs.Access, accesses, alive))
     setattr(struct, f"n_{name}", len(accesses))
 
 
@@ -223,10 +226,10 @@ def _access(
     nothing = [float("nan")] * count
     return structs.Access(
         call=instance.address(verb + suffix),
-        references=_kept(c.c_uint32, move.references, alive),
-        places=_kept(c.c_int64, move.places, alive),
-        buffer=_kept(kind, [0] * count, alive),
-        held=_kept(c.c_double, nothing, alive) if held else None,
+        references=_array_address(c.c_uint32, move.references, alive),
+        places=_array_address(c.c_int64, move.places, alive),
+        buffer=_array_address(kind, [0] * count, alive),
+        held=_array_address(c.c_double, nothing, alive) if held else None,
         n_references=len(move.references),
         count=count,
         type=code,
@@ -234,7 +237,7 @@ def _access(
     )
 
 
-def _kept(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:
+def _array_address(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:
     """The address of a C array of `values` that lives as long as `alive` does."""
     array = (kind * max(1, len(values)))(*values)
     alive.append(array)

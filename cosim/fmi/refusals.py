@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from cosim.fmi.component import FmuComponent
-from cosim.fmi.failures import refused
+from cosim.fmi.failures import step_failure
 from cosim.native.structs import EngineResult
 from cosim.schedule.parts import Slot, Step
 
@@ -32,7 +32,7 @@ def refusal(result: EngineResult, status: int, lines: Sequence[str], value: str)
             "a changing clock, or one that counts down, was asked for its next interval and gave "
             f"none of 0 s or more ({said})"
         )
-    return refused(result, status, lines)
+    return step_failure(result, status, lines)
 
 
 def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int) -> str:

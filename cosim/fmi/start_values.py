@@ -55,8 +55,8 @@ class StartValue:
             found = x.get_texts(first.type, references, self.group.size)
         else:
             found = x.get(first.type, references, self.group.size)
-        wanted = [_carried(first.type, v) for v in self.values]
-        return None if wanted == [_carried(first.type, v) for v in found] else found
+        wanted = [_representable(first.type, v) for v in self.values]
+        return None if wanted == [_representable(first.type, v) for v in found] else found
 
 
 class InstanceStart:
@@ -121,7 +121,7 @@ def _differences(x: Instance, given: Sequence[StartValue]) -> Iterator[str]:
             )
 
 
-def _carried(kind: str, value: float | str) -> float | str:
+def _representable(kind: str, value: float | str) -> float | str:
     """A value as the FMU can hold it: Float32 rounded, a Boolean 0 or 1, Binary in lower case."""
     if isinstance(value, str):
         return "".join(value.lower().split()) if kind == "Binary" else value

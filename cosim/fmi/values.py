@@ -52,7 +52,7 @@ def settable(group: VariableGroup) -> bool:
     """Whether a scenario may set it before the start; sizes are set otherwise."""
     v = group.first
     if v.type == "Clock":
-        return tunes(v)
+        return can_set_interval(v)
     if v.type not in NUMERIC or v.variability == "constant":
         return False
     return v.causality == "parameter" or (
@@ -60,7 +60,7 @@ def settable(group: VariableGroup) -> bool:
     )
 
 
-def tunes(clock: FmuVariable) -> bool:
+def can_set_interval(clock: FmuVariable) -> bool:
     """Whether an importer may set the interval of a clock (FMI 3.0.2 §2.2.8)."""
     periodic = clock.attributes.get("intervalVariability") in ("fixed", "tunable")
     return clock.causality == "input" and periodic and "intervalDecimal" in clock.attributes

@@ -129,7 +129,7 @@ def _numbers(chosen: BoolArray) -> frozenset[int]:
     return frozenset((np.flatnonzero(chosen) + 1).tolist())
 
 
-def _three(*edges: tuple[tuple[int, int], ...]) -> tuple[Graph, ...]:
+def _edge_triple(*edges: tuple[tuple[int, int], ...]) -> tuple[Graph, ...]:
     return tuple(Graph.of(6, graph, f"G{k}") for k, graph in enumerate(edges, 1))
 
 
@@ -142,7 +142,9 @@ def _three(*edges: tuple[tuple[int, int], ...]) -> tuple[Graph, ...]:
 #:
 #: No graph alone has a spanning tree; nor have two together, except in `dense` (root 4, 5 or 6).
 PRESETS: Mapping[str, tuple[Graph, ...]] = {
-    "ring": _three(((2, 1), (5, 4)), ((3, 2), (6, 5)), ((4, 3), (1, 6))),
-    "tree3": _three(((1, 3), (2, 1)), ((4, 3), (5, 4)), ((6, 5), (2, 3))),
-    "dense": _three(((2, 1), (5, 4), (1, 4)), ((3, 2), (6, 5), (2, 5)), ((4, 3), (1, 6), (3, 6))),
+    "ring": _edge_triple(((2, 1), (5, 4)), ((3, 2), (6, 5)), ((4, 3), (1, 6))),
+    "tree3": _edge_triple(((1, 3), (2, 1)), ((4, 3), (5, 4)), ((6, 5), (2, 3))),
+    "dense": _edge_triple(
+        ((2, 1), (5, 4), (1, 4)), ((3, 2), (6, 5), (2, 5)), ((4, 3), (1, 6), (3, 6))
+    ),
 }

@@ -9,7 +9,7 @@ from math import ceil, gcd, isfinite
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import FloatArray, IntArray, exact
+from cosim.links.laws import FloatArray, IntArray, decimal_fraction
 
 TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61
 
@@ -32,12 +32,12 @@ class Grid:
     @property
     def sending(self) -> Fraction:
         """Sending period n_s·h, s, exactly."""
-        return self.n_s * exact(self.h)
+        return self.n_s * decimal_fraction(self.h)
 
     @property
     def looking(self) -> Fraction:
         """Receiving period n_r·h, s, exactly."""
-        return self.n_r * exact(self.h)
+        return self.n_r * decimal_fraction(self.h)
 
     def sent(self, rows: int) -> int:
         """How many samples are sent up to the last of `rows` looks."""
@@ -71,11 +71,11 @@ class Cycle:
     @property
     def ratio(self) -> Fraction:
         """period/length, as close as a denominator of 10^9 allows."""
-        return (self.period / exact(self.length)).limit_denominator(10**9)
+        return (self.period / decimal_fraction(self.length)).limit_denominator(10**9)
 
     def parts(self, t: Fraction) -> int:
         """The first part at or after t (s)."""
-        return ceil(t / exact(self.length) * self.ratio.denominator)
+        return ceil(t / decimal_fraction(self.length) * self.ratio.denominator)
 
     def phases(self, first: int, n: int) -> IntArray:
         """(n,): the parts since the cycle began, of looks `first`, first + 1, …"""

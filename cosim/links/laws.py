@@ -66,7 +66,7 @@ class Law(Protocol):
         """What is written down with a run: the law's name and its values, SI."""
 
 
-def exact(seconds: float) -> Fraction:
+def decimal_fraction(seconds: float) -> Fraction:
     """The decimal number that was written down, not its binary neighbour: 0.03 is 3/100."""
     return Fraction(repr(float(seconds)))
 
@@ -176,10 +176,10 @@ class Uniform(Formula):
         def draw(n: int) -> FloatArray:
             return np.minimum(self.low + (self.high - self.low) * rng.random(n), self.high)
 
-        return held(draw, self.hold, period)
+        return hold_delays(draw, self.hold, period)
 
 
-def held(
+def hold_delays(
     draw: Callable[[int], FloatArray], hold: float | None, period: Fraction, name: str = "hold"
 ) -> Delays:
     """Delays at t = 0, period, … (s), each the draw number floor(t / hold); None: one a sample.
@@ -189,7 +189,7 @@ def held(
     """
     if hold is None:
         return _Held(draw, Fraction(1))
-    draws_per_sample = (period / exact(hold)).limit_denominator(10**9)
+    draws_per_sample = (period / decimal_fraction(hold)).limit_denominator(10**9)
     if draws_per_sample > 10**4:
         raise ScenarioError(
             f"{name} = {hold:g} s; expected at least 1/10000 of the sampling period"

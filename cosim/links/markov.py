@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, Formula, IntArray, check_delay, held
+from cosim.links.laws import Delays, FloatArray, Formula, IntArray, check_delay, hold_delays
 from cosim.links.reachability import closure
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ class Markov(Formula):
             level: FloatArray = levels[chain.take(n)]
             return level
 
-        return held(draw, self.step, period, "step")
+        return hold_delays(draw, self.step, period, "step")
 
 
 class Chain:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Cycle
-from cosim.links.laws import FloatArray, exact, facts_of
+from cosim.links.laws import FloatArray, decimal_fraction, facts_of
 from cosim.links.losses import Losses
 from cosim.links.reachability import BoolArray
 
@@ -62,10 +62,10 @@ class Outage:
 class _Outage:
     def __init__(self, model: Outage, period: Fraction) -> None:
         self._cycle, self._sample = Cycle(period, model.every), 0
-        self._begins = ceil(exact(model.start) / period)  # no packet before is lost
-        start = exact(model.start) % exact(model.every)
+        self._begins = ceil(decimal_fraction(model.start) / period)  # no packet before is lost
+        start = decimal_fraction(model.start) % decimal_fraction(model.every)
         self._from = self._cycle.parts(start)
-        self._parts = self._cycle.parts(start + exact(model.length)) - self._from
+        self._parts = self._cycle.parts(start + decimal_fraction(model.length)) - self._from
 
     def take(self, n: int) -> BoolArray:
         phase = self._cycle.phases(self._sample, n) - self._from

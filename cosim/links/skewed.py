@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, Formula, check_delay, check_hold, held
+from cosim.links.laws import Delays, FloatArray, Formula, check_delay, check_hold, hold_delays
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -69,7 +69,7 @@ class Gamma(Formula):
         def draw(n: int) -> FloatArray:
             return np.minimum(self.shift + self.scale * rng.gamma(self.shape, size=n), self.maximum)
 
-        return held(draw, self.hold, period)
+        return hold_delays(draw, self.hold, period)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Lognormal(Formula):
             tail = self.median * np.exp(self.sigma * rng.standard_normal(n))
             return np.minimum(self.shift + tail, self.maximum)
 
-        return held(draw, self.hold, period)
+        return hold_delays(draw, self.hold, period)
 
 
 def _check_tail(shift: float, maximum: float, hold: float | None) -> None:

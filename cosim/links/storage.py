@@ -136,7 +136,7 @@ class _StoredRows:
 def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:
     """The rows, one row group after the other; empty ones are left out."""
     if path.suffix == ROWS:
-        yield from _unfinished(path)
+        yield from _rows_of_unfinished(path)
         return
     import pyarrow.parquet as pq
 
@@ -151,7 +151,7 @@ def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:
                 yield rows
 
 
-def _unfinished(path: Path) -> Iterator[NDArray[np.int32]]:
+def _rows_of_unfinished(path: Path) -> Iterator[NDArray[np.int32]]:
     """The rows of a file of rows; the last one may be cut."""
     with path.open("rb") as file:
         file.readline()
@@ -164,7 +164,7 @@ def read_facts(path: Path) -> tuple[dict[str, Any], int]:
     """Facts and number of rows. Raises ScenarioError where this is no link table."""
     if not path.is_file():
         raise ScenarioError("no such file; expected a stored link table", str(path))
-    schema, length = _of_rows(path) if path.suffix == ROWS else _of_parquet(path)
+    schema, length = _row_file_facts(path) if path.suffix == ROWS else _parquet_facts(path)
     try:
         facts = json.loads(schema)
     except ValueError as error:  # also UnicodeDecodeError
@@ -174,14 +174,14 @@ def read_facts(path: Path) -> tuple[dict[str, Any], int]:
     return facts, length
 
 
-def _of_rows(path: Path) -> tuple[bytes, int]:
+def _row_file_facts(path: Path) -> tuple[bytes, int]:
     """The text of the facts, and the number of rows."""
     with path.open("rb") as file:
         text = file.readline()
         return text, (path.stat().st_size - len(text)) // 4
 
 
-def _of_parquet(path: Path) -> tuple[bytes, int]:
+def _parquet_facts(path: Path) -> tuple[bytes, int]:
     """The text of the facts, and the number of rows. Raises ScenarioError."""
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Cycle
-from cosim.links.laws import Delays, FloatArray, IntArray, exact, held
+from cosim.links.laws import Delays, FloatArray, IntArray, decimal_fraction, hold_delays
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -117,7 +117,7 @@ class Random:
         def draw(n: int) -> FloatArray:
             return np.floor(graphs * rng.random(n))
 
-        return _Drawn(held(draw, self.dwell, period, "dwell"))
+        return _Drawn(hold_delays(draw, self.dwell, period, "dwell"))
 
     def facts(self) -> dict[str, Any]:
         """Its name and dwell (s)."""
@@ -184,7 +184,7 @@ class Schedule:
             return found
         cycle = Cycle(period, self.repeat)
         whole = cycle.ratio.denominator
-        first = [cycle.parts(exact(t)) for t in self.times]
+        first = [cycle.parts(decimal_fraction(t)) for t in self.times]
         for index, start, stop in zip(self.indices, first, [*first[1:], whole], strict=True):
             found[index] += (stop - start) / whole
         return found
@@ -207,7 +207,7 @@ class _Scheduled:
     def __init__(self, schedule: Schedule, period: Fraction) -> None:
         self._indices, self._look = np.array(schedule.indices, dtype=np.int64), 0
         self._cycle = None if schedule.repeat is None else Cycle(period, schedule.repeat)
-        times = [exact(t) for t in schedule.times]
+        times = [decimal_fraction(t) for t in schedule.times]
         self._from = np.array(  # (times,), the first look, or part of the cycle, of each
             [ceil(t / period) if self._cycle is None else self._cycle.parts(t) for t in times]
         )

@@ -30,28 +30,28 @@ class TableWriter(Closing):
     def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:
         self._path, self._rows = path, path.with_suffix(ROWS)
         text = json.dumps(facts, sort_keys=True, allow_nan=False)
-        with _writing(self._rows):
-            self._file = _begun(self._rows, f"{text}\n".encode())
+        with _write_errors(self._rows):
+            self._file = _new_file(self._rows, f"{text}\n".encode())
 
     def write(self, rows: ArrayLike) -> None:
         """Append rows, (n,) integers."""
-        with _writing(self._rows):
-            _put(self._file, np.asarray(rows, dtype="<i4").tobytes())
+        with _write_errors(self._rows):
+            _write_all(self._file, np.asarray(rows, dtype="<i4").tobytes())
 
     def close(self) -> None:
         """Make the Parquet file, and delete the one it was made from."""
-        with _writing(self._path):
+        with _write_errors(self._path):
             self._file.close()
             convert(self._rows, self._path)
             self._rows.unlink()
 
 
-def _begun(path: Path, first: bytes) -> FileIO:
+def _new_file(path: Path, first: bytes) -> FileIO:
     """A new file that begins with `first`: it does not exist without it. Raises OSError."""
     part = path.with_name(f"{path.name}.part")
     file = FileIO(part, "wb")
     try:
-        _put(file, first)
+        _write_all(file, first)
         part.replace(path)
     except BaseException:
         file.close()
@@ -60,7 +60,7 @@ def _begun(path: Path, first: bytes) -> FileIO:
     return file
 
 
-def _put(file: FileIO, data: bytes) -> None:
+def _write_all(file: FileIO, data: bytes) -> None:
     """Write all of it: the system may take less at a time."""
     left = memoryview(data)
     while left:
@@ -102,7 +102,7 @@ def write_groups(path: Path, facts: Mapping[str, Any], groups: Iterable[NDArray[
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def _write_errors(path: Path) -> Iterator[None]:
     """What the system refuses in the block becomes a RunError that names the file."""
     try:
         yield
@@ -114,6 +114,6 @@ def recover_tables(folder: Path) -> None:
     """Make the tables of a run that was cut short into Parquet files. Raises CosimError."""
     for rows in link_files(folder).values():
         if rows.suffix == ROWS:
-            with _writing(rows):
+            with _write_errors(rows):
                 convert(rows, rows.with_suffix(".parquet"))
                 rows.unlink()

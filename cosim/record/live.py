@@ -104,7 +104,7 @@ class Live:
         """A new file. Raises OSError; then there is no file."""
         text = layout.text()
         start = -(-(HEADER + len(text)) // PAGE) * PAGE
-        memory, held = mapped(path, start + sum(layout.sizes))
+        memory, held = map_new_file(path, start + sum(layout.sizes))
         memory[8:16] = len(text).to_bytes(8, sys.byteorder)
         memory[HEADER : HEADER + len(text)] = text
         memory[:8] = MAGIC  # last: a file without it says nothing
@@ -132,7 +132,7 @@ class Live:
         return int(self.spans[chunk].ctypes.data) + self.spans.itemsize
 
 
-def mapped(path: Path, size: int) -> tuple[mmap.mmap, int]:
+def map_new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
     """A new file of `size` bytes (zeros), mapped and shared; its place on the disk is taken.
 
     So a full disk is an error here and not a SIGBUS later. The descriptor that is returned holds a
@@ -158,7 +158,7 @@ def mapped(path: Path, size: int) -> tuple[mmap.mmap, int]:
 
 
 def unlock(descriptor: int) -> None:
-    """Let go of a file that was locked as in :func:`mapped`; -1: there is none.
+    """Let go of a file that was locked as in :func:`map_new_file`; -1: there is none.
 
     Closing is not enough: Python's mmap has a descriptor of its own of the same open file.
     """

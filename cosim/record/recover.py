@@ -32,7 +32,7 @@ SCRATCH = ".recovered"
 _collections: dict[object, TemporaryDirectory[str]] = {}
 
 
-def unfinished(folder: Path) -> bool:
+def is_unfinished(folder: Path) -> bool:
     """Whether the folder holds a recording that was not closed."""
     there = (folder / LIVE).exists() or bool(journals(folder))
     return there and not (folder / TRAJECTORIES).exists()
@@ -43,14 +43,14 @@ def journals(folder: Path) -> list[Path]:
     return list((folder / NODES).glob(f"*{JOURNAL}"))
 
 
-def goes_on(folder: Path) -> bool:
+def is_recording(folder: Path) -> bool:
     """Whether somebody still records into the folder."""
     return any(in_use(path) for path in (folder / LIVE, *journals(folder)))
 
 
 def stored_tables(folder: Path) -> dict[str, Path]:
     """As :func:`link_files`; of nodes that were cut short, what their journals say they held."""
-    whole = journals(folder) and unfinished(folder)
+    whole = journals(folder) and is_unfinished(folder)
     return link_files(_collected(folder) if whole else folder)
 
 
@@ -61,7 +61,7 @@ def _collected(folder: Path) -> Path:
     """
     there = [(path, path.stat()) for path in journals(folder)]
     stamps = frozenset((path.resolve(), found.st_ino, found.st_mtime_ns) for path, found in there)
-    key = object() if goes_on(folder) else stamps
+    key = object() if is_recording(folder) else stamps
     if key not in _collections:
         scratch = TemporaryDirectory(prefix="cosim-")
         importlib.import_module(COLLECTOR).collect(folder, Path(scratch.name))
@@ -90,7 +90,7 @@ def complete(folder: Path) -> None:
     """
     import pyarrow as pa
 
-    if goes_on(folder):
+    if is_recording(folder):
         raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
     if journals(folder):
         _complete_nodes(folder)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import CutShort, RunError, ScenarioError
 from cosim.record.arrow import numpy
 from cosim.record.folder import TRAJECTORIES, read_metadata, reason
-from cosim.record.recover import goes_on, in_memory, stored_tables, unfinished
+from cosim.record.recover import in_memory, is_recording, is_unfinished, stored_tables
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class Run:
         path = place if place.is_file() else place / TRAJECTORIES
         if not place.exists():
             raise ScenarioError("there is no such run folder", str(place))
-        if unfinished(place):
+        if is_unfinished(place):
             return cls._recovered(path)
         if not path.exists():
             raise ScenarioError(f"no {TRAJECTORIES} in this folder; not a run folder", str(place))
@@ -75,7 +75,7 @@ class Run:
     def _recovered(cls, path: Path) -> Run:
         """A run that was cut short, as far as it was recorded; a warning says so."""
         run = cls(path, in_memory(path.parent))
-        what = "still goes on" if goes_on(path.parent) else "was cut short"
+        what = "still goes on" if is_recording(path.parent) else "was cut short"
         until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "recorded nothing"
         warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)
         return run

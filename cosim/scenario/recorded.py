@@ -18,7 +18,7 @@ from cosim.schedule.parts import Link, Player
 from cosim.schedule.plan import Plan, compile_plan
 
 
-def over(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:
+def with_recorded_links(plan: Plan, run: str | Path, players: Iterable[Player] = ()) -> Plan:
     """The plan with the stored tables of the run folder `run` in place of its links' laws.
 
     `players`: further inputs that are fed from what was recorded. Raises ScenarioError where the

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from cosim.base import toml
-from cosim.base.convert import Number, Value, convert, each, number
+from cosim.base.convert import Number, Value, convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.links.semantics_names import Semantics
 
@@ -216,11 +216,11 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
         path=path,
         title=convert(document.get("title", path.stem), str, path, "title"),
         run=convert(document["run"], RunSpec, path, "run"),
-        components=each(tables["components"], ComponentSpec, path, "components"),
+        components=convert_each(tables["components"], ComponentSpec, path, "components"),
         links=tuple(convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
         topology=_topology(document, path),
-        metrics=each(tables["metrics"], MetricSpec, path, "metrics"),
-        figures=each(tables["figures"], FigureSpec, path, "figures"),
+        metrics=convert_each(tables["metrics"], MetricSpec, path, "metrics"),
+        figures=convert_each(tables["figures"], FigureSpec, path, "figures"),
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
     )
 

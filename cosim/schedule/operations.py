@@ -94,7 +94,7 @@ def _grouped(entries: Iterable[tuple[str, T]]) -> Mapping[str, Sequence[T]]:
     return groups
 
 
-def lay_out(
+def compile_operations(
     steps: Sequence[Step],
     found: Connections,
     order: Sequence[str],

@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from cosim.base.errors import PlanError
-from cosim.schedule.operations import Connections, Line, Operation, lay_out
+from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
 from cosim.schedule.parts import Gate, Link, Player, Slot, Step, Wire
 
@@ -91,7 +91,7 @@ def compile_plan(
         wires=wires_,
         links=links_,
         players=players_,
-        operations=lay_out(steps, connections, now, later, newest=newest),
+        operations=compile_operations(steps, connections, now, later, newest=newest),
         order=now,
         later=later,
         gates=gates_,

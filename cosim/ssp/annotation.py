@@ -31,7 +31,7 @@ def write(parent: ElementTree.Element, content: Mapping[str, Any], common: str) 
     inner.text = json.dumps(content, sort_keys=True, ensure_ascii=False)
 
 
-def untold(table: Mapping[str, Any]) -> dict[str, Any]:
+def missing_in_ssd(table: Mapping[str, Any]) -> dict[str, Any]:
     """What of a component's table the SSD does not tell: sizes too, where they are an FMU's."""
     said = {k: v for k, v in table.items() if k not in TOLD and v is not None}
     if str(table["model"]).endswith(".fmu") and table.get("sizes"):

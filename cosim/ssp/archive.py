@@ -28,7 +28,7 @@ def unpack(path: str | Path) -> Path:
         raise ScenarioError(str(error), str(path)) from None
 
 
-def inside(folder: Path, source: str, place: str) -> Path:
+def archive_member(folder: Path, source: str, place: str) -> Path:
     """The file that a relative URI names in the archive. Raises ScenarioError at `place`."""
     uri = urlsplit(source)
     if uri.scheme or uri.netloc:

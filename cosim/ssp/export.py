@@ -174,7 +174,7 @@ class _Packer:
         data = as_data(self._scenario)
         said = {k: v for k, v in data.items() if k not in ("path", "components")}
         said["components"] = {
-            name: annotation.untold(table) for name, table in data["components"].items()
+            name: annotation.missing_in_ssd(table) for name, table in data["components"].items()
         }
         said["delays"] = sorted(self._delays)
         for link in said["links"]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cosim.base.errors import ScenarioError
 from cosim.ssp import nodes
-from cosim.ssp.archive import ROOT, inside
+from cosim.ssp.archive import ROOT, archive_member
 from cosim.ssp.nodes import XmlNode
 from cosim.ssp.values import Files, SspValue, bound, linear
 
@@ -103,7 +103,7 @@ class _Reader:
         if child.get("implementation") in ("ModelExchange", "SourceCode"):
             what = child.get("implementation")
             raise ScenarioError(f"implementation {what!r}; expected CoSimulation", child.place)
-        fmu = inside(self._files.folder, source, child.place)
+        fmu = archive_member(self._files.folder, source, child.place)
         if fmu.suffix != ".fmu":
             raise ScenarioError(f"source {source!r} is no .fmu", child.place)
         self._found.parts[path] = SspComponent(fmu, child.place)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import BASE, Unit, parse
-from cosim.ssp.archive import inside
+from cosim.ssp.archive import archive_member
 from cosim.ssp.nodes import XmlNode, check, read
 
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
@@ -52,7 +52,7 @@ class Files:
 
     def open(self, source: str, root: str, place: str) -> XmlNode:
         """The root of another file of the archive. Raises ScenarioError."""
-        path = inside(self.folder, source, place)
+        path = archive_member(self.folder, source, place)
         if path not in self.loaded:
             self.loaded[path] = read(path, f"{self.label}:{source}", root)
         return self.loaded[path]

@@ -37,7 +37,7 @@ class Listed:
     @property
     def paths(self) -> frozenset[str]:
         """The places in the scenario that it sets."""
-        return frozenset(path_of(s) for choice in self.choices for s in choice.settings)
+        return frozenset(setting_path(s) for choice in self.choices for s in choice.settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Drawn:
     def choice(self, u: float) -> Choice:
         """The value whose share of smaller ones is `u`, 0 < u < 1."""
         value = self._value(u)
-        return Choice(value, moved(self.targets, value, self.unit))
+        return Choice(value, axis_settings(self.targets, value, self.unit))
 
     def _value(self, u: float) -> float | int:
         if self.law == "uniform":
@@ -120,13 +120,13 @@ def spaced(low: float, high: float, count: int, scale: Literal["linear", "log"])
     return [float(f"{v:.12g}") for v in values]
 
 
-def moved(paths: Sequence[str], value: Any, unit: str = "") -> tuple[str, ...]:
+def axis_settings(paths: Sequence[str], value: Any, unit: str = "") -> tuple[str, ...]:
     """The settings that give every path this value."""
     text = literal(f"{value!r} {unit}" if unit else value)
     return tuple(f"{path}={text}" for path in paths)
 
 
-def path_of(setting: str) -> str:
+def setting_path(setting: str) -> str:
     """``a.b`` of ``a.b=3``."""
     return setting.partition("=")[0].strip()
 

@@ -15,7 +15,7 @@ from itertools import product
 from math import prod
 
 from cosim.base.errors import ScenarioError
-from cosim.sweeps.axes import Cell, Choice, Drawn, Listed, path_of, shares
+from cosim.sweeps.axes import Cell, Choice, Drawn, Listed, setting_path, shares
 from cosim.sweeps.study import Study
 
 #: More points than this are a mistake.
@@ -63,7 +63,7 @@ def points(study: Study, fingerprint: str = "") -> Iterator[Point]:
 def _ordered(choices: Mapping[str, Choice]) -> list[str]:
     """Settings by path: a table is set before what is in it, in whatever order axes are listed."""
     settings = [s for choice in choices.values() for s in choice.settings]
-    return sorted(settings, key=lambda s: path_of(s).split("."))
+    return sorted(settings, key=lambda s: setting_path(s).split("."))
 
 
 def _samples(study: Study) -> list[dict[str, Choice]]:

@@ -11,7 +11,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 from cosim.engine.simulate import versions
 from cosim.fmi import components
 from cosim.native import structs
@@ -21,7 +21,7 @@ from cosim.sweeps import figures
 from cosim.sweeps import store as stores
 from cosim.sweeps.axes import Listed
 from cosim.sweeps.design import Point, count, points
-from cosim.sweeps.run_point import StudyRow, StudySetup, job, perform, preview
+from cosim.sweeps.run_point import StudyRow, StudySetup, job, preview, run_point
 from cosim.sweeps.store import Store
 from cosim.sweeps.study import Study
 from cosim.sweeps.table import SweepTable
@@ -79,7 +79,7 @@ def sweep(
     checked(plan)
     figures.check(study, [axis.name for axis in study.axes], units)
     fingerprint = _fingerprint(study.scenario, plan)
-    with stores.locked(folder):
+    with stores.lock_folder(folder):
         changed = _claim(study, folder, fingerprint, resume=resume or retry, force=force)
         with Store(folder, units) as store:
             wanted = {point.run: point for point in points(study, fingerprint)}
@@ -109,8 +109,8 @@ def _run(
         pressed.append(True)
         stopping()
 
-    with deferred(stop):
-        rows = spread(opened, partial(perform, common), todo, lambda: bool(pressed))
+    with stop_on_signal(stop):
+        rows = spread(opened, partial(run_point, common), todo, lambda: bool(pressed))
         for point, result in rows:
             if isinstance(result, str):
                 result = StudyRow(point.run, point.cells, point.settings, False, result)

@@ -108,7 +108,7 @@ def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     return plan, units
 
 
-def perform(job: StudySetup, point: Point) -> StudyRow:
+def run_point(job: StudySetup, point: Point) -> StudyRow:
     """Run one point; what goes wrong becomes the reason of its row."""
     watch = stopwatch()
     measures: dict[str, float] = {}

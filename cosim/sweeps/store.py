@@ -214,7 +214,7 @@ def write_state(folder: Path, state: Mapping[str, Any]) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Hold the folder. Raises ScenarioError if another process does."""
     import fcntl
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cosim.base import toml
-from cosim.base.convert import convert, each
+from cosim.base.convert import convert, convert_each
 from cosim.base.errors import ScenarioError
 from cosim.scenario.spec import MetricSpec
 from cosim.sweeps.axes import (
@@ -19,9 +19,9 @@ from cosim.sweeps.axes import (
     Distribution,
     Drawn,
     Listed,
+    axis_settings,
     literal,
-    moved,
-    path_of,
+    setting_path,
     spaced,
 )
 from cosim.sweeps.spec import AxisSpec, SampleSpec, StudySpec, SweepFigureSpec
@@ -61,14 +61,14 @@ def load_study(path: str | Path) -> Study:
     text = toml.read_text(path, "a study file (.toml)")
     document = toml.parse(text, str(path))
     spec = convert(document, StudySpec, path)
-    vary = each(spec.vary, AxisSpec, path, "vary")
+    vary = convert_each(spec.vary, AxisSpec, path, "vary")
     axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in vary.items())
-    each(spec.metrics, MetricSpec, path, "metrics")
+    convert_each(spec.metrics, MetricSpec, path, "metrics")
     study = Study(
         path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
         spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
         spec.metrics, _bounds(spec.stable, f"{path} at stable"),
-        each(spec.figures, SweepFigureSpec, path, "figures"),
+        convert_each(spec.figures, SweepFigureSpec, path, "figures"),
     )  # fmt: skip
     _check(study)
     return study
@@ -103,7 +103,7 @@ def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:
     seeds = tuple(range(given)) if isinstance(given, int) else given
     if not seeds:
         raise ScenarioError("no seed; expected how many, or which", place)
-    return (Listed("seed", tuple(Choice(s, moved(["run.seed"], s)) for s in seeds)),)
+    return (Listed("seed", tuple(Choice(s, axis_settings(["run.seed"], s)) for s in seeds)),)
 
 
 # ---- one axis -----------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ def _values(name: str, paths: tuple[str, ...], spec: AxisSpec, place: str) -> Li
     for i, value in enumerate(values):
         try:
             cell: Cell = spec.labels[i] if spec.labels else value if plain else _cell(value)
-            choices.append(Choice(cell, moved(paths, value)))
+            choices.append(Choice(cell, axis_settings(paths, value)))
         except ScenarioError as error:
             raise ScenarioError(str(error), f"{place}.values.{i}") from None
     return Listed(name, tuple(choices))
@@ -189,7 +189,7 @@ def _range(name: str, paths: tuple[str, ...], spec: AxisSpec, place: str) -> Lis
         expected = "two numbers above 0" if spec.scale == "log" else "two finite numbers"
         raise ScenarioError(f"found [{low:g}, {high:g}], expected {expected}", f"{place}.range")
     values = spaced(low, high, spec.count, spec.scale)
-    return Listed(name, tuple(Choice(v, moved(paths, v, spec.unit)) for v in values))
+    return Listed(name, tuple(Choice(v, axis_settings(paths, v, spec.unit)) for v in values))
 
 
 # ---- the whole ----------------------------------------------------------------------------------
@@ -207,7 +207,7 @@ def _check(study: Study) -> None:
                 raise ScenarioError(f"{path} is varied by {paths[path]!r} already", place)
             paths[path] = axis.name
     for setting in study.settings:
-        if not path_of(setting) or "=" not in setting:
+        if not setting_path(setting) or "=" not in setting:
             raise ScenarioError(f"found {setting!r}, expected path=value", study.place("settings"))
     drawn = [axis.name for axis in study.axes if isinstance(axis, Drawn)]
     if drawn and study.sample is None:

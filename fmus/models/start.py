@@ -57,7 +57,7 @@ def received(inputs: tuple[Port, ...], u: Mapping[str, ArrayLike], t: float = na
     `t` (s) is for the message. Raises RunError where a value is not finite.
     """
     values = [
-        np.array(u.get(port.name, held(port)), dtype=np.float64).reshape(port.shape)
+        np.array(u.get(port.name, initial_input(port)), dtype=np.float64).reshape(port.shape)
         for port in inputs
     ]
     for port, value in zip(inputs, values, strict=True):
@@ -66,12 +66,12 @@ def received(inputs: tuple[Port, ...], u: Mapping[str, ArrayLike], t: float = na
     return values
 
 
-def held(port: Port) -> Array:
+def initial_input(port: Port) -> Array:
     """What an input holds when nothing is wired to it, of its shape."""
     return np.reshape(port.default or (0.0,) * port.size, port.shape).astype(np.float64)
 
 
-def given(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:
+def checked_outputs(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:
     """The outputs as they are. Raises RunError where one is not finite: something diverged."""
     for name, value in outputs.items():
         if not np.isfinite(value).all():
@@ -79,7 +79,7 @@ def given(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:
     return outputs
 
 
-def copied(state: object) -> dict[str, Array]:
+def copy_state(state: object) -> dict[str, Array]:
     """A copy of the values a reference model keeps by name. Raises RunError for anything else."""
     if not isinstance(state, dict):
         raise RunError(f"state is a {type(state).__name__}, expected what get_state gave")

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim.base.component import Port
-from cosim.checks.wiring import unfed
+from cosim.checks.wiring import unconnected_inputs
 from cosim.cli.commands import app
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
@@ -106,7 +106,7 @@ def test_what_a_model_declares_optional_goes_unsaid() -> None:
         plan = assemble(
             load(SCENARIO, [f'components.{n}.fmi="{fmi}"' for n in ("master", "slave")])
         )
-        assert not list(unfed(plan))
+        assert not list(unconnected_inputs(plan))
     optional = {p.name for m in (planar2r, teleoperation) for p in m.model().inputs() if p.optional}
     assert optional == {"tau_ext", "q_h", "grip", "w", "age"}
     assert not Port("u").optional
@@ -116,5 +116,5 @@ def test_inputs_of_other_tools_are_said_whatever_their_start(tmp_path: Path) -> 
     export(strict2(), tmp_path / "strict.fmu")
     path = tmp_path / "s.toml"
     path.write_text('[run]\nstep = 0.1\nstop = 1\n[components.x]\nmodel = "strict.fmu"\n')
-    assert [f.where for f in unfed(assemble(load(path)))] == ["x.u"]
-    assert not list(unfed(assemble(load(path, ["components.x.start.u=0"]))))
+    assert [f.where for f in unconnected_inputs(assemble(load(path)))] == ["x.u"]
+    assert not list(unconnected_inputs(assemble(load(path, ["components.x.start.u=0"]))))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import pty
 
-from cosim.cli.supervise import asking, supervised
+from cosim.cli.supervise import allow_terminal_input, supervised
 
 
 def ask() -> None:
     """As a command asks."""
-    with asking():
+    with allow_terminal_input():
         answer = input("go on? ")
     print(f"answer={answer}", flush=True)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.links.storage import load_table
 from cosim.record import Run, verify
-from cosim.record.recover import unfinished
+from cosim.record.recover import is_unfinished
 from cosim.sweeps.store import rows
 
 #: How the sentence of a command begins.
@@ -77,7 +77,7 @@ def compared(folder: Path, whole: Path | None, *, complete: bool) -> None:
 
 def readable(folder: Path) -> bool:
     """Whether something was recorded that is not closed: a journal without a row is nothing."""
-    return unfinished(folder) and (folder / "run.json").exists() and recorded(folder)
+    return is_unfinished(folder) and (folder / "run.json").exists() and recorded(folder)
 
 
 def recorded(folder: Path) -> bool:

@@ -18,7 +18,7 @@ from cosim.comparison import report
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.figure import _Cells, draw
 from cosim.comparison.measure import CaseOutcome
-from cosim.comparison.rows import columns, rows, shown
+from cosim.comparison.rows import columns, format_number, rows
 from cosim.reporting.figures import DPI
 from tests.compare.parts import VARIANTS, compared
 
@@ -96,7 +96,7 @@ def test_json_has_everything_and_no_nan(found: Comparison) -> None:
     ],
 )
 def test_how_a_number_is_shown(value: float, unit: str, expected: str) -> None:
-    assert shown(value, unit) == expected
+    assert format_number(value, unit) == expected
 
 
 def test_the_worst_of_several_seeds_decides(found: Comparison) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cosim.analysis.metrics import Error
 from cosim.base.errors import ScenarioError
 from cosim.comparison.variants import Variants, choose
-from cosim.comparison.variants_file import beside, read
+from cosim.comparison.variants_file import read, variants_path
 from tests.compare.parts import CONFIG, SMALL, VARIANTS, written
 
 
@@ -21,7 +21,7 @@ def shipped() -> Variants:
 
 
 def test_the_shipped_file_lies_beside_the_scenario() -> None:
-    assert beside(CONFIG) == VARIANTS
+    assert variants_path(CONFIG) == VARIANTS
 
 
 def test_what_the_shipped_file_has(shipped: Variants) -> None:
@@ -163,12 +163,12 @@ def test_what_is_wrong_is_a_sentence_with_its_place(case: str, tmp_path: Path) -
 def test_there_must_be_one_file_beside_a_scenario(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.toml"
     with pytest.raises(ScenarioError, match=r"compare: expected one variants file, there is none"):
-        beside(scenario)
+        variants_path(scenario)
     (tmp_path / "compare").mkdir()
     for name in ("a.toml", "b.toml"):
         written(tmp_path / "compare", SMALL, name)
     with pytest.raises(ScenarioError, match=r"found a.toml, b.toml; say which with --variants"):
-        beside(scenario)
+        variants_path(scenario)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

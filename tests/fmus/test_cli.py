@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fmus import cli, toolchain
-from fmus.build import SHIPPED, find, shipped
+from fmus.build import SHIPPED, find, shipped_models
 from fmus.models import xi
 
 
@@ -45,7 +45,7 @@ def test_build_makes_an_fmu_that_validates(tmp_path: Path) -> None:
 def test_build_makes_everything_by_default(quick: list, tmp_path: Path) -> None:
     code, _ = call("build", "--out", str(tmp_path))
     assert code == 0
-    names = [model.identifier for model in shipped()]
+    names = [model.identifier for model in shipped_models()]
     assert [name for name, _ in quick] == names
     assert len(list(tmp_path.glob("*.fmu"))) == 2 * len(names)
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cosim.base.errors import CosimError, FmuError
-from fmus.build import find, pack, shipped, versions
+from fmus.build import find, pack, shipped_models, versions
 from fmus.cli import app
 from fmus.description3 import describe
 from fmus.kernel import Kernel
@@ -35,7 +35,7 @@ FEW = ("pd", "nuno_adaptive", "minimum_jerk", "teleoperation_n2")
 #: All sampled models; each takes a second to compile.
 SAMPLED = [
     pytest.param(m, id=m.identifier, marks=() if m.identifier in FEW else pytest.mark.slow)
-    for m in shipped()
+    for m in shipped_models()
     if m.kind == "sampled"
 ]
 Inputs = dict[str, np.ndarray]

@@ -17,7 +17,7 @@ from lxml import etree
 from cosim.base.units import BASE, parse
 from cosim.fmi.component import FmuComponent
 from fmus import toolchain
-from fmus.build import Version, find, shipped
+from fmus.build import Version, find, shipped_models
 from fmus.kernel import library
 from fmus.model import Model, Variable
 from fmus.models import planar2r
@@ -29,7 +29,7 @@ OURS = Path(toolchain.__file__).parent / "c"
 VERSIONS: tuple[Version, ...] = ("2.0", "3.0")
 BOTH = [
     pytest.param(model, version, id=f"{model.identifier}-{version}")
-    for model in shipped()
+    for model in shipped_models()
     for version in VERSIONS
 ]
 
@@ -54,14 +54,14 @@ def test_fmpy_finds_no_problem(model: Model, version: Version) -> None:
         ("terminalsAndIcons/terminalsAndIcons.xml", "fmi3TerminalsAndIcons.xsd"),
     ],
 )
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
+@pytest.mark.parametrize("model", shipped_models(), ids=lambda model: model.identifier)
 def test_the_other_files_fit_their_schemas(model: Model, name: str, schema: str) -> None:
     with ZipFile(find(model, "3.0")) as archive:
         document = etree.fromstring(archive.read(name))
     etree.XMLSchema(etree.parse(str(SCHEMAS / schema))).assertValid(document)
 
 
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
+@pytest.mark.parametrize("model", shipped_models(), ids=lambda model: model.identifier)
 def test_terminals_name_variables_that_are_there(model: Model) -> None:
     names = {
         element.get("name") for element in described(model, "3.0").iterfind("ModelVariables/*")

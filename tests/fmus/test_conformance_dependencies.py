@@ -9,7 +9,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from fmus.build import Version, find, shipped
+from fmus.build import Version, find, shipped_models
 from fmus.kernel import library, load
 from fmus.model import Model
 from fmus.models import planar2r
@@ -110,7 +110,7 @@ def by_variable(pairs: Iterable[tuple[str, str]]) -> Pairs:
 LATER = {"wave_admittance", "tdpa_impedance", "tdpa_admittance"}
 
 
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
+@pytest.mark.parametrize("model", shipped_models(), ids=lambda model: model.identifier)
 def test_initial_unknowns_depend_on_what_is_declared_and_on_nothing_else(model: Model) -> None:
     seen, said = Probe(model, in_steps=False).dependencies(), declared(model, "InitialUnknowns")
     assert seen <= said
@@ -118,7 +118,9 @@ def test_initial_unknowns_depend_on_what_is_declared_and_on_nothing_else(model: 
 
 
 @pytest.mark.parametrize(
-    "model", [m for m in shipped() if m.kind == "sampled"], ids=lambda model: model.identifier
+    "model",
+    [m for m in shipped_models() if m.kind == "sampled"],
+    ids=lambda model: model.identifier,
 )
 def test_outputs_of_sampled_models_depend_on_the_inputs_declared(model: Model) -> None:
     seen, said = Probe(model, in_steps=True).dependencies(), declared(model, "Outputs")
@@ -131,7 +133,7 @@ def test_the_motion_of_the_arm_does_not_depend_on_inputs_directly() -> None:
     assert not moved & {"q", "dq"}
 
 
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
+@pytest.mark.parametrize("model", shipped_models(), ids=lambda model: model.identifier)
 def test_fmi3_declares_the_same_dependencies_by_variable(model: Model) -> None:
     root = described(model, "3.0")
     names = [v.get("name", "") for v in root.iterfind("ModelVariables/*")]

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from fmus.build import SHIPPED, shipped
+from fmus.build import SHIPPED, shipped_models
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -32,7 +32,7 @@ def test_every_model_and_every_variable_is_on_it(writer: ModuleType) -> None:
     page = writer.page()
     for name in SHIPPED:
         assert f"\n## {name}\n" in page
-    for model in shipped():
+    for model in shipped_models():
         assert model.identifier in page
         for v in model.variables:
             assert v.causality == "local" or f"| `{v.name}` |" in page

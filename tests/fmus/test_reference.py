@@ -109,10 +109,10 @@ def test_declarations_are_read_without_numpy() -> None:
     code = (
         "import sys\n"
         "for name in ('numpy', 'msgspec', 'fmpy', 'typer', 'pyarrow'): sys.modules[name] = None\n"
-        "from fmus.build import shipped\n"
+        "from fmus.build import shipped_models\n"
         "from fmus.source import sources\n"
         "from fmus.description import model_description\n"
-        "for model in shipped(): sources(model), model_description(model, '3.0')\n"
+        "for model in shipped_models(): sources(model), model_description(model, '3.0')\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

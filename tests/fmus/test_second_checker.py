@@ -7,14 +7,14 @@ import sys
 
 import pytest
 
-from fmus.build import VERSIONS, find, shipped
+from fmus.build import VERSIONS, find, shipped_models
 
 CHECK = "from fmu_manipulation_toolbox.cli.fmutool import fmutool; fmutool()"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("model", shipped(), ids=lambda m: m.identifier)
+@pytest.mark.parametrize("model", shipped_models(), ids=lambda m: m.identifier)
 def test_a_second_checker_finds_nothing(model, version):
     command = [sys.executable, "-c", CHECK, "-input", str(find(model, version)), "-check"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)

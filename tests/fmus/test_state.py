@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus.build import shipped
+from fmus.build import shipped_models
 from fmus.model import Model
 from fmus.models import operator, planar2r, teleoperation
 
@@ -21,7 +21,7 @@ OK, ERROR = 0, 3
 VERSIONS = ("2.0", "3.0")
 ARM = planar2r.model()
 CONTROLLER = teleoperation.model(2)
-BOTH = [(model, version) for model in shipped() for version in VERSIONS]
+BOTH = [(model, version) for model in shipped_models() for version in VERSIONS]
 
 
 def run(d: Any, first: int, count: int, seed: int = 5) -> np.ndarray:
@@ -52,7 +52,7 @@ def test_a_run_continues_exactly_from_a_saved_state(drive: Any, model: Model, ve
     assert (run(other, 50, 50) == expected).all()
 
 
-@pytest.mark.parametrize("model", shipped(), ids=lambda model: model.identifier)
+@pytest.mark.parametrize("model", shipped_models(), ids=lambda model: model.identifier)
 @pytest.mark.parametrize(("source", "target"), [("2.0", "3.0"), ("3.0", "2.0")])
 def test_a_state_serialised_by_one_version_is_read_by_the_other(
     drive: Any, model: Model, source: str, target: str

@@ -12,7 +12,7 @@ import pytest
 from cosim.sweeps import figures, spec
 from cosim.sweeps.design import count, points
 from cosim.sweeps.execute import check
-from cosim.sweeps.run_point import job, perform
+from cosim.sweeps.run_point import job, run_point
 from cosim.sweeps.study import load_study
 from tests.cli.command import options_of
 from tests.sweep.studies import ROOT
@@ -44,7 +44,7 @@ def test_the_studies_that_are_here_can_be_run(path: Path) -> None:
     _, units = check(loaded, common)
     figures.check(loaded, [axis.name for axis in loaded.axes], units)
     point = next(points(loaded))
-    row = perform(common, replace(point, settings=(*point.settings, "run.stop='0.1 s'")))
+    row = run_point(common, replace(point, settings=(*point.settings, "run.stop='0.1 s'")))
     assert not row.reason
     assert set(row.measures) == set(units)
 

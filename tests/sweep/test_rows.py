@@ -20,7 +20,7 @@ from cosim.sweeps import figures
 from cosim.sweeps.design import points
 from cosim.sweeps.execute import check
 from cosim.sweeps.memory import record
-from cosim.sweeps.run_point import StudyRow, StudySetup, job, perform, scenario_of
+from cosim.sweeps.run_point import StudyRow, StudySetup, job, run_point, scenario_of
 from cosim.sweeps.study import load_study
 from tests.cosim import scenarios
 from tests.sweep.studies import ROOT, STUDY, written
@@ -28,7 +28,7 @@ from tests.sweep.studies import ROOT, STUDY, written
 
 def row(folder: Path, study: str, **changes: object) -> StudyRow:
     loaded = load_study(written(folder, study))
-    return perform(replace(job(loaded, None), **changes), next(points(loaded)))
+    return run_point(replace(job(loaded, None), **changes), next(points(loaded)))
 
 
 def gain(value: float, more: str = "") -> str:
@@ -39,8 +39,8 @@ def test_the_measures_are_those_of_a_run_folder_to_the_bit(tmp_path: Path) -> No
     loaded = load_study(ROOT / "configs" / "studies" / "lambda_M_K.toml")
     common, point = job(loaded, None), next(points(loaded))
     point = replace(point, settings=(*point.settings, "run.stop='3 s'"))
-    in_memory = perform(common, point)
-    on_disk = perform(replace(common, keep=tmp_path), point)
+    in_memory = run_point(common, point)
+    on_disk = run_point(replace(common, keep=tmp_path), point)
     assert not in_memory.reason
     assert in_memory.measures == on_disk.measures
     assert in_memory.measures["sync_error.settle_s"] == inf

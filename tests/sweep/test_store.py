@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cosim.base.errors import ScenarioError
 from cosim.sweeps import store as stores
 from cosim.sweeps.run_point import StudyRow
-from cosim.sweeps.store import Store, locked, parts, rows
+from cosim.sweeps.store import Store, lock_folder, parts, rows
 
 
 def made(i: int, **measures: float) -> StudyRow:
@@ -134,12 +134,12 @@ def test_columns_are_numbers_truths_or_text(tmp_path: Path) -> None:
 
 def test_one_sweep_at_a_time(tmp_path: Path) -> None:
     with (
-        locked(tmp_path),
+        lock_folder(tmp_path),
         pytest.raises(ScenarioError, match="another sweep is running"),
-        locked(tmp_path),
+        lock_folder(tmp_path),
     ):
         pass
-    with locked(tmp_path):
+    with lock_folder(tmp_path):
         pass
 
 

@@ -13,7 +13,7 @@ import pytest
 import cosim.engine.simulate
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import Interrupted
-from cosim.base.interrupts import deferred
+from cosim.base.interrupts import stop_on_signal
 from cosim.engine.simulate import RunOutcome, simulate
 from cosim.record import Run
 from tests.system.runs import Document, scenario
@@ -92,7 +92,7 @@ def test_between_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_second_one_does_not_wait() -> None:
     stopped: list[bool] = []
-    with pytest.raises(KeyboardInterrupt), deferred(lambda: stopped.append(True)):
+    with pytest.raises(KeyboardInterrupt), stop_on_signal(lambda: stopped.append(True)):
         signal.raise_signal(signal.SIGINT)
         assert stopped == [True]
         signal.raise_signal(signal.SIGINT)
@@ -101,7 +101,7 @@ def test_a_second_one_does_not_wait() -> None:
 
 
 def test_what_went_wrong_comes_first() -> None:
-    with pytest.raises(ValueError, match="broken"), deferred(lambda: None):
+    with pytest.raises(ValueError, match="broken"), stop_on_signal(lambda: None):
         signal.raise_signal(signal.SIGINT)
         raise ValueError("broken")
 
@@ -110,7 +110,7 @@ def test_somebody_else_s_handler_is_left_alone() -> None:
     seen: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, _: seen.append(number))
     try:
-        with deferred(lambda: seen.append(-1)):
+        with stop_on_signal(lambda: seen.append(-1)):
             signal.raise_signal(signal.SIGINT)
         assert seen == [signal.SIGINT]
     finally:

@@ -17,7 +17,7 @@ from bridge.preflight import host
 from bridge.rehearsal.hosts import Hosts
 from bridge.relay import namespaces
 from cosim.base.errors import ScenarioError
-from cosim.base.interrupts import terminated
+from cosim.base.interrupts import signals_as_interrupt
 
 SCENARIO = Path("configs/teleoperation.toml").resolve()
 ROOT = SCENARIO.parents[1]
@@ -86,7 +86,7 @@ def test_a_signal_while_hosts_are_made_leaves_no_namespace(tmp_path, monkeypatch
     monkeypatch.setattr(namespaces, "delete", made.remove)
     monkeypatch.setattr(namespaces, "multicast", lambda name: None)
     hosts = Hosts({"a": ["a"]}, tmp_path / "packets")
-    with terminated(), pytest.raises(KeyboardInterrupt):
+    with signals_as_interrupt(), pytest.raises(KeyboardInterrupt):
         hosts.__enter__()
     assert made == []
 
@@ -101,6 +101,10 @@ def test_a_signal_while_hosts_are_removed_removes_them_all(tmp_path, monkeypatch
     monkeypatch.setattr(namespaces, "add", made.append)
     monkeypatch.setattr(namespaces, "delete", delete)
     monkeypatch.setattr(namespaces, "multicast", lambda name: None)
-    with terminated(), pytest.raises(KeyboardInterrupt), Hosts({"a": ["a"]}, tmp_path / "packets"):
+    with (
+        signals_as_interrupt(),
+        pytest.raises(KeyboardInterrupt),
+        Hosts({"a": ["a"]}, tmp_path / "packets"),
+    ):
         assert made
     assert made == []

@@ -19,7 +19,7 @@ from cosim.base.errors import CutShort, Interrupted, ScenarioError
 from cosim.engine.recovery import repair
 from cosim.record import Run, verify
 from cosim.scenario.assemble import assemble
-from cosim.scenario.recorded import over
+from cosim.scenario.recorded import with_recorded_links
 from tests.bridge.deployments import named
 
 #: The plant's parameter is another one than the scenario's: recovery has to use the run's own.
@@ -82,7 +82,9 @@ def test_readers_share_what_was_collected_until_the_journals_change(
 
 
 def test_its_links_are_links_of_another_run(cut: Path, system: System, whole: Run) -> None:
-    plans = [over(assemble(system.scenario), run) for run in (cut, whole.path.parent)]
+    plans = [
+        with_recorded_links(assemble(system.scenario), run) for run in (cut, whole.path.parent)
+    ]
     held = [[x.table.stream(400).rows(400).tolist() for x in plan.links] for plan in plans]
     assert held[0] == held[1]
 
@@ -121,7 +123,7 @@ def test_ctrl_c_of_a_twin_keeps_what_was_simulated(
         yield
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(twin, "deferred", pressed)
+    monkeypatch.setattr(twin, "stop_on_signal", pressed)
     with pytest.raises(Interrupted, match="interrupted at t = "):
         run_twin(system, tmp_path / "here", SETTINGS)
     run = Run.open(tmp_path / "here")

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.cases import rings
 from benchmarks.scaling import document
 from cosim.engine.engine import Engine
-from cosim.fmi.description import of_content
+from cosim.fmi.description import read_cached
 from cosim.native.structs import Code
 from cosim.scenario.assemble import assemble
 from cosim.schedule.plan import compile_plan
@@ -129,7 +129,7 @@ def test_the_ring_that_is_measured_has_one_copy_and_one_step_each():
 
 def test_an_fmu_in_the_cache_is_neither_unpacked_nor_parsed_twice(monkeypatch):
     rings(1, 100).plan("fmi2", 100)
-    of_content.cache_clear()
+    read_cached.cache_clear()
     parsed = []
     parse = ElementTree.parse
     monkeypatch.setattr(ElementTree, "parse", lambda path: parsed.append(path) or parse(path))

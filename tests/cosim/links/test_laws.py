@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.links.laws import Constant, Uniform, exact
+from cosim.links.laws import Constant, Uniform, decimal_fraction
 from cosim.links.table import generator
 from cosim.links.traces import DelayTrace
 
@@ -54,7 +54,7 @@ def test_chunks_do_not_change_the_delays(law, cuts):
 )
 def test_a_draw_holds_for_exactly_its_interval(period, hold, start):
     """Sample k has draw floor(k·period/hold), in exact arithmetic, late in a run as well."""
-    p, q = exact(period), exact(hold)
+    p, q = decimal_fraction(period), decimal_fraction(hold)
     stream = Uniform(0.0, 1.0, hold).stream(p, generator(1, "x"))
     draws = generator(1, "x").random(int((start + 300) * p / q) + 1)
     for n in [*[50_000] * (start // 50_000), start % 50_000]:
@@ -65,7 +65,11 @@ def test_a_draw_holds_for_exactly_its_interval(period, hold, start):
 
 def test_units_written_differently_redraw_at_the_same_sample():
     a = Uniform(0.3, 1.2, 0.03).stream(PERIOD, generator(0, "x")).take(5000)
-    b = Uniform(0.3, 1.2, 30 * 1e-3).stream(5 * exact(1e-3), generator(0, "x")).take(5000)
+    b = (
+        Uniform(0.3, 1.2, 30 * 1e-3)
+        .stream(5 * decimal_fraction(1e-3), generator(0, "x"))
+        .take(5000)
+    )
     assert np.array_equal(a, b)
     assert np.flatnonzero(np.diff(a)).tolist() == list(range(5, 4999, 6))
 

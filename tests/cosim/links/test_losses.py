@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
-from cosim.links.laws import Constant, Uniform, exact
+from cosim.links.laws import Constant, Uniform, decimal_fraction
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.outages import Outage, RandomOutage
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
@@ -98,11 +98,16 @@ def test_chunks_do_not_change_the_losses(model, cuts):
 def test_an_outage_begins_and_ends_at_its_sample(period, length, gap, start, first):
     """k is lost where start <= k·period and (k·period - start) mod every < length, exactly."""
     model = Outage(length, round(length + gap, 4), start)
-    p, begin, every = exact(period), exact(start), exact(model.every)
+    p, begin, every = (
+        decimal_fraction(period),
+        decimal_fraction(start),
+        decimal_fraction(model.every),
+    )
     stream = model.stream(p, generator(0, "x"))
     stream.take(first)
     expected = [
-        k * p >= begin and (k * p - begin) % every < exact(length) for k in range(first, first + 99)
+        k * p >= begin and (k * p - begin) % every < decimal_fraction(length)
+        for k in range(first, first + 99)
     ]
     assert stream.take(99).tolist() == expected
 

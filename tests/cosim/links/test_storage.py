@@ -181,7 +181,7 @@ def test_a_table_that_cannot_be_begun_leaves_no_file(
         file.write(data[:3])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(writer, "_put", full)
+    monkeypatch.setattr(writer, "_write_all", full)
     with pytest.raises(RunError, match="No space left on device"):
         writer.TableWriter(tmp_path / "x.parquet", {"name": "x"})
     assert not list(tmp_path.iterdir())

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links.graphs import PRESETS, Graph
-from cosim.links.laws import exact
+from cosim.links.laws import decimal_fraction
 from cosim.links.switching import Random, Schedule, Static, Switching
 from cosim.links.table import generator
 from cosim.links.topology import Topology, make_topology
@@ -72,9 +72,9 @@ def test_a_schedule_holds_from_its_times_on(period, h, repeat):
     topology = Topology((CHAIN, BACK), Schedule(times, (0, 1, 0, 1), repeat), seed=0)
     expected = []
     for k in range(200):
-        t = k * period * exact(h)
-        t = t % exact(repeat) if repeat else t
-        expected.append([0.0, 1.0][sum(exact(x) <= t for x in times) % 2 == 0])
+        t = k * period * decimal_fraction(h)
+        t = t % decimal_fraction(repeat) if repeat else t
+        expected.append([0.0, 1.0][sum(decimal_fraction(x) <= t for x in times) % 2 == 0])
     assert rows(topology, n=200, period=period, h=h)[:, 0].tolist() == expected
 
 

@@ -13,7 +13,7 @@ from cosim.links.storage import load_table
 from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
-from cosim.scenario.recorded import over
+from cosim.scenario.recorded import with_recorded_links
 
 CONFIG = Path(__file__).parents[3] / "configs" / "teleoperation.toml"
 LOSS = [f'links.{i}.loss={{law="independent", p=0.2}}' for i in (0, 1)]
@@ -35,7 +35,7 @@ def signals(folder: Path) -> np.ndarray:
 
 def test_the_same_scenario_over_the_same_tables_is_the_same_run(run: Path, tmp_path: Path):
     scenario = load(CONFIG, ["run.stop=3"])  # another seed, another law, nothing lost
-    simulate(scenario, tmp_path / "again", plan=over(assemble(scenario), run))
+    simulate(scenario, tmp_path / "again", plan=with_recorded_links(assemble(scenario), run))
     assert np.array_equal(signals(tmp_path / "again"), signals(run))
     for name, path in Run.open(run).link_tables.items():
         found = load_table(Run.open(tmp_path / "again").link_tables[name])[1]
@@ -44,7 +44,9 @@ def test_the_same_scenario_over_the_same_tables_is_the_same_run(run: Path, tmp_p
 
 def test_another_controller_hears_the_same_network(run: Path, tmp_path: Path):
     scenario = load(CONFIG, ["run.stop=2", "components.master_control.parameters.lambda_M=1"])
-    found = simulate(scenario, tmp_path / "other", plan=over(assemble(scenario), run))
+    found = simulate(
+        scenario, tmp_path / "other", plan=with_recorded_links(assemble(scenario), run)
+    )
     assert not np.array_equal(signals(tmp_path / "other"), signals(run)[:, :2001])
     recorded = load(CONFIG, ["run.stop=2", "run.seed=7", *LATE, *LOSS])
     assert found.ages == simulate(recorded, tmp_path / "short").ages
@@ -63,9 +65,9 @@ def test_another_controller_hears_the_same_network(run: Path, tmp_path: Path):
 )
 def test_tables_that_do_not_fit(settings: list[str], said: str, run: Path):
     with pytest.raises(ScenarioError, match=said):
-        over(assemble(load(CONFIG, settings)), run)
+        with_recorded_links(assemble(load(CONFIG, settings)), run)
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path):
     with pytest.raises(ScenarioError, match="there is no such run folder"):
-        over(assemble(load(CONFIG)), tmp_path / "none")
+        with_recorded_links(assemble(load(CONFIG)), tmp_path / "none")

@@ -23,7 +23,7 @@ class Stepper:
         self.y, self._h = y, h
         self._three = fmu.description.fmi == "3.0"
         handle = c.c_void_p(fmu.instance.handle)
-        put, step, get = fmu.instance.hot()
+        put, step, get = fmu.instance.loop_functions()
         inputs, outputs = (fmu.references(name) for name in ("input", "output"))
         self._u, self._y = (
             (c.c_double * (sum(p.size for p in fmu.inputs)))(),

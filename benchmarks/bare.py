@@ -108,7 +108,7 @@ class Floor:
     def _fmu(self, step: Step) -> _Fmu:
         component = _fmu(step)
         fmu = _Fmu(instance=component.instance.handle)
-        fmu.set, fmu.step, fmu.get = component.instance.hot()
+        fmu.set, fmu.step, fmu.get = component.instance.loop_functions()
         for name in ("input", "output"):
             references = component.references(name)
             array = (c.c_uint32 * max(1, len(references)))(*references)

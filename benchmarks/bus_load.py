@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bridge.can.load import log_bits, log_times, measured  # noqa: E402
+from bridge.can.load import log_bits, log_times, measured_load  # noqa: E402
 from bridge.native import load as native  # noqa: E402
 from bridge.native.frame import Frame  # noqa: E402
 from bridge.native.library import library  # noqa: E402
@@ -47,7 +47,7 @@ def frames(length: int, flags: int) -> list[str]:
     )
     whole = best_of(lambda: log_bits(*log), 1)
     durations = log_times(log_bits(*log), BusTiming(1e6, 5e6))
-    window = best_of(lambda: measured(np.cumsum(durations), durations), 1)
+    window = best_of(lambda: measured_load(np.cumsum(durations), durations), 1)
     return [f"{python * 1e6:.1f}", f"{in_c * 1e6:.2f}", f"{whole:.2f}", f"{window:.2f}"]
 
 

@@ -23,7 +23,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim 
 from benchmarks import tables
 from bridge.deployment.system import System, load_system
 from bridge.replay import twin
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import stopwatch
 from cosim.engine.engine import Engine
 from cosim.scenario.assemble import assemble
@@ -32,28 +32,28 @@ ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"
 
 
-def everything(wired: Wired) -> None:
+def everything(wired: WiredNode) -> None:
     """Nothing switched off."""
 
 
-def unrecorded(wired: Wired) -> None:
+def unrecorded(wired: WiredNode) -> None:
     """A journal that is full: no rows are written."""
     wired.journal.struct.capacity = 0
 
 
-def unheard(wired: Wired) -> None:
+def unheard(wired: WiredNode) -> None:
     """What is heard is not recorded."""
     wired.struct.heard = None
 
 
-def unguarded(wired: Wired) -> None:
+def unguarded(wired: WiredNode) -> None:
     """Torques go out as computed."""
     for outlet in wired.sending.outlets:
         outlet.guard = None
 
 
 #: Variant -> settings of the deployment, and what is done to each node.
-VARIANTS: dict[str, tuple[tuple[str, ...], Callable[[Wired], None]]] = {
+VARIANTS: dict[str, tuple[tuple[str, ...], Callable[[WiredNode], None]]] = {
     "all": ((), everything),
     "without journal": ((), unrecorded),
     "without what was heard": ((), unheard),
@@ -62,11 +62,11 @@ VARIANTS: dict[str, tuple[tuple[str, ...], Callable[[Wired], None]]] = {
 }
 
 
-def slots_ns(system: System, prepare: Callable[[Wired], None]) -> float:
+def slots_ns(system: System, prepare: Callable[[WiredNode], None]) -> float:
     """Time of a slot, ns, all nodes together."""
     with (
         tempfile.TemporaryDirectory(dir="/dev/shm") as scratch,
-        twin.wired(system, Path(scratch), prepare) as nodes,
+        twin.wired_nodes(system, Path(scratch), prepare) as nodes,
     ):
         watch = stopwatch()
         twin.run(system, nodes)

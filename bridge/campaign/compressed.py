@@ -16,13 +16,13 @@ from bridge.native import node as native
 from bridge.native.message import E2EProfile, Message
 from bridge.native.safety import LifeState
 from bridge.node.fault_injection import inject
-from bridge.node.run import NodeOptions, stated
+from bridge.node.run import NodeOptions, node_statement
 from bridge.records.lives import Life
-from bridge.rehearsal.supervisor import Ended
+from bridge.rehearsal.supervisor import RehearsalRecord
 from bridge.replay import twin
 from bridge.results.outcome import begin, complete
 from bridge.results.rehearsal_outcome import RehearsalOutcome
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.record.folder import NODES
 
 
@@ -50,22 +50,24 @@ def run(
     faults: dict[str, NodeFaults | None] = {}
     kept: list[Message] = []
 
-    def prepare(node: Wired) -> None:
+    def prepare(node: WiredNode) -> None:
         faults[node.name] = inject(node, script, nodes / Life(node.name).file("faults"))
         if blind:
             kept.extend(_blinded(node))
 
-    with twin.wired(system, nodes, prepare) as wired:
+    with twin.wired_nodes(system, nodes, prepare) as wired:
         twin.run(system, wired)
         for name, node in wired.items():
             failed = node.struct.life.state in (LifeState.FAULT, LifeState.STOPPING)
             result = native.FAULT if failed else native.FINISHED
             options = NodeOptions(Life(name), nodes)
-            stated(node, {}, options, result, {}, "", faults[name]).write(nodes)
-    return complete(system, folder, Ended(), facts, with_twin=False, formats=(), script=script)
+            node_statement(node, {}, options, result, {}, "", faults[name]).write(nodes)
+    return complete(
+        system, folder, RehearsalRecord(), facts, with_twin=False, formats=(), script=script
+    )
 
 
-def _blinded(node: Wired) -> list[Message]:
+def _blinded(node: WiredNode) -> list[Message]:
     """Receivers that check neither CRC nor counter; the messages they read by."""
     made = []
     for reception in node.receiving.receptions.values():

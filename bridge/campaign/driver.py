@@ -56,7 +56,7 @@ def runs_for(job: CampaignSetup, faults: int) -> int:
     raise AssertionError("not reached")
 
 
-def perform(job: CampaignSetup, k: int) -> StudyRow:
+def run_and_judge(job: CampaignSetup, k: int) -> StudyRow:
     """Run `k`, simulated or rehearsed, judged."""
     channel, rehearsed = job.kind_of_run(k)
     many, system = job.many, _system(job.many, channel, rehearsed)
@@ -70,10 +70,10 @@ def perform(job: CampaignSetup, k: int) -> StudyRow:
 
     def run(folder: Path) -> RunDone:
         if rehearsed:
-            return soak.rehearsed(one, k, folder, drawn)
+            return soak.rehearse_run(one, k, folder, drawn)
         return _simulated(system, drawn(system, ()), folder, one.changes, job.blind)
 
-    row = soak.performed(one, k, run)
+    row = soak.judge_row(one, k, run)
     how = "rehearsed" if rehearsed else "simulated"
     return replace(row, cells={**row.cells, "channel": channel, "how": how})
 
@@ -108,8 +108,8 @@ def campaign(
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
     return drive(
-        job.folder, job.many.spec.title, facts(job), partial(perform, job), runs_for(job, faults),
-        parallel, retry=retry, observer=observer,
+        job.folder, job.many.spec.title, facts(job), partial(run_and_judge, job),
+        runs_for(job, faults), parallel, retry=retry, observer=observer,
     )  # fmt: skip
 
 

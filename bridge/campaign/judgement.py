@@ -37,7 +37,7 @@ BEFORE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedRun:
     """A row of a campaign's table; `failures`: what had to be otherwise; none: passed.
 
     `ended`: what became of the nodes that did not finish; `seen`: counters of receivers that are
@@ -57,20 +57,20 @@ class Judged:
     failures: tuple[str, ...]
 
 
-def lost(script: str, error: Exception) -> Judged:
+def failed_run(script: str, error: Exception) -> JudgedRun:
     """A run that came to nothing."""
-    return Judged(Path(script).stem, {}, {}, 0, 0, 0.0, False, "", (f"no run: {error}",))
+    return JudgedRun(Path(script).stem, {}, {}, 0, 0, 0.0, False, "", (f"no run: {error}",))
 
 
-def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> Judged:
+def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> JudgedRun:
     """Look at a run folder and what was said of it."""
-    ended = dict(_ended(system, outcome))
+    ended = dict(_unfinished_lives(system, outcome))
     seen = _seen(outcome)
     found = [_corrupted(system, outcome, report) for report in outcome.reports]
     corrupted, undetected = (sum(part[i] for part in found) for i in (0, 1))
     torque = max(_shares(system, outcome.rows), default=0.0)
     exact = outcome.replayed is not None and outcome.replayed.first is None
-    judged = Judged(
+    judged = JudgedRun(
         Path(spec.script).stem,
         ended,
         seen,
@@ -81,9 +81,12 @@ def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> J
         "0" if exact else outcome.replay_error or f"{outcome.replayed}",
         (),
     )
-    return Judged(
-        **{f: getattr(judged, f) for f in Judged.__slots__ if f != "failures"},
-        failures=(*_expected(system, spec, outcome, judged), *_always(system, outcome, judged)),
+    return JudgedRun(
+        **{f: getattr(judged, f) for f in JudgedRun.__slots__ if f != "failures"},
+        failures=(
+            *_expected(system, spec, outcome, judged),
+            *_broken_invariants(system, outcome, judged),
+        ),
     )
 
 
@@ -91,7 +94,7 @@ def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> J
 
 
 def _expected(
-    system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome, judged: Judged
+    system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome, judged: JudgedRun
 ) -> Iterator[str]:
     """What the campaign says of this run, where it was otherwise."""
     if spec.ends == "finished" and not outcome.finished:
@@ -111,7 +114,9 @@ def _expected(
             yield f"expected frames counted as {name}; none were"
 
 
-def _always(system: System, outcome: RehearsalOutcome, judged: Judged) -> Iterator[str]:
+def _broken_invariants(
+    system: System, outcome: RehearsalOutcome, judged: JudgedRun
+) -> Iterator[str]:
     """What holds in every run, where it does not."""
     if judged.undetected:
         yield f"{judged.undetected} corrupted frames accepted"
@@ -136,7 +141,7 @@ def reasons(outcome: RehearsalOutcome, report: NodeReport) -> set[str]:
     return set(names(Why(int(outcome.rows[report.life]["reasons"][-1]))))
 
 
-def _ended(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[Life, str]]:
+def _unfinished_lives(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[Life, str]]:
     """Each life that did not finish, and why in one word or two."""
     for report in outcome.reports:
         if report.end is not LifeEnd.FINISHED:
@@ -167,11 +172,11 @@ def _corrupted(system: System, outcome: RehearsalOutcome, report: NodeReport) ->
     if not path.is_file():
         return 0, 0
     record, total, accepted = Journal.open(path), 0, 0
-    for name in system.heard_by(report.life.node):
+    for name in system.received_by(report.life.node):
         carried = system.messages[name]
         bus = system.buses_of(report.life.node).index(carried.bus)
         rows = record[record["bus"] == bus]
-        rows = injected.changed(rows, Accept.of(carried.encoding.message))
+        rows = injected.corrupted_frames(rows, Accept.of(carried.encoding.message))
         if not len(rows):
             continue
         copies = int(rows["copies"].sum())
@@ -207,7 +212,7 @@ def _accepted(
     """When (ns, its arrival) each sequence number was first accepted."""
     path = outcome.folder / NODES / report.life.file(HEARD)
     rows = Journal.open(path)
-    mine = rows[rows["message"] == system.heard_by(report.life.node).index(message)]
+    mine = rows[rows["message"] == system.received_by(report.life.node).index(message)]
     numbers, at = np.unique(mine["sequence"], return_index=True)
     times = mine["arrival_ns"][at]
     return {int(n): int(t) for n, t in zip(numbers, times, strict=True)}
@@ -234,7 +239,7 @@ def _shares(system: System, rows: Mapping[Life, Rows]) -> Iterator[float]:
 # ---- the table ------------------------------------------------------------------------------
 
 
-def table(judged: list[Judged]) -> list[list[str]]:
+def table(judged: list[JudgedRun]) -> list[list[str]]:
     """Rows of text, the heading first."""
     head = ["script", "nodes that did not finish", "receivers counted", "corrupted", "accepted"]
     rows = [[*head, "torque", "replay", "as expected"]]

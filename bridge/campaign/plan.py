@@ -30,7 +30,16 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from bridge.campaign.soak_spec import FRAMES, LINKS, Soak, SoakSpec, Table, Value, kind_of, rounded
+from bridge.campaign.soak_spec import (
+    FRAMES,
+    LINKS,
+    Soak,
+    SoakSpec,
+    Table,
+    Value,
+    kind_of,
+    round_duration,
+)
 from bridge.deployment import spec as deploy
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE
@@ -151,7 +160,7 @@ def _of_frames(
     hostile = [kind for kind in HOSTILE if kind in many.kinds]
     plain = [kind for kind in FRAMES if kind in many.kinds]
     length = (many.run - FIRST - LAST) / windows
-    streams = [(n, m) for n in system.nodes if n not in away for m in system.heard_by(n)]
+    streams = [(n, m) for n in system.nodes if n not in away for m in system.received_by(n)]
     for node, message in streams:
         at = range(windows)
         if hostile and random.random() < HOSTILE_PART:
@@ -175,8 +184,8 @@ def _hearing_sync(system: System) -> list[str]:
         node
         for node in system.nodes
         if node != sender
-        and system.heard_by(node)
-        and any(one.name == "SYNC" and one.bus in buses for one in system.listened(node))
+        and system.received_by(node)
+        and any(one.name == "SYNC" and one.bus in buses for one in system.subscriptions(node))
     ]
 
 
@@ -187,7 +196,13 @@ def _framed(
     said = _drawn(many.kinds[kind], random)
     lasts = min(float(said.pop("for", high - low)), high - low)
     t = float(random.uniform(low, high - lasts))
-    return {"kind": kind, **whom, "from": rounded(t), "to": rounded(t + lasts), **said}
+    return {
+        "kind": kind,
+        **whom,
+        "from": round_duration(t),
+        "to": round_duration(t + lasts),
+        **said,
+    }
 
 
 def _of_processes(many: Many, system: System, random: np.random.Generator) -> Iterator[Table]:
@@ -196,7 +211,7 @@ def _of_processes(many: Many, system: System, random: np.random.Generator) -> It
     Who is killed is on no network that the node which begins again has to find it on; where every
     node is, there is one of the two.
     """
-    there = [str(n) for n in random.permutation([n for n in system.nodes if system.heard_by(n)])]
+    there = [str(n) for n in random.permutation([n for n in system.nodes if system.received_by(n)])]
     near = [n for n in there if not _on_network(system, n)]
     killed = near[0] if near else there[0]
     again, *others = [n for n in there if n != killed]
@@ -209,7 +224,12 @@ def _of_processes(many: Many, system: System, random: np.random.Generator) -> It
     ):
         if kind in many.kinds and kind != without:
             said = _drawn(many.kinds[kind], random)
-            yield {"kind": kind, "node": node, "at": rounded(float(random.uniform(*when))), **said}
+            yield {
+                "kind": kind,
+                "node": node,
+                "at": round_duration(float(random.uniform(*when))),
+                **said,
+            }
 
 
 def _on_network(system: System, node: str) -> bool:
@@ -225,9 +245,9 @@ def _of_links(many: Many, links: Sequence[str], random: np.random.Generator) -> 
     for i, kind in enumerate(kinds if links else []):
         said = _drawn(many.kinds[kind], random)
         lasts = min(float(said.pop("for")), length)
-        t = rounded(low + i * length + float(random.uniform(0.0, length - lasts)))
+        t = round_duration(low + i * length + float(random.uniform(0.0, length - lasts)))
         link = str(random.choice(["*", *links]))
-        yield {"kind": kind, "link": link, "at": t, "for": rounded(lasts), **said}
+        yield {"kind": kind, "link": link, "at": t, "for": round_duration(lasts), **said}
 
 
 def _drawn(keys: Mapping[str, Value], random: np.random.Generator) -> dict[str, Any]:
@@ -236,7 +256,9 @@ def _drawn(keys: Mapping[str, Value], random: np.random.Generator) -> dict[str, 
     for key, value in keys.items():
         if key == "weight":
             continue
-        found[key] = rounded(float(random.uniform(*value))) if isinstance(value, tuple) else value
+        found[key] = (
+            round_duration(float(random.uniform(*value))) if isinstance(value, tuple) else value
+        )
     if "count" in found:
         found["count"] = round(found["count"])
     return found

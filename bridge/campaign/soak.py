@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bridge.campaign import judgement
-from bridge.campaign.soak_judgement import RunDone, judged, measured
+from bridge.campaign.soak_judgement import RunDone, judge_soak_run, run_numbers
 from bridge.campaign.soak_spec import Soak, Table, draw, text
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
@@ -62,16 +62,16 @@ class SoakSetup:
 Drawn = Callable[[System, tuple[str, ...]], Table]
 
 
-def perform(job: SoakSetup, k: int) -> StudyRow:
+def run_soak(job: SoakSetup, k: int) -> StudyRow:
     """Run `k`; what goes wrong becomes the reason of its row."""
 
     def drawn(system: System, links: tuple[str, ...]) -> Table:
         return draw(job.soak, system, links, job.seed, k)
 
-    return performed(job, k, lambda folder: rehearsed(job, k, folder, drawn))
+    return judge_row(job, k, lambda folder: rehearse_run(job, k, folder, drawn))
 
 
-def performed(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
+def judge_row(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
     """Judge what `run` makes in the folder of run `k`; what goes wrong becomes its row's reason."""
     name, watch = f"{k:05d}", stopwatch()
     folder = job.folder / RUNS / name
@@ -82,8 +82,8 @@ def performed(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRo
     try:
         with signals_as_interrupt(), np.errstate(all="ignore"):
             done = run(folder)
-            measures = measured(job.soak, done)
-            found = judged(job.soak, done, measures)
+            measures = run_numbers(job.soak, done)
+            found = judge_soak_run(job.soak, done, measures)
         cells["faults"] = ", ".join(f.kind for f in done.outcome.faults)
         cells["ended"] = "; ".join(f"{x}: {why}" for x, why in done.judged.ended.items())
     except CosimError as error:
@@ -94,14 +94,14 @@ def performed(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRo
     if well and not job.keep:
         shutil.rmtree(folder, ignore_errors=True)
     else:
-        found = _sealed(folder, found)
+        found = _write_checksums(folder, found)
     cells["verdict"] = str(found.word)
     return StudyRow(
         name, cells, job.changes, well, "; ".join(found.reasons), wall=watch(), measures=measures
     )
 
 
-def _sealed(folder: Path, found: Verdict) -> Verdict:
+def _write_checksums(folder: Path, found: Verdict) -> Verdict:
     """Sums of everything a run has left, also by its hosts; an error where that cannot be done."""
     try:
         if not is_unfinished(folder):
@@ -111,7 +111,7 @@ def _sealed(folder: Path, found: Verdict) -> Verdict:
     return found
 
 
-def rehearsed(job: SoakSetup, k: int, folder: Path, drawn: Drawn) -> RunDone:
+def rehearse_run(job: SoakSetup, k: int, folder: Path, drawn: Drawn) -> RunDone:
     """Rehearse with what is drawn for this run, and make its folder."""
     system = load_system(job.scenario, str(job.deployment), job.changes)
     with ExitStack() as stack:

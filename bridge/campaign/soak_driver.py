@@ -11,7 +11,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from bridge.campaign.soak import RUNS, SoakSetup, perform
+from bridge.campaign.soak import RUNS, SoakSetup, run_soak
 from bridge.relay import namespaces
 from bridge.results.verdict import Word
 from cosim.base.errors import ScenarioError
@@ -19,7 +19,7 @@ from cosim.base.interrupts import stop_on_signal
 from cosim.engine.simulate import versions
 from cosim.sweeps import store as stores
 from cosim.sweeps import workers
-from cosim.sweeps.execute import Begun
+from cosim.sweeps.execute import PlannedRuns
 from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store
 
@@ -38,7 +38,7 @@ def count(hours: float, seconds: float) -> int:
 class RunsObserver:
     """Who is told of many runs: `begun` once, `done` with every row, `stopping` at a Ctrl-C."""
 
-    begun: Callable[[Begun], None] = lambda begun: None
+    begun: Callable[[PlannedRuns], None] = lambda begun: None
     done: Callable[[StudyRow], None] = lambda row: None
     stopping: Callable[[], None] = lambda: None
 
@@ -55,7 +55,7 @@ def soak(
 ) -> list[Record]:
     """All runs of a soak; see :func:`drive`."""
     return drive(
-        job.folder, job.soak.spec.title, _facts(job), partial(perform, job), runs, parallel,
+        job.folder, job.soak.spec.title, _facts(job), partial(run_soak, job), runs, parallel,
         retry=retry, observer=observer,
     )  # fmt: skip
 
@@ -88,7 +88,7 @@ def drive(
             again = store.failed & set(names) if retry else set[str]()
             todo = [k for name, k in names.items() if name not in store.done - again]
             there = len(store.done & set(names))
-            observer.begun(Begun(runs, runs, there, len(todo), False, 0, len(again)))
+            observer.begun(PlannedRuns(runs, runs, there, len(todo), False, 0, len(again)))
             try:
                 _run(perform, todo, parallel, store, observer)
             finally:

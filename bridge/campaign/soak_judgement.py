@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.campaign import judgement
-from bridge.campaign.judgement import Judged
+from bridge.campaign.judgement import JudgedRun
 from bridge.campaign.soak_spec import Soak
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, FaultScript
@@ -18,7 +18,7 @@ from bridge.node.handle import NodeHandle
 from bridge.records.lives import Life
 from bridge.records.records import LifeEnd, Missed, Refused
 from bridge.results.rehearsal_outcome import RehearsalOutcome
-from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unasked_lateness
+from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unplanned_lateness
 from bridge.wiring.wiring import Rows
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import evaluate
@@ -44,23 +44,26 @@ class RunDone:
     system: System
     script: FaultScript
     outcome: RehearsalOutcome
-    judged: Judged
+    judged: JudgedRun
     lives: Sequence[NodeHandle]
 
 
-def judged(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Verdict:
+def judge_soak_run(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Verdict:
     """The verdict on a run of a soak; inconclusive where only the machine's lateness shows."""
-    found, timed = list(_always(soak, done, measures)), list(_timed(soak, done, measures))
+    found, timed = (
+        list(_broken_invariants(soak, done, measures)),
+        list(_timed(soak, done, measures)),
+    )
     if found:
         return Verdict(Word.FAILED, (*found, *timed))
-    late = unasked_lateness(done.system, done.outcome)
+    late = unplanned_lateness(done.system, done.outcome)
     if timed and late >= limit(done.system) / 2:
         why = f"this machine let a node wait for {late * 1e3:.0f} ms"
         return Verdict(Word.INCONCLUSIVE, (why, *timed))
     return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
 
 
-def measured(soak: Soak, done: RunDone) -> dict[str, float]:
+def run_numbers(soak: Soak, done: RunDone) -> dict[str, float]:
     """Numbers of a run: faults by kind, torque (N.m), slots missed, lateness (ms), …"""
     found: dict[str, float] = {"s": done.system.plan.ticks * done.system.plan.h}
     for fault in done.outcome.faults:
@@ -80,7 +83,7 @@ def measured(soak: Soak, done: RunDone) -> dict[str, float]:
         "stopped": float(sum(r.end is LifeEnd.FAULT for r in reports)),
     }
     if soak.spec.together is not None:
-        found["together"] = _together(soak, done)
+        found["together"] = _arm_distance(soak, done)
     return found
 
 
@@ -114,7 +117,7 @@ def _sent(system: System, name: str, recorded: Rows) -> Iterator[float]:
             first += part.size
 
 
-def _together(soak: Soak, done: RunDone) -> float:
+def _arm_distance(soak: Soak, done: RunDone) -> float:
     """How far the arms are from each other at the end."""
     assert soak.spec.together is not None
     wanted = [
@@ -126,11 +129,11 @@ def _together(soak: Soak, done: RunDone) -> float:
     return float(results[0].value) if results else float("nan")
 
 
-def _always(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
+def _broken_invariants(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
     """What had to be otherwise, however slow the machine."""
     yield from done.judged.failures
     yield from _crashes(done)
-    yield from _strangers(done)
+    yield from _unsent_samples(done)
     yield from _stops(done, of_time=False)
     if not measures["torque"] <= soak.torque_max:
         yield f"a torque of {measures['torque']:.3g} N.m"
@@ -143,10 +146,10 @@ def _timed(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator
     """What had to be otherwise, but a machine that stands still can cause as well."""
     yield from (f"not in the report: {f.text()}" for f in done.outcome.faults if f.missing)
     yield from _stops(done, of_time=True)
-    yield from _ways_apart(soak, done, measures)
+    yield from _separated_arms(soak, done, measures)
 
 
-def _strangers(done: RunDone) -> Iterator[str]:
+def _unsent_samples(done: RunDone) -> Iterator[str]:
     """Samples that were heard and not sent, where no fault is a hostile peer."""
     if any(f.kind in HOSTILE for f in done.outcome.faults):
         return
@@ -191,7 +194,7 @@ def _stops(done: RunDone, of_time: bool) -> Iterator[str]:
             yield f"{report.life} stopped, with torque at {last['scale']:.0%}"
 
 
-def _ways_apart(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
+def _separated_arms(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
     """Arms that are not together although everybody works and had the time."""
     plan, rows = done.system.plan, done.outcome.rows
     if soak.spec.together is None:

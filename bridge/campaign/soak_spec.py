@@ -189,26 +189,26 @@ def _table(
     drawn: Table = {}
     for key, value in soak.kinds[kind].items():
         if key == "by" and isinstance(value, tuple):
-            drawn[key] = sorted(rounded(random.uniform(*value)) for _ in range(2))
+            drawn[key] = sorted(round_duration(random.uniform(*value)) for _ in range(2))
         elif key != "weight":
             drawn[key] = random.uniform(*value) if isinstance(value, tuple) else value
     if "count" in drawn:
         drawn["count"] = round(drawn["count"])
-    lasts = rounded(min(drawn.pop("for"), soak.last - soak.first))
-    t = rounded(random.uniform(soak.first, soak.last - lasts))
+    lasts = round_duration(min(drawn.pop("for"), soak.last - soak.first))
+    t = round_duration(random.uniform(soak.first, soak.last - lasts))
     whom = {"link": str(random.choice(["*", *links]))} if kind in LINKS else {}
     if not whom:
-        whom["node"] = str(random.choice([n for n in system.nodes if system.heard_by(n)]))
+        whom["node"] = str(random.choice([n for n in system.nodes if system.received_by(n)]))
     if kind in (*FRAMES, *HOSTILE):
-        whom["message"] = str(random.choice(system.heard_by(whom["node"])))
-        when = {"from": t, "to": rounded(t + lasts)}
+        whom["message"] = str(random.choice(system.received_by(whom["node"])))
+        when = {"from": t, "to": round_duration(t + lasts)}
     else:
         when = {"at": t, "for": lasts}
-    rest = {key: rounded(v) if isinstance(v, float) else v for key, v in drawn.items()}
+    rest = {key: round_duration(v) if isinstance(v, float) else v for key, v in drawn.items()}
     return {"kind": kind, **whom, **when, **rest}
 
 
-def rounded(value: float) -> float:
+def round_duration(value: float) -> float:
     """To 0.1 ms, as it is written down."""
     return round(value, 4)
 

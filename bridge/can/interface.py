@@ -137,7 +137,7 @@ class SocketAttachment:
         fd = bool(config.get("fd", False))
         early = accepts if log is None else None
         self._socket: Socket = open_socket(self._channel, fd=fd, accepts=early)
-        self.bus = Bus.of_socket(self._socket.fileno(), number, log, accepts=accepts)
+        self.bus = Bus.from_socket(self._socket.fileno(), number, log, accepts=accepts)
 
     def health(self, now_ns: int) -> BusHealth:
         """State and counts at `now_ns` (monotonic), with the interface's own."""

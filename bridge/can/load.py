@@ -41,7 +41,7 @@ class Share(NamedTuple):
     worst: float
 
 
-def planned(frames: Iterable[tuple[int, FrameFormat, float]], timing: BusTiming) -> Share:
+def planned_load(frames: Iterable[tuple[int, FrameFormat, float]], timing: BusTiming) -> Share:
     """Load of periodic frames: (length in bytes, kind, period in s) each."""
     total = [0.0, 0.0, 0.0]
     for length, kind, period in frames:
@@ -177,7 +177,7 @@ class Measured:
         return self.peak <= 1.02
 
 
-def measured(ends: IntArray, durations: IntArray, window_ns: int = 100_000_000) -> Measured:
+def measured_load(ends: IntArray, durations: IntArray, window_ns: int = 100_000_000) -> Measured:
     """Load of frames that end at `ends` and took `durations`, (N,) ns each; in any order.
 
     Raises TimingError for a window that is not positive or a log without frames.
@@ -199,13 +199,15 @@ def measured(ends: IntArray, durations: IntArray, window_ns: int = 100_000_000) 
     return Measured(mean_load, float(each[most] / window_ns), int(begins[most]), window_ns, windows)
 
 
-def of_rows(rows: NDArray[np.void], timing: BusTiming, window_ns: int = 100_000_000) -> Measured:
+def load_of_log(
+    rows: NDArray[np.void], timing: BusTiming, window_ns: int = 100_000_000
+) -> Measured:
     """Load of the frames of one bus as a log has them (``bridge.native.frame.frame_dtype``), (N,).
 
     `t_ns` is taken as the end of a frame. Error frames count as no time.
     """
     bits = log_bits(rows["id"], rows["flags"], rows["length"], rows["data"])
-    return measured(rows["t_ns"], log_times(bits, timing), window_ns)
+    return measured_load(rows["t_ns"], log_times(bits, timing), window_ns)
 
 
 class _Busy:

@@ -52,7 +52,7 @@ def frame_of(row: np.void) -> Frame:
     return Frame.of(int(row["id"]), data, int(row["flags"]), int(row["t_ns"]))
 
 
-def once(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+def merge_node_logs(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     """Rows of one bus by its nodes: what they sent, and of others what the best listener heard.
 
     By time; each frame is there once, at its sender's time if that is one of the nodes. Frames
@@ -192,12 +192,12 @@ def _channel(message: can.Message) -> str:
 def rows_of(frames: Iterable[Frame]) -> NDArray[np.void]:
     """Frames as rows of a log, (n,), numbered in this order; data beyond 64 bytes is cut off."""
     whole = b"".join(bytes(frame) for frame in frames)
-    rows = _cut(np.frombuffer(whole, frame_dtype(232), len(whole) // 256))
+    rows = _truncate_data(np.frombuffer(whole, frame_dtype(232), len(whole) // 256))
     rows["sequence"] = np.arange(len(rows))
     return rows
 
 
-def _cut(rows: NDArray[np.void]) -> NDArray[np.void]:
+def _truncate_data(rows: NDArray[np.void]) -> NDArray[np.void]:
     """A copy with 64 bytes of data a row, whatever the journal had."""
     result = np.zeros(len(rows), frame_dtype())
     for name in ("t_ns", "id", "flags", "bus", "length", "sequence"):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bridge.can.layout import MessageLayout
-from bridge.can.load import Share, kind_of, planned
+from bridge.can.load import Share, kind_of, planned_load
 from bridge.native.frame import Flags
 from cosim.bus.arbitration import rank
 from cosim.bus.response import FrameStream, Response, responses
@@ -108,7 +108,7 @@ def ranges(
 
 def bus_share(messages: Iterable[BusMessage], timing: BusTiming) -> Share:
     """Load of one bus by its periodic messages, 1 = always busy."""
-    return planned([(m.length, m.kind, m.period) for m in messages if m.period], timing)
+    return planned_load([(m.length, m.kind, m.period) for m in messages if m.period], timing)
 
 
 def bus_responses(

@@ -66,7 +66,7 @@ def open_socket(
     except OSError as error:
         sock.close()
         if error.errno == errno.ENODEV:
-            raise BusError(f"{channel}: not a CAN interface; {_known()}") from error
+            raise BusError(f"{channel}: not a CAN interface; {_interface_names()}") from error
         raise BusError(f"{channel}: {error.strerror}") from error
     return sock
 
@@ -83,7 +83,7 @@ def _raw(channel: str) -> socket.socket:
 def _check(sock: socket.socket, channel: str, fd: bool) -> None:
     """Whether the interface is there, up, and has frames of that size."""
     if channel not in (name for _, name in socket.if_nameindex()):
-        raise BusError(f"{channel}: no such network interface; {_known()}")
+        raise BusError(f"{channel}: no such network interface; {_interface_names()}")
     virtual = channel.startswith(("vcan", "vxcan"))
     mtu = _ask(sock, channel, _SIOCGIFMTU)
     if fd and mtu < CANFD_MTU:
@@ -108,7 +108,7 @@ def _ask(sock: socket.socket, channel: str, request: int) -> int:
     return int(struct.unpack_from(size, answer, 16)[0])
 
 
-def _known() -> str:
+def _interface_names() -> str:
     names = ", ".join(name for _, name in socket.if_nameindex() if "can" in name)
     if names:
         return f"there are {names}"

@@ -37,7 +37,7 @@ class RingedInterface:
         self._rx, self._tx = Ring(capacity), Ring(capacity)
         self._stop = threading.Event()
         self._wake_out, self._wake_in = _descriptors()
-        self.bus = Bus.of_rings(
+        self.bus = Bus.from_rings(
             self._rx, self._tx, number, log, wake=self._wake_in, accepts=accepts
         )
         self._refused, self._fault, self._down = 0, "", False

@@ -12,7 +12,7 @@ from bridge.cli.rehearse import Interface, Realtime, Set
 from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
-    from bridge.campaign.judgement import Judged
+    from bridge.campaign.judgement import JudgedRun
     from bridge.campaign.spec import Campaign, CampaignRunSpec
     from bridge.deployment.system import System
     from bridge.faults.script import FaultScript
@@ -132,7 +132,7 @@ def _many(
         raise typer.Exit(1)
 
 
-def _said(one: Judged | None) -> str:
+def _said(one: JudgedRun | None) -> str:
     if one is None:
         return "left out: needs socketcan"
     return "; ".join(one.failures) or "as expected"
@@ -146,7 +146,7 @@ def _one(
     interface: str | None,
     folder: Path,
     realtime: bool,
-) -> Judged | None:
+) -> JudgedRun | None:
     """Rehearse with one script; None: this interface cannot."""
     from bridge.cli.options import bus_settings
     from bridge.deployment import spec as deploy
@@ -165,7 +165,7 @@ def _one(
 
 def _rehearsed(
     system: System, spec: CampaignRunSpec, script: FaultScript, settings: Settings, folder: Path
-) -> Judged:
+) -> JudgedRun:
     """One run, judged."""
     from dataclasses import replace
 
@@ -189,5 +189,5 @@ def _rehearsed(
                 system, folder, rehearsal.ended, facts, with_twin=False, script=script
             )
         except RunError as error:
-            return judgement.lost(spec.script, error)
+            return judgement.failed_run(spec.script, error)
     return judgement.judge(system, spec, outcome)

@@ -42,7 +42,7 @@ def message_rows(messages: Sequence[BusMessage], timing: BusTiming) -> list[list
         period = f"{m.period * 1e3:g}" if m.period and isfinite(m.period) else "event"
         takes = "no bound" if response.worst is None else f"{response.worst / 1e6:.3f}"
         frame = f"{timing.time_ns(worst(m.length, m.kind)) / 1e6:.3f}"
-        in_time = "yes" if response.met else "no"
+        in_time = "yes" if response.meets_deadline else "no"
         identifier = f"{m.identifier:#010x}" if m.extended else f"{m.identifier:#05x}"
         table.append([identifier, m.name, m.node, str(m.length), period, frame, takes, in_time])
     return table

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from bridge.replay.from_log import Followed
+    from bridge.replay.from_log import ControllerReplay
 
 
 def from_log(
@@ -37,7 +37,7 @@ def from_log(
     raise typer.Exit(int(not found.exact))
 
 
-def lines(node: Followed) -> list[str]:
+def lines(node: ControllerReplay) -> list[str]:
     """What is said of one controller."""
     from cosim.cli.show import aligned
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.monitor.topics import Feed
     from bridge.monitor.view import View
-    from bridge.recording.live_run import Watched
+    from bridge.recording.live_run import LiveRun
 
 #: s between two views, two lines where there is no terminal, and two looks at a bus.
 REFRESH, LINE, DRAIN = 0.2, 1.0, 0.05
@@ -88,20 +88,20 @@ def monitor(
     Reads the files its nodes write; with --listen, from any machine, what is on its buses.
     Ctrl-C ends the view, not the run.
     """
-    from bridge.recording.live_run import Watched, find_run, goes_on
+    from bridge.recording.live_run import LiveRun, find_run, is_live
 
     if listen:
-        _refuse({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
+        _reject_file_options({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
                  "--plot": plot, "a run folder": run})  # fmt: skip
         buses = (interface, channel or [], bitrate, data_bitrate, fd)
         system = _system(scenario, deploy, buses, set_ or [])
         _listen(system, once, connect or [], as_, bus or [])
         return
     folder = run or find_run(Path("runs"))
-    if goes_on(folder):
+    if is_live(folder):
         _behind()
     with ExitStack() as stack:
-        watched = stack.enter_context(Watched.open(folder, scenario, deploy))
+        watched = stack.enter_context(LiveRun.open(folder, scenario, deploy))
         feed = _feed(stack, watched, mcap, foxglove, plotjuggler, force)
         try:
             _look(watched, feed, once)
@@ -117,7 +117,7 @@ def monitor(
 
 def _feed(
     stack: ExitStack,
-    watched: Watched,
+    watched: LiveRun,
     mcap: Path | None,
     foxglove: str | None,
     plotjuggler: str | None,
@@ -137,7 +137,7 @@ def _feed(
     return Feed(watched, sinks)
 
 
-def _look(watched: Watched, feed: Feed, once: bool) -> None:
+def _look(watched: LiveRun, feed: Feed, once: bool) -> None:
     """Until the run has ended, or once; then what has not been fed yet."""
     from bridge.monitor.snapshot import snapshot
     from bridge.monitor.view import view
@@ -192,7 +192,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str, only: list
         _print(view(listener, now))
 
 
-def _refuse(said: Mapping[str, object]) -> None:
+def _reject_file_options(said: Mapping[str, object]) -> None:
     """What goes with files only."""
     from cosim.base.errors import ScenarioError
 

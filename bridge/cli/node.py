@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Deploy, Fd, Interface, Set, refuse
+from bridge.cli.rehearse import (
+    Bitrate,
+    Channel,
+    DataBitrate,
+    Deploy,
+    Fd,
+    Interface,
+    Set,
+    report_findings,
+)
 from cosim.cli.options import Strict
 from cosim.cli.supervise import allow_terminal_input, announce_run_folder
 
@@ -75,7 +84,7 @@ def node(
     system = load_system(scenario, str(path), changes)
     if name not in system.nodes:
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
-    refuse(deployment.check(system), strict=strict, quiet=False)
+    report_findings(deployment.check(system), strict=strict, quiet=False)
     if hardware and not yes:
         with allow_terminal_input():
             typer.confirm("Frames of this node may move real drives. Go on?", abort=True)

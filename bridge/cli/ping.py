@@ -11,7 +11,7 @@ from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
-    from bridge.zenoh.ping import Floats, Pinged
+    from bridge.zenoh.ping import Floats, PingResult
 
 
 def ping(
@@ -59,7 +59,7 @@ def ping(
         _predict(system, scenario, here, found, paths, set_ or [], out)
 
 
-def _traces(found: Pinged, out: Path, here: str, there: str) -> list[Path]:
+def _traces(found: PingResult, out: Path, here: str, there: str) -> list[Path]:
     """Both ways, as files."""
     from bridge.zenoh.ping import write_trace
 
@@ -141,7 +141,7 @@ def _echo(system: System, bus: str, node: str, other: str) -> None:
             return
 
 
-def lines(found: Pinged) -> list[str]:
+def lines(found: PingResult) -> list[str]:
     """What was measured, a line each."""
     shown = [f"{len(found.sent)} pings, {found.loss:.2%} lost, jitter {found.jitter * 1e3:.3f} ms"]
     for label, values in (("round trip", found.rtt), ("there", found.there), ("back", found.back)):
@@ -176,7 +176,7 @@ def _predict(
     system: System,
     scenario: Path,
     here: str,
-    found: Pinged,
+    found: PingResult,
     paths: list[Path],
     settings: list[str],
     out: Path,
@@ -219,12 +219,12 @@ def links(system: System, here: str, paths: list[Path]) -> list[str]:
     return said
 
 
-def links_with_laws(system: System, here: str, found: Pinged, out: Path) -> list[str]:
+def links_with_laws(system: System, here: str, found: PingResult, out: Path) -> list[str]:
     """Settings for ``latency = true``: the law of each link between nodes, and the network on top.
 
     A trace each, in the folder `out`: what the law draws, plus what was measured, repeated.
     """
-    from bridge.deployment.latency import on_network
+    from bridge.deployment.latency import network_delays
     from bridge.zenoh.ping import write_trace
 
     homes = {c: n for n, spec in system.deployment.nodes.items() for c in spec.components}
@@ -237,6 +237,6 @@ def links_with_laws(system: System, here: str, found: Pinged, out: Path) -> list
         measured = found.there if sender == here else found.back
         planned = plans[f"{link.source}->{link.target}"]
         path = out / f"link{i}.csv"
-        write_trace(path, *on_network(planned, system.plan.ticks, found.sent, measured))
+        write_trace(path, *network_delays(planned, system.plan.ticks, found.sent, measured))
         said.append(f'links.{i}.delay={{law="trace", file="{path.resolve()}"}}')
     return said

@@ -106,7 +106,7 @@ def rehearse(
         deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
     )
     system = load_system(scenario, str(path), changes)
-    refuse(deployment.check(system), strict=strict, quiet=quiet)
+    report_findings(deployment.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
         with allow_terminal_input():
             typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
@@ -114,12 +114,12 @@ def rehearse(
 
     settings = Settings(
         scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
-        real=hardware, script=str(faults) if faults else "", nodes=_those(system, nodes),
+        real=hardware, script=str(faults) if faults else "", nodes=_selected_nodes(system, nodes),
     )  # fmt: skip
     _run(system, settings, _folder(system, out), force, twin, tuple(log or ("log",)), plot, quiet)
 
 
-def _those(system: System, nodes: str | None) -> tuple[str, ...]:
+def _selected_nodes(system: System, nodes: str | None) -> tuple[str, ...]:
     """Nodes that are named; none: all. Raises ScenarioError for one that is not there."""
     from cosim.base.errors import ScenarioError
 
@@ -192,7 +192,7 @@ def _run(
         raise typer.Exit(verdict.exit_code)
 
 
-def refuse(findings: object, *, strict: bool, quiet: bool) -> None:
+def report_findings(findings: object, *, strict: bool, quiet: bool) -> None:
     """Say errors and warnings of a check; end where there is an error, or any if `strict`."""
     from collections.abc import Iterable
     from typing import cast
@@ -241,8 +241,8 @@ def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> 
         path = draw(late, outcome.folder / "lateness.png")
         said.append(line("figure", str(path)))
     seal(outcome.folder)
-    found = verdicts.of(system, outcome)
-    said.append(line("verdict", found.text(well(outcome))))
+    found = verdicts.judge(system, outcome)
+    said.append(line("verdict", found.text(success_text(outcome))))
     said.append(line("run folder", str(outcome.folder)))
     if not quiet:
         typer.echo("\n".join(said))
@@ -251,7 +251,7 @@ def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> 
     return found
 
 
-def well(outcome: RehearsalOutcome) -> str:
+def success_text(outcome: RehearsalOutcome) -> str:
     """What is said of a run that has passed."""
     from bridge.records.records import Gone, LifeEnd
 

@@ -60,7 +60,7 @@ def replay(
         _offline(system, run, rows)
     watch = stopwatch()
     with TemporaryDirectory() as scratch:
-        found = again.replay(system, rows, again.heard_of(run / NODES), Path(scratch))
+        found = again.replay(system, rows, again.received_by_life(run / NODES), Path(scratch))
     seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
     for life, slots in found.slots.items():
         typer.echo(f"{life!s:<16} {slots} slots")
@@ -98,9 +98,9 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
 def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.cli.diff import lines
     from bridge.replay.diff import compare_runs
-    from bridge.results.offline import fed, run_offline
+    from bridge.results.offline import recorded_inputs, run_offline
 
-    given = ", ".join(inlet.target.name for _, inlet in fed(system, rows)) or "no input"
+    given = ", ".join(inlet.target.name for _, inlet in recorded_inputs(system, rows)) or "no input"
     typer.echo(f"{'fed as given':<16} {given}; links held as sent run over their tables")
     found = compare_runs(run, run_offline(system, run, rows))
     typer.echo("\n".join(lines(found)))

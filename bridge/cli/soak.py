@@ -68,7 +68,7 @@ def soak(
 
     seconds = number(run, "s", "--run")
     job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)
-    job, why = _hosted(job, realtime)
+    job, why = _fit_to_machine(job, realtime)
     if why:
         typer.echo(f"one run after the other, without faults of a network: {why}", err=True)
     records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, retry, quiet)
@@ -121,7 +121,7 @@ def _job(
     )  # fmt: skip
 
 
-def _hosted(job: SoakSetup, realtime: bool) -> tuple[SoakSetup, str]:
+def _fit_to_machine(job: SoakSetup, realtime: bool) -> tuple[SoakSetup, str]:
     """The job as this machine can do it, and why that is less, if it is."""
     from dataclasses import replace
 

@@ -55,7 +55,7 @@ def _tell(
 ) -> None:
     from bridge.deployment.zenoh_keys import names_of
     from bridge.zenoh.node_channel import rules_of
-    from bridge.zenoh.offsets import say_epoch
+    from bridge.zenoh.offsets import announce_epoch
     from bridge.zenoh.options import options_of
     from bridge.zenoh.presence import Presence, wait_until_there
     from bridge.zenoh.remote_control import READ, ask, command, wait_until_ready
@@ -75,7 +75,7 @@ def _tell(
                 command(session, names, nmt, what, number)
             if what == "start":
                 wait_until_ready(session, names, nodes, name, d.patience)
-                for warning in say_epoch(session, system, bus):
+                for warning in announce_epoch(session, system, bus):
                     typer.echo(f"warning: {warning}", err=True)
             else:
                 present = Presence(session, names, name)

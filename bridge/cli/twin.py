@@ -45,7 +45,7 @@ def run(
 ) -> None:
     """The twin into a run folder, and its numbers."""
     from bridge.cli.options import unused_folder
-    from bridge.cli.rehearse import header, refuse
+    from bridge.cli.rehearse import header, report_findings
     from bridge.deployment.system import load_system
     from bridge.preflight import deployment
     from bridge.results.outcome import run_twin
@@ -60,7 +60,7 @@ def run(
     if clock != "simulated":
         raise ScenarioError(f"--clock {clock}: expected simulated; on the wall: cosim rehearse")
     system = load_system(scenario, deploy, settings)
-    refuse(deployment.check(system), strict=strict, quiet=quiet)
+    report_findings(deployment.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or unused_folder(Path("runs") / name)
     announce_run_folder(folder)

@@ -30,7 +30,7 @@ class Carried:
 
 
 @dataclass(frozen=True, slots=True)
-class Listened:
+class Subscription:
     """A message or service that a node listens to on a bus, and which frames are it."""
 
     bus: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from bridge.deployment.gateways import Forward, carried, entries, gateways
+from bridge.deployment.gateways import Forward, carried_signals, entries, gateways
 from bridge.deployment.spec import Deployment
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Link, Slot, Wire
@@ -26,7 +26,7 @@ class Crossing:
     first: int
 
 
-def homes(plan: Plan, d: Deployment) -> dict[str, str]:
+def node_of_component(plan: Plan, d: Deployment) -> dict[str, str]:
     """The node of each component. Raises ScenarioError for one too many or too few."""
     found = {c: name for name, node in d.nodes.items() for c in node.components}
     names = {c.name for c in plan.components}
@@ -48,14 +48,14 @@ def homes(plan: Plan, d: Deployment) -> dict[str, str]:
     return found
 
 
-def carriers(plan: Plan, d: Deployment, forwarded: Mapping[str, Forward]) -> Carriers:
+def message_of_signal(plan: Plan, d: Deployment, forwarded: Mapping[str, Forward]) -> Carriers:
     """Who carries what. Raises ScenarioError for a signal that two messages carry first."""
     found: dict[int, list[tuple[str, int]]] = {}
     for name, message in d.messages.items():
         if name in forwarded:
             continue
         place = d.place("messages", name, "carries")
-        for first, entry in enumerate(_values(carried(plan, message, place))):
+        for first, entry in enumerate(_values(carried_signals(plan, message, place))):
             if entry.start in found:
                 other = found[entry.start][0][0]
                 raise ScenarioError(f"{entry.name} is in {other} already", place)
@@ -80,7 +80,7 @@ def crossings(
     """
     edges: list[Edge] = [*plan.wires, *plan.links]
     cut = [e for e in edges if nodes[e.source.component] != nodes[e.target.component]]
-    by_place = carriers(plan, d, forwarded)
+    by_place = message_of_signal(plan, d, forwarded)
     for e in cut:
         _covered(e, by_place, d)
     buses = _buses(cut, by_place, d, nodes)

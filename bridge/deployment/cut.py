@@ -14,8 +14,8 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.deployment.crossing import Crossing, crossings, homes
-from bridge.deployment.gateways import Forward, carried, forwards
+from bridge.deployment.crossing import Crossing, crossings, node_of_component
+from bridge.deployment.gateways import Forward, carried_signals, forwards
 from bridge.deployment.spec import Deployment, MessageSpec, NodeSpec
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
@@ -97,7 +97,7 @@ class NodePlan:
         return self.plan.ticks
 
 
-def cut(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan]:
+def cut_plan(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan]:
     """The nodes' plans, by name. Raises ScenarioError where the deployment does not fit.
 
     `start`: the signal vector of the whole plan once it is initialized, (n_signals,): what inputs
@@ -109,7 +109,7 @@ def cut(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan
             str(deployment.path),
         )
     forwarded = forwards(plan, deployment)
-    crossing = crossings(plan, deployment, homes(plan, deployment), forwarded)
+    crossing = crossings(plan, deployment, node_of_component(plan, deployment), forwarded)
     return {
         name: replace(
             _node(name, spec, plan, deployment, crossing, start),
@@ -142,7 +142,9 @@ def _node(
     start: Vector,
 ) -> NodePlan:
     remote = {_whole(x.edge.target) for x in crossing}
-    here = [_started(c, remote, start) for c in plan.components if c.name in spec.components]
+    here = [
+        _with_start_values(c, remote, start) for c in plan.components if c.name in spec.components
+    ]
     ticks = gcd(*(c.period for c in here)) or _step(name, spec, plan, d)
     steps, moved = _steps(here, ticks)
     outlets = [
@@ -212,7 +214,7 @@ def _multiple(seconds: float, of: float, what: str, place: str) -> int:
     return found
 
 
-def _started(step: Step, remote: Collection[str], start: Vector) -> Step:
+def _with_start_values(step: Step, remote: Collection[str], start: Vector) -> Step:
     """With what inputs from other nodes hold at the start."""
     given = {
         s.port: tuple(start[s.start : s.start + s.size].tolist())
@@ -260,7 +262,7 @@ def _outlet(
 ) -> Outlet:
     component = m.carries[0].partition(".")[0]
     step = plan.component(component)
-    parts = carried(plan, m, d.place("messages", key, "carries"))
+    parts = carried_signals(plan, m, d.place("messages", key, "carries"))
     every = 1
     if m.period is not None:
         place = ("messages", key, "period")

@@ -45,7 +45,7 @@ def commands(d: Deployment, outlet: Outlet) -> bool:
     return bool(d.messages[outlet.message].profile) and any(p.port == "tau" for p in outlet.parts)
 
 
-def commanded(d: Deployment, plan: NodePlan) -> tuple[Foreign, ...]:
+def commanded_drives(d: Deployment, plan: NodePlan) -> tuple[Foreign, ...]:
     """The drives that a node sends torques to by a profile, each once."""
     found = {}
     for outlet in plan.outlets:
@@ -64,7 +64,7 @@ def emulated(d: Deployment, node: str, inlet: Inlet) -> Foreign | None:
     return Foreign(spec.bus, load_profile(d.file(spec.profile)), spec.drive)
 
 
-def accepts(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple[Accept, ...]:
+def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple[Accept, ...]:
     """Frames of sequences that the emulated drives of a node follow on a bus."""
     drives = [emulated(d, node, inlet) for inlet in plan.inlets]
     found = {
@@ -83,7 +83,9 @@ def table(drives: Iterable[Foreign], buses: Sequence[str], *sequences: str) -> c
     return (Frame * max(1, len(found)))(*found)
 
 
-def followed(drive: Foreign, buses: Sequence[str]) -> tuple[c.Array[native.Sequence], list[object]]:
+def sequence_struct(
+    drive: Foreign, buses: Sequence[str]
+) -> tuple[c.Array[native.Sequence], list[object]]:
     """What an emulated drive follows, for C, and what has to be kept alive with it."""
     names = [name for name in REQUESTS if drive.profile.sequences[name]]
     frames = [table([drive], buses, name) for name in names]

@@ -35,7 +35,7 @@ class Forward:
     sources: tuple[int, ...]
 
 
-def carried(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
+def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
     """What a message carries: outputs, or entries of them, of one component."""
     if not m.carries:
         raise ScenarioError("carries nothing; expected outputs, component.port", place)
@@ -130,10 +130,10 @@ def _forward(
         carries, parts = found[m.forwards].carries, found[m.forwards].parts
     else:
         carries = d.messages[origin].carries
-        parts = carried(plan, d.messages[origin], d.place("messages", origin, "carries"))
+        parts = carried_signals(plan, d.messages[origin], d.place("messages", origin, "carries"))
     there = [e.start for part in parts for e in entries(part)]
     if m.carries:
-        carries, parts = m.carries, carried(plan, m, place)
+        carries, parts = m.carries, carried_signals(plan, m, place)
     wanted = [e for part in parts for e in entries(part)]
     for entry in wanted:
         if entry.start not in there:
@@ -146,7 +146,7 @@ def _forward(
 # ---- how buses hang together --------------------------------------------------------------------
 
 
-def one_way(d: Deployment, buses: Mapping[str, Iterable[str]]) -> None:
+def check_single_route(d: Deployment, buses: Mapping[str, Iterable[str]]) -> None:
     """Raise ScenarioError where gateways join two buses in more than one way.
 
     `buses`: of each gateway. What all are told goes over every gateway: it would go in circles.
@@ -164,7 +164,7 @@ def one_way(d: Deployment, buses: Mapping[str, Iterable[str]]) -> None:
         islands |= dict.fromkeys(whole, whole)
 
 
-def within_reach(
+def check_required_nodes(
     d: Deployment, buses: Mapping[str, Iterable[str]], beating: Mapping[str, Iterable[str]]
 ) -> None:
     """Raise ScenarioError where a node requires one whose heartbeats it cannot hear.

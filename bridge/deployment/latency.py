@@ -92,7 +92,7 @@ def delays_for(link: Link, ticks: int, every: int = 1, margin: float = MARGIN) -
     return DelaySpec(link.name, kind, width, grid.n_s, grid.n_r, h, delays, buffer, capacity)
 
 
-def on_network(
+def network_delays(
     link: Link, ticks: int, sent: FloatArray, delay: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """When (s) and by how much (s) samples of a link are late over a network, in `ticks` ticks.
@@ -116,7 +116,7 @@ def on_network(
     return t.astype(np.float64), total
 
 
-def newest_for(edge: Wire | Link, period: int, look: int, h: float) -> DelaySpec:
+def zero_delay(edge: Wire | Link, period: int, look: int, h: float) -> DelaySpec:
     """A line that adds nothing and holds the newest that came: of a wire that crosses a cut.
 
     `period`, `look`: ticks of `h` (s) between two samples and two looks.

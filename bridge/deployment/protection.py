@@ -13,7 +13,7 @@ from bridge.deployment.cut import Inlet, NodePlan, Outlet
 from bridge.deployment.spec import Deployment, NodeSpec
 from bridge.drives.model import DEFAULTS, DriveSpec
 from bridge.drives.profiles import load_profile
-from bridge.safety.limits import GuardSpec, in_si
+from bridge.safety.limits import GuardSpec, to_si
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Slot
 
@@ -59,8 +59,8 @@ def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
     Raises ScenarioError for an age that is not positive.
     """
     if spec.max_age is None:
-        return round(in_si(emulated(spec, d).watchdog or 0.0, "s", f"{place}.watchdog") * 1e9)
-    said = in_si(spec.max_age, "s", f"{place}.max_age")
+        return round(to_si(emulated(spec, d).watchdog or 0.0, "s", f"{place}.watchdog") * 1e9)
+    said = to_si(spec.max_age, "s", f"{place}.max_age")
     if not 0 < said < 1e6:
         raise ScenarioError(f"is {said:g} s, expected more than 0", f"{place}.max_age")
     return round(said * 1e9)

@@ -29,7 +29,7 @@ from bridge.deployment.spec import NodeSpec
 from bridge.deployment.system import System
 from bridge.drives.profiles import load_profile
 from bridge.native.message import Limit
-from bridge.safety.limits import PerJoint, in_si
+from bridge.safety.limits import PerJoint, to_si
 from cosim.base.component import Port
 from cosim.base.errors import ScenarioError
 
@@ -114,14 +114,14 @@ def _range(system: System, value: Value, said: SignalSpec) -> Range:
     if not isinstance(said.range, tuple):
         most = _positive(said.range, value.unit, place)  # type: ignore[arg-type]
         return -most, most
-    low, high = (in_si(x, value.unit, place) for x in said.range)
+    low, high = (to_si(x, value.unit, place) for x in said.range)
     if not low < high:
         raise ScenarioError(f"is {low:g} to {high:g}, expected the least value first", place)
     return low, high
 
 
 def _positive(number: float | str, unit: str, place: str) -> float:
-    found = in_si(number, unit, place)
+    found = to_si(number, unit, place)
     if not found > 0:
         raise ScenarioError(f"is {found:g}, expected more than 0", place)
     return found
@@ -152,7 +152,7 @@ def _of_drives(
 ) -> Iterator[Range]:
     d = system.deployment
     if torque and spec.drive is not None:
-        yield from _within(emulated(spec.drive, d).tau_max, value, "N.m", "drive")
+        yield from _twice_limit(emulated(spec.drive, d).tau_max, value, "N.m", "drive")
     profile = d.messages[carried.name].profile
     if profile:
         known = load_profile(d.file(profile)).limits
@@ -163,10 +163,10 @@ def _of_drives(
             yield -most, most
 
 
-def _within(limit: PerJoint, value: Value, unit: str, place: str) -> Iterator[Range]:
+def _twice_limit(limit: PerJoint, value: Value, unit: str, place: str) -> Iterator[Range]:
     """Twice a limit, one for all joints or one a joint."""
     if limit is None:
         return
     one = limit[value.entry] if isinstance(limit, list | tuple) else limit
-    most = BEYOND * in_si(one, unit, place)
+    most = BEYOND * to_si(one, unit, place)
     yield -most, most

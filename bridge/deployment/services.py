@@ -74,7 +74,7 @@ def drives_on(d: Deployment, bus: str) -> tuple[str, ...]:
     return tuple(name for name, m in d.messages.items() if m.bus == bus and m.profile)
 
 
-def commanders(d: Deployment, bus: str) -> dict[str, DriveProfile]:
+def commanding_nodes(d: Deployment, bus: str) -> dict[str, DriveProfile]:
     """Nodes that send torques to drives of a profile on a bus, with the profile."""
     homes = {component: name for name, node in d.nodes.items() for component in node.components}
     found = {}
@@ -89,7 +89,7 @@ def commanders(d: Deployment, bus: str) -> dict[str, DriveProfile]:
 
 def _of_drives(d: Deployment, bus: str) -> Service:
     """What the drives on a bus need to hear from the nodes that command them."""
-    hosts = commanders(d, bus)
+    hosts = commanding_nodes(d, bus)
     numbers = {node: d.nodes[node].number for node in hosts}
     beats = {numbers[node]: p.host_heartbeat(numbers[node]) for node, p in hosts.items()}
     syncs = [sync for p in hosts.values() if (sync := p.host_sync()) is not None]

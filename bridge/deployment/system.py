@@ -17,8 +17,8 @@ from bridge.deployment import drive_messages, drive_sequences, protection, start
 from bridge.deployment import gateways as routes
 from bridge.deployment import spec as deploy
 from bridge.deployment import zenoh_keys as names
-from bridge.deployment.carried import Carried, Listened
-from bridge.deployment.cut import NodePlan, Outlet, cut, start_values
+from bridge.deployment.carried import Carried, Subscription
+from bridge.deployment.cut import NodePlan, Outlet, cut_plan, start_values
 from bridge.deployment.gateways import Forward
 from bridge.deployment.services import Encoding, Service, services_on
 from bridge.deployment.spec import Deployment
@@ -45,10 +45,10 @@ class System:
         """The buses a node sends or hears on, in the order of the deployment."""
         plan = self.nodes[node]
         used = {o.bus for o in plan.outlets} | {f.bus for f in plan.forwards}
-        used |= {self.messages[m].bus for m in self.heard_by(node)}
+        used |= {self.messages[m].bus for m in self.received_by(node)}
         return tuple(name for name in self.deployment.buses if name in used)
 
-    def heard_by(self, node: str) -> tuple[str, ...]:
+    def received_by(self, node: str) -> tuple[str, ...]:
         """Messages a node receives, sorted."""
         plan = self.nodes[node]
         heard = {i.message for i in plan.inlets} | {f.of for f in plan.forwards}
@@ -66,23 +66,23 @@ class System:
         """Base ticks between two SYNC: a slot of the slowest node."""
         return max(node.ticks for node in self.nodes.values() if node.plan.components)
 
-    def listened(self, node: str) -> tuple[Listened, ...]:
+    def subscriptions(self, node: str) -> tuple[Subscription, ...]:
         """Messages and services that a node listens to, with the bus and the format of each.
 
         Everything else does not reach its decisions. An emergency stop may be of any length.
         """
-        heard = [self.messages[name] for name in self.heard_by(node)]
-        found = [Listened(m.bus, m.name, Accept.of(m.encoding.message)) for m in heard]
+        heard = [self.messages[name] for name in self.received_by(node)]
+        found = [Subscription(m.bus, m.name, Accept.of(m.encoding.message)) for m in heard]
         for bus in self.buses_of(node):
             for name, encoding in self.services[bus].named().items():
-                of = Accept.of_estop if name == "ESTOP" else Accept.of
-                found.append(Listened(bus, name, of(encoding.message)))
+                of = Accept.for_estop if name == "ESTOP" else Accept.of
+                found.append(Subscription(bus, name, of(encoding.message)))
         return tuple(found)
 
     def accepts(self, node: str, bus: str) -> tuple[Accept, ...]:
         """Frames that a node listens to on a bus."""
-        found = tuple(one.accept for one in self.listened(node) if one.bus == bus)
-        return found + drive_sequences.accepts(self.deployment, self.nodes[node], node, bus)
+        found = tuple(one.accept for one in self.subscriptions(node) if one.bus == bus)
+        return found + drive_sequences.accepted_frames(self.deployment, self.nodes[node], node, bus)
 
     def peers_of(self, node: str) -> tuple[str, ...]:
         """Nodes whose heartbeats it hears: they are on a bus of its own that has heartbeats."""
@@ -114,7 +114,7 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
     """Assemble and cut what has been read."""
     start = start_values(assemble(scenario))
     plan = assemble(scenario)
-    nodes = cut(plan, deployment, start)
+    nodes = cut_plan(plan, deployment, start)
     protection.check(nodes, deployment)
     layouts = {
         name: dbc.load(deployment.file(bus.dbc)) if bus.dbc else ()
@@ -144,9 +144,9 @@ def _joined(system: System) -> None:
         node: [bus for bus in buses[node] if numbers[node] in system.services[bus].heartbeats]
         for node in system.nodes
     }
-    routes.within_reach(system.deployment, buses, beating)
+    routes.check_required_nodes(system.deployment, buses, beating)
     gateways = sorted(routes.gateways(system.deployment))
-    routes.one_way(system.deployment, {node: buses[node] for node in gateways})
+    routes.check_single_route(system.deployment, {node: buses[node] for node in gateways})
 
 
 def _forwarded(

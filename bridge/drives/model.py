@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.native import safety as native
 from bridge.native.safety import DriveRequest, DriveState
-from bridge.safety.limits import PerJoint, WatchdogSpec, address, in_si, limits, part, vector
+from bridge.safety.limits import PerJoint, WatchdogSpec, address, limits, part, to_si, vector
 from cosim.base.convert import Number
 from cosim.base.errors import ScenarioError
 
@@ -96,7 +96,7 @@ class Drive:
         if self.tau_max is not None:
             self.struct.tau_max = address(self.tau_max)
         for name, unit in _UNITS.items():
-            value = in_si(getattr(spec, name), unit, f"{place}.{name}")
+            value = to_si(getattr(spec, name), unit, f"{place}.{name}")
             if not 0 <= value < inf:
                 raise ScenarioError(
                     f"is {value:g} {unit}, expected 0 or more, finite", f"{place}.{name}"

@@ -21,7 +21,7 @@ from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError, MessageLayout, find
 from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
-from bridge.safety.limits import in_si
+from bridge.safety.limits import to_si
 from cosim.base import toml
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
@@ -92,7 +92,7 @@ class DriveProfile:
     @property
     def timeout(self) -> float:
         """Of the drive's watchdog as it is set, s: what nodes can feed also before the start."""
-        return max(in_si(self.drive.watchdog or 0.0, "s", f"{self.path}: drive.watchdog"), SHORTEST)
+        return max(to_si(self.drive.watchdog or 0.0, "s", f"{self.path}: drive.watchdog"), SHORTEST)
 
     def host_heartbeat(self, number: int) -> Codec | None:
         """Heartbeat of a host with this number, as these drives take it; None: they do not."""
@@ -207,13 +207,13 @@ def _profile(found: dict[str, Any], layouts: tuple[MessageLayout, ...], path: st
         },
         watchdog=_made(OwnWatchdog, own, f"{path}: watchdog"),
         limits={
-            name: in_si(value, _LIMITS[name], f"{path}: limits.{name}")
+            name: to_si(value, _LIMITS[name], f"{path}: limits.{name}")
             for name, value in table["limits"].items()
         },
         drive=_drive(table["drive"], f"{path}: drive"),
         side=side,
-        rated_torque=in_si(found.get("rated_torque", 0.0), "N.m", f"{path}: rated_torque"),
-        counts=in_si(found.get("counts", 0.0), "1", f"{path}: counts"),
+        rated_torque=to_si(found.get("rated_torque", 0.0), "N.m", f"{path}: rated_torque"),
+        counts=to_si(found.get("counts", 0.0), "1", f"{path}: counts"),
         refuses_simulated=bool(found.get("refuses_simulated", False)),
         host=_made(Host, _table(found, "host", path), f"{path}: host"),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from bridge.safety.limits import in_si
+from bridge.safety.limits import to_si
 from cosim.base.errors import ScenarioError
 
 _HEX = re.compile(r"[0-9A-Fa-f]{2}|NN|U[124]")
@@ -65,7 +65,7 @@ class OwnWatchdog:
 
     def raw(self, timeout: float) -> int:
         """The register's value for a time-out, s. Raises ScenarioError where that is off."""
-        value = round(timeout / in_si(self.unit, "s", "watchdog.unit"))
+        value = round(timeout / to_si(self.unit, "s", "watchdog.unit"))
         if value < 1:
             raise ScenarioError(f"time-out {timeout:g} s is off, expected at least {self.unit}")
         return value
@@ -79,7 +79,7 @@ class OwnWatchdog:
         if found is None:
             return False
         if found != self.raw(timeout):
-            unit = in_si(self.unit, "s", "watchdog.unit")
+            unit = to_si(self.unit, "s", "watchdog.unit")
             said = f"{found * unit:g} s" if found else "0, off"
             raise ScenarioError(f"node {node}: {self.register} reads {said}, not {timeout:g} s")
         return True

@@ -157,25 +157,25 @@ def _events(spec: Spec, place: _Place) -> list[FaultEvent]:
         t0, t1 = place.span(spec.start, spec.end)
         rate = place.value("rate", spec.rate, "1/s", 1e-3, 1e6)
         said = {"id": spec.id, "rate": rate, "length": spec.length}
-        return _each(spec.bus, place, ("babble", t0, said), ("hush", t1, {}))
+        return _event_faults(spec.bus, place, ("babble", t0, said), ("hush", t1, {}))
     if isinstance(spec, BusDownSpec):
         t = place.value("at", spec.at)
         end = t + place.value("for", spec.lasts)
-        return _each(spec.bus, place, ("bus-down", t, {}), ("bus-up", end, {}))
+        return _event_faults(spec.bus, place, ("bus-down", t, {}), ("bus-up", end, {}))
     if isinstance(spec, NetDownSpec):
         return _on_network(spec, place)
     assert isinstance(spec, KillSpec)
     t = place.value("at", spec.at)
     if isinstance(spec, ClockJumpSpec):
         by = place.value("by", spec.by, low=-inf)
-        return _each(spec.node, place, ("clock-jump", t, {"by": by}))
+        return _event_faults(spec.node, place, ("clock-jump", t, {"by": by}))
     if isinstance(spec, RestartSpec):
         end = t + place.value("for", spec.lasts)
-        return _each(spec.node, place, ("kill", t, {}), ("start", end, {}))
+        return _event_faults(spec.node, place, ("kill", t, {}), ("start", end, {}))
     if isinstance(spec, FreezeSpec):
         end = t + place.value("for", spec.lasts)
-        return _each(spec.node, place, ("freeze", t, {}), ("thaw", end, {}))
-    return _each(spec.node, place, ("kill", t, {}))
+        return _event_faults(spec.node, place, ("freeze", t, {}), ("thaw", end, {}))
+    return _event_faults(spec.node, place, ("kill", t, {}))
 
 
 def _on_network(spec: NetDownSpec, place: _Place) -> list[FaultEvent]:
@@ -186,7 +186,7 @@ def _on_network(spec: NetDownSpec, place: _Place) -> list[FaultEvent]:
     t = place.value("at", spec.at)
     end = t + place.value("for", spec.lasts)
     action, table = _impaired(spec, place)
-    return _each(spec.link, place, (action, t, {"spec": table}), ("net-over", end, {}))
+    return _event_faults(spec.link, place, (action, t, {"spec": table}), ("net-over", end, {}))
 
 
 def _impaired(spec: NetDownSpec, place: _Place) -> tuple[Action, dict[str, Any]]:
@@ -208,7 +208,7 @@ def _impaired(spec: NetDownSpec, place: _Place) -> tuple[Action, dict[str, Any]]
     return "net-down", {"down": True}
 
 
-def _each(
+def _event_faults(
     names: Names, place: _Place, *done: tuple[Action, float, dict[str, Any]]
 ) -> list[FaultEvent]:
     return [

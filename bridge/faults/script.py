@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bridge.can.repeated_frame import EXTENDED
-from bridge.deployment.carried import Listened
+from bridge.deployment.carried import Subscription
 from bridge.native import faults as native
 from bridge.native.bus import Accept
 from bridge.native.faults import Fault, Injector
@@ -69,11 +69,11 @@ class FrameFault:
     a: float
     b: float
 
-    def about(self, listened: Iterable[Listened]) -> list[Listened]:
+    def about(self, listened: Iterable[Subscription]) -> list[Subscription]:
         """Those of what a node listens to that this is a fault of."""
         return [one for one in listened if self.bus in ("", one.bus) and self._names(one)]
 
-    def _names(self, one: Listened) -> bool:
+    def _names(self, one: Subscription) -> bool:
         return any(
             fnmatchcase(one.name, m) if isinstance(m, str) else _same(_numbered(m), one.accept)
             for m in self.messages
@@ -136,7 +136,7 @@ class FaultScript:
     def frames_for(
         self,
         node: str,
-        listened: Sequence[Listened],
+        listened: Sequence[Subscription],
         buses: Mapping[str, int] | None = None,
         *,
         samples: Mapping[str, Message] | None = None,
@@ -220,7 +220,7 @@ _Match = tuple[str, str, Accept, Message | None]
 
 
 def _matching(
-    fault: FrameFault, listened: Sequence[Listened], samples: Mapping[str, Message]
+    fault: FrameFault, listened: Sequence[Subscription], samples: Mapping[str, Message]
 ) -> Iterator[_Match]:
     """Label, bus ("": all), frames and message (of hostile peers) of every rule, each once.
 

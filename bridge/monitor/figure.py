@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from bridge.monitor.journal_signals import Held, ages, late
-from bridge.recording.live_run import Watched
+from bridge.monitor.journal_signals import JournalSignals, ages, lateness_names
+from bridge.recording.live_run import LiveRun
 from cosim.base.errors import ScenarioError
 from cosim.reporting import figures
 from cosim.reporting.figures import Figure, Panel
 from cosim.schedule.parts import Slot
 
 
-def draw(watched: Watched, path: Path, span: float | None = None) -> Path:
+def draw(watched: LiveRun, path: Path, span: float | None = None) -> Path:
     """Draw what has been recorded so far into the PNG `path`; `span`: the last so many s.
 
     Raises ScenarioError where no node has a slot yet, RunError where it cannot be written.
@@ -22,11 +22,11 @@ def draw(watched: Watched, path: Path, span: float | None = None) -> Path:
     if not rows:
         raise ScenarioError("no node has done a slot; nothing to draw", str(watched.folder))
     title = watched.system.scenario.title
-    held = Held(watched.system, rows, span, gaps=True)
+    held = JournalSignals(watched.system, rows, span, gaps=True)
     return figures.draw(Figure(tuple(_panels(watched)), title), held, path)
 
 
-def _panels(watched: Watched) -> Iterator[Panel]:
+def _panels(watched: LiveRun) -> Iterator[Panel]:
     system = watched.system
     angles = [s for s in _outputs(watched, "continuous") if s.unit in ("rad", "m")]
     torques = [s for s in _outputs(watched, "discrete") if s.unit in ("N.m", "N")]
@@ -41,7 +41,7 @@ def _panels(watched: Watched) -> Iterator[Panel]:
         first = {(i.message, i.component): i.target.name for i in reversed(inlets)}
         yield _ages("the network's part of it", [*first.values()], "age", network=True)
     nodes = tuple(system.nodes)
-    yield Panel(late(nodes), title="lateness of slots", labels=nodes, ylabel="late")
+    yield Panel(lateness_names(nodes), title="lateness of slots", labels=nodes, ylabel="late")
 
 
 def _ages(title: str, targets: list[str], ylabel: str, *, network: bool) -> Panel:
@@ -49,7 +49,7 @@ def _ages(title: str, targets: list[str], ylabel: str, *, network: bool) -> Pane
     return Panel(names, title=title, labels=tuple(targets), ylabel=ylabel)
 
 
-def _outputs(watched: Watched, kind: str) -> list[Slot]:
+def _outputs(watched: LiveRun, kind: str) -> list[Slot]:
     """Outputs of the continuous components, or of all others."""
     return [
         slot

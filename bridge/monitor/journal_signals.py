@@ -23,7 +23,7 @@ _LATE, _AGE, _NETWORK = "lateness of ", "age of ", "network's part of "
 
 
 @final
-class Held:
+class JournalSignals:
     """Rows of nodes, as :class:`cosim.analysis.signals.Signals`; a node without rows is NaN.
 
     `rows`: by node, ascending slots; `span`: s before the newest slot of all; None: everything.
@@ -123,7 +123,7 @@ class Held:
         return np.asarray(rows["signals"][:, index], dtype=np.float64)
 
 
-def late(nodes: Sequence[str]) -> tuple[str, ...]:
+def lateness_names(nodes: Sequence[str]) -> tuple[str, ...]:
     """Names of the lateness of nodes, ms."""
     return tuple(f"{_LATE}{n}" for n in nodes)
 

@@ -16,7 +16,7 @@ from bridge.can.interface import Attachment
 from bridge.can.socket import BusError
 from bridge.deployment.spec import BusSpec, Deployment
 from bridge.deployment.system import System
-from bridge.monitor.messages import Beat, Heard
+from bridge.monitor.messages import Beat, ReceivedMessage
 from bridge.native.bus import Accept, TrafficStruct
 from bridge.native.frame import Frame
 from bridge.node.buses import can_spec
@@ -78,13 +78,13 @@ class Listener:
     ) -> None:
         self.system = system
         self.beats: dict[str, Beat] = {}
-        self.heard: dict[str, Heard] = {}
+        self.heard: dict[str, ReceivedMessage] = {}
         self.ears: dict[str, Ear] = {}
         self.nets: dict[str, ZenohEar] = {}
         self.new_ns = 0
         """When a message was last listened to that was not before, monotonic; 0: from the start."""
         buses = _wanted(system.deployment, only)
-        self._by_bus: dict[str, dict[int, list[tuple[Accept, Beat | Heard]]]]
+        self._by_bus: dict[str, dict[int, list[tuple[Accept, Beat | ReceivedMessage]]]]
         self._by_bus = {name: {} for name in buses}  # by identifier, which two formats may share
         self.unknown: dict[str, int] = dict.fromkeys(buses, 0)
         for name in buses:
@@ -102,7 +102,7 @@ class Listener:
             raise
 
     def _expect(self, bus: str) -> None:
-        known: list[Beat | Heard] = []
+        known: list[Beat | ReceivedMessage] = []
         for node, spec in self.system.deployment.nodes.items():
             beats = self.system.services[bus].heartbeats
             if spec.number in beats:
@@ -111,7 +111,7 @@ class Listener:
                 known.append(self.beats[node])
         for carried in self.system.messages.values():
             if carried.bus == bus:
-                self.heard[carried.name] = Heard.of(carried)
+                self.heard[carried.name] = ReceivedMessage.of(carried)
                 known.append(self.heard[carried.name])
         for one in known:
             same = self._by_bus[bus].setdefault(int(one.message.id), [])
@@ -136,13 +136,13 @@ class Listener:
         match next((one for accept, one in same if accept.takes(frame)), None):
             case Beat() as beat:
                 if beat.take(frame):
-                    self._again(beat)
-            case Heard() as heard:
+                    self._begin_new_life(beat)
+            case ReceivedMessage() as heard:
                 heard.take(frame)
             case None:
                 self.unknown[bus] += 1
 
-    def _again(self, beat: Beat) -> None:
+    def _begin_new_life(self, beat: Beat) -> None:
         """A node has begun a new life, and its messages with it."""
         node = next(n for n, b in self.beats.items() if b is beat)
         for heard in self.heard.values():
@@ -178,11 +178,11 @@ def _wanted(d: Deployment, only: Sequence[str]) -> dict[str, BusSpec]:
 
 
 def _zenoh(system: System, bus: str, connect: Sequence[str], who: str) -> ZenohEar:
-    open_ear: Callable[..., ZenohEar]
+    open_listener: Callable[..., ZenohEar]
     try:
-        from bridge.zenoh.listener import open_ear
+        from bridge.zenoh.listener import open_listener
     except ImportError as error:
         raise BusError(
             f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"
         ) from error
-    return open_ear(system, bus, connect, who)
+    return open_listener(system, bus, connect, who)

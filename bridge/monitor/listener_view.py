@@ -8,7 +8,7 @@ import numpy as np
 
 from bridge.monitor import window
 from bridge.monitor.listener import Listener
-from bridge.monitor.messages import SPAN_NS, Beat, Heard
+from bridge.monitor.messages import SPAN_NS, Beat, ReceivedMessage
 from bridge.monitor.view import TextTable, View, result, values
 from cosim.analysis.metrics import MetricResult
 
@@ -16,7 +16,7 @@ from cosim.analysis.metrics import MetricResult
 def view(listener: Listener, now_ns: int) -> View:
     """What is known at `now_ns` (monotonic), to be shown."""
     beats = listener.beats.items()
-    there = [f"{n} {how}" for n, b in beats if (how := _how(listener, n, b, now_ns))]
+    there = [f"{n} {how}" for n, b in beats if (how := _node_status(listener, n, b, now_ns))]
     heard = listener.heard.values()
     rates = [f"{h.carried.name} {len(h.recent)}/s" + _without(h) for h in heard]
     known = window.metrics(listener.system, heard, now_ns)
@@ -46,7 +46,7 @@ def _tables(
     return [table for table in found if table.rows]
 
 
-def _how(listener: Listener, name: str, b: Beat, now_ns: int) -> str:
+def _node_status(listener: Listener, name: str, b: Beat, now_ns: int) -> str:
     """A node in a word; nothing of one that was never there."""
     there = listener.there(name)
     if b.t_ns < 0:
@@ -71,7 +71,7 @@ def _nodes(listener: Listener, now_ns: int) -> TextTable:
 def _beat_row(listener: Listener, name: str, b: Beat, now_ns: int) -> tuple[str, ...]:
     token = {True: "there", False: "gone" if b.t_ns >= 0 else "none", None: ""}
     boots, armed = (str(b.boots), "yes" if b.armed else "no") if b.t_ns >= 0 else ("", "")
-    row = (name, b.state or "?", _ago(b.t_ns, now_ns), boots, armed)
+    row = (name, b.state or "?", _time_since(b.t_ns, now_ns), boots, armed)
     return (*row, token[listener.there(name)]) if listener.nets else row
 
 
@@ -87,12 +87,12 @@ def _messages(listener: Listener, now_ns: int) -> TextTable:
     return TextTable("messages; times in ms", head, [_heard_row(h, now_ns) for h in heard], bad)
 
 
-def _heard_row(h: Heard, now_ns: int) -> tuple[str, ...]:
+def _heard_row(h: ReceivedMessage, now_ns: int) -> tuple[str, ...]:
     late, lost = h.late * 1e3, str(h.lost) if h.message.e2e else ""
     jitter = (f"{np.median(late):.2f}", f"{late.max():.2f}") if len(late) else ("", "")
     refused = [f"{n} refused: {why}" for why, n in h.refused.items()]
     sender = "; ".join(filter(None, (*refused, h.sender().removeprefix("active "))))  # as should be
-    rate, ago = str(len(h.recent)), _ago(h.t_ns, now_ns)
+    rate, ago = str(len(h.recent)), _time_since(h.t_ns, now_ns)
     return (h.carried.name, h.carried.node, rate, ago, *jitter, lost, sender)
 
 
@@ -102,14 +102,14 @@ def _metrics(found: list[MetricResult], missing: tuple[str, ...]) -> TextTable:
     return TextTable("metrics", ("metric", "of the last second"), rows)
 
 
-def _without(h: Heard) -> str:
+def _without(h: ReceivedMessage) -> str:
     bad = [
         f"{n} {what}" for what, n in (("lost", h.lost), ("refused", sum(h.refused.values()))) if n
     ]
     return f" ({', '.join(bad)})" if bad else ""
 
 
-def _signals(heard: list[Heard]) -> TextTable:
+def _signals(heard: list[ReceivedMessage]) -> TextTable:
     """Newest values; of a signal that several messages carry, those of the last one."""
     rows: dict[str, tuple[str, ...]] = {}
     for h in (*heard, *sorted(heard, key=lambda h: h.t_ns)):  # the first time for their order
@@ -121,7 +121,7 @@ def _signals(heard: list[Heard]) -> TextTable:
     return TextTable("signals", ("signal", "unit", "values"), [*rows.values()])
 
 
-def _ago(t_ns: int, now_ns: int) -> str:
+def _time_since(t_ns: int, now_ns: int) -> str:
     return "never" if t_ns < 0 else f"{max(0, now_ns - t_ns) * 1e-6:.0f}"
 
 

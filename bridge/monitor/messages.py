@@ -59,7 +59,7 @@ class HeardSample:
 
 
 @dataclass(slots=True)
-class Heard:
+class ReceivedMessage:
     """A message: samples of the last second, and what has not been one; `t_ns`: of the last."""
 
     carried: Carried
@@ -70,7 +70,7 @@ class Heard:
     t_ns: int = -1
 
     @classmethod
-    def of(cls, carried: Carried) -> Heard:
+    def of(cls, carried: Carried) -> ReceivedMessage:
         """Nothing of it has come: NaN."""
         receiver = native.receiver(carried.period_ns, E2EProfile(carried.encoding.message.e2e))
         return cls(carried, np.full(carried.outlet.width, np.nan), receiver)
@@ -164,7 +164,7 @@ class Heard:
         """State and flags of who sent it; a status of 4 bits (classic CAN) has no state."""
         if self.message.status < 0 or self.t_ns < 0:
             return ""
-        state = [_state(self.status & Status.LIFE)] if self.message.tells_state else []
+        state = [_state(self.status & Status.LIFE)] if self.message.carries_state else []
         return " ".join((*state, *names(Status(self.status & ~Status.LIFE & 0xFF))))
 
 

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.can.load import log_bits, log_times
-from bridge.can.log import once
+from bridge.can.log import merge_node_logs
 from bridge.deployment.carried import Carried
 from bridge.deployment.cut import NodePlan
 from bridge.deployment.system import System
-from bridge.monitor.journal_signals import Held
+from bridge.monitor.journal_signals import JournalSignals
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
 from bridge.native.safety import LifeState
 from bridge.realtime.lateness import Spread
-from bridge.recording.live_run import Watched
+from bridge.recording.live_run import LiveRun
 from bridge.records.lives import Life
 from bridge.safety.limits import explain, explain_guard
 from cosim.analysis import declared_metrics
@@ -105,13 +105,13 @@ class Snapshot:
     unreadable: Mapping[str, str]
 
 
-def snapshot(watched: Watched, now_ns: int) -> Snapshot:
+def snapshot(watched: LiveRun, now_ns: int) -> Snapshot:
     """The last second of a run. `now_ns`: monotonic."""
     watched.look()
     system = watched.system
     rows = watched.recent(SPAN)
     frames = {key: tail.since("t_ns", round(SPAN * 1.2e9)) for key, tail in watched.frames.items()}
-    held = Held(system, rows, SPAN)
+    held = JournalSignals(system, rows, SPAN)
     losses = _losses(watched, frames)
     nodes = [_node(watched, n, rows.get(n), now_ns) for n in system.nodes]
     return Snapshot(
@@ -134,7 +134,7 @@ def snapshot(watched: Watched, now_ns: int) -> Snapshot:
 # ---- nodes and their inputs -----------------------------------------------------------------
 
 
-def _node(watched: Watched, node: str, rows: Rows | None, now_ns: int) -> NodeView:
+def _node(watched: LiveRun, node: str, rows: Rows | None, now_ns: int) -> NodeView:
     life = (watched.lives_of(node) or [Life(node)])[-1]
     if rows is None or life not in watched.lives or not len(watched.lives[life]):
         nan = float("nan")
@@ -181,18 +181,18 @@ def _spread(ns: NDArray[np.int64]) -> tuple[float, float]:
 
 
 def _losses(
-    watched: Watched, frames: Mapping[tuple[Life, str], Rows]
+    watched: LiveRun, frames: Mapping[tuple[Life, str], Rows]
 ) -> dict[tuple[str, str], tuple[int, int]]:
     """Frames not heard, of how many, by (message, receiving node)."""
     return {
         (message, node): _lost(watched, node, watched.system.messages[message], frames)
         for node in watched.system.nodes
-        for message in watched.system.heard_by(node)
+        for message in watched.system.received_by(node)
     }
 
 
 def _lost(
-    watched: Watched, node: str, carried: Carried, frames: Mapping[tuple[Life, str], Rows]
+    watched: LiveRun, node: str, carried: Carried, frames: Mapping[tuple[Life, str], Rows]
 ) -> tuple[int, int]:
     """Frames of a message that its sender logged and the receiver did not, of how many."""
     senders, receivers = watched.lives_of(carried.node), watched.lives_of(node)
@@ -227,7 +227,7 @@ def _bus(system: System, name: str, frames: Mapping[tuple[Life, str], Rows]) -> 
         return BusView(name, 0, float("nan"))
     end = max(int(p["t_ns"][-1]) for p in parts)
     parts = [p[p["t_ns"] > end - round(SPAN * 1e9)] for p in parts]
-    rows = once(parts)
+    rows = merge_node_logs(parts)
     spec = system.deployment.buses[name]
     if spec.kind != "can":
         return BusView(name, len(rows), float("nan"))

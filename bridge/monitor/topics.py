@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bridge.deployment.cut import NodePlan
 from bridge.native.safety import LifeState
-from bridge.recording.live_run import Watched
+from bridge.recording.live_run import LiveRun
 from bridge.records.lives import Life
 from bridge.safety.limits import explain
 from bridge.wiring.wiring import INLET_ROW
@@ -61,7 +61,7 @@ class Sink(Protocol):
 class Feed:
     """Gives sinks what was written since the last time."""
 
-    def __init__(self, watched: Watched, sinks: Sequence[Sink]) -> None:
+    def __init__(self, watched: LiveRun, sinks: Sequence[Sink]) -> None:
         self._watched, self._sinks = watched, sinks
         self._given: dict[Life, int] = {}
         self._sources: dict[Life, TopicSource] = {}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.deployment.system import System
-from bridge.monitor.messages import SPAN_NS, Heard
+from bridge.monitor.messages import SPAN_NS, ReceivedMessage
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Error, Metric, MetricResult
 from cosim.base.errors import ScenarioError
@@ -27,10 +27,10 @@ class Recent:
     which is `now_ns` (monotonic).
     """
 
-    def __init__(self, system: System, heard: Iterable[Heard], now_ns: int) -> None:
+    def __init__(self, system: System, heard: Iterable[ReceivedMessage], now_ns: int) -> None:
         slots = [s for n in system.nodes.values() for x in n.plan.components for s in x.outputs]
         self._slots = {slot.name: slot for slot in slots}
-        self._places: dict[str, tuple[Heard, int]] = {}
+        self._places: dict[str, tuple[ReceivedMessage, int]] = {}
         for message in heard:
             carried = [name for part in message.carried.outlet.parts for name in part.scalars()]
             self._places |= {name: (message, i) for i, name in enumerate(carried)}
@@ -73,7 +73,7 @@ class Recent:
 
 
 def metrics(
-    system: System, heard: Iterable[Heard], now_ns: int
+    system: System, heard: Iterable[ReceivedMessage], now_ns: int
 ) -> tuple[list[MetricResult], tuple[str, ...]]:
     """The scenario's over the last second; and signals others would need that nobody sends."""
     recent = Recent(system, heard, now_ns)

@@ -68,7 +68,7 @@ class Accept(c.Structure):
         return cls(message.id, ALL_BITS, message.flags & FORMAT, FORMAT)
 
     @classmethod
-    def of_estop(cls, message: Message) -> Accept:
+    def for_estop(cls, message: Message) -> Accept:
         """Frames that are an emergency stop: classic or CAN FD, of any length."""
         return cls(message.id, ALL_BITS, message.flags & KIND, KIND)
 
@@ -191,7 +191,7 @@ class Bus:
             self.struct.log = c.pointer(log.struct)
 
     @classmethod
-    def of_socket(
+    def from_socket(
         cls, descriptor: int, number: int = 0, log: Journal | None = None, *,
         accepts: Sequence[Accept] | None = None,
     ) -> Self:  # fmt: skip
@@ -208,7 +208,7 @@ class Bus:
         return bus
 
     @classmethod
-    def of_rings(
+    def from_rings(
         cls, rx: Ring, tx: Ring, number: int = 0, log: Journal | None = None, *,
         wake: int = -1, accepts: Sequence[Accept] | None = None, kind: BusKind = BusKind.RING,
     ) -> Self:  # fmt: skip

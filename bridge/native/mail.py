@@ -13,7 +13,7 @@ from bridge.native.library import library, library_path
 _ASLEEP = 2
 
 
-def bringer(ring: Ring, number: int) -> Callable[[bytes], None]:
+def frame_writer(ring: Ring, number: int) -> Callable[[bytes], None]:
     """A function that puts bytes that have arrived now into `ring`, as frames of a number.
 
     What does not fit is counted. Python's lock is kept, so that there is one writer at a time,
@@ -28,7 +28,7 @@ def bringer(ring: Ring, number: int) -> Callable[[bytes], None]:
     return brought
 
 
-def taker(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]:
+def frame_reader(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]:
     """A function that takes the next frame out of `ring`; sleeps first while there is none.
 
     What it sleeps on is `descriptor`, without Python's lock; 0: woken, and there is nothing.

@@ -112,7 +112,7 @@ class Message(c.Structure):
     )
 
     @property
-    def tells_state(self) -> bool:
+    def carries_state(self) -> bool:
         """Whether its status says in which state its sender is; 4 bits (classic CAN) do not."""
         return bool(self.status >= 0 and self.header[self.status].scale == 1.0)
 
@@ -123,7 +123,7 @@ class Message(c.Structure):
         receiver counts it.
         """
         waiting = (int(LifeState.UNCONFIGURED), int(LifeState.INACTIVE))
-        return self.tells_state and status & int(Status.LIFE) in waiting
+        return self.carries_state and status & int(Status.LIFE) in waiting
 
 
 class Header(c.Structure):

@@ -17,9 +17,9 @@ from bridge.deployment.system import System
 from bridge.native.frame import DATA, frame_dtype
 from bridge.native.journal import Journal
 from bridge.node.control import Control
-from bridge.node.missing_inputs import unheard
+from bridge.node.missing_inputs import missing_before_start
 from bridge.records.lives import Life
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 
 if TYPE_CHECKING:
     from bridge.zenoh.remote_control import Stoppable
@@ -67,7 +67,7 @@ def log_rows(system: System, bus: str) -> int:
 
 
 @contextmanager
-def attached(system: System, life: Life, folder: Path) -> Iterator[dict[str, Attachment]]:
+def open_buses(system: System, life: Life, folder: Path) -> Iterator[dict[str, Attachment]]:
     """All buses of a life's node, frames logged in ``FOLDER/LIFE.BUS.frames``. Raises BusError."""
     node = life.node
     with ExitStack() as stack:
@@ -126,7 +126,7 @@ def announce(buses: Mapping[str, Attachment]) -> None:
             ready()
 
 
-def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) -> None:
+def answer(wired: WiredNode, buses: Mapping[str, Attachment], control: Stoppable) -> None:
     """Let a node be asked and told over its Zenoh buses, as long as they are open."""
     for name, end in buses.items():
         if wired.system.deployment.buses[name].kind == "zenoh":
@@ -134,10 +134,10 @@ def answer(wired: Wired, buses: Mapping[str, Attachment], control: Stoppable) ->
             from bridge.zenoh import remote_control as answering
 
             assert isinstance(end, channel.ZenohAttachment)
-            answering.serve(end, wired, control, unheard)
+            answering.serve(end, wired, control, missing_before_start)
 
 
-def joined(wired: Wired, buses: Mapping[str, Attachment], control: Control) -> bool:
+def join_run(wired: WiredNode, buses: Mapping[str, Attachment], control: Control) -> bool:
     """Let a node join a run on a host whose date it does not share: by offsets measured over Zenoh.
 
     Returns False if no other node knew when t = 0 was. Never where real drives are meant.

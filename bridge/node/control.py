@@ -16,7 +16,7 @@ from typing import Any
 
 from bridge.native import node as native
 from bridge.native.safety import Command, LifeState
-from bridge.records.records import names_of, refusal
+from bridge.records.records import reason_names, refusal
 from cosim.base.clock import monotonic_ns, sleep
 
 Say = Callable[[Mapping[str, Any]], None]
@@ -124,9 +124,9 @@ def signals(control: Control) -> Iterator[None]:
         told.close()
 
 
-def why(struct: native.NodeStruct) -> str:
+def refusal_text(struct: native.NodeStruct) -> str:
     """Why the last ARM or START was refused, in words."""
-    return refusal(names_of(struct.refused), bool(struct.life.armed))
+    return refusal(reason_names(struct.refused), bool(struct.life.armed))
 
 
 def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 
 from bridge.can import interface
 from bridge.can.interface import Attachment
-from bridge.deployment.drive_sequences import Foreign, commanded
+from bridge.deployment.drive_sequences import Foreign, commanded_drives
 from bridge.deployment.system import System
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Frame
@@ -25,7 +25,7 @@ PATIENCE = 0.5
 
 def foreign_drives(system: System, nodes: Iterable[str]) -> tuple[Foreign, ...]:
     """The drives that these nodes send torques to by a profile, each once."""
-    return tuple(d for n in nodes for d in commanded(system.deployment, system.nodes[n]))
+    return tuple(d for n in nodes for d in commanded_drives(system.deployment, system.nodes[n]))
 
 
 @contextmanager

@@ -8,13 +8,13 @@ from pathlib import Path
 from bridge.faults.script import FaultScript, NodeFaults
 from bridge.native.faults import INJECTED
 from bridge.native.journal import Journal
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 
 #: Rows of the record of what was done to frames.
 ROWS = 100_000
 
 
-def inject(wired: Wired, script: FaultScript, path: Path) -> NodeFaults | None:
+def inject(wired: WiredNode, script: FaultScript, path: Path) -> NodeFaults | None:
     """Do to frames this node receives what the script says; None: nothing.
 
     What was done is recorded in `path`, a journal of INJECTED rows that is closed with the node.
@@ -24,9 +24,9 @@ def inject(wired: Wired, script: FaultScript, path: Path) -> NodeFaults | None:
     system, name = wired.system, wired.name
     faults = script.frames_for(
         name,
-        system.listened(name),
+        system.subscriptions(name),
         {bus: i for i, bus in enumerate(system.buses_of(name))},
-        samples={m: system.messages[m].encoding.message for m in system.heard_by(name)},
+        samples={m: system.messages[m].encoding.message for m in system.received_by(name)},
         journal=journal.address,
     )
     if faults is not None:

@@ -41,7 +41,7 @@ class NodeStart:
         return cls(**{**said, **paths, "life": life, "settings": tuple(said["settings"])})
 
 
-def unready(waiting: Sequence[str]) -> str:
+def missing_text(waiting: Sequence[str]) -> str:
     """What a node that is not ready waits for, as far as it said."""
     if waiting:
         return f"has not heard {', '.join(waiting)}"

@@ -19,7 +19,7 @@ from bridge.native import lockstep as native
 from bridge.native import node as nodes
 from bridge.native.bus import Bus, BusKind, BusStruct
 from bridge.native.frame import Frame, Ring
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError
 
 #: Frames of one slot, in and out: a message's whole start may come at once.
@@ -28,7 +28,7 @@ RING = 4096
 PATIENCE = 30.0
 
 
-def wanted(system: System) -> bool:
+def is_lockstep(system: System) -> bool:
     """Whether a deployment asks for lock-step. Raises ScenarioError where it cannot be."""
     d = system.deployment
     asked = [name for name, bus in d.buses.items() if bus.options.get("lockstep")]
@@ -71,12 +71,12 @@ class Lockstep:
         self._system, self._name = system, name
         self._patience = _patience(system)
         inside = {
-            bus: Bus.of_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
+            bus: Bus.from_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
             for number, bus in enumerate(system.buses_of(name))
         }
-        self.wired = Wired(system, name, inside, journal, nodes.SIMULATED)
+        self.wired = WiredNode(system, name, inside, journal, nodes.SIMULATED)
         self.wired.struct.heartbeat_slots = self.wired.struct.n_peers = 0
-        heard = system.heard_by(name)
+        heard = system.received_by(name)
         self._streams = (native.StreamStruct * max(1, len(heard)))(*map(self._stream, heard))
         structs = [end.bus.struct for end in ends.values()]
         self._outside = (BusStruct * max(1, len(structs)))(*structs)
@@ -123,7 +123,7 @@ class Lockstep:
         if result not in (native.STALLED, native.LOST):
             return ""
         stream = self._streams[self.struct.awaited]
-        message = self._system.heard_by(self._name)[self.struct.awaited]
+        message = self._system.received_by(self._name)[self.struct.awaited]
         sender = self._system.messages[message].node
         at = f"slot {s.slot} (t = {s.slot * s.h:.6g} s)"
         if result == native.LOST:

@@ -18,8 +18,8 @@ from bridge.native import node as native
 from bridge.native.message import REFUSALS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node.control import Say
-from bridge.records.records import names_of, refusal
-from bridge.wiring.wiring import Wired
+from bridge.records.records import reason_names, refusal
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, stopwatch
 
 #: s between two looks, and between two times a node says what it still waits for.
@@ -30,30 +30,30 @@ FAILURES = 3
 MANY = 20
 
 
-def unheard(wired: Wired) -> list[str]:
+def missing_before_start(wired: WiredNode) -> list[str]:
     """What is missing before a start, a phrase each; empty: the node is ready."""
     functions, struct, system = native.functions(), wired.struct, wired.system
     node, now = c.byref(struct), monotonic_ns()
     found = [
         f"{message} from {system.messages[message].node}"
-        for i, message in enumerate(system.heard_by(wired.name))
+        for i, message in enumerate(system.received_by(wired.name))
         if functions.node_unheard(node, i)
     ]
     found += [
-        f"a heartbeat of {peer}{_of_state(wired.peers[peer].state)}"
+        f"a heartbeat of {peer}{_wrong_state_text(wired.peers[peer].state)}"
         for i, peer in enumerate(wired.peers)
         if functions.node_absent(node, i, now)
     ]
     return found
 
 
-def _of_state(state: int) -> str:
+def _wrong_state_text(state: int) -> str:
     """The state of a peer that is heard, if its state prevents a start; else ""."""
     ready = state in (-1, LifeState.INACTIVE, LifeState.ACTIVE)
     return "" if ready else f" in another state than {LifeState(state).name}"
 
 
-def silent(wired: Wired) -> list[str]:
+def silent_messages(wired: WiredNode) -> list[str]:
     """What a running node has not heard for longer than it may, a phrase each.
 
     Messages of nodes that have finished are not missed. Torques of a node in FAULT and previews of
@@ -73,19 +73,19 @@ def silent(wired: Wired) -> list[str]:
         silence = (struct.slot * struct.h_ns - last) * 1e-9
         limit = max(wired.receiving.inlets[i].stop_ns * 1e-9, d.silence)
         if 0 < limit < silence and sender not in over:
-            refused = _refused(wired.receivers[inlet.message])
+            refused = _refused_counts(wired.receivers[inlet.message])
             found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s{refused}"
     return list(found.values())
 
 
-def _refused(receiver: Receiver) -> str:
+def _refused_counts(receiver: Receiver) -> str:
     """How many frames of a message came in the run and were refused, by reason."""
     counts = {name: getattr(receiver, name) for name in REFUSALS}
     said = ", ".join(f"{n} {name}" for name, n in counts.items() if n)
     return f" (refused in the run: {said})" if said else ""
 
 
-def never(wired: Wired) -> list[str]:
+def never_received(wired: WiredNode) -> list[str]:
     """Messages of which a life that has ended has not heard one sample, a phrase each.
 
     Only those it needs, and of which several were to come while it ran.
@@ -99,9 +99,13 @@ def never(wired: Wired) -> list[str]:
     ]
 
 
-def _refusal(wired: Wired) -> Mapping[str, Any]:
+def _refusal_event(wired: WiredNode) -> Mapping[str, Any]:
     struct = wired.struct
-    reasons, armed, missing = names_of(struct.refused), bool(struct.life.armed), unheard(wired)
+    reasons, armed, missing = (
+        reason_names(struct.refused),
+        bool(struct.life.armed),
+        missing_before_start(wired),
+    )
     why = refusal(reasons, armed, missing)
     return {
         "event": "refused", "reasons": reasons, "armed": armed, "missing": missing, "why": why,
@@ -109,8 +113,8 @@ def _refusal(wired: Wired) -> Mapping[str, Any]:
 
 
 @contextmanager
-def watched(
-    wired: Wired,
+def report_missing_inputs(
+    wired: WiredNode,
     say: Say,
     ready: Callable[[], Mapping[str, Any]],
     measured: Callable[[], bool] = lambda: False,
@@ -133,7 +137,7 @@ def watched(
         while not ended.wait(LOOK):
             struct = wired.struct
             if not said:
-                missing = unheard(wired)
+                missing = missing_before_start(wired)
                 if not missing or struct.begun:
                     said = True
                     say(ready())
@@ -142,7 +146,7 @@ def watched(
                     say({"event": "waiting", "for": missing})
             if struct.refusals != refusals:
                 refusals = struct.refusals
-                say(_refusal(wired))
+                say(_refusal_event(wired))
             if struct.begun and not joined:
                 joined = True
                 if struct.first > 0:
@@ -152,7 +156,7 @@ def watched(
                 failures += not measured()
                 if failures == FAILURES:
                     say({"event": "unshared"})
-            if struct.begun and not deaf and (lost := silent(wired)):
+            if struct.begun and not deaf and (lost := silent_messages(wired)):
                 deaf = True
                 say({"event": "deaf", "to": lost})
 

@@ -26,18 +26,18 @@ from bridge.native import node as native
 from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node import lockstep
-from bridge.node.buses import announce, answer, attached, joined
+from bridge.node.buses import announce, answer, join_run, open_buses
 from bridge.node.control import Control, Say, listen_to, signals
 from bridge.node.fault_injection import inject
 from bridge.node.handle import NodeStart
-from bridge.node.missing_inputs import never, silent, watched
+from bridge.node.missing_inputs import never_received, report_missing_inputs, silent_messages
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
-from bridge.realtime.requests import enter, verdict, warm_up
+from bridge.realtime.requests import enter, warm_up, warm_up_warning
 from bridge.records.lives import Life
-from bridge.records.records import LifeEnd, Statement, names_of
+from bridge.records.records import LifeEnd, Statement, reason_names
 from bridge.wiring.outlets import forwarded_facts
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, realtime_ns
 from cosim.base.errors import CosimError
 
@@ -80,10 +80,10 @@ def run_node(
     tells it what others want. Raises CosimError where it cannot be configured.
     """
     journal = options.folder / options.life.file("journal")
-    if lockstep.wanted(system):
+    if lockstep.is_lockstep(system):
         return _in_lockstep(system, options, journal, say, listen)
-    with attached(system, options.life, options.folder) as buses:
-        wired = Wired(
+    with open_buses(system, options.life, options.folder) as buses:
+        wired = WiredNode(
             system,
             options.life.node,
             {name: a.bus for name, a in buses.items()},
@@ -105,7 +105,7 @@ def _in_lockstep(
 ) -> Statement:
     """As :func:`run_node`, without a clock."""
     with (
-        attached(system, options.life, options.folder) as buses,
+        open_buses(system, options.life, options.folder) as buses,
         lockstep.Lockstep(system, options.life.node, buses, journal) as stepping,
     ):
         control = Control(stepping.wired.struct)
@@ -115,12 +115,12 @@ def _in_lockstep(
             threading.Thread(target=listen, args=(control,), daemon=True).start()
             result = stepping.run()
             stalled = stepping.error(result)
-            report = stated(stepping.wired, buses, options, result, {}, "", None, stalled)
-            return _kept(options, report)
+            report = node_statement(stepping.wired, buses, options, result, {}, "", None, stalled)
+            return _write_report(options, report)
 
 
 def _configured(
-    wired: Wired,
+    wired: WiredNode,
     buses: Mapping[str, Attachment],
     options: NodeOptions,
     say: Say,
@@ -142,7 +142,7 @@ def _configured(
     )
     with signals(control), enter(wanted) as granted:
         warm = warm_up(struct.h_ns, options.warm_up) if options.warm_up > 0 else None
-        warning = verdict(warm, wanted.mode) if warm else ""
+        warning = warm_up_warning(warm, wanted.mode) if warm else ""
         refused = [f"{i.name}: {i.said}" for i in granted.refused]
 
         def ready() -> Mapping[str, Any]:
@@ -153,16 +153,18 @@ def _configured(
         thread.start()
 
         def measured() -> bool:
-            return options.alone and joined(wired, buses, control)
+            return options.alone and join_run(wired, buses, control)
 
-        with watched(wired, say, ready, measured):
+        with report_missing_inputs(wired, say, ready, measured):
             result = native.functions().node_live(c.byref(struct))
         facts = granted.facts()
-        return _kept(options, stated(wired, buses, options, result, facts, warning, faults))
+        return _write_report(
+            options, node_statement(wired, buses, options, result, facts, warning, faults)
+        )
 
 
-def stated(
-    wired: Wired,
+def node_statement(
+    wired: WiredNode,
     buses: Mapping[str, Attachment],
     options: NodeOptions,
     result: int,
@@ -173,21 +175,21 @@ def stated(
 ) -> Statement:
     """What a node says of itself at its end; `result`: of node_live."""
     s = wired.struct
-    end, error = _ended(wired, result)
+    end, error = _end_and_reason(wired, result)
     return Statement(
         life=options.life,
         boots=options.boots,
         end=end,
         error=error or stalled,
         state=LifeState(s.life.state).name.lower(),
-        reasons=names_of(s.life.reasons),
-        refused=names_of(s.refused) if s.refusals else (),
+        reasons=reason_names(s.life.reasons),
+        refused=reason_names(s.refused) if s.refusals else (),
         first_slot=int(s.first),
         slots=int(s.slot - s.first),
         missed=int(s.missed),
         start_ns=int(s.start_ns),
         run=int(s.epoch.run),
-        clock=host_clock().words() if s.clock == native.WALL else "",
+        clock=host_clock().describe() if s.clock == native.WALL else "",
         unshared=int(s.epoch.unshared),
         granted=dict(granted),
         warning=warning,
@@ -208,7 +210,7 @@ def stated(
     )
 
 
-def _ended(wired: Wired, result: int) -> tuple[LifeEnd, str]:
+def _end_and_reason(wired: WiredNode, result: int) -> tuple[LifeEnd, str]:
     """How it ended, and what went wrong in a sentence."""
     s = wired.struct
     if result > 0:
@@ -223,13 +225,13 @@ def _ended(wired: Wired, result: int) -> tuple[LifeEnd, str]:
         )
     if result == native.NOT_JOINED:
         return LifeEnd.FAILED, f"it could not join the run: {wired.failed}"
-    if result == native.FINISHED and (unheard := never(wired)):
+    if result == native.FINISHED and (unheard := never_received(wired)):
         return LifeEnd.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
-    lost = silent(wired) if result != native.FINISHED else []
+    lost = silent_messages(wired) if result != native.FINISHED else []
     return ENDS.get(result, LifeEnd.FAILED), f"hears nothing of {', '.join(lost)}" if lost else ""
 
 
-def _kept(options: NodeOptions, report: Statement) -> Statement:
+def _write_report(options: NodeOptions, report: Statement) -> Statement:
     """The report, written: while signals are still ours, so that a Ctrl-C does not take it."""
     report.write(options.folder)
     return report

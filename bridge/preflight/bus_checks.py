@@ -62,9 +62,9 @@ def check_buses(
             found += _load(name, on_bus, timing)
             found += _impossible(on_bus, timing)
         if not wrong and not twice:
-            found += _late(name, on_bus, timing)
+            found += _late_messages(name, on_bus, timing)
     return list(
-        merge_findings([*found, *_watchdogs(messages, watchdogs), *_silent(messages, buses)])
+        merge_findings([*found, *_watchdogs(messages, watchdogs), *_silent_nodes(messages, buses)])
     )
 
 
@@ -181,14 +181,16 @@ def _impossible(messages: Iterable[BusMessage], timing: BusTiming) -> Iterator[F
             yield _error("rate", m.place, m.period, "s", text)
 
 
-def _late(name: str, messages: Sequence[BusMessage], timing: BusTiming) -> Iterator[Finding]:
+def _late_messages(
+    name: str, messages: Sequence[BusMessage], timing: BusTiming
+) -> Iterator[Finding]:
     """Messages that may come after their deadline; the tightest one where none does."""
     tightest: tuple[float, BusMessage, float] | None = None
     for m, response in bus_responses(messages, timing):
         if m.period is None or response.worst is None:
             continue
         limit, takes = response.deadline / 1e9, response.worst / 1e9
-        if not response.met:
+        if not response.meets_deadline:
             what = "its period" if m.deadline is None else "its deadline"
             yield Finding(
                 rule="response-time",
@@ -238,7 +240,9 @@ def _watchdogs(
             )
 
 
-def _silent(messages: Iterable[BusMessage], buses: Mapping[str, BusTiming]) -> Iterator[Finding]:
+def _silent_nodes(
+    messages: Iterable[BusMessage], buses: Mapping[str, BusTiming]
+) -> Iterator[Finding]:
     """Nodes that send, but do not say that they are alive."""
     roles: dict[str, set[Role]] = {}
     for m in messages:

@@ -9,12 +9,12 @@ from bridge.can.codec import Codec
 from bridge.can.messages import BusMessage, Role
 from bridge.deployment import ranges
 from bridge.deployment.protection import emulated
-from bridge.deployment.services import BEATS, commanders
+from bridge.deployment.services import BEATS, commanding_nodes
 from bridge.deployment.system import System
 from bridge.native.message import STAMP_TURNS, E2EProfile
 from bridge.preflight.bus_checks import MessageTimeout, check_buses
 from bridge.preflight.identifiers import collisions
-from bridge.safety.limits import in_si, limits
+from bridge.safety.limits import limits, to_si
 from cosim.bus.timing import BusTiming
 from cosim.checks.finding import Finding
 from cosim.checks.wiring import unconnected_inputs
@@ -66,7 +66,7 @@ def messages(system: System) -> list[BusMessage]:
 def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
     """What drives hear from the nodes that command them, besides commands."""
     service, nodes = system.services[bus], system.deployment.nodes
-    for node in commanders(system.deployment, bus):
+    for node in commanding_nodes(system.deployment, bus):
         beat, sync = service.host_heartbeats.get(nodes[node].number), service.host_sync
         if isinstance(beat, Codec):
             layout = replace(beat.layout, name=f"{beat.layout.name}_{nodes[node].number}")
@@ -87,7 +87,7 @@ def watchdogs(system: System) -> list[MessageTimeout]:
         for inlet in plan.inlets:
             if spec.drive is not None and inlet.target.port == spec.drive.port:
                 place = d.place("nodes", name, "drive")
-                timeout = in_si(emulated(spec.drive, d).watchdog or 0.0, "s", place)
+                timeout = to_si(emulated(spec.drive, d).watchdog or 0.0, "s", place)
                 found.append(MessageTimeout(f"drive of {name}", inlet.message, timeout))
             stale = spec.stale.get(f"{inlet.component}.{inlet.target.port}")
             if stale is not None and stale.stop:
@@ -130,7 +130,7 @@ def overruns(system: System) -> list[Finding]:
     return found
 
 
-def forwarded(system: System) -> list[Finding]:
+def forwarding_overruns(system: System) -> list[Finding]:
     """Forwarded messages whose numbers turn faster than a network may be slow."""
     d = system.deployment
     found: list[Finding] = []
@@ -165,7 +165,7 @@ def unlimited(system: System) -> list[Finding]:
     """Signals of which nothing says what they may be: whatever comes is believed."""
     found: dict[str, Finding] = {}
     for node in system.nodes:
-        for name in system.heard_by(node):
+        for name in system.received_by(node):
             for signal in ranges.unlimited(system, node, system.messages[name]):
                 port = signal.partition(".")[2]
                 found[signal] = Finding(
@@ -222,5 +222,5 @@ def check(system: System) -> list[Finding]:
     plain = check_buses(messages(system), timings(system), watchdogs(system))
     buses = [f for f in plain if f.rule != "identifier"]  # collisions() looks at all parties
     found = [*unconnected_inputs(system.plan), *buses]
-    found += [*collisions(system), *overruns(system), *forwarded(system)]
+    found += [*collisions(system), *overruns(system), *forwarding_overruns(system)]
     return [*found, *windups(system), *unlimited(system)]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from bridge.can.layout import MessageLayout
-from bridge.deployment.services import commanders
+from bridge.deployment.services import commanding_nodes
 from bridge.deployment.system import System
 from bridge.drives.profiles import DriveProfile, ProfileMessage, load_profile
 from bridge.native.frame import Flags
@@ -106,7 +106,7 @@ def _services(system: System, bus: str) -> Iterator[SentIdentifier]:
 def _hosts(system: System, bus: str) -> Iterator[SentIdentifier]:
     """What drives hear from the nodes that command them, besides commands."""
     service, d = system.services[bus], system.deployment
-    for node in commanders(d, bus):
+    for node in commanding_nodes(d, bus):
         beat = service.host_heartbeats.get(d.nodes[node].number)
         if beat is not None:
             yield SentIdentifier(int(beat.message.id), False, f"the CANopen heartbeat of {node}")

@@ -51,7 +51,7 @@ class HostClock:
         """1 to 255, in EPOCH: hosts with different numbers are different."""
         return zlib.crc32(self.host.encode()) % 255 + 1
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """For reports."""
         if not self.kept:
             return f"host {self.number}, date kept by no time server"

@@ -163,7 +163,7 @@ def lateness(
     )
 
 
-def of_journal(rows: NDArray[np.void], period_ns: int) -> Lateness:
+def journal_lateness(rows: NDArray[np.void], period_ns: int) -> Lateness:
     """The report of a node's journal (``row_t`` of ``bridge/c/rows.h``), one life of it.
 
     There a slot has `done_ns`, when all was sent, and `send_ns`, what sending took.

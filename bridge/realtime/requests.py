@@ -27,8 +27,16 @@ LIMIT = 0.2
 REQUIRED = ("cpus", "scheduler", "memory")
 
 __all__ = [
-    "LIMIT", "REQUIRED", "Granted", "Item", "Mode", "Realtime", "RealtimeError", "enter", "verdict",
+    "LIMIT",
+    "REQUIRED",
+    "Granted",
+    "Item",
+    "Mode",
+    "Realtime",
+    "RealtimeError",
+    "enter",
     "warm_up",
+    "warm_up_warning",
 ]  # fmt: skip
 
 
@@ -109,7 +117,7 @@ def warm_up(period_ns: int, seconds: float = 1.0, spin_ns: int = 0) -> Lateness:
     return lateness(start + period_ns * np.arange(n), woke, period_ns)
 
 
-def verdict(found: Lateness, mode: Mode) -> str:
+def warm_up_warning(found: Lateness, mode: Mode) -> str:
     """Empty when a warm-up was good enough to arm, else the warning.
 
     Raises RealtimeError with it in mode `enforce`.

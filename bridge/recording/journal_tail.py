@@ -19,7 +19,7 @@ Rows = NDArray[np.void]
 
 
 @final
-class Tail:
+class JournalTail:
     """The rows of a journal so far. Raises JournalError for a file that is no journal (yet)."""
 
     def __init__(self, path: Path) -> None:

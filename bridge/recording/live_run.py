@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bridge.deployment.system import System, load_system
 from bridge.native.journal import JournalError
-from bridge.recording.journal_tail import Tail
+from bridge.recording.journal_tail import JournalTail
 from bridge.records.lives import Life, files, lives_of
 from bridge.records.records import Statement
 from bridge.rehearsal.supervisor import STARTED
@@ -78,7 +78,7 @@ def find_run(runs: Path) -> Path:
     if not found:
         raise ScenarioError("no run with journals of nodes in this folder", str(runs))
     newest = sorted(found, key=lambda f: f.stat().st_mtime, reverse=True)
-    return next((f for f in newest if goes_on(f)), newest[0])
+    return next((f for f in newest if is_live(f)), newest[0])
 
 
 def journals(folder: Path) -> dict[Life, Path]:
@@ -87,7 +87,7 @@ def journals(folder: Path) -> dict[Life, Path]:
     return files(nodes, "journal")
 
 
-def goes_on(folder: Path) -> bool:
+def is_live(folder: Path) -> bool:
     """Whether a run's supervisor lives, and has not finished the folder."""
     started = folder / STARTED
     if not started.is_file() or (folder / METADATA).is_file():
@@ -112,14 +112,14 @@ def alive(pid: int) -> bool:
 
 
 @final
-class Watched:
+class LiveRun:
     """A run's system and its open files. Files that come later are found by :meth:`look`."""
 
     def __init__(self, folder: Path, system: System, facts: Facts) -> None:
         self.folder, self.system, self.facts = folder, system, facts
-        self.lives: dict[Life, Tail] = {}
-        self.frames: dict[tuple[Life, str], Tail] = {}  # by (life, bus)
-        self.injected: dict[Life, Tail] = {}
+        self.lives: dict[Life, JournalTail] = {}
+        self.frames: dict[tuple[Life, str], JournalTail] = {}  # by (life, bus)
+        self.injected: dict[Life, JournalTail] = {}
         self.unreadable: dict[str, str] = {}
         self.look()
 
@@ -130,7 +130,7 @@ class Watched:
         """A run folder. Raises ScenarioError for one without journals, or of another system."""
         if not folder.is_dir():
             raise ScenarioError("there is no such run folder", str(folder))
-        if not journals(folder) and not goes_on(folder):
+        if not journals(folder) and not is_live(folder):
             raise ScenarioError("no journals of nodes in this folder", str(folder))
         if scenario is not None and deployment is not None:
             facts = Facts(scenario, deployment, ())
@@ -154,17 +154,17 @@ class Watched:
             if faults.is_file():
                 self._open(self.injected, life, faults)
 
-    def _open(self, tails: dict[Any, Tail], key: object, path: Path) -> None:
+    def _open(self, tails: dict[Any, JournalTail], key: object, path: Path) -> None:
         if key in tails:
             return
         try:
-            tail = Tail(path)
+            tail = JournalTail(path)
             self._fits(path, tail, key)
             tails[key] = tail
         except JournalError as error:
             self.unreadable[path.name] = str(error)
 
-    def _fits(self, path: Path, tail: Tail, life: object) -> None:
+    def _fits(self, path: Path, tail: JournalTail, life: object) -> None:
         if path.suffix != ".journal" or not isinstance(life, Life):
             return
         node = self.system.nodes[life.node]
@@ -209,7 +209,7 @@ class Watched:
     @property
     def running(self) -> bool:
         """Whether anything may still come."""
-        if not goes_on(self.folder):
+        if not is_live(self.folder):
             return False
         return not self.lives or not all(tail.closed for tail in self.lives.values())
 

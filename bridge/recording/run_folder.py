@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.can.log import FrameLog, once, write_log
+from bridge.can.log import FrameLog, merge_node_logs, write_log
 from bridge.deployment.cut import NodePlan
 from bridge.deployment.system import System
 from bridge.native.journal import Journal
@@ -72,7 +72,7 @@ def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) 
     """
     plan, scenario = system.plan, system.scenario
     parts = [
-        (_joined(rows, name, node.ticks), *places(system, node))
+        (_join_lives(rows, name, node.ticks), *places(system, node))
         for name, node in system.nodes.items()
         if lives_of(rows, name)
     ]
@@ -98,7 +98,7 @@ def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) 
     return ticks
 
 
-def _joined(
+def _join_lives(
     rows: Mapping[Life, Rows], node: str, ticks: int
 ) -> tuple[IntArray, NDArray[np.float64]]:
     """(base ticks, signals) of all lives of a node, whose slots are `ticks` base ticks long."""
@@ -147,7 +147,7 @@ def at_hits(
     return found[np.maximum.accumulate(np.where(known, np.arange(hits), 0))]
 
 
-def held_by(system: System, rows: Mapping[Life, Rows], link: Link) -> IntArray | None:
+def held_samples(system: System, rows: Mapping[Life, Rows], link: Link) -> IntArray | None:
     """The sent sample a link's receiver held at each of its hits, (hits,); None: not crossing."""
     for name, node in system.nodes.items():
         for i, inlet in enumerate(node.inlets):
@@ -171,17 +171,17 @@ def write_tables(
     d = system.deployment
     recorded = {"deployment": d.name, "latency": d.latency}  # held is the network's work as well
     for link in system.plan.links:
-        held = held_by(system, rows, link)
+        held = held_samples(system, rows, link)
         if held is None:
             continue
         facts = {**link.table.facts(), "recorded": recorded}
         with TableWriter(link_file(folder, link.name), facts) as writer:
             writer.write(held)
-        found[link.name] = statistics(_possible(held, link.table.grid), link.table.grid)
+        found[link.name] = statistics(_without_future(held, link.table.grid), link.table.grid)
     return found
 
 
-def _possible(held: IntArray, grid: Grid) -> IntArray:
+def _without_future(held: IntArray, grid: Grid) -> IntArray:
     """Without samples from the future, as clocks that differ make them look: of age 0 instead."""
     newest = grid.n_r * np.arange(held.size, dtype=np.int64) // grid.n_s
     return np.minimum(held, newest)
@@ -197,7 +197,7 @@ def bus_logs(system: System, nodes: Path) -> dict[str, FrameLog]:
         files = list(frame_files(nodes, name).values())
         if bus.kind != "can" or not files:
             continue
-        rows = once([Journal.open(path) for path in files])
+        rows = merge_node_logs([Journal.open(path) for path in files])
         rows["bus"] = 0
         logs[name] = FrameLog(rows, (_channel(bus, name),))
     return logs

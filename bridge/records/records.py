@@ -104,10 +104,10 @@ class Statement(Record, frozen=True, kw_only=True):
     @property
     def why(self) -> str:
         """The latched reasons in words; "": none."""
-        return in_words(self.reasons)
+        return reason_text(self.reasons)
 
 
-def in_words(reasons: Sequence[str]) -> str:
+def reason_text(reasons: Sequence[str]) -> str:
     """Names of bits of ``Why`` as a sentence; "": none."""
     bits = Why(0)
     for name in reasons:
@@ -123,13 +123,13 @@ class _Note(Record, frozen=True, kw_only=True, tag_field="kind"):
 
     t: float
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """What happened."""
         raise NotImplementedError
 
     def __str__(self) -> str:
         """For people: ``t = 2.001 s: kill slave``."""
-        return f"t = {self.t:.3f} s: {self.words()}"
+        return f"t = {self.t:.3f} s: {self.describe()}"
 
 
 class Done(_Note, frozen=True, kw_only=True, tag="done"):
@@ -140,7 +140,7 @@ class Done(_Note, frozen=True, kw_only=True, tag="done"):
     index: int = -1
     by: float = 0.0
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """``kill slave``."""
         return f"{self.action} {self.target}"
 
@@ -150,7 +150,7 @@ class Remark(_Note, frozen=True, kw_only=True, tag="remark"):
 
     remark: str
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """As it was said."""
         return self.remark
 
@@ -163,7 +163,7 @@ class Gone(_Note, frozen=True, kw_only=True, tag="gone"):
     code: int = 0
     detail: str = ""
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """``node slave has ended: killed by SIGKILL``."""
         return f"node {self.life} has ended: {self.detail or self.end}"
 
@@ -174,7 +174,7 @@ class Missed(_Note, frozen=True, kw_only=True, tag="missed"):
     life: Life
     detail: str = ""
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """``node slave@2 was not ready before the end``."""
         return f"node {self.life} was not ready before the end" + (
             self.detail and f": {self.detail}"
@@ -191,7 +191,7 @@ class Refused(_Note, frozen=True, kw_only=True, tag="refused"):
     armed: bool = True
     missing: tuple[str, ...] = ()
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """``node slave@2 refuses to start: the arms are too far apart to start``."""
         why = refusal(self.reasons, self.armed, self.missing)
         return f"node {self.life} refuses to start: {why}"
@@ -203,7 +203,7 @@ class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
     life: Life
     to: tuple[str, ...]
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """``node slave hears nothing of xi_master from master for 10 s: all were stopped``."""
         return f"node {self.life} hears nothing of {', '.join(self.to)}: all were stopped"
 
@@ -211,7 +211,7 @@ class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
 Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf
 
 
-def noted(what: str | FaultEvent, t: float) -> Note:
+def record_note(what: str | FaultEvent, t: float) -> Note:
     """Of something done to a rehearsal at `t` (s)."""
     if isinstance(what, str):
         return Remark(t=t, remark=what)
@@ -225,9 +225,9 @@ def refusal(reasons: Sequence[str], armed: bool, missing: Sequence[str] = ()) ->
     others = [name for name in reasons if name != "command"]
     if not others:
         return "not in this state" if armed else "not armed"
-    return in_words(others)
+    return reason_text(others)
 
 
-def names_of(bits: int) -> tuple[str, ...]:
+def reason_names(bits: int) -> tuple[str, ...]:
     """Names of the bits of ``Why`` that are set; those it does not have are left out."""
     return names(Why(bits & sum(Why)))

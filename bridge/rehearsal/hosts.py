@@ -63,11 +63,11 @@ def settings(
         found.append(f"{at}.options.insecure=true")
         for host, nodes in hosts.items():
             for i, node in enumerate(n for n in nodes if name in system.buses_of(n)):
-                found.append(listening(name, node, f"{addresses[host]}:{PORT + i}"))
+                found.append(listen_setting(name, node, f"{addresses[host]}:{PORT + i}"))
     return found
 
 
-def listening(bus: str, node: str, to: str, endpoints: Sequence[str] = BOTH) -> str:
+def listen_setting(bus: str, node: str, to: str, endpoints: Sequence[str] = BOTH) -> str:
     """The setting by which a node listens on ``ADDRESS:PORT``, on each of `endpoints`."""
     there = ", ".join(f'"{e.format(to)}"' for e in endpoints)
     return f"deploy.buses.{bus}.options.listen.{node}=[{there}]"

@@ -25,7 +25,7 @@ def events(
     does not have, and for faults of a network without one.
     """
     d = system.deployment
-    messages = {m.name for node in system.nodes for m in system.listened(node)}
+    messages = {m.name for node in system.nodes for m in system.subscriptions(node)}
     script.check(list(d.nodes), list(d.buses), sorted(messages))
     planned = script.process_events(list(d.nodes), list(d.buses))
     babblers = {(e.target, e.index): Babbler(e, system) for e in planned if e.action == "babble"}
@@ -34,7 +34,7 @@ def events(
         ScheduledEvent(
             e.t,
             e,
-            _deed(e, system, babblers, links, script),
+            _event_action(e, system, babblers, links, script),
             e.action == "start",
             babblers[e.target, e.index].prepare if e.action == "babble" else None,
         )
@@ -42,7 +42,7 @@ def events(
     )
 
 
-def _deed(
+def _event_action(
     event: FaultEvent,
     system: System,
     babblers: Mapping[tuple[str, int], Babbler],
@@ -67,7 +67,7 @@ def _deed(
         case "babble":
             return lambda r: babblers[target, event.index].begin()
         case "hush":
-            return lambda r: babblers[target, event.index].hush()
+            return lambda r: babblers[target, event.index].stop()
         case _:
             links.check(event, script)
             return lambda r: links.change(event)
@@ -138,7 +138,7 @@ class Babbler:
             [*self._command, "--hold"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
-        r.closing(self.hush)
+        r.closing(self.stop)
 
         def wait() -> None:
             assert process.stdout is not None and process.stderr is not None
@@ -157,7 +157,7 @@ class Babbler:
         except BrokenPipeError:
             raise RunError("the babbling peer has ended before its time") from None
 
-    def hush(self) -> None:
+    def stop(self) -> None:
         """End it."""
         process, self._process = self._process, None
         if process is None:

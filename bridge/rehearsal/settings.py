@@ -50,7 +50,7 @@ class Settings:
 
 
 @dataclass(slots=True)
-class Ended:
+class RehearsalRecord:
     """What came of a rehearsal: lives in the order they were started, and what was noticed."""
 
     lives: list[NodeHandle] = field(default_factory=list)

@@ -17,13 +17,13 @@ from typing import final
 
 from bridge.deployment.system import System
 from bridge.node.drive_enable import enabled
-from bridge.node.handle import NodeHandle, NodeStart, unready
-from bridge.node.lockstep import wanted
+from bridge.node.handle import NodeHandle, NodeStart, missing_text
+from bridge.node.lockstep import is_lockstep
 from bridge.node.process import Process
 from bridge.node.thread import Thread
 from bridge.records.lives import Life
-from bridge.records.records import Deaf, Gone, LifeEnd, Missed, Refused, noted
-from bridge.rehearsal.settings import Ended as Ended
+from bridge.records.records import Deaf, Gone, LifeEnd, Missed, Refused, record_note
+from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
@@ -50,13 +50,13 @@ class Rehearsal:
 
     def __init__(self, system: System, settings: Settings, folder: Path) -> None:
         self.system, self.settings, self.folder = system, settings, folder
-        self.ended = Ended()
+        self.ended = RehearsalRecord()
         self.current: dict[str, NodeHandle] = {}
         self.expected: set[str] = set()  # nodes whose end is part of the plan
         self._stopped = False  # all were told to stop
         buses = system.deployment.buses.values()
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
-        self._timed = not wanted(system)  # in lock-step nothing says when the end is
+        self._timed = not is_lockstep(system)  # in lock-step nothing says when the end is
         self._kind: type[Process] | type[Thread] = Thread if alone else Process
         self._stack, self._drives = ExitStack(), ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
@@ -95,7 +95,9 @@ class Rehearsal:
 
     # ---- the run -----------------------------------------------------------------------------
 
-    def run(self, progress: Callable[[float, float], None] = lambda t, end: None) -> Ended:
+    def run(
+        self, progress: Callable[[float, float], None] = lambda t, end: None
+    ) -> RehearsalRecord:
         """Start all nodes, wait for their end, and return what came of it.
 
         `progress` is called with (t, end), s. Raises RunError where a node cannot be configured or
@@ -168,24 +170,24 @@ class Rehearsal:
                 if process.ready:
                     del waiting[name]
             if monotonic_ns() > end:
-                said = "; ".join(f"{n}: {unready(p.waiting)}" for n, p in waiting.items())
+                said = "; ".join(f"{n}: {missing_text(p.waiting)}" for n, p in waiting.items())
                 raise RunError(f"not ready after {patience:g} s (patience): {said}")
             sleep(LOOK)
 
     def _watch(self, progress: Callable[[float, float], None]) -> None:
         length = self.length
         events = sorted(self.settings.events, key=lambda e: e.t)
-        while any(p.code is None for p in self.current.values()) or _revived(events, length):
+        while any(p.code is None for p in self.current.values()) or _will_restart(events, length):
             while events and events[0].t <= self.t:
                 event = events.pop(0)
-                self.ended.notes.append(noted(event.what, self.t))
+                self.ended.notes.append(record_note(event.what, self.t))
                 event.do(self)
                 late = self.t - event.t
                 if late > LATE:  # what is to last keeps its length
                     events = [replace(e, t=e.t + late) for e in events]
             self._look()
             progress(min(max(self.t, 0.0), length), length)
-            if self._timed and self.t > length + ENDING and not self._missed():
+            if self._timed and self.t > length + ENDING and not self._end_late_lives():
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
             next_ = events[0].t - self.t if events else LOOK
             sleep(min(LOOK, max(next_, 0.001)))
@@ -196,7 +198,7 @@ class Rehearsal:
         for name, process in list(self.current.items()):
             process.poll()
             self._refused(process)
-            self._deaf(process)
+            self._stop_without_input(process)
             if process.code is None or name in self.expected:
                 continue
             end = LifeEnd(process.done["end"]) if process.done else LifeEnd.KILLED
@@ -214,7 +216,7 @@ class Rehearsal:
             self.ended.notes.append(gone)
             self._stop_others(process)
 
-    def _deaf(self, process: NodeHandle) -> None:
+    def _stop_without_input(self, process: NodeHandle) -> None:
         """A node that hears no more what it needs ends the run."""
         if not process.deaf or self._stopped:
             return
@@ -230,12 +232,12 @@ class Rehearsal:
             if other is not process:
                 life = other.start.life
                 if life.boot > 1 and not other.ready and other.code is None:
-                    detail = unready(other.waiting)
+                    detail = missing_text(other.waiting)
                     self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
                 self.expected.add(life.node)
                 other.tell("stop")
 
-    def _missed(self) -> bool:
+    def _end_late_lives(self) -> bool:
         """Later lives that are not ready long after the end are ended: whether nobody else runs."""
         running = [p for p in self.current.values() if p.code is None]
         missed = [p for p in running if not p.ready and p.start.life.boot > 1]
@@ -255,7 +257,7 @@ class Rehearsal:
         note = Refused(t=self.t, life=life, reasons=why, armed=said["armed"], missing=missing)
         if life.boot == 1:
             self.stop()
-            raise RunError(note.words())
+            raise RunError(note.describe())
         self.ended.notes.append(note)
         self.expected.add(process.start.life.node)
         process.tell("quit")
@@ -289,6 +291,6 @@ class Rehearsal:
         process.tell("start", start_ns=self.ended.start_ns)
 
 
-def _revived(events: Sequence[ScheduledEvent], length: float) -> bool:
+def _will_restart(events: Sequence[ScheduledEvent], length: float) -> bool:
     """Whether a node is still to be started, in time."""
     return any(e.revives and e.t < length for e in events)

@@ -71,7 +71,7 @@ class Impairment:
         self._lost = np.empty(0, dtype=bool)
         self._packets = 0
 
-    def fate(self, t_ns: int, length: int) -> tuple[int, int]:
+    def schedule_packet(self, t_ns: int, length: int) -> tuple[int, int]:
         """(delay, time of leaving) of a packet of `length` bytes at `t_ns`, ns; -1: lost."""
         if self._is_lost() or self.spec.down:
             return -1, -1

@@ -107,7 +107,7 @@ class Router:
             if target is None or target == source:
                 continue  # neither IPv4 nor to one of us
             t_ns, name = now(), f"{source}>{target}"
-            delay, leaves = self.links[name].fate(t_ns, len(packet))
+            delay, leaves = self.links[name].schedule_packet(t_ns, len(packet))
             row = self._recorded(t_ns, delay, name, packet)
             if leaves >= 0:
                 self._count += 1

@@ -112,7 +112,7 @@ def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int
         return start
     start += (min(s.t_ns for s in running) - start) // span * span
     for guess in range(start, start - GUESSES * span, -span):
-        if all(_fits(system.messages[n], s, guess) for n, s in stamped.items()):
+        if all(_counters_fit(system.messages[n], s, guess) for n, s in stamped.items()):
             return guess
     raise ScenarioError(f"counters of {', '.join(stamped)} fit no common t = 0")
 
@@ -128,7 +128,7 @@ def _time_bits(carried: Carried) -> int:
     return codec.layout.time_bits
 
 
-def _fits(carried: Carried, heard: Sequence[LoggedSample], start: int) -> bool:
+def _counters_fit(carried: Carried, heard: Sequence[LoggedSample], start: int) -> bool:
     """Whether the first frames have the counters they would have then; one in ten may be late."""
     asked = heard[:ASKED]
     bits = counter_bits(carried)

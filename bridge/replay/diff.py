@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.replay.run_facts import judged, period, quanta, stored
+from bridge.replay.run_facts import is_compared, period, quanta, stored_scenario
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError, ScenarioError
@@ -131,8 +131,8 @@ def compare_runs(
     folder that is no run, and where the two have no signal or no time in common.
     """
     first, second = Run.open(a), Run.open(b)
-    judges = [judged(run) for run in (first, second)]
-    names = [n for n in first.names if n in second.units and _wanted(n, signals)]
+    judges = [is_compared(run) for run in (first, second)]
+    names = [n for n in first.names if n in second.units and _is_selected(n, signals)]
     if not names:
         raise ScenarioError("the runs have no such signal in common", f"{a}, {b}")
     rows, remarks = _rows(first, second), list[str]()
@@ -149,12 +149,12 @@ def compare_runs(
     return RunDifference(
         a, b, len(t), float(t[-1]), T, tolerance,
         tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
-        _metrics(first, second), (_lacking(first, second), _lacking(second, first)),
+        _metrics(first, second), (_missing_signals(first, second), _missing_signals(second, first)),
         tuple(dict.fromkeys(remarks)),
     )  # fmt: skip
 
 
-def _wanted(name: str, signals: Sequence[str]) -> bool:
+def _is_selected(name: str, signals: Sequence[str]) -> bool:
     """Whether a scalar is one of these, an entry of one, or a port of one."""
     return not signals or any(
         name == s
@@ -164,7 +164,7 @@ def _wanted(name: str, signals: Sequence[str]) -> bool:
     )
 
 
-def _lacking(run: Run, other: Run) -> tuple[str, ...]:
+def _missing_signals(run: Run, other: Run) -> tuple[str, ...]:
     return tuple(n for n in run.names if n not in other.units)
 
 
@@ -233,7 +233,7 @@ def _change(t: Array, signals: Iterable[Array], period: float) -> tuple[float, f
 def _metrics(a: Run, b: Run) -> tuple[MetricDifference, ...]:
     """Metrics both scenarios declare alike; none where a run does not say what it is of."""
     try:
-        scenarios = [stored(run) for run in (a, b)]
+        scenarios = [stored_scenario(run) for run in (a, b)]
         if scenarios[0].metrics != scenarios[1].metrics:
             return ()
         results = [

@@ -27,7 +27,7 @@ from bridge.native.safety import LifeState
 from bridge.replay import bus_log
 from bridge.replay.bus_log import LoggedSample
 from bridge.replay.received_and_sent import History
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError
 
 #: Slots done between two fillings of the rings, and the frames that fit into one.
@@ -52,7 +52,7 @@ class SentDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class ControllerReplay:
     """One controller's node: slots run, frames compared, and what they differ in.
 
     `first`: the slot it began in; `unheard`: slots of which the log has no frame; `stopping`:
@@ -78,7 +78,7 @@ class LogReplay:
     """What a log says of the controllers; `start_ns`: t = 0 on the log's clock."""
 
     start_ns: int
-    nodes: tuple[Followed, ...]
+    nodes: tuple[ControllerReplay, ...]
     remarks: tuple[str, ...]
 
     @property
@@ -130,16 +130,16 @@ def _follow(
     buses: Buses,
     sent: Mapping[str, Sequence[LoggedSample]],
     start: int,
-) -> Followed:
+) -> ControllerReplay:
     own = {message: _numbered(system, message, frames, start) for message, frames in sent.items()}
     limits, first, known = _limits(system, name, own, start)
     with TemporaryDirectory() as scratch:
         rings = {b: Ring(RING) for b in system.buses_of(name)}
         ports = {
-            b: Bus.of_rings(ring, Ring(64), i, kind=BusKind.MEMORY)
+            b: Bus.from_rings(ring, Ring(64), i, kind=BusKind.MEMORY)
             for i, (b, ring) in enumerate(rings.items())
         }
-        wired = Wired(system, name, ports, Path(scratch) / "node.journal", native.SIMULATED)
+        wired = WiredNode(system, name, ports, Path(scratch) / "node.journal", native.SIMULATED)
         with wired:
             made = _begin(wired, first)
             _run(wired, rings, _arrivals(system, name, buses, start), limits)
@@ -152,7 +152,7 @@ def _follow(
     compared = sum(map(len, kept.values()))
     stopping = sum(map(len, own.values())) - compared
     unheard = len(limits) - known
-    return Followed(name, first, len(limits), compared, unheard, stopping, tuple(values))
+    return ControllerReplay(name, first, len(limits), compared, unheard, stopping, tuple(values))
 
 
 def _numbered(
@@ -194,7 +194,7 @@ def _limits(
     return np.maximum.accumulate(limits), first, len(told)
 
 
-def _begin(wired: Wired, first: int) -> dict[str, History]:
+def _begin(wired: WiredNode, first: int) -> dict[str, History]:
     """Active in its first slot; what it says is kept."""
     s = wired.struct
     s.slot = s.first = first
@@ -233,7 +233,7 @@ def _arrivals(
 
 
 def _run(
-    wired: Wired,
+    wired: WiredNode,
     rings: Mapping[str, Ring],
     arrivals: Mapping[str, tuple[NDArray[np.void], NDArray[np.int64]]],
     limits: NDArray[np.int64],

@@ -58,7 +58,7 @@ class History:
 
 
 @dataclass(frozen=True, slots=True)
-class Altered:
+class AlteredSamples:
     """Samples of a message that a life heard otherwise than its sender sent them.
 
     `count` of them; of the first one its number, value `index`, which was `sent` and `heard`.
@@ -91,7 +91,7 @@ class Altered:
         )
 
 
-def heard_history(rows: Rows, carried: Carried, plan: Plan) -> History:
+def received_history(rows: Rows, carried: Carried, plan: Plan) -> History:
     """Of one message as a life heard it. Raises ScenarioError for numbers that no run has."""
     width = carried.outlet.width
     if not len(rows):
@@ -126,17 +126,17 @@ def sent_histories(system: System, lives: Mapping[Life, Rows]) -> dict[str, Hist
     return found
 
 
-def against_senders(
+def compare_with_senders(
     system: System,
     recorded: Mapping[Life, Rows],
     heard: Mapping[Life, Rows],
     sent: Mapping[str, History],
-) -> tuple[tuple[Altered, ...], set[str]]:
+) -> tuple[tuple[AlteredSamples, ...], set[str]]:
     """(samples heard otherwise than sent, messages of which some could not be compared)."""
-    altered: list[Altered] = []
+    altered: list[AlteredSamples] = []
     alone: set[str] = set()
     for life, rows in heard.items():
-        for number, message in enumerate(system.heard_by(life.node)):
+        for number, message in enumerate(system.received_by(life.node)):
             mine = rows[rows["message"] == number]
             history = sent.get(message)
             if not len(mine):
@@ -145,14 +145,16 @@ def against_senders(
                 alone.add(message)
                 continue
             numbers = mine["sequence"]
-            unsent = _unsent(system, recorded, message, numbers)
+            unsent = _never_sent(system, recorded, message, numbers)
             if not (history.known(numbers) | unsent).all():
                 alone.add(message)
-            altered += _altered(system, ReceivedSamples(life, message, mine), history, unsent)
+            altered += _altered_samples(
+                system, ReceivedSamples(life, message, mine), history, unsent
+            )
     return tuple(altered), alone
 
 
-def unheard(
+def missing_in_journal(
     system: System, life: Life, rows: Rows, histories: Mapping[str, History]
 ) -> Iterator[str]:
     """Messages of which a life held samples that are not in the journal of what it heard."""
@@ -171,9 +173,9 @@ class ReceivedSamples:
     rows: Rows
 
 
-def _altered(
+def _altered_samples(
     system: System, received: ReceivedSamples, history: History, unsent: NDArray[np.bool_]
-) -> Iterator[Altered]:
+) -> Iterator[AlteredSamples]:
     """The samples that are not those of their sender, if there are any."""
     rows, message = received.rows, system.messages[received.message].encoding.message
     values = rows["values"][:, : history.values.shape[1]]
@@ -191,7 +193,7 @@ def _altered(
     if history.known(numbers[:1]).all():
         true = history.at(numbers[:1])[0]
     index = int(np.flatnonzero(_bits(true) != _bits(values[0]))[0])
-    yield Altered(
+    yield AlteredSamples(
         received.life, received.message, int(at.size), int(numbers[0]), index, float(true[index]),
         float(values[0, index]), int(wrong.sum()), int((unsent[at] & ~wrong).sum()),
     )  # fmt: skip
@@ -208,7 +210,7 @@ def _bits(values: Values) -> NDArray[np.int64]:
     return np.ascontiguousarray(values).view(np.int64)
 
 
-def _unsent(
+def _never_sent(
     system: System, recorded: Mapping[Life, Rows], message: str, numbers: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Which numbers the sender has not sent, (n,).

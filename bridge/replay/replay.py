@@ -24,9 +24,9 @@ from bridge.native.journal import Journal
 from bridge.native.safety import LifeState
 from bridge.records.lives import ByLife, Life, files
 from bridge.replay import received_and_sent
-from bridge.replay.received_and_sent import Altered, History
+from bridge.replay.received_and_sent import AlteredSamples, History
 from bridge.wiring.outlets import Forwarding
-from bridge.wiring.wiring import HEARD, Rows, Wired, heard_dtype
+from bridge.wiring.wiring import HEARD, Rows, WiredNode, heard_dtype
 from cosim.base.errors import ScenarioError
 
 
@@ -61,7 +61,7 @@ class ReplayReport:
     greatest: float
     first: Difference | None
     alone: tuple[str, ...] = ()
-    altered: tuple[Altered, ...] = ()
+    altered: tuple[AlteredSamples, ...] = ()
 
 
 def replay(
@@ -72,8 +72,8 @@ def replay(
     Each life hears what it heard, whoever sent it: no other node is needed. What it heard is then
     held against what its sender computed, where that was recorded. Gateways compute nothing.
 
-    `recorded`: rows by life; `heard`: of :func:`heard_of`. Raises ScenarioError where they are not
-    of this system.
+    `recorded`: rows by life; `heard`: of :func:`received_by_life`. Raises ScenarioError where
+    they are not of this system.
     """
     lives = {life: r for life, r in recorded.items() if system.nodes[life.node].plan.components}
     there = {life: rows for life, rows in heard.items() if life in recorded}
@@ -85,7 +85,9 @@ def replay(
         for life, rows in lives.items():
             node = _wire(stack, _fresh(system, life), life, rows, folder)
             histories[life] = _hear(node, life, there, sent)
-            unheard.update(received_and_sent.unheard(system, life, rows, histories[life]))
+            unheard.update(
+                received_and_sent.missing_in_journal(system, life, rows, histories[life])
+            )
             _run(node, life)
             found[life] = node.journal.rows
         differences = [d for x, rows in lives.items() for d in _compare(system, x, rows, found[x])]
@@ -93,7 +95,7 @@ def replay(
         found.clear()
     first = min(differences, key=lambda d: d.t, default=None)
     slots = ByLife({life: len(rows) for life, rows in lives.items()})
-    altered, alone = received_and_sent.against_senders(system, lives, there, sent)
+    altered, alone = received_and_sent.compare_with_senders(system, lives, there, sent)
     return ReplayReport(slots, greatest, first, tuple(sorted(alone | unheard)), altered)
 
 
@@ -105,7 +107,7 @@ def load(folder: Path) -> ByLife[Rows]:
     return ByLife({life: rows for life, rows in found.items() if len(rows)})
 
 
-def heard_of(folder: Path) -> ByLife[Rows]:
+def received_by_life(folder: Path) -> ByLife[Rows]:
     """What each life of a run folder heard (:func:`bridge.wiring.wiring.heard_dtype`)."""
     return ByLife({life: Journal.open(path) for life, path in files(folder, HEARD).items()})
 
@@ -115,8 +117,8 @@ def _fresh(system: System, life: Life) -> System:
     return system if life.boot == 1 else make_system(system.scenario, system.deployment)
 
 
-def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path) -> Wired:
-    node = Wired(system, life.node, {}, folder / life.file("journal"), native.REPLAY)
+def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path) -> WiredNode:
+    node = WiredNode(system, life.node, {}, folder / life.file("journal"), native.REPLAY)
     if rows.dtype != node.journal.rows.dtype:
         node.journal.close()
         raise ScenarioError(
@@ -137,7 +139,7 @@ def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path
 
 
 def _hear(
-    node: Wired, life: Life, heard: Mapping[Life, Rows], sent: Mapping[str, History]
+    node: WiredNode, life: Life, heard: Mapping[Life, Rows], sent: Mapping[str, History]
 ) -> dict[str, History]:
     """What was heard of each message, for its reception; what is sent again goes to `sent`."""
     rows = heard.get(life)
@@ -150,7 +152,7 @@ def _hear(
     histories: dict[str, History] = {}
     for number, (message, reception) in enumerate(node.receiving.receptions.items()):
         mine, carried = rows[rows["message"] == number], node.system.messages[message]
-        history = received_and_sent.heard_history(mine, carried, node.system.plan)
+        history = received_and_sent.received_history(mine, carried, node.system.plan)
         reception.history = c.pointer(history.struct)
         histories[message] = history
     for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):
@@ -160,7 +162,7 @@ def _hear(
 
 
 def _remember(
-    node: Wired, message: str, outlet: native.OutletStruct, histories: Mapping[str, History]
+    node: WiredNode, message: str, outlet: native.OutletStruct, histories: Mapping[str, History]
 ) -> None:
     """What an outlet sends, and what gateways make of it, is kept for its receivers."""
     outlet.history = c.pointer(histories[message].struct)
@@ -183,7 +185,7 @@ def _check_slots(rows: Rows, place: str) -> None:
         raise ScenarioError(text, place)
 
 
-def _begin(node: Wired, rows: Rows) -> None:
+def _begin(node: WiredNode, rows: Rows) -> None:
     """Inputs from other nodes hold at the start what they held when it was recorded."""
     signals: NDArray[np.float64] = rows["signals"][0]
     for i, inlet in enumerate(node.plan.inlets):
@@ -194,7 +196,7 @@ def _begin(node: Wired, rows: Rows) -> None:
             node.engine.signals[part] = signals[part]
 
 
-def _run(node: Wired, life: Life) -> None:
+def _run(node: WiredNode, life: Life) -> None:
     result = native.functions().node_replay(c.byref(node.struct))
     if result:
         error = node.engine.failure(result)

@@ -14,7 +14,7 @@ from cosim.record import Run
 from cosim.scenario.spec import Scenario, build
 
 
-def stored(run: Run) -> Scenario:
+def stored_scenario(run: Run) -> Scenario:
     """The scenario of ``run.json``. Raises ScenarioError."""
     data = run.metadata.get("scenario")
     if not isinstance(data, Mapping):
@@ -27,7 +27,7 @@ def period(run: Run, remarks: list[str]) -> float:
     """The slowest period of a component, s; without a scenario, that of the rows."""
     step = float(run.t[1] - run.t[0]) if len(run) > 1 else 0.0
     try:
-        scenario = stored(run)
+        scenario = stored_scenario(run)
         periods = [
             scenario.seconds(spec.period, "components", name, "period")
             for name, spec in scenario.components.items()
@@ -39,10 +39,10 @@ def period(run: Run, remarks: list[str]) -> float:
     return max([*periods, step])
 
 
-def judged(run: Run) -> Callable[[str], bool]:
+def is_compared(run: Run) -> Callable[[str], bool]:
     """Whether a scalar is a plant's, or goes somewhere; everything without a scenario."""
     try:
-        scenario = stored(run)
+        scenario = stored_scenario(run)
     except CosimError:
         return lambda name: True
     ends = [e for x in scenario.links for e in (x.source, x.target)]

@@ -19,7 +19,7 @@ from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Ring
 from bridge.native.safety import LifeState
 from bridge.records.lives import Life
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 
@@ -34,20 +34,20 @@ def simulate(system: System, folder: Path) -> dict[str, Path]:
 
     Raises RunError where a component fails or a guard stops the run.
     """
-    with wired(system, folder) as nodes:
+    with wired_nodes(system, folder) as nodes:
         run(system, nodes)
     return {name: folder / Life(name).file("journal") for name in system.nodes}
 
 
 @contextmanager
-def wired(
-    system: System, folder: Path, prepare: Callable[[Wired], None] = lambda node: None
-) -> Iterator[dict[str, Wired]]:
+def wired_nodes(
+    system: System, folder: Path, prepare: Callable[[WiredNode], None] = lambda node: None
+) -> Iterator[dict[str, WiredNode]]:
     """All nodes, enabled; `prepare` may change each before."""
     with ExitStack() as stack:
         nodes = {
             name: stack.enter_context(
-                Wired(
+                WiredNode(
                     system,
                     name,
                     _buses(system, name),
@@ -66,12 +66,12 @@ def wired(
 
 def _buses(system: System, node: str) -> dict[str, Bus]:
     return {
-        name: Bus.of_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
+        name: Bus.from_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
         for number, name in enumerate(system.buses_of(node))
     }
 
 
-def run(system: System, nodes: Mapping[str, Wired]) -> None:
+def run(system: System, nodes: Mapping[str, WiredNode]) -> None:
     """All nodes to the end. Raises RunError, and KeyboardInterrupt where a signal ends the run."""
     networks = list(system.deployment.buses)
     width = max(len(system.buses_of(node.name)) for node in nodes.values())
@@ -98,7 +98,7 @@ def run(system: System, nodes: Mapping[str, Wired]) -> None:
         raise _failed(nodes, result)
 
 
-def _failed(wired: Mapping[str, Wired], result: int) -> BaseException:
+def _failed(wired: Mapping[str, WiredNode], result: int) -> BaseException:
     """The error of the node that stopped."""
     for name, node in wired.items():
         if node.struct.result:

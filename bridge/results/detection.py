@@ -15,22 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
-from bridge.deployment.carried import Listened
+from bridge.deployment.carried import Subscription
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, FaultEvent, FaultScript, FrameFault
 from bridge.native.message import COUNTERS
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal.babbler import accept
-from bridge.results.detection_links import RecordedNetwork, of_links
+from bridge.results.detection_links import RecordedNetwork, link_evidence
 from bridge.results.findings import Evidence, Place, Sign, Signs
-from bridge.results.symptoms import SIGNS, Shown
-from bridge.results.undetected import of_run
+from bridge.results.symptoms import SIGNS, FinishedRun
+from bridge.results.undetected import frames_of_run
 from bridge.wiring.wiring import Rows
 
 
 def find(
-    script: FaultScript, shown: Shown, network: RecordedNetwork | None = None
+    script: FaultScript, shown: FinishedRun, network: RecordedNetwork | None = None
 ) -> list[Evidence]:
     """What the report shows of each table of a script, in their order."""
     system = shown.system
@@ -84,14 +84,14 @@ class Received:
     """
 
     life: Life
-    listened: Sequence[Listened]
+    subscriptions: Sequence[Subscription]
     record: Rows
     frames: Mapping[tuple[str, str], NDArray[np.bool_]]
 
     def hit(self, fault: FrameFault) -> dict[str, NDArray[np.bool_]]:
         """Rows of each message that a fault is about, by name."""
         found: dict[str, NDArray[np.bool_]] = {}
-        for one in fault.about(self.listened):
+        for one in fault.about(self.subscriptions):
             rows = self.frames.get((one.bus, one.name))
             if rows is not None and (one.name == "SYNC") == (fault.kind == "sync-loss"):
                 found[one.name] = rows | found.get(one.name, False)
@@ -100,8 +100,8 @@ class Received:
 
 def received(life: Life, record: Rows, system: System) -> Received:
     """The record of one life (INJECTED), by what its node listens to and counts."""
-    listened, buses = system.listened(life.node), system.buses_of(life.node)
-    counted = {"SYNC", *system.heard_by(life.node)}
+    listened, buses = system.subscriptions(life.node), system.buses_of(life.node)
+    counted = {"SYNC", *system.received_by(life.node)}
     frames = {}
     for one in listened:
         if one.name not in counted:
@@ -110,13 +110,13 @@ def received(life: Life, record: Rows, system: System) -> Received:
         if one.name in system.messages:
             encoding = system.messages[one.name].encoding
             assert isinstance(encoding, Codec)
-            rows[rows] = of_run(record[rows], encoding)
+            rows[rows] = frames_of_run(record[rows], encoding)
         frames[one.bus, one.name] = rows
     return Received(life, listened, record, frames)
 
 
 def _of_frames(
-    fault: FrameFault, every: Sequence[FrameFault], shown: Shown, records: Sequence[Received]
+    fault: FrameFault, every: Sequence[FrameFault], shown: FinishedRun, records: Sequence[Received]
 ) -> Iterator[Place]:
     """A place each life and message. A life that did not live to tell cannot show anything.
 
@@ -132,7 +132,9 @@ def _of_frames(
             if fault.kind == "delay" and not shown.arrives(life, name, *span):
                 rows = rows[:0]  # a gateway, and no node behind it ran that would show the age
             alike = [f for f in every if _counted_as(fault, f, life.node)]
-            alike = [f for f in alike if name in {one.name for one in f.about(received.listened)}]
+            alike = [
+                f for f in alike if name in {one.name for one in f.about(received.subscriptions)}
+            ]
             total = max(sum(len(_effective(record[there], f)) for f in alike), len(rows))
             signs = _frame_signs(fault, shown, life, name, rows, total, span)
             yield Place(target=str(life), message=name, done=len(rows), signs=signs)
@@ -161,7 +163,7 @@ def _effective(record: Rows, fault: FrameFault) -> Rows:
 
 def _frame_signs(
     fault: FrameFault,
-    shown: Shown,
+    shown: FinishedRun,
     life: Life,
     message: str,
     rows: Rows,
@@ -181,7 +183,7 @@ def _frame_signs(
     if fault.kind in HOSTILE:
         return _hostile_signs(signs, shown, life, message)
     counters = [name for name in signs if name in COUNTERS]
-    found = shown.counted(life, message, counters, total) if counters else ()
+    found = shown.counter_signs(life, message, counters, total) if counters else ()
     if "age" in signs:
         least = float((rows["through_ns"] - rows["t_ns"]).min()) * 1e-9
         found = (*found, *shown.age(life, message, *span, least))
@@ -191,13 +193,13 @@ def _frame_signs(
     return found
 
 
-def _hostile_signs(signs: Sequence[str], shown: Shown, life: Life, message: str) -> Signs:
+def _hostile_signs(signs: Sequence[str], shown: FinishedRun, life: Life, message: str) -> Signs:
     """One sign is enough: a frame that is refused may be refused for another's sake."""
     counters = [name for name in signs if name in COUNTERS]
-    found = shown.counted(life, message, counters, 1) if counters else ()
+    found = shown.counter_signs(life, message, counters, 1) if counters else ()
     if "surplus" in signs:
-        found = (*found, *shown.surplus(life, message))
-    return (*found, *shown.unlike(life, message)) if "altered" in signs else found
+        found = (*found, *shown.extra_frames(life, message))
+    return (*found, *shown.altered_samples(life, message)) if "altered" in signs else found
 
 
 # ---- faults of processes, buses and networks ------------------------------------------------
@@ -211,7 +213,7 @@ def _kind(events: Sequence[FaultEvent]) -> str:
 
 
 def _of_events(
-    events: Sequence[FaultEvent], shown: Shown, network: RecordedNetwork | None
+    events: Sequence[FaultEvent], shown: FinishedRun, network: RecordedNetwork | None
 ) -> Iterator[Place]:
     """A place each target whose beginning the run has noted, unless its node was over by then."""
     first, last = events[0], events[-1]
@@ -227,14 +229,14 @@ def _of_events(
         actual = replace(first, t=begun)  # when it was done, which a busy machine does later
         over = done.get((last.action, target), last.t)
         if first.action in OF_LINKS and network is not None:
-            yield from of_links(actual, over, shown, network)
+            yield from link_evidence(actual, over, shown, network)
             continue
         look = _EVENT_SIGNS.get(_kind(events))
         signs = look(shown, target, actual, over) if look else ()
         yield Place(target=target, done=1, signs=signs)
 
 
-def _restarted(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
+def _restarted(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> Signs:
     h = shown.system.nodes[node].h
     later = [life for life in shown.lives(node) if shown.rows[life]["slot"][0] * h > first.t]
     if later:
@@ -243,15 +245,15 @@ def _restarted(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
     return tuple(Sign(what="refusal", life=n.life, note=n) for n in stayed)[:1]
 
 
-def _killed(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
+def _killed(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> Signs:
     return shown.ended(node, first.t, t1)
 
 
-def _stopped(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
+def _stopped(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> Signs:
     return shown.late(node, first.t, t1) or shown.ended(node, first.t, t1)
 
 
-def _jumped(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
+def _jumped(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> Signs:
     """A clock set forward makes its node late; one set back makes it silent to the others."""
     by = abs(first.by)
     found = shown.late(node, first.t, first.t + by) or shown.stopped(node, first.t)
@@ -260,14 +262,14 @@ def _jumped(shown: Shown, node: str, first: FaultEvent, t1: float) -> Signs:
         for message, carried in shown.system.messages.items()
         if carried.node == node
         for other in shown.system.nodes
-        if message in shown.system.heard_by(other)
+        if message in shown.system.received_by(other)
         for life in shown.alive(other, first.t, first.t + by)
         for sign in shown.silence(life, message, first.t, first.t + by)
     )
     return found or tuple(silent)[:1]
 
 
-def _health(shown: Shown, bus: str, first: FaultEvent, t1: float) -> Signs:
+def _health(shown: FinishedRun, bus: str, first: FaultEvent, t1: float) -> Signs:
     """Errors of the bus; where it was down several times, a life that had it back as often."""
     downs = sum(
         isinstance(n, Done) and (n.action, n.target) == (first.action, bus) for n in shown.notes
@@ -280,13 +282,13 @@ def _health(shown: Shown, bus: str, first: FaultEvent, t1: float) -> Signs:
     return ()
 
 
-def _frames(shown: Shown, bus: str, first: FaultEvent, t1: float) -> Signs:
+def _frames(shown: FinishedRun, bus: str, first: FaultEvent, t1: float) -> Signs:
     """Frames in the logs of the bus that have the peer's identifier and that no node has sent."""
-    found = shown.strangers(bus, accept(first))
+    found = shown.foreign_frames(bus, accept(first))
     return (Sign(what="frames", number=found),) if found else ()
 
 
-_EVENT_SIGNS: Mapping[str, Callable[[Shown, str, FaultEvent, float], Signs]] = {
+_EVENT_SIGNS: Mapping[str, Callable[[FinishedRun, str, FaultEvent, float], Signs]] = {
     "kill": _killed,
     "restart": _restarted,
     "freeze": _stopped,

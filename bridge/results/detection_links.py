@@ -15,7 +15,7 @@ from bridge.native.message import COUNTERS
 from bridge.records.lives import Life
 from bridge.relay.router import UDP
 from bridge.results.findings import Place, Signs
-from bridge.results.symptoms import SIGNS, Shown
+from bridge.results.symptoms import SIGNS, FinishedRun
 from bridge.wiring.wiring import Rows
 
 #: Packets of samples below which a fault had nothing to act on; some are of handshakes.
@@ -45,8 +45,8 @@ class RecordedNetwork:
     start_ns: int
 
 
-def of_links(
-    first: FaultEvent, t1: float, shown: Shown, network: RecordedNetwork
+def link_evidence(
+    first: FaultEvent, t1: float, shown: FinishedRun, network: RecordedNetwork
 ) -> Iterator[Place]:
     """A place each life that receives something over a link the fault acted on."""
     packets = network.packets
@@ -61,33 +61,33 @@ def of_links(
             size = _HEADERS + 8 * shown.system.messages[message].outlet.width
             samples = (rows["length"] >= size) & shown.sends(message, t)
             samples &= left <= shown.last(life)  # what arrives later has no receiver any more
-            acted, least = _acted(first.action, rows[samples])
+            acted, least = _affected_packets(first.action, rows[samples])
             done = acted if acted >= FEW[first.action] else 0
             signs = _link_signs(first, quiet, t1, shown, life, message, least) if done else ()
             yield Place(target=str(life), message=message, done=done, signs=signs)
 
 
 def _receivers(
-    action: str, link: str, t0: float, t1: float, shown: Shown, network: RecordedNetwork
+    action: str, link: str, t0: float, t1: float, shown: FinishedRun, network: RecordedNetwork
 ) -> Iterator[tuple[Life, str]]:
     source, _, target = link.partition(">")
     for node in network.hosts[target]:
-        for message in shown.system.heard_by(node):
+        for message in shown.system.received_by(node):
             carried = shown.system.messages[message]
             zenoh = shown.system.deployment.buses[carried.bus].kind == "zenoh"
             if zenoh and carried.node in network.hosts[source]:
                 lives = shown.alive(node, t0, t1)
                 # Of one that did not live to tell there are its rows, but no counters.
                 if set(SIGNS[action]) - set(COUNTERS):
-                    lives += [x for x in shown.throughout(node, t0, t1) if x not in lives]
+                    lives += [x for x in shown.lives_throughout(node, t0, t1) if x not in lives]
                 for life in lives:
                     # One that began again has to have found its peer before.
-                    news = shown.news(life, message) if life.boot > 1 else ()
+                    news = shown.new_sample_times(life, message) if life.boot > 1 else ()
                     if life.boot == 1 or any((at < t0).any() for at in news):
                         yield life, message
 
 
-def _acted(action: str, rows: Rows) -> tuple[int, float]:
+def _affected_packets(action: str, rows: Rows) -> tuple[int, float]:
     """(packets a link did something to, s that each of them was held at least)."""
     through = rows[rows["left_ns"] >= 0]
     held = (through["left_ns"] - through["t_ns"]) * 1e-9
@@ -104,7 +104,13 @@ def _acted(action: str, rows: Rows) -> tuple[int, float]:
 
 
 def _link_signs(
-    first: FaultEvent, quiet: float, t1: float, shown: Shown, life: Life, message: str, least: float
+    first: FaultEvent,
+    quiet: float,
+    t1: float,
+    shown: FinishedRun,
+    life: Life,
+    message: str,
+    least: float,
 ) -> Signs:
     """`quiet`: s, from when on nothing from before the fault arrives; `least`: s each was held."""
     found: Signs = ()
@@ -115,5 +121,5 @@ def _link_signs(
             held = min(t1 - quiet, least) if least > 0 else t1 - quiet
             found += shown.silence(life, message, quiet, quiet + held)
         else:
-            found += shown.counted(life, message, [sign], 1)
+            found += shown.counter_signs(life, message, [sign], 1)
     return found

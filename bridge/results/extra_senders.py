@@ -50,7 +50,7 @@ class Surplus:
         )
 
 
-def surpluses(
+def extra_frames(
     system: System, rows: Mapping[Life, Rows], reports: Sequence[NodeReport]
 ) -> Iterator[Surplus]:
     """Messages of which more was heard than sent: a flood, a recording, a second sender."""

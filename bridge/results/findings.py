@@ -46,7 +46,7 @@ class Sign(Record, frozen=True, kw_only=True):
             case "syncs":
                 return f"{n:.0f} SYNC lost"
             case "refusal" if self.note is not None:
-                return self.note.words()
+                return self.note.describe()
         return f"{n:.0f} {self.what.replace('_', ' ')}"
 
 

@@ -43,14 +43,14 @@ def run_offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> Path:
     no table).
     """
     try:
-        plan = _over(system, run, rows, fed(system, rows))
+        plan = _recorded_plan(system, run, rows, recorded_inputs(system, rows))
     except PlanError:  # all in a loop held a sample of the very tick they were in
-        plan = _over(system, run, rows, _crossing(system))
+        plan = _recorded_plan(system, run, rows, _crossing(system))
     simulate(system.scenario, run / OFFLINE, plan=plan, force=True)
     return run / OFFLINE
 
 
-def fed(system: System, rows: Mapping[Life, Rows]) -> list[tuple[str, Inlet]]:
+def recorded_inputs(system: System, rows: Mapping[Life, Rows]) -> list[tuple[str, Inlet]]:
     """Inputs that are fed with what their node gave them, by node: all but links held as sent."""
     return [x for x in _crossing(system) if not _as_sent(system, rows, *x)]
 
@@ -59,7 +59,7 @@ def _crossing(system: System) -> list[tuple[str, Inlet]]:
     return [(node, inlet) for node, plan in system.nodes.items() for inlet in plan.inlets]
 
 
-def _over(
+def _recorded_plan(
     system: System, run: Path, rows: Mapping[Life, Rows], inputs: Sequence[tuple[str, Inlet]]
 ) -> Plan:
     """The scenario's plan over the tables of `run`, these inputs fed from the rows."""
@@ -78,7 +78,7 @@ def _players(
     """What an input was given at each hit of its component; also the age that its link told."""
     for slot in (inlet.target, *([inlet.age] if inlet.age else [])):
         for name, place, column in _entries(system, node, slot):
-            values = _given(system, rows, node, inlet, column)
+            values = _received_signal(system, rows, node, inlet, column)
             yield Player(replace(slot, name=name, start=place, shape=()), RepeatedValues(values))
 
 
@@ -90,7 +90,7 @@ def _entries(system: System, node: str, slot: Slot) -> Iterator[tuple[str, int, 
         yield name, where[slot.start + k], slot.start + k
 
 
-def _given(
+def _received_signal(
     system: System, rows: Mapping[Life, Rows], node: str, inlet: Inlet, column: int
 ) -> NDArray[np.float64]:
     """A signal of an input at each hit, (hits,). A plant's row is written before it is given."""
@@ -120,7 +120,7 @@ def _as_sent(system: System, rows: Mapping[Life, Rows], node: str, inlet: Inlet)
     first = _source(system.nodes[sender], inlet.source)
     for k in range(inlet.target.size):
         sent = at_hits(system, rows, sender, sent_ticks, _column(first + k), 0.0)
-        given = _given(system, rows, node, inlet, inlet.target.start + k)
+        given = _received_signal(system, rows, node, inlet, inlet.target.start + k)
         if held.max() >= len(sent):
             return False
         first_value = sent[0] if inlet.link.initial is None else inlet.link.initial[k]

@@ -27,13 +27,13 @@ from bridge.deployment.system import System
 from bridge.faults.script import FaultScript
 from bridge.recording import run_folder
 from bridge.records.lives import Life
-from bridge.rehearsal.supervisor import STARTED, Ended
+from bridge.rehearsal.supervisor import STARTED, RehearsalRecord
 from bridge.replay import replay, twin
 from bridge.results import detection, report, verdict
 from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
-from bridge.results.symptoms import Shown
+from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError
@@ -59,7 +59,7 @@ def clear(folder: Path) -> None:
 def complete(
     system: System,
     folder: Path,
-    ended: Ended,
+    ended: RehearsalRecord,
     facts: Mapping[str, Any],
     *,
     with_twin: bool = True,
@@ -73,14 +73,14 @@ def complete(
     between hosts.
     """
     nodes = folder / NODES
-    rows, heard = replay.load(nodes), replay.heard_of(nodes)
+    rows, heard = replay.load(nodes), replay.received_by_life(nodes)
     if not rows:
         why = "; ".join(map(str, ended.notes)) or "nobody said why"
         raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
     offset = realtime_offset_ns()
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)
-    replayed, error = _replayed(system, rows, heard)
+    replayed, error = _replay_run(system, rows, heard)
     rms = float("nan")
     if with_twin:
         other = run_twin(system, folder / TWIN, facts["settings"])
@@ -89,7 +89,7 @@ def complete(
     if script is not None:
         strange = replayed.altered if replayed else ()
         altered = {(a.life, a.message): a.count for a in strange}
-        shown = Shown(system, rows, reports, nodes, ended.notes, altered)
+        shown = FinishedRun(system, rows, reports, nodes, ended.notes, altered)
         faults = detection.find(script, shown, network)
     outcome = RehearsalOutcome(
         folder, found.ticks, rows, reports, found.ages, replayed, error, rms,
@@ -102,12 +102,12 @@ def complete(
 
 def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
     """Say in ``run.json`` what is about to run, so that it can be replayed however it ends."""
-    found = metadata(system.scenario, system.plan) | deployed(system, facts)
+    found = metadata(system.scenario, system.plan) | deployment_facts(system, facts)
     write_metadata(folder, found)
     return found
 
 
-def _replayed(
+def _replay_run(
     system: System, rows: Mapping[Life, Rows], heard: Mapping[Life, Rows]
 ) -> tuple[replay.ReplayReport | None, str]:
     with TemporaryDirectory() as scratch:
@@ -167,7 +167,7 @@ def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
     return float(np.sqrt(np.mean(squares))) if squares else float("nan")
 
 
-def deployed(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
+def deployment_facts(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
     """What ``run.json`` says of the deployment: enough to replay it."""
     return {
         "deployment": {
@@ -183,10 +183,10 @@ def deployed(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
 def _metadata(
     system: System, outcome: RehearsalOutcome, facts: Mapping[str, Any]
 ) -> dict[str, Any]:
-    replayed, judged = outcome.replayed, verdict.of(system, outcome)
+    replayed, judged = outcome.replayed, verdict.judge(system, outcome)
     return {
         **metadata(system.scenario, system.plan),
-        **deployed(system, facts),
+        **deployment_facts(system, facts),
         "status": FINISHED if outcome.finished else STOPPED,
         "rehearsal": {
             "finished": outcome.finished,

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from bridge.can.health import WRONG
-from bridge.can.load import of_rows
+from bridge.can.load import load_of_log
 from bridge.can.log import FrameLog
 from bridge.deployment.system import System
 from bridge.native.bus import BusState
 from bridge.native.safety import LifeState
-from bridge.realtime.lateness import Lateness, of_journal
+from bridge.realtime.lateness import Lateness, journal_lateness
 from bridge.records.lives import Life, lives_of
-from bridge.records.records import LifeEnd, Statement, in_words, names_of
+from bridge.records.records import LifeEnd, Statement, reason_names, reason_text
 from bridge.wiring.wiring import Rows
 from cosim.bus.timing import BusTiming
 
@@ -48,7 +48,7 @@ class NodeReport:
     @property
     def why(self) -> str:
         """Why it stopped, in words; "": it did not."""
-        return in_words(self.reasons)
+        return reason_text(self.reasons)
 
     def text(self) -> str:
         """Lateness and end."""
@@ -84,14 +84,14 @@ def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list
     for name, plan in system.nodes.items():
         for life in lives_of(rows, name):
             r = rows[life]
-            late = of_journal(r, round(plan.h * 1e9))
+            late = journal_lateness(r, round(plan.h * 1e9))
             found.append(
                 NodeReport(
                     life,
                     len(r),
                     late,
                     LifeState(int(r["state"][-1])).name.lower(),
-                    names_of(int(r["reasons"][-1])),
+                    reason_names(int(r["reasons"][-1])),
                     Statement.read(nodes, life),
                 )
             )
@@ -143,7 +143,7 @@ def bus_lines(system: System, logs: Mapping[str, FrameLog]) -> list[str]:
             continue
         bus = system.deployment.buses[name]
         timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
-        load = of_rows(log.rows, timing, window_ns=10**9)
+        load = load_of_log(log.rows, timing, window_ns=10**9)
         data_rate = timing.data_bitrate or timing.bitrate
         rate = f"{timing.bitrate / 1e6:g}" + (f"/{data_rate / 1e6:g}" if bus.fd else "")
         lines.append(

@@ -21,7 +21,7 @@ from bridge.native.frame import Flags
 from bridge.native.journal import Journal
 from bridge.records.lives import Life, frame_files, lives_of
 from bridge.records.records import Done, LifeEnd, Note, Statement
-from bridge.results.extra_senders import surpluses
+from bridge.results.extra_senders import extra_frames
 from bridge.results.findings import Sign, Signs
 from bridge.results.report import NodeReport
 from bridge.wiring.wiring import HEARD, Rows
@@ -64,7 +64,7 @@ BEFORE = 0.2
 
 @final
 @dataclass(frozen=True, slots=True)
-class Shown:
+class FinishedRun:
     """A finished rehearsal: `rows` and reports by life, `notes`, files of lives in `nodes`;
     `altered`: samples that a life heard otherwise than they were sent, by life and message.
     """
@@ -91,7 +91,7 @@ class Shown:
 
     # ---- counters ----------------------------------------------------------------------------
 
-    def counted(self, life: Life, message: str, names: Sequence[str], done: int) -> Signs:
+    def counter_signs(self, life: Life, message: str, names: Sequence[str], done: int) -> Signs:
         """Counters of a receiver, if they are enough for `done` frames."""
         said = self.said(life)
         counts = said.messages.get(message, {}) if said else {}
@@ -100,18 +100,18 @@ class Shown:
             return ()
         return tuple(Sign(what=name, number=n) for name, n in found.items() if n)
 
-    def surplus(self, life: Life, message: str) -> Signs:
+    def extra_frames(self, life: Life, message: str) -> Signs:
         """How many frames of a message were heard beyond those that were sent."""
-        found = surpluses(self.system, self.rows, self.reports)
+        found = extra_frames(self.system, self.rows, self.reports)
         more = (s.heard - s.sent for s in found if (s.life, s.message) == (life, message))
         return tuple(Sign(what="surplus", number=n) for n in more)
 
-    def unlike(self, life: Life, message: str) -> Signs:
+    def altered_samples(self, life: Life, message: str) -> Signs:
         """How many samples were heard otherwise than they were sent."""
         n = self.altered.get((life, message), 0)
         return (Sign(what="altered", number=n),) if n else ()
 
-    def strangers(self, bus: str, accept: Accept) -> int:
+    def foreign_frames(self, bus: str, accept: Accept) -> int:
         """Frames of a kind that a life heard on a bus and no other life sent there; the most."""
         logs = {life: Journal.open(p) for life, p in frame_files(self.nodes, bus).items()}
         rows = {
@@ -149,13 +149,13 @@ class Shown:
         because faster ones overtake them, and where clocks differ, so that their age says nothing.
         """
         t, longest = self._t(life), 0.0
-        for new in self.news(life, message):
+        for new in self.new_sample_times(life, message):
             at = np.concatenate([t[:1], new, t[-1:]])
             over = (at[:-1] < t1) & (at[1:] > t0)
             longest = max(longest, float(np.diff(at)[over].max(initial=0.0)))
         return (Sign(what="silence", number=longest),) if longest >= LONG * (t1 - t0) else ()
 
-    def news(self, life: Life, message: str) -> Iterator[NDArray[np.float64]]:
+    def new_sample_times(self, life: Life, message: str) -> Iterator[NDArray[np.float64]]:
         """When new samples came, for each input; of a gateway, which has none: as it heard them."""
         t, indices = self._t(life), self._indices(life, message)
         for i in indices:
@@ -164,7 +164,7 @@ class Shown:
         path = self.nodes / life.file(HEARD)
         if not indices and path.is_file():
             rows = Journal.open(path)
-            number = self.system.heard_by(life.node).index(message)
+            number = self.system.received_by(life.node).index(message)
             yield np.sort(rows["arrival_ns"][rows["message"] == number]) * 1e-9
 
     def late(self, node: str, t0: float, t1: float) -> Signs:
@@ -227,7 +227,7 @@ class Shown:
             self.arrives(other, name, t0, t1) for other, name in onwards
         )
 
-    def throughout(self, node: str, t0: float, t1: float) -> list[Life]:
+    def lives_throughout(self, node: str, t0: float, t1: float) -> list[Life]:
         """Lives of a node with slots from before this time until after it."""
         return [x for x in self.lives(node) if self._t(x)[0] <= t0 and self._t(x)[-1] >= t1]
 
@@ -271,7 +271,7 @@ class Shown:
             if made.forward is None or (made.forward.of, made.node) != (message, life.node):
                 continue
             for node in self.system.nodes:
-                if name in self.system.heard_by(node):
+                if name in self.system.received_by(node):
                     yield from ((other, name) for other in self.lives(node))
 
     def span(self, life: Life, t0: float, t1: float) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from cosim.links.laws import IntArray
 Rows = NDArray[np.void]
 
 
-def changed(rows: Rows, accept: Accept) -> Rows:
+def corrupted_frames(rows: Rows, accept: Accept) -> Rows:
     """Of a record (INJECTED rows) the frames of a message that went on corrupted."""
     flipped = rows["kinds"] >> CORRUPT & 1 == 1
     found: Any = rows[
@@ -31,7 +31,7 @@ def changed(rows: Rows, accept: Accept) -> Rows:
     return found  # type: ignore[no-any-return]
 
 
-def of_run(rows: Rows, encoding: Codec) -> NDArray[np.bool_]:
+def frames_of_run(rows: Rows, encoding: Codec) -> NDArray[np.bool_]:
     """Which frames of a record were samples of the run, (rows,); the others were previews.
 
     Receivers count no preview, so nothing that was done to one shows in a counter.

@@ -17,7 +17,7 @@ import numpy as np
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
 from bridge.records.records import LifeEnd
-from bridge.results.extra_senders import surpluses
+from bridge.results.extra_senders import extra_frames
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 
@@ -59,20 +59,20 @@ class Verdict:
         return f"{self.word}: {said}" if said else str(self.word)
 
 
-def of(system: System, outcome: RehearsalOutcome) -> Verdict:
+def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     """Judge a run that has come to its end, by its journals and reports."""
-    timed = [*_of_time(outcome), *_old_torques(system, outcome)]
+    timed = [*_timing_reasons(outcome), *_old_torques(system, outcome)]
     found = list(_always(system, outcome))
     if found:
         return Verdict(Word.FAILED, (*found, *timed))
-    late = unasked_lateness(system, outcome)
+    late = unplanned_lateness(system, outcome)
     if timed and late >= limit(system) / 2:
         why = f"this machine let a node wait for {late * 1e3:.0f} ms"
         return Verdict(Word.INCONCLUSIVE, (why, *timed))
     return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
 
 
-def _stopped(outcome: RehearsalOutcome, report: NodeReport) -> bool:
+def _stopped_early(outcome: RehearsalOutcome, report: NodeReport) -> bool:
     """Whether a life of a node ended otherwise than it should."""
     return not outcome.finished and report.end is not LifeEnd.FINISHED
 
@@ -80,7 +80,7 @@ def _stopped(outcome: RehearsalOutcome, report: NodeReport) -> bool:
 def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """What no lateness explains."""
     for report in outcome.reports:
-        if _stopped(outcome, report) and not set(report.reasons) & OF_TIME:
+        if _stopped_early(outcome, report) and not set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why or report.end}"
     if outcome.replayed is None:
         yield f"cannot be replayed: {outcome.replay_error}"
@@ -92,13 +92,13 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
         for message, counts in (report.said.messages if report.said else {}).items():
             if counts.get("range"):
                 yield f"{report.life}: {message}: {counts['range']} samples out of range"
-    yield from map(str, surpluses(system, outcome.rows, outcome.reports))
+    yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
 
 
-def _of_time(outcome: RehearsalOutcome) -> Iterator[str]:
+def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:
     """What a machine that stands still can cause as well."""
     for report in outcome.reports:
-        if _stopped(outcome, report) and set(report.reasons) & OF_TIME:
+        if _stopped_early(outcome, report) and set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why}"
     for fault in outcome.faults:
         if fault.missing:
@@ -129,7 +129,7 @@ def limit(system: System) -> float:
     return min((x for x in found if x > 0), default=LIMIT)
 
 
-def unasked_lateness(system: System, outcome: RehearsalOutcome) -> float:
+def unplanned_lateness(system: System, outcome: RehearsalOutcome) -> float:
     """How late a slot began at most where no fault was meant to make it late, s."""
     worst = 0.0
     for report in outcome.reports:

@@ -86,7 +86,7 @@ def _worded(flags: IntFlag, words: Mapping[Why, str] | Mapping[GuardBit, str]) -
     return "; ".join([*known, *([f"unknown bits {unknown:#x}"] if unknown else [])]) or "nothing"
 
 
-def in_si(value: Number, unit: str, place: str) -> float:
+def to_si(value: Number, unit: str, place: str) -> float:
     """A number as it is, a text (``"5 ms"``) in `unit`. Raises ScenarioError, also for NaN."""
     try:
         number = quantity(value, unit) if isinstance(value, str) else float(value)
@@ -105,7 +105,7 @@ class LifeSpec:
 
     def build(self, h: float, place: str = "life") -> LifeStruct:
         """The life cycle of a node with slots of `h` s, unconfigured. Raises ScenarioError."""
-        ramp = in_si(self.ramp, "s", f"{place}.ramp")
+        ramp = to_si(self.ramp, "s", f"{place}.ramp")
         if not 0 <= ramp <= 60:
             raise ScenarioError(f"is {ramp:g} s, expected 0 to 60 s", f"{place}.ramp")
         return LifeStruct(state=LifeState.UNCONFIGURED, ramp_ticks=ceil(ramp / h * (1 - 1e-12)))
@@ -119,7 +119,7 @@ class WatchdogSpec:
 
     def build(self, now_ns: int, place: str = "watchdog") -> WatchdogStruct:
         """A watchdog that counts from `now_ns`. Raises ScenarioError."""
-        timeout = in_si(self.timeout, "s", f"{place}.timeout")
+        timeout = to_si(self.timeout, "s", f"{place}.timeout")
         if not 0 <= timeout <= 1e6:
             raise ScenarioError(f"is {timeout:g} s, expected 0 (off) or more", f"{place}.timeout")
         if 0 < timeout < 1e-6:
@@ -192,7 +192,7 @@ class TorqueGuard:
         }  # (joints,) each, or None
         self._check_order(place)
         self.last_tau, self.last_q = np.zeros(joints), np.full(joints, nan)
-        brake = in_si(spec.brake, "N.m.s/rad", f"{place}.brake")
+        brake = to_si(spec.brake, "N.m.s/rad", f"{place}.brake")
         if not 0 <= brake < inf:
             raise ScenarioError(f"is {brake:g}, expected 0 or more, finite", f"{place}.brake")
         self.struct = native.Guard(joints=joints, stops=_stops(spec.stops, place), brake=brake, h=h)
@@ -245,7 +245,7 @@ def per_joint(value: PerJoint, joints: int, unit: str, place: str) -> Array | No
     listed = [value] * joints if isinstance(value, str | float | int) else list(value)
     if len(listed) != joints:
         raise ScenarioError(f"has {len(listed)} values, expected 1 or {joints}", place)
-    return np.array([in_si(v, unit, f"{place}[{n}]") for n, v in enumerate(listed)])
+    return np.array([to_si(v, unit, f"{place}[{n}]") for n, v in enumerate(listed)])
 
 
 def limits(value: PerJoint, joints: int, unit: str, place: str) -> Array | None:

@@ -39,7 +39,7 @@ def bytes_of(size: str) -> int:
     return int(match[1]) * _UNITS[match[2]]
 
 
-def own_network() -> list[str]:
+def namespace_command() -> list[str]:
     """The command that runs another in a network of its own, in which it is root."""
     return ["unshare", "--net", *([] if os.geteuid() == 0 else ["--map-root-user"]), "--"]
 
@@ -49,7 +49,7 @@ def host() -> Ability:
     for tool in ("unshare", "ip"):
         if not shutil.which(tool):
             return Ability("host", False, f"{tool} was not found (util-linux, iproute2)")
-    command = [*own_network(), "ip", "link", "add", "dev", "vcan0", "type", "vcan"]
+    command = [*namespace_command(), "ip", "link", "add", "dev", "vcan0", "type", "vcan"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         return Ability("host", False, " ".join(done.stderr.split()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 
 from bridge.vcan import supervise
-from bridge.vcan.capabilities import own_network
+from bridge.vcan.capabilities import namespace_command
 from bridge.vcan.guest import GuestCommand
 
 _SCRIPT = """
@@ -23,11 +23,11 @@ exec "$@"
 def run(request: GuestCommand) -> int:
     """The command's exit status; in the watcher (`supervise`)."""
     script = ["sh", "-c", _SCRIPT, str(request.buses), *request.command]
-    process = supervise.started([*own_network(), *script], start_new_session=True)
+    process = supervise.start_command([*namespace_command(), *script], start_new_session=True)
 
     def tell(number: signal.Signals) -> None:
         process.send_signal(number)
 
-    cause = supervise.attend(process, request.timeout, tell)
+    cause = supervise.wait_for_process(process, request.timeout, tell)
     status = supervise.as_status(process.returncode)
     return supervise.status_of(cause, status) or 0

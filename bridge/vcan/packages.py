@@ -62,7 +62,7 @@ def obtain() -> GuestFiles:
     Raises VcanError when apt is missing or refuses.
     """
     if missing():
-        with locked():
+        with lock_cache():
             for name in missing():
                 _download(name, cache() / name)
     linux, busybox = (cache() / name / file for name, file in PACKAGES.items())
@@ -81,7 +81,7 @@ def _modules(package: Path) -> Iterator[tuple[Path, str]]:
 
 
 @contextmanager
-def locked() -> Iterator[None]:
+def lock_cache() -> Iterator[None]:
     """Only one launcher at a time is in here; the cache folder is made. Raises VcanError."""
     path = cache() / "lock"
     try:

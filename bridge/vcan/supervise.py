@@ -79,7 +79,7 @@ def _prctl(option: int, value: int) -> None:
     ctypes.CDLL(None).prctl(option, ctypes.c_ulong(value), 0, 0, 0)
 
 
-def started(
+def start_command(
     command: Sequence[str | bytes],
     *,
     cpu: int | None = None,
@@ -102,7 +102,7 @@ def started(
         raise VcanError(f"cannot start {os.fsdecode(command[0])}: {error.strerror}") from error
 
 
-def attend(
+def wait_for_process(
     process: subprocess.Popen[bytes], timeout: float, tell: Callable[[signal.Signals], None]
 ) -> signal.Signals | None:
     """Waits for the end of the process, and sees to it when it is time.

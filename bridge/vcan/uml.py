@@ -38,7 +38,7 @@ def run(request: GuestCommand) -> int:
 
 def _folder(stack: ExitStack) -> Path:
     """A new folder in the cache, removed at the end; removes those whose launcher was killed."""
-    with packages.locked():
+    with packages.lock_cache():
         for old in packages.cache().glob("run-*"):
             with suppress(OSError), (old / "lock").open("w") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -57,7 +57,7 @@ def _boot(
         console = os.open(folder / "console", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
         (out, out_end), (err, err_end), (control_end, control) = os.pipe(), os.pipe(), os.pipe()
         files = (console, out_end, err_end, control_end)
-        process = supervise.started(
+        process = supervise.start_command(
             guest.kernel_command(folder, request, parts, files),
             cpu=cpu,
             files=files,
@@ -75,7 +75,7 @@ def _boot(
             with suppress(OSError):
                 os.write(control, number.name.removeprefix("SIG").encode() + b"\n")
 
-        cause = supervise.attend(process, request.timeout, tell)
+        cause = supervise.wait_for_process(process, request.timeout, tell)
         supervise.end_descendants()
         for pump in pumps:
             pump.join()

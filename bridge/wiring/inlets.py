@@ -11,7 +11,7 @@ import numpy as np
 from bridge.deployment import drive_sequences, ranges, start_positions
 from bridge.deployment.carried import Carried
 from bridge.deployment.cut import Inlet
-from bridge.deployment.latency import delays_for, newest_for
+from bridge.deployment.latency import delays_for, zero_delay
 from bridge.deployment.protection import age_slot, drives_by, emulated, input_of, torque_age
 from bridge.deployment.spec import StaleSpec
 from bridge.deployment.system import System
@@ -26,7 +26,7 @@ PERIODS = 4
 
 
 @final
-class Receiving:
+class InletBindings:
     """Binds them to `struct`, and keeps alive what it points to.
 
     By message: `receptions`, `receivers`; by target: `lines`; by gate: `gates`, function and
@@ -47,7 +47,7 @@ class Receiving:
         self.inlets = self._inlets()
 
     def _receptions(self) -> Mapping[str, native.Reception]:
-        heard = self._system.heard_by(self._name)
+        heard = self._system.received_by(self._name)
         made = (native.Reception * max(1, len(heard)))()
         for i, name in enumerate(heard):
             self._reception(made[i], self._system.messages[name])
@@ -139,7 +139,7 @@ class Receiving:
             spec = delays_for(inlet.link, plan.ticks, carried.outlet.period)
         else:
             edge = inlet.link or Wire(inlet.source, inlet.target)
-            spec = newest_for(edge, sent, inlet.ticks, plan.h)
+            spec = zero_delay(edge, sent, inlet.ticks, plan.h)
         return spec.line(self._struct.phase_ns - carried.offset_ns)
 
     def _stale(self, entry: native.InletStruct, inlet: Inlet) -> None:
@@ -184,6 +184,6 @@ class Receiving:
         drive = drive_sequences.emulated(self._system.deployment, self._name, inlet)
         if drive is None:
             return
-        found, alive = drive_sequences.followed(drive, self._buses)
+        found, alive = drive_sequences.sequence_struct(drive, self._buses)
         entry.sequences, entry.n_sequences = found, len(found)
         self._alive += alive

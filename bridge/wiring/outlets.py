@@ -20,7 +20,7 @@ from cosim.base.errors import ScenarioError
 
 
 @final
-class Sending:
+class OutletBindings:
     """Binds outlets to `struct`, and keeps alive what it points to.
 
     By message, or by the name of a torque that stays in the node: `guards`; by gate: `gates`,
@@ -82,7 +82,7 @@ class Sending:
     def _drives(self) -> None:
         """The frames that disable and enable the drives this node commands."""
         system, struct = self._system, self._struct
-        drives = drive_sequences.commanded(system.deployment, self._plan)
+        drives = drive_sequences.commanded_drives(system.deployment, self._plan)
         buses = system.buses_of(self._name)
         disabling = drive_sequences.table(drives, buses, "disable")
         enabling = drive_sequences.table(drives, buses, "clear", "enable")

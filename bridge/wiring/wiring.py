@@ -1,7 +1,7 @@
 """A node's C struct, made of its plan, its deployment, its buses and the clock it runs on.
 
 What a node is does not depend on the clock; what is behind its inlets and buses does. Everything C
-points to is kept alive by :class:`Wired`.
+points to is kept alive by :class:`WiredNode`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from bridge.native.journal import Journal
 from bridge.native.message import Receiver
 from bridge.native.safety import Peer
 from bridge.safety import limits
-from bridge.wiring.inlets import Receiving
-from bridge.wiring.outlets import Sending, forwardings
+from bridge.wiring.inlets import InletBindings
+from bridge.wiring.outlets import OutletBindings, forwardings
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError
 from cosim.engine.engine import Engine
@@ -64,10 +64,10 @@ def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
 def heard_dtype(system: System, name: str) -> np.dtype[np.void]:
     """A row of the journal of what a node heard (``heard_t``): a sample that it accepted.
 
-    `message`: its number in :meth:`System.heard_by`; `sequence`: as the receiver numbered it;
+    `message`: its number in :meth:`System.received_by`; `sequence`: as the receiver numbered it;
     `values`: decoded, those of shorter messages end with zeros.
     """
-    width = max((system.messages[m].outlet.width for m in system.heard_by(name)), default=0)
+    width = max((system.messages[m].outlet.width for m in system.received_by(name)), default=0)
     fields: list[Any] = [("sequence", "<i8"), ("arrival_ns", "<i8")]
     return np.dtype([*fields, ("message", "<i4"), ("status", "<u4"), ("values", "<f8", (width,))])
 
@@ -75,12 +75,12 @@ def heard_dtype(system: System, name: str) -> np.dtype[np.void]:
 def heard_rows(system: System, name: str) -> int:
     """Room for what a node hears in a run: all samples of its messages, a quarter more, and 64."""
     seconds = system.nodes[name].slots * system.nodes[name].h
-    periods = [system.messages[m].period_ns for m in system.heard_by(name)]
+    periods = [system.messages[m].period_ns for m in system.received_by(name)]
     return sum(64 + int(1.25e9 * seconds / period) for period in periods) or 1
 
 
 @final
-class Wired:
+class WiredNode:
     """A node ready to run: `struct` for C, `engine` initialized, `journal` open.
 
     `heard`: the journal of what it hears; a replay has none.
@@ -111,8 +111,8 @@ class Wired:
         self.struct = native.NodeStruct(clock=clock, number=self.spec.number, boots=boots)
         self._time()
         self._bind_buses()
-        self.receiving = Receiving(system, name, self.struct, real=real)
-        self.sending = Sending(system, name, self.struct)
+        self.receiving = InletBindings(system, name, self.struct, real=real)
+        self.sending = OutletBindings(system, name, self.struct)
         self.forwarding = forwardings(system, name, self.receiving.receptions)
         self.struct.gateway = len(self.forwarding) > 0
         self._bind_peers()
@@ -131,7 +131,7 @@ class Wired:
         self._offsets()
         self.engine = Engine(self.plan.plan, gates={**self.receiving.gates, **self.sending.gates})
 
-    def __enter__(self) -> Wired:
+    def __enter__(self) -> WiredNode:
         began = stopwatch()
         self._initialize(0)
         self.struct.lead_ns = round((LEAD + LONGER * began()) * 1e9)

@@ -19,15 +19,15 @@ from bridge.deployment.zenoh_keys import Names
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.journal import Journal
-from bridge.native.mail import bringer, keep_thread, taker
-from bridge.zenoh.lost_peers import LOOK, Silence
+from bridge.native.mail import frame_reader, frame_writer, keep_thread
+from bridge.zenoh.lost_peers import LOOK, LostPeers
 from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.presence import Presence, wait_until_there
 from bridge.zenoh.session import (
     CLOSING,
     close_session,
     configure,
-    lease_of,
+    lease_time,
     open_session,
     udp_of,
 )
@@ -75,8 +75,8 @@ class ZenohAttachment:
         self._config = configure(options, traffic.node, access)
         self._rx, self._tx = Ring(capacity), Ring(capacity)
         self._refused, self._restarts, self._left, self._fault = 0, 0, 0, ""
-        self._silence = Silence(
-            names.senders(traffic.steady), lease_of(self._config), period=traffic.period,
+        self._silence = LostPeers(
+            names.senders(traffic.steady), lease_time(self._config), period=traffic.period,
             udp=bool(udp_of(self._config)),
         )  # fmt: skip
         self._opening, self._ready = threading.Lock(), False
@@ -84,7 +84,7 @@ class ZenohAttachment:
         self._stop = threading.Event()
         self._wake = Wake()
         self._open()
-        self.bus = Bus.of_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
+        self.bus = Bus.from_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
         self._threads = [threading.Thread(target=self._send, name=f"zenoh {name}", daemon=True)]
         if not options.lockstep:  # in which a lost sample is waited for in vain
             self._threads.append(threading.Thread(target=self._mend, daemon=True))
@@ -175,7 +175,7 @@ class ZenohAttachment:
         close_session(self.session)
 
     def _mend(self) -> None:
-        """Open the session anew where a peer is heard no more; see :class:`Silence`."""
+        """Open the session anew where a peer is heard no more; see :class:`LostPeers`."""
         while not self._stop.wait(LOOK):
             silent = self._silence.silent(self.presence.there, monotonic_ns())
             if silent:
@@ -201,7 +201,7 @@ class ZenohAttachment:
 
     def _receiver(self, key: str, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
         """Of one key: called on Zenoh's threads, of which there may be several."""
-        bring, counts = bringer(self._rx, number), self._silence.counts
+        bring, counts = frame_writer(self._rx, number), self._silence.counts
         counts.setdefault(key, 0)
 
         def receive(sample: zenoh.Sample) -> None:
@@ -214,7 +214,7 @@ class ZenohAttachment:
     def _send(self) -> None:
         """Frames of the ring, to their publishers; sleeps until `bus_send` wakes it."""
         frame = Frame()
-        take = taker(self._tx, self._wake.out, frame)
+        take = frame_reader(self._tx, self._wake.out, frame)
         while not self._stop.is_set():
             if take():  # one wake may be a frame's and the stop's
                 self._put(frame)

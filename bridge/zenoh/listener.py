@@ -18,7 +18,7 @@ from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import Names, names_of
 from bridge.native.bus import TrafficStruct, traffic_add
 from bridge.native.frame import DATA, Frame, Ring
-from bridge.native.mail import bringer, keep_thread
+from bridge.native.mail import frame_writer, keep_thread
 from bridge.zenoh.access import MONITOR
 from bridge.zenoh.node_channel import rules_of, traffic_of
 from bridge.zenoh.options import ZenohOptions, check_endpoint, endpoints_of, options_of
@@ -102,7 +102,7 @@ class ZenohEar:
 
     def _subscribe(self, key: str, number: int) -> zenoh.Subscriber[None]:
         """What comes of a key is a frame of this number."""
-        bring = bringer(self._ring, number)
+        bring = frame_writer(self._ring, number)
 
         def receive(sample: zenoh.Sample) -> None:
             keep_thread()
@@ -115,7 +115,9 @@ class ZenohEar:
         )
 
 
-def open_ear(system: System, bus: str, connect: Sequence[str] = (), who: str = MONITOR) -> ZenohEar:
+def open_listener(
+    system: System, bus: str, connect: Sequence[str] = (), who: str = MONITOR
+) -> ZenohEar:
     """Listen to all nodes of a Zenoh bus. `connect`: endpoints other than the deployment's.
 
     `who`: name of the certificate, where there are any. Raises ScenarioError, BusError.

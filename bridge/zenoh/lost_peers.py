@@ -21,7 +21,7 @@ GONE = 0.5
 
 
 @final
-class Silence:
+class LostPeers:
     """For how long each key has been silent; `counts`: messages by key.
 
     `senders`: the node that says each key; `lease`, s; `period`: the longest of a key, s; `udp`:

@@ -24,8 +24,8 @@ def traffic_of(system: System, bus: str, node: str) -> ZenohTraffic:
     }
     number = {name: system.messages[name].encoding.message.id for name in keys}
     own = [name for name in keys if system.messages[name].node == node]
-    heard = [name for name in system.heard_by(node) if name in keys]
-    elsewhere = {name for p in peers for name in system.heard_by(p)}
+    heard = [name for name in system.received_by(node) if name in keys]
+    elsewhere = {name for p in peers for name in system.received_by(p)}
     publishes = {keys[name]: number[name] for name in own}
     hears = {keys[name]: number[name] for name in heard}
     service = system.services[bus]

@@ -19,8 +19,8 @@ from bridge.deployment.zenoh_keys import Names, names_of
 from bridge.native.epoch import new_run, values
 from bridge.native.message import EARLY_NS
 from bridge.realtime.host_clock import HostClock, host_clock
-from bridge.zenoh.presence import present_now
-from bridge.zenoh.remote_control import ask, say
+from bridge.zenoh.presence import present_nodes
+from bridge.zenoh.remote_control import ask, send_service
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from cosim.base.errors import RunError
 
@@ -48,7 +48,7 @@ class Offset:
         """Whether it is in a run."""
         return bool(self.said["running"])
 
-    def words(self) -> str:
+    def describe(self) -> str:
         """For people."""
         return f"{self.seconds * 1e3:.3g} ms ± {self.bound * 1e3:.3g} ms"
 
@@ -73,7 +73,7 @@ def measure(session: zenoh.Session, names: Names, node: str, ours: HostClock) ->
     )
 
 
-def bearable(system: System) -> float:
+def greatest_offset(system: System) -> float:
     """By how much two clocks may be apart before samples are refused, s.
 
     Ahead of its time a sample may be by a period (2 ms, if that is more); behind by `max_age`.
@@ -86,7 +86,7 @@ def bearable(system: System) -> float:
 
 
 def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:
-    """Warnings of clocks that are not known well enough. `most`: of :func:`bearable`, s.
+    """Warnings of clocks that are not known well enough. `most`: of :func:`greatest_offset`, s.
 
     Raises RunError for a clock that is certainly too far off, though both are kept.
     """
@@ -97,28 +97,28 @@ def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:
         where = f"node {o.node}, on another host"
         if not o.shared:
             warnings.append(
-                f"{where}: no time server keeps the date of both hosts (found {o.words()}); its "
+                f"{where}: no time server keeps the date of both hosts (found {o.describe()}); its "
                 "t = 0 is 100 ms after it hears of the start"
             )
         elif abs(o.seconds) - o.bound > most:
             raise RunError(
-                f"{where}: its clock is off by {o.words()}; expected at most {most * 1e3:.3g} ms, "
-                f"which is what the periods and max_age of {d.path} bear; mend its time server"
+                f"{where}: its clock is off by {o.describe()}; expected at most {most * 1e3:.3g} "
+                f"ms, which is what the periods and max_age of {d.path} bear; mend its time server"
             )
         elif abs(o.seconds) + o.bound > most:
             warnings.append(
-                f"{where}: its clock is off by {o.words()}, which is not known to be within the "
+                f"{where}: its clock is off by {o.describe()}, which is not known to be within the "
                 f"{most * 1e3:.3g} ms that the periods and max_age of {d.path.name} bear"
             )
     return warnings
 
 
-def lead(offsets: Sequence[Offset]) -> float:
+def start_lead_time(offsets: Sequence[Offset]) -> float:
     """From EPOCH to t = 0, s: half a second, and time for START to reach the slowest node."""
     return 0.5 + 4.0 * max((o.bound for o in offsets), default=0.0)
 
 
-def say_epoch(session: zenoh.Session, system: System, bus: str) -> list[str]:
+def announce_epoch(session: zenoh.Session, system: System, bus: str) -> list[str]:
     """Before START: measure the clocks of all nodes that are there, and say one t = 0 to them.
 
     Nothing is said where some run already: who starts now joins them. Returns warnings. Raises
@@ -126,13 +126,13 @@ def say_epoch(session: zenoh.Session, system: System, bus: str) -> list[str]:
     """
     names, ours, epoch = names_of(system.deployment, bus), host_clock(), system.services[bus].epoch
     assert epoch is not None  # a Zenoh bus has one
-    there = sorted(present_now(session, names) & set(system.nodes))
+    there = sorted(present_nodes(session, names) & set(system.nodes))
     found = [measure(session, names, node, ours) for node in there]
-    warnings = judge(system.deployment, found, bearable(system))
+    warnings = judge(system.deployment, found, greatest_offset(system))
     if not any(one.running for one in found):
-        origin = realtime_ns() + round(lead(found) * 1e9)
+        origin = realtime_ns() + round(start_lead_time(found) * 1e9)
         said = values(new_run(origin), ours.number, ours.kept, origin)
-        say(session, names.shared("epoch"), epoch, said)
+        send_service(session, names.shared("epoch"), epoch, said)
     return warnings
 
 
@@ -142,12 +142,12 @@ def measured_origin(session: zenoh.Session, names: Names, system: System) -> tup
     For a host whose date is not shared. None: nobody runs, or no offset is known well enough.
     """
     ours, found = host_clock(), []
-    for node in sorted(present_now(session, names) & set(system.nodes)):
+    for node in sorted(present_nodes(session, names) & set(system.nodes)):
         with suppress(RunError):  # one that has gone answers no more
             found.append(measure(session, names, node, ours))
     running = [o for o in found if o.running]
     best = min(running, key=lambda o: o.bound, default=None)
-    if best is None or best.bound > bearable(system):
+    if best is None or best.bound > greatest_offset(system):
         return None
     date = int(best.said["origin_ns"]) - round(best.seconds * 1e9)
     return int(best.said["run"]), date - realtime_offset_ns()

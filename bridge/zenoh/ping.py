@@ -29,7 +29,7 @@ _LINGER = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Pinged:
+class PingResult:
     """`sent` (n,), s from the first; `rtt`, `there`, `back` (n,), s, NaN where nothing came back.
 
     `offset`: the other's clock less ours, s, as the fastest round trip has it.
@@ -92,7 +92,7 @@ def ping(
     period: float = 0.005,
     reliability: str = "best-effort",
     patience: float = 10.0,
-) -> Pinged:
+) -> PingResult:
     """`n` pings, one every `period` (s). Raises RunError where nobody answers."""
     question = codec(names.of(node, "ping"), 0, SIGNALS)
     answer = codec(names.of(other, "pong"), 0, SIGNALS)
@@ -118,7 +118,7 @@ def ping(
         publisher.put(question.encode([k, t_ns, 0, 0], counter=k))
     _linger(stamps)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
-    return pinged(sent, stamps)
+    return evaluate_stamps(sent, stamps)
 
 
 def _wait_for_echo(publisher: zenoh.Publisher, key: str, other: str, patience: float) -> None:
@@ -142,7 +142,7 @@ def _linger(stamps: Floats) -> None:
         sleep(0.02)
 
 
-def pinged(sent: Sequence[float] | Floats, stamps: Floats) -> Pinged:
+def evaluate_stamps(sent: Sequence[float] | Floats, stamps: Floats) -> PingResult:
     """From stamps (n, 3), ns: sent, heard by the other's clock, back. Raises RunError."""
     sent_ns = np.asarray(sent, dtype=np.float64)
     rtt = stamps[:, 2] - stamps[:, 0]
@@ -151,7 +151,7 @@ def pinged(sent: Sequence[float] | Floats, stamps: Floats) -> Pinged:
     fastest = int(np.nanargmin(rtt))
     offset = stamps[fastest, 1] - stamps[fastest, 0] - rtt[fastest] / 2
     there = stamps[:, 1] - stamps[:, 0] - offset
-    return Pinged(
+    return PingResult(
         (sent_ns - sent_ns[0]) * 1e-9,
         rtt * 1e-9,
         there * 1e-9,

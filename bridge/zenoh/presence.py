@@ -68,7 +68,7 @@ class Presence:
         return said + ([f"nobody listens to {', '.join(unheard)}"] if unheard else [])
 
 
-def present_now(session: zenoh.Session, names: Names) -> frozenset[str]:
+def present_nodes(session: zenoh.Session, names: Names) -> frozenset[str]:
     """The nodes whose sessions are there, asked once."""
     found = session.liveliness().get(names.of("*", "alive"))
     keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]

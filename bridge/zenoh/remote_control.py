@@ -23,7 +23,7 @@ from bridge.native.safety import LifeState
 from bridge.realtime.host_clock import host_clock
 from bridge.safety.limits import explain
 from bridge.wiring.outlets import forwarded_facts
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.presence import Presence, wait_until_there
 from cosim.base.clock import realtime_ns, realtime_offset_ns, sleep, stopwatch
@@ -46,10 +46,10 @@ class Stoppable(Protocol):
 
 
 #: What a node has not heard and needs before its start, a phrase each.
-Unheard = Callable[[Wired], list[str]]
+Unheard = Callable[[WiredNode], list[str]]
 
 
-def serve(end: ZenohAttachment, wired: Wired, control: Stoppable, unheard: Unheard) -> None:
+def serve(end: ZenohAttachment, wired: WiredNode, control: Stoppable, unheard: Unheard) -> None:
     """Answer for a node until its session is closed."""
     commands: Mapping[str, Callable[[], None]] = {"arm": control.arm, "stop": control.stop}
     answers = {
@@ -80,7 +80,7 @@ def _answering(
     return zenoh.handlers.Callback(answering, indirect=True)
 
 
-def state(wired: Wired, end: ZenohAttachment, unheard: Sequence[str]) -> dict[str, Any]:
+def state(wired: WiredNode, end: ZenohAttachment, unheard: Sequence[str]) -> dict[str, Any]:
     """What a node is doing: life cycle, slot, lateness (us), peers, counts of its messages.
 
     `unheard`: what it waits for before its start.
@@ -106,7 +106,7 @@ def state(wired: Wired, end: ZenohAttachment, unheard: Sequence[str]) -> dict[st
     }
 
 
-def parameters(wired: Wired) -> dict[str, Any]:
+def parameters(wired: WiredNode) -> dict[str, Any]:
     """What a node is: its components' parameters as the scenario has them, and its messages.
 
     Of each message it sends: number of bytes, period (s), signals in their order.
@@ -132,7 +132,7 @@ def parameters(wired: Wired) -> dict[str, Any]:
     }
 
 
-def clock(wired: Wired) -> dict[str, Any]:
+def clock(wired: WiredNode) -> dict[str, Any]:
     """The clock of a node's host, its date now, and the run it is in; see :mod:`.offsets`.
 
     `origin_ns`: the date of t = 0, 0: it has none.
@@ -181,12 +181,12 @@ def wait_until_ready(
         lacking = [
             f"{node} has not heard {', '.join(found)}"
             for node in sorted(set(nodes) - present.there)
-            if (found := _unheard(session, names, node))
+            if (found := _missing_inputs(session, names, node))
         ]
         raise BusError("; ".join([*lacking, str(error)])) from error
 
 
-def _unheard(session: zenoh.Session, names: Names, node: str) -> list[str]:
+def _missing_inputs(session: zenoh.Session, names: Names, node: str) -> list[str]:
     """What a node waits for; nothing of one that does not answer."""
     try:
         return list(ask(session, names, node, "state", 1.0)["unheard"])
@@ -208,10 +208,12 @@ def command(
     """
     if what not in COMMANDS:
         raise RunError(f"{what!r} is no command; expected one of {', '.join(COMMANDS)}")
-    say(session, names.shared("nmt"), nmt, [COMMANDS[what], number])
+    send_service(session, names.shared("nmt"), nmt, [COMMANDS[what], number])
 
 
-def say(session: zenoh.Session, key: str, encoding: Encoding, values: Sequence[float]) -> None:
+def send_service(
+    session: zenoh.Session, key: str, encoding: Encoding, values: Sequence[float]
+) -> None:
     """A message of a bus's services, reliably. Raises RunError where no node listens."""
     frame = Frame()
     encode(encoding.message, (c.c_double * len(values))(*values), Header(), frame)

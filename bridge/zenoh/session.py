@@ -142,7 +142,7 @@ def _beside(options: ZenohOptions) -> Any:
     return (options.config or options.keys).parent
 
 
-def lease_of(config: zenoh.Config) -> float:
+def lease_time(config: zenoh.Config) -> float:
     """After how long without a sign a session gives a connection up, s."""
     return float(_get(config, "transport/link/tx/lease")) / 1e3
 

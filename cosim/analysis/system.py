@@ -295,4 +295,4 @@ def _bound(table: TableSpec) -> float:
         if law.maximum > table.rule.buffer:
             return inf  # what comes later than the buffer is never played
         oldest = table.rule.buffer
-    return inf if law.loses else oldest + longest + slack
+    return inf if law.loses_packets else oldest + longest + slack

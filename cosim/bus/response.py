@@ -76,7 +76,7 @@ class Response:
         return self.stream.period if self.stream.deadline is None else self.stream.deadline
 
     @property
-    def met(self) -> bool:
+    def meets_deadline(self) -> bool:
         """Whether it is always there in time."""
         return self.worst is not None and self.worst <= self.deadline
 

@@ -29,7 +29,7 @@ def unbounded_delay(system: AnalyzedSystem) -> Iterator[Finding]:
         table = link.table
         if not isinstance(table, DrawnTable) or not (isinf(bound) or bound > stop):
             continue
-        if isinstance(table.rule, PlayoutSemantics) and not table.law.loses:
+        if isinstance(table.rule, PlayoutSemantics) and not table.law.loses_packets:
             continue  # a rule of its own
         gap = _gap(link)
         severity: Severity = "warning" if bound > stop and gap > GAP else "note"
@@ -51,7 +51,7 @@ def _gap(link: Link) -> float:
     """Mean length of what is missing in a row, s; 0 without losses, inf where it is not known."""
     table = link.table
     assert isinstance(table, DrawnTable)
-    if not table.law.loses:
+    if not table.law.loses_packets:
         return 0.0
     loss = table.law.loss if isinstance(table.law, Lossy) else None
     if isinstance(loss, Independent | GilbertElliott):

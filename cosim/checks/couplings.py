@@ -75,7 +75,7 @@ def is_constant(link: Link) -> bool:
     if not isinstance(table, DrawnTable):
         return False
     law = table.law.delay if isinstance(table.law, Lossy) else table.law
-    if table.law.loses:
+    if table.law.loses_packets:
         return False
     if isinstance(table.rule, PlayoutSemantics):
         return law.maximum <= table.rule.buffer

@@ -13,7 +13,7 @@ import typer
 from cosim.cli.options import Plot, Quiet, Strict
 
 if TYPE_CHECKING:
-    from cosim.sweeps.execute import Begun
+    from cosim.sweeps.execute import PlannedRuns
     from cosim.sweeps.run_point import StudyRow
     from cosim.sweeps.workers import Opened
 
@@ -127,7 +127,7 @@ class Progress:
         self.count, self._failed, self._all, self._quiet = 0, 0, 0, quiet
         self._show, self._watch, self._start = show, stopwatch(), start
 
-    def begin(self, begun: Begun, title: str, noun: str = "points") -> None:
+    def begin(self, begun: PlannedRuns, title: str, noun: str = "points") -> None:
         """Say what is to be done; `noun`: what there are so many of."""
         from cosim.base.clock import stopwatch
 

@@ -9,7 +9,7 @@ from cosim.fmi.library import Calls
 from cosim.native import structs
 
 
-class Alike:
+class CommonInstance:
     """Status, state, end and addresses of an instance.
 
     `STATE` and `HOT` are names of functions, without prefix; `HOT`: those that set reals, step and
@@ -52,7 +52,7 @@ class Alike:
             self._calls.free(self.handle)
             self.handle = 0
 
-    def hot(self) -> tuple[int, int, int]:
+    def loop_functions(self) -> tuple[int, int, int]:
         """Addresses of the three functions `HOT`."""
         set_, step, get = (structs.address(self._calls.function(n)) for n in self.HOT)
         return set_, step, get

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cosim.base.errors import FmuError
-from cosim.fmi.alike import Alike
+from cosim.fmi.alike import CommonInstance
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 from cosim.native import fmu_log, structs
 
@@ -29,7 +29,7 @@ class _Callbacks2(c.Structure):
     )
 
 
-class Instance2(Alike):
+class Instance2(CommonInstance):
     """An instance of an FMI 2.0 co-simulation FMU."""
 
     STATE = "FMUstate"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cosim.base.errors import FmuError
-from cosim.fmi.alike import Alike
+from cosim.fmi.alike import CommonInstance
 from cosim.fmi.clock_start import Ticking, intervals, set_intervals
 from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
 from cosim.native import fmu_log, structs
@@ -21,7 +21,7 @@ TYPES: Mapping[str, Any] = {
 _EVENTS_AT_MOST = 100_000
 
 
-class Instance3(Alike):
+class Instance3(CommonInstance):
     """An instance of an FMI 3.0 co-simulation FMU."""
 
     STATE = "FMUState"

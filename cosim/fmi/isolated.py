@@ -195,7 +195,7 @@ class RemoteInstance:
         """There is none in this process."""
         raise FmuError(f"{self._name}: {suffix} is in another process")
 
-    def hot(self) -> tuple[int, int, int]:
+    def loop_functions(self) -> tuple[int, int, int]:
         """There are none in this process."""
         raise FmuError(f"{self._name}: its functions are in another process")
 

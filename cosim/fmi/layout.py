@@ -110,7 +110,7 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
     unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
     unit.output, unit.output_count = x.output, x.output_count
-    unit.set, unit.step, unit.get = instance.hot()
+    unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
         unit.kind = structs.UnitKind.FMI2 if x.fmi == "2.0" else structs.UnitKind.FMI3
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):

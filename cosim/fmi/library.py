@@ -107,7 +107,7 @@ class Instance(Protocol):
     def free(self) -> None:
         """Terminate and free the instance; may be called twice."""
 
-    def hot(self) -> tuple[int, int, int]:
+    def loop_functions(self) -> tuple[int, int, int]:
         """Addresses of the functions that set, step and get in the loop."""
 
 

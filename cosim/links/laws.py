@@ -53,7 +53,7 @@ class Law(Protocol):
         """What the mean of the delays that arrive tends to, s."""
 
     @property
-    def loses(self) -> bool:
+    def loses_packets(self) -> bool:
         """Whether a packet can be lost."""
 
     def limit(self, period: Fraction) -> int | None:
@@ -87,7 +87,7 @@ class Formula:
     LAW: ClassVar[str]
 
     @property
-    def loses(self) -> bool:
+    def loses_packets(self) -> bool:
         """Never."""
         return False
 

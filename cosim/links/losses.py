@@ -194,9 +194,9 @@ class Lossy:
         return self.delay.mean
 
     @property
-    def loses(self) -> bool:
+    def loses_packets(self) -> bool:
         """Whether the delay law or the loss model loses packets."""
-        return self.delay.loses or self.loss.share > 0
+        return self.delay.loses_packets or self.loss.share > 0
 
     def limit(self, period: Fraction) -> int | None:
         """Of the delay law."""

@@ -58,7 +58,7 @@ def netem(law: Law, loss: Loss | None = None, *, period: float | None = None) ->
     lost, loss_remarks = _trace_loss(law, loss) if loss is None else _loss(loss, period)
     limit, limit_remarks = _limit(law, period)
     remarks = [*delay_remarks, *_order(law, period), *loss_remarks, *limit_remarks]
-    if loss is not None and law.loses:
+    if loss is not None and law.loses_packets:
         remarks.append("the losses of the trace itself are left out: netem takes one loss model")
     line = " ".join([*limit, *delay, *lost])
     return "\n".join([line, *(f"# {remark}" for remark in remarks)])
@@ -155,7 +155,7 @@ def _limit(law: Law, period: float | None) -> Parts:
 
 
 def _trace_loss(law: Law, loss: None) -> Parts:
-    if not isinstance(law, DelayTrace) or not law.loses:
+    if not isinstance(law, DelayTrace) or not law.loses_packets:
         return [], []
     share = float(np.mean(~np.isfinite(law.delay)))
     return ["loss", "random", _percent(share)], [

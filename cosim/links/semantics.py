@@ -86,7 +86,7 @@ class SignalSemantics:
 
     def check(self, law: Law, grid: Grid) -> None:
         """Refuse lost packets: T(t) cannot be missing at a look. Raises ScenarioError."""
-        if law.loses:
+        if law.loses_packets:
             raise ScenarioError(
                 'packets are lost, but semantics = "signal" reads one history continuously;'
                 ' expected "last-arrival", "newest-stamp" or "playout"'
@@ -142,7 +142,7 @@ class PacketSemantics:
 
     def check(self, law: Law, grid: Grid) -> None:
         """Refuse lost packets in an ordered stream. Raises ScenarioError."""
-        if law.loses and self.order == "fifo":
+        if law.loses_packets and self.order == "fifo":
             raise ScenarioError(
                 'packets are lost, but semantics = "fifo" is a reliable stream; expected delays'
                 ' that include repetitions, or "last-arrival", "newest-stamp" or "playout"'

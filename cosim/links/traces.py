@@ -78,7 +78,7 @@ class DelayTrace:
         return float(np.average(self.delay[arrives], weights=lasts[arrives]))
 
     @property
-    def loses(self) -> bool:
+    def loses_packets(self) -> bool:
         """Whether a packet of the trace was lost."""
         return not bool(np.isfinite(self.delay).all())
 

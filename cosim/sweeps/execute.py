@@ -31,7 +31,7 @@ STUDY, RUNS = "study.toml", "runs"
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class PlannedRuns:
     """What is to be done: `points` of the study, which are `runs` different ones, `found` there.
 
     `todo`: runs this time; `changed`: the folder was begun with another study; `others`: rows in it
@@ -56,7 +56,7 @@ def sweep(
     retry: bool = False,
     force: bool = False,
     limit: int | None = None,
-    begun: Callable[[Begun], None] = lambda begun: None,
+    begun: Callable[[PlannedRuns], None] = lambda begun: None,
     done: Callable[[StudyRow], None] = lambda row: None,
     stopping: Callable[[], None] = lambda: None,
     checked: Callable[[Plan], None] = lambda plan: None,
@@ -88,7 +88,7 @@ def sweep(
             todo = [point for run, point in wanted.items() if run not in there][:limit]
             found = len(store.done & set(wanted))
             others = len(store.done) - found
-            begun(Begun(total, len(wanted), found, len(todo), changed, others, len(again)))
+            begun(PlannedRuns(total, len(wanted), found, len(todo), changed, others, len(again)))
             _run(opened, common, todo, store, done, stopping)
         return _table(study, folder, fingerprint, units, total)
 

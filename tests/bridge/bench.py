@@ -15,8 +15,8 @@ from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node.control import Control
-from bridge.node.missing_inputs import unheard
-from bridge.wiring.wiring import Wired
+from bridge.node.missing_inputs import missing_before_start
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns
 from tests.bridge.deployments import TELEOPERATION
 
@@ -52,8 +52,8 @@ class Bench:
         self.sent, self.result = [], None
         names = self.system.buses_of("master_control")
         self.rings = {name: (Ring(4096), Ring(4096)) for name in names}
-        buses = {name: Bus.of_rings(*self.rings[name], n) for n, name in enumerate(names)}
-        self.wired = Wired(
+        buses = {name: Bus.from_rings(*self.rings[name], n) for n, name in enumerate(names)}
+        self.wired = WiredNode(
             self.system, "master_control", buses, folder / "journal", native.WALL,
             boots=boots, real=real,
         )  # fmt: skip
@@ -97,7 +97,7 @@ class Bench:
             k = max(0, now - start) // period if running else 0
             header = Header(counter=k, status=status, t_us=k * period // 1000)
             codec = self.system.messages[message].encoding
-            if message in self.system.heard_by("master_control"):
+            if message in self.system.received_by("master_control"):
                 self.put(bus, codec.frame([*q, 0.0, 0.0], header, now))
         self.beat(1, life)
 
@@ -143,7 +143,7 @@ class Bench:
 
     def heard(self):
         """Wait until the node has heard all that it needs for a START."""
-        until(lambda: not unheard(self.wired))
+        until(lambda: not missing_before_start(self.wired))
 
     def begin(self, lead=0.4):
         """START, once the peers were heard; returns when it runs."""

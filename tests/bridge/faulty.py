@@ -11,7 +11,7 @@ from bridge.faults.load import build
 from bridge.records.lives import ByLife, Life
 from bridge.records.records import LifeEnd, Statement
 from bridge.results.report import NodeReport
-from bridge.results.symptoms import Shown
+from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import row_dtype
 from tests.bridge.rehearsing import ROOT
 
@@ -44,4 +44,4 @@ def shown(system, folder, counts=None, end="finished", notes=()):
     reports = [report(life, messages=heard if life.node == "master" else {}) for life in rows]
     if end != "finished":
         reports[0] = report(reports[0].life, end, messages=heard)
-    return Shown(system, rows, reports, folder, list(notes))
+    return FinishedRun(system, rows, reports, folder, list(notes))

@@ -15,7 +15,7 @@ from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node.control import Control
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns
 from tests.bridge.bench import until
 
@@ -37,12 +37,12 @@ class Gate:
         for (rx, _), bell in zip(self.rings.values(), self.bells, strict=False):
             rx.struct.bell = bell
         buses = {
-            bus: Bus.of_socket(sockets[bus], n)
+            bus: Bus.from_socket(sockets[bus], n)
             if bus in sockets
-            else Bus.of_rings(*self.rings[bus], n)
+            else Bus.from_rings(*self.rings[bus], n)
             for n, bus in enumerate(names)
         }
-        self.wired = Wired(system, name, buses, folder / "journal", native.WALL, real=real)
+        self.wired = WiredNode(system, name, buses, folder / "journal", native.WALL, real=real)
         self.struct, self.control = self.wired.struct, Control(self.wired.struct)
 
     def __enter__(self):

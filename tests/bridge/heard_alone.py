@@ -13,7 +13,7 @@ from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 
 SAMPLE = LifeState.ACTIVE | Status.SIMULATED
 
@@ -21,7 +21,7 @@ SAMPLE = LifeState.ACTIVE | Status.SIMULATED
 class Alone:
     """`node` of a system; `end` (s): when it has done its slots."""
 
-    def __init__(self, wired: Wired, rings: dict[str, Ring]) -> None:
+    def __init__(self, wired: WiredNode, rings: dict[str, Ring]) -> None:
         self.wired, self._rings = wired, rings
         self._coming: list[tuple[int, str, object]] = []
 
@@ -58,10 +58,10 @@ def alone(system, name, folder) -> Iterator[Alone]:
     """A node, enabled, without anybody else."""
     rings = {bus: Ring(4096) for bus in system.buses_of(name)}
     buses = {
-        bus: Bus.of_rings(rings[bus], Ring(64), n, kind=BusKind.MEMORY)
+        bus: Bus.from_rings(rings[bus], Ring(64), n, kind=BusKind.MEMORY)
         for n, bus in enumerate(rings)
     }
-    with Wired(system, name, buses, folder / "alone.journal", native.SIMULATED) as wired:
+    with WiredNode(system, name, buses, folder / "alone.journal", native.SIMULATED) as wired:
         wired.struct.life.state, wired.struct.life.armed = LifeState.ACTIVE, 1
         wired.struct.n_peers = 0
         native.functions().node_enable(c.byref(wired.struct), 0)

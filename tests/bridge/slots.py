@@ -10,7 +10,7 @@ from bridge.native import node as native
 from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Frame, Ring
 from bridge.native.safety import LifeState
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 
 SEEN = c.CFUNCTYPE(c.c_int64, c.POINTER(Frame), c.c_double, c.c_double)
 
@@ -23,10 +23,10 @@ class Slots:
         self.names = system.buses_of(name)
         self.rings = {bus: Ring(1024) for bus in self.names}
         self.buses = {
-            bus: Bus.of_rings(self.rings[bus], Ring(1024), number, kind=BusKind.MEMORY)
+            bus: Bus.from_rings(self.rings[bus], Ring(1024), number, kind=BusKind.MEMORY)
             for number, bus in enumerate(self.names)
         }
-        self.wired = Wired(system, name, self.buses, folder / "journal", clock)
+        self.wired = WiredNode(system, name, self.buses, folder / "journal", clock)
         self.struct = self.wired.struct
 
     def __enter__(self):

@@ -54,7 +54,7 @@ def talk(nodes: Path, system: System, message: str, lost: int, n: int = 400) -> 
     What is behind a frame's data differs in the two, as it may.
     """
     carried = system.messages[message]
-    hearer = next(n for n in system.nodes if message in system.heard_by(n))
+    hearer = next(n for n in system.nodes if message in system.received_by(n))
     number = carried.encoding.message.id
     both = int(Flags.FD | Flags.BRS)
     sent, heard = [], []

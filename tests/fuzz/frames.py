@@ -124,7 +124,7 @@ def _round(
     slot.argtypes = (c.POINTER(native.NodeStruct), c.c_int64, c.c_int64, c.c_uint32)
     pools: dict[str, list[Frame]] = {bus: [] for bus in system.deployment.buses}
     done = 0
-    with twin.wired(system, folder) as nodes:
+    with twin.wired_nodes(system, folder) as nodes:
         for _ in range(SLOTS * len(nodes)):
             if over(done):
                 break

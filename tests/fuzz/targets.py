@@ -91,12 +91,15 @@ def _deployment(path: Path) -> None:
 
 
 def _faults(path: Path) -> None:
-    from bridge.deployment.carried import Listened
+    from bridge.deployment.carried import Subscription
     from bridge.faults.load import load
     from bridge.native.bus import Accept
 
     script = load(path)
-    known = [Listened("left", "STATE_1", Accept(0x101)), Listened("left", "SYNC", Accept(0x80))]
+    known = [
+        Subscription("left", "STATE_1", Accept(0x101)),
+        Subscription("left", "SYNC", Accept(0x80)),
+    ]
     script.frames_for("master", known, {"left": 0})
     script.process_events(["master", "slave"], ["left"])
 

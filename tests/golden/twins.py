@@ -87,7 +87,7 @@ def faulty(record: Record, name: str, faults: dict[str, dict[str, object]]) -> N
     record.tables(folder)
     for report in sorted((folder / "nodes").glob("*.json")):
         record.document(f"report {report.stem}", json.loads(report.read_text(encoding="utf-8")))
-    found = verdict.of(cut, outcome)
+    found = verdict.judge(cut, outcome)
     record.text("verdict", f"{found.word} {found.exit_code}\n{found.text()}")
     record.text("faults", "\n".join(f"{f.verdict}: {f.text()}" for f in outcome.faults))
     _looked_at(record, folder)
@@ -130,7 +130,7 @@ def in_lockstep(record: Record) -> None:
         *rehearsed.sockets(nodes, record.folder),
     ]  # fmt: skip
     cut, running = rehearsed.prepared("teleoperation", "zenoh", changes, record.folder / "run")
-    assert lockstep.wanted(cut)
+    assert lockstep.is_lockstep(cut)
     with running:
         ended = running.run()
     found = rehearsed.collect(cut, ended, record.folder / "run")

@@ -18,9 +18,9 @@ import numpy as np
 from bridge.deployment.system import System
 from bridge.node.handle import NodeHandle
 from bridge.records.lives import lives_of
-from bridge.rehearsal.hosts import BOTH, PORT, listening
+from bridge.rehearsal.hosts import BOTH, PORT, listen_setting
 from bridge.rehearsal.settings import ScheduledEvent
-from bridge.rehearsal.supervisor import Ended, Rehearsal
+from bridge.rehearsal.supervisor import Rehearsal, RehearsalRecord
 from bridge.relay.network import RelayNetwork
 from bridge.replay.diff import RunDifference, compare_runs
 from bridge.results.offline import run_offline
@@ -186,7 +186,7 @@ def settings(case: Case, site: Site) -> list[str]:
     found.append(f'{said}.zenoh="{WIDE}"')
     for node in case.nodes:
         to = f"{site.network.addresses[node]}:{PORT}"
-        found.append(listening("net", node, to, case.endpoints))
+        found.append(listen_setting("net", node, to, case.endpoints))
     return found
 
 
@@ -217,7 +217,7 @@ def _place(running: Rehearsal, network: RelayNetwork, ahead: Mapping[str, int]) 
     running.start_node = start_node  # type: ignore[method-assign]
 
 
-def _found(system: System, ended: Ended, folder: Path, network: RelayNetwork) -> Found:
+def _found(system: System, ended: RehearsalRecord, folder: Path, network: RelayNetwork) -> Found:
     seen = collect(system, ended, folder)
     return Found(**vars(seen), folder=folder, network=network)
 

@@ -23,7 +23,7 @@ def link(seed: int = 0, **spec: object) -> Impairment:
 
 
 def test_a_perfect_link_holds_nothing_back():
-    assert [link().fate(t, 100) for t in (0, 5, 5)] == [(0, 0), (0, 5), (0, 5)]
+    assert [link().schedule_packet(t, 100) for t in (0, 5, 5)] == [(0, 0), (0, 5), (0, 5)]
 
 
 def test_delays_are_the_laws_by_time():
@@ -31,14 +31,14 @@ def test_delays_are_the_laws_by_time():
     law = delay_law(UNIFORM, Path())
     drawn = law.stream(Fraction(1, 1000), generator(3, "a>b delay")).take(5000)
     for k in (0, 1, 29, 30, 31, 1024, 4999):
-        delay, leaves = found.fate(k * MS + 7, 100)
+        delay, leaves = found.schedule_packet(k * MS + 7, 100)
         assert delay == round(1e9 * drawn[k]) and leaves == k * MS + 7 + delay
 
 
 def test_losses_are_the_models_by_packet():
     found = link(4, loss=BURSTS)
     lost = loss_model(BURSTS).stream(Fraction(1, 1000), generator(4, "a>b loss")).take(3000)
-    assert [found.fate(7 * k, 100)[0] < 0 for k in range(3000)] == lost.tolist()
+    assert [found.schedule_packet(7 * k, 100)[0] < 0 for k in range(3000)] == lost.tolist()
     assert lost.any() and not lost.all()
 
 
@@ -52,7 +52,7 @@ def test_nothing_leaves_early_and_what_is_ordered_stays_so(
 ):
     found = link(delay=UNIFORM, ordered=ordered, rate=rate)
     times = np.cumsum(steps).tolist()
-    fates = [found.fate(t, 125) for t in times]
+    fates = [found.schedule_packet(t, 125) for t in times]
     for t, (delay, leaves) in zip(times, fates, strict=True):
         assert 300 * MS <= delay <= 1200 * MS
         assert leaves >= t + delay + (round(1e12 / rate) if rate else 0)
@@ -63,23 +63,26 @@ def test_nothing_leaves_early_and_what_is_ordered_stays_so(
 
 def test_a_rate_lets_packets_wait_for_each_other():
     found = link(rate=1e6)  # 125 bytes: 1 ms
-    assert [found.fate(0, 125)[1] for _ in range(3)] == [1 * MS, 2 * MS, 3 * MS]
-    assert found.fate(100 * MS, 125)[1] == 101 * MS
+    assert [found.schedule_packet(0, 125)[1] for _ in range(3)] == [1 * MS, 2 * MS, 3 * MS]
+    assert found.schedule_packet(100 * MS, 125)[1] == 101 * MS
 
 
 def test_a_link_that_is_down_and_up_again():
     found = link()
     found.set(RelayLinkSpec(down=True))
-    assert found.fate(0, 1) == (-1, -1)
+    assert found.schedule_packet(0, 1) == (-1, -1)
     found.set(RelayLinkSpec())
-    assert found.fate(1, 1) == (0, 1)
+    assert found.schedule_packet(1, 1) == (0, 1)
 
 
 def test_links_draw_each_on_its_own_and_seeds_differ():
     spec = RelayLinkSpec(delay=UNIFORM)
-    first = [Impairment(n, spec, s).fate(0, 1)[0] for n, s in (("a>b", 0), ("b>a", 0), ("a>b", 1))]
+    first = [
+        Impairment(n, spec, s).schedule_packet(0, 1)[0]
+        for n, s in (("a>b", 0), ("b>a", 0), ("a>b", 1))
+    ]
     assert len(set(first)) == 3
-    assert Impairment("a>b", spec, 0).fate(0, 1)[0] == first[0]
+    assert Impairment("a>b", spec, 0).schedule_packet(0, 1)[0] == first[0]
 
 
 def test_what_is_no_link():

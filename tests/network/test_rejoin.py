@@ -60,13 +60,13 @@ class ByHand:
     """Nodes in namespaces, each started by ``cosim node`` in a folder of its own."""
 
     def __init__(self, network: RelayNetwork, words: Sequence[str], folder: Path) -> None:
-        self.network, self.words, self.folder = network, words, folder
+        self.network, self.describe, self.folder = network, words, folder
         self.nodes: list[subprocess.Popen[str]] = []
 
     def node(self, host: str, name: str, folder: str, boot_id: str = "") -> subprocess.Popen[str]:
         """Start a node; `boot_id`: what its host claims to be."""
         words = ["node", str(SCENARIO), "--node", name, "--out", str(self.folder / folder)]
-        call = [sys.executable, "-c", COSIM, *words, *self.words]
+        call = [sys.executable, "-c", COSIM, *words, *self.describe]
         if boot_id:
             (claimed := self.folder / "boot_id").write_text(boot_id)
             mounts = f'mount --bind "{claimed}" {BOOT_ID} && exec "$@"'
@@ -78,7 +78,7 @@ class ByHand:
 
     def tell(self, host: str, what: str) -> None:
         with self.network.inside(host):
-            call = [sys.executable, "-c", COSIM, "tell", str(SCENARIO), what, *self.words]
+            call = [sys.executable, "-c", COSIM, "tell", str(SCENARIO), what, *self.describe]
             subprocess.run(call, check=True, timeout=60.0)
 
     def stop(self) -> None:
@@ -164,7 +164,7 @@ def replayed(hand: ByHand, changes: Sequence[str], deployment: str) -> ByLife[Ro
     of = {Life("master"): "master", Life("slave"): "slave", Life("slave", 2): "again"}
     rows, heard = (
         ByLife({x: read(hand.folder / f / "nodes")[Life(x.node)] for x, f in of.items()})
-        for read in (replay.load, replay.heard_of)
+        for read in (replay.load, replay.received_by_life)
     )
     slots = np.concatenate([rows[Life("slave")]["slot"], rows[Life("slave", 2)]["slot"]])
     assert (np.diff(slots) > 0).all()

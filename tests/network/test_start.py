@@ -57,7 +57,7 @@ def test_a_start_that_travels_gives_all_one_time_origin(tmp_path: Path):
     system = load_system(SCENARIO, "zenoh", changes)
     rows, heard = (
         ByLife({Life(arm): read(tmp_path / arm / "nodes")[arm] for arm in ARMS})
-        for read in (replay.load, replay.heard_of)
+        for read in (replay.load, replay.received_by_life)
     )
     begun = [
         json.loads((tmp_path / a / "nodes" / f"{a}.json").read_text())["start_ns"] for a in ARMS

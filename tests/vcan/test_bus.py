@@ -94,7 +94,7 @@ def test_an_interface_that_is_taken_away_is_down(fresh_bus: str) -> None:
 def test_a_queue_that_is_full_on_the_way_in_is_counted(vcan: tuple[str, str]) -> None:
     """The count comes with the first frame that was queued after the loss."""
     with open_socket(vcan[0], receive_buffer=4096) as sock:
-        bus, peer = Bus.of_socket(sock.fileno()), another(vcan[0])
+        bus, peer = Bus.from_socket(sock.fileno()), another(vcan[0])
         peer.send(numbered(200))
         found = numbers(bus.drain())
         peer.send(numbered(1, start=200))
@@ -152,7 +152,7 @@ def test_a_log_has_every_frame_of_two_buses_and_their_load(
 ) -> None:
     log = Journal.create(tmp_path / "frames", frame_dtype(), 3 * BURST)
     sockets = [open_socket(bus, fd=True) for bus in vcan]
-    buses = [Bus.of_socket(sock.fileno(), i, log) for i, sock in enumerate(sockets)]
+    buses = [Bus.from_socket(sock.fileno(), i, log) for i, sock in enumerate(sockets)]
     peers = [another(bus) for bus in vcan]
     for k, frame in enumerate(numbered(BURST)):
         peers[k % 2].send([frame])

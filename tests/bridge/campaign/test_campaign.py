@@ -40,7 +40,7 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
     )
     rows[node]["reasons"] = reasons
     heard = np.zeros(1, heard_dtype(system, "slave"))[0]
-    heard["message"] = system.heard_by("slave").index("LINK_4")
+    heard["message"] = system.received_by("slave").index("LINK_4")
     with Journal.create(folder / "nodes" / "slave.heard", heard.dtype, 20) as journal:
         for number in newest:
             heard["sequence"], heard["arrival_ns"] = number, number * 5_000_000
@@ -135,7 +135,7 @@ def test_what_must_never_be(system, tmp_path):
 def test_a_table_is_markdown(system, tmp_path):
     judged = judgement.judge(system, SPEC, outcome(system, tmp_path))
     lines = judgement.markdown(
-        judgement.table([judged, judgement.lost("y.toml", ValueError("no"))])
+        judgement.table([judged, judgement.failed_run("y.toml", ValueError("no"))])
     )
     assert lines.count("\n") == 4
     assert {line.count("|") for line in lines.splitlines()} == {9}

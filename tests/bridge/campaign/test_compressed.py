@@ -40,7 +40,7 @@ def test_a_hostile_peer_is_in_the_report_and_in_the_verdict(tmp_path, deploy, ki
     system, outcome = run(tmp_path, deploy, kind)
     (fault,) = outcome.faults
     assert fault.verdict == "seen", fault.text()
-    found = verdict.of(system, outcome)
+    found = verdict.judge(system, outcome)
     assert found.word is Word.FAILED and found.exit_code == 1
     assert HEARD[deploy][1] in found.text()
     assert outcome.replayed is not None and outcome.replayed.first is None
@@ -49,7 +49,7 @@ def test_a_hostile_peer_is_in_the_report_and_in_the_verdict(tmp_path, deploy, ki
 def test_absurd_values_are_in_the_report_and_in_the_verdict(tmp_path):
     system, outcome = run(tmp_path, "can", "absurd")
     assert outcome.faults[0].verdict == "seen", outcome.faults[0].text()
-    assert verdict.of(system, outcome).word is Word.FAILED
+    assert verdict.judge(system, outcome).word is Word.FAILED
     assert outcome.replayed is not None and outcome.replayed.first is None
 
 
@@ -57,7 +57,7 @@ def test_absurd_values_are_in_the_report_and_in_the_verdict(tmp_path):
 def test_faults_that_receivers_refuse_leave_the_verdict(tmp_path, kind):
     system, outcome = run(tmp_path, "can", kind)
     assert outcome.faults[0].verdict == "seen"
-    assert verdict.of(system, outcome).word is Word.PASSED
+    assert verdict.judge(system, outcome).word is Word.PASSED
     assert not judgement.judge(system, CampaignRunSpec(script="x.toml"), outcome).failures
 
 
@@ -83,13 +83,13 @@ def test_a_machine_that_stands_still_makes_it_inconclusive(tmp_path):
     stopped = _ended(report, ("overrun",))
     reports = [stopped if r is report else r for r in outcome.reports]
     outcome = _with(outcome, rows=rows, reports=reports)
-    assert verdict.of(system, outcome).word is Word.FAILED
+    assert verdict.judge(system, outcome).word is Word.FAILED
     rows[report.life]["woke_ns"][500] += 90_000_000
-    found = verdict.of(system, outcome)
+    found = verdict.judge(system, outcome)
     assert found.word is Word.INCONCLUSIVE and found.exit_code == 3
     assert "90 ms" in found.text()
     worse = [_ended(r, ("estop",)) if r is stopped else r for r in reports]
-    assert verdict.of(system, _with(outcome, reports=worse)).word is Word.FAILED
+    assert verdict.judge(system, _with(outcome, reports=worse)).word is Word.FAILED
 
 
 def _ended(report, reasons):

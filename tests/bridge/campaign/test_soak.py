@@ -150,7 +150,7 @@ WELL = {"torque": 50.0, "together": 0.01}
 
 
 def wrong(folder, done, **measures):
-    return list(soak_judgement.judged(job(folder).soak, done, {**WELL, **measures}).reasons)
+    return list(soak_judgement.judge_soak_run(job(folder).soak, done, {**WELL, **measures}).reasons)
 
 
 def test_a_process_that_crashed_fails_a_run_and_one_that_was_killed_does_not(system, tmp_path):
@@ -270,7 +270,7 @@ def test_a_run_waits_for_nodes_of_which_none_is_left(tmp_path):
     assert [p.start.life for p in ended.lives] == [
         Life(node, boot) for boot in (1, 2) for node in ("master", "slave")
     ]
-    assert [n.words() for n in ended.notes[2:4]] == ["start master", "start slave"]
+    assert [n.describe() for n in ended.notes[2:4]] == ["start master", "start slave"]
 
 
 @pytest.mark.slow
@@ -314,7 +314,7 @@ def test_a_run_that_is_kept_has_sums_of_all_its_files_also_of_those_that_came_la
         (folder / "late").write_text("a file of its own")
         raise RunError("it stopped")
 
-    row = soak.performed(job, 3, run)
+    row = soak.judge_row(job, 3, run)
     assert row.reason == "no run: it stopped"
     folder = tmp_path / "runs" / "00003"
     verify(folder)

@@ -51,8 +51,8 @@ class TestMemory(BusContract):
     def connect(self):
         def connect(log: Journal, accepts: Sequence[Accept] | None):
             a, b = Ring(8192), Ring(8192)
-            ours = Bus.of_rings(a, b, 3, log, accepts=accepts, kind=BusKind.MEMORY)
-            return InMemory(ours), BusPeer(Bus.of_rings(b, a, kind=BusKind.MEMORY))
+            ours = Bus.from_rings(a, b, 3, log, accepts=accepts, kind=BusKind.MEMORY)
+            return InMemory(ours), BusPeer(Bus.from_rings(b, a, kind=BusKind.MEMORY))
 
         return connect
 
@@ -126,7 +126,7 @@ def test_more_data_than_a_frame_holds_is_refused():
 
 def test_overrun_ring_counts_what_it_lost_and_keeps_the_oldest():
     a, b = Ring(16), Ring(16)
-    ours, peer = (Bus.of_rings(*r, kind=BusKind.MEMORY) for r in ((a, b), (b, a)))
+    ours, peer = (Bus.from_rings(*r, kind=BusKind.MEMORY) for r in ((a, b), (b, a)))
     results = [peer.send(frame) for frame in numbered(20)]
     assert [r == 0 for r in results] == [True] * 16 + [False] * 4
     assert peer.struct.send_failed == 4 and peer.struct.last_errno == results[-1]
@@ -139,7 +139,7 @@ def test_overrun_ring_counts_what_it_lost_and_keeps_the_oldest():
 def test_full_log_is_counted_and_the_bus_goes_on(tmp_path):
     log = Journal.create(tmp_path / "j", frames.frame_dtype(8), 3)
     ring = Ring(16)
-    bus = Bus.of_rings(ring, ring, log=log, kind=BusKind.MEMORY)
+    bus = Bus.from_rings(ring, ring, log=log, kind=BusKind.MEMORY)
     assert {bus.send(frame) for frame in numbered(5)} == {0}
     assert len(bus.drain()) == 5
     assert (len(log), bus_health(bus, "a", 0).log_dropped) == (3, 7)
@@ -148,7 +148,7 @@ def test_full_log_is_counted_and_the_bus_goes_on(tmp_path):
 def test_a_message_longer_than_a_row_of_the_log_is_cut_there_only(tmp_path):
     log = Journal.create(tmp_path / "j", frames.frame_dtype(64), 3)
     ring = Ring(16)
-    bus = Bus.of_rings(ring, ring, log=log, kind=BusKind.MEMORY)
+    bus = Bus.from_rings(ring, ring, log=log, kind=BusKind.MEMORY)
     bus.send(Frame.of(1, bytes(range(200))))
     assert bus.drain()[0].payload == bytes(range(200))
     (row, _) = Journal.open(log.path)

@@ -19,7 +19,7 @@ class Pair:
 
     def __init__(self):
         self.here, self.there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.bus = Bus.of_socket(self.here.fileno())
+        self.bus = Bus.from_socket(self.here.fileno())
 
     def send(self, *numbers):
         for n in numbers:

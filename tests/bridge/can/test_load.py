@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.can.load import kind_of, log_bits, log_times, measured, of_rows, planned
+from bridge.can.load import kind_of, load_of_log, log_bits, log_times, measured_load, planned_load
 from bridge.native import load as native
 from bridge.native.frame import Flags, Frame, frame_dtype
 from cosim.bus.arbitration import rank
@@ -85,13 +85,13 @@ def test_lengths_between_and_error_frames_in_a_log() -> None:
 
 def test_planned_load_is_the_sum_over_messages() -> None:
     kind = FrameFormat()
-    share = planned([(8, kind, 1e-3), (8, kind, 1e-3)], MEGABIT)
+    share = planned_load([(8, kind, 1e-3), (8, kind, 1e-3)], MEGABIT)
     assert (share.best, share.worst) == pytest.approx((0.222, 0.27))
     assert share.best < share.mean < share.worst
     # the budget of one FD bus: 4 nodes with 64 bytes at 1 kHz, SYNC and 10 Hz heartbeats
     fd = FrameFormat(fd=True, brs=True)
     all_ = [(64, fd, 1e-3)] * 4 + [(1, kind, 1e-3)] + [(1, kind, 0.1)] * 4
-    assert planned(all_, FAST).worst == pytest.approx(0.743, abs=0.001)
+    assert planned_load(all_, FAST).worst == pytest.approx(0.743, abs=0.001)
 
 
 def slow_busy(starts: list[int], ends: list[int], a: int, b: int) -> int:
@@ -107,7 +107,7 @@ def test_the_load_of_a_log_is_that_of_its_busiest_window(
     log: list[tuple[int, int]], window: int
 ) -> None:
     starts, ends = [s for s, _ in log], [s + d for s, d in log]
-    found = measured(np.array(ends), np.array([d for _, d in log]), window)
+    found = measured_load(np.array(ends), np.array([d for _, d in log]), window)
     each = {a: slow_busy(starts, ends, a, a + window) for a in range(-window, 1000)}
     assert found.peak == max(each.values()) / window
     assert each[found.peak_ns] == max(each.values())
@@ -120,14 +120,14 @@ def test_the_load_of_a_log_is_that_of_its_busiest_window(
 
 def test_a_log_that_no_bus_can_have_carried_is_noticed() -> None:
     ends = np.arange(1, 1001, dtype=np.int64) * 100_000
-    assert measured(ends, np.full(1000, 90_000)).possible
-    assert not measured(ends, np.full(1000, 135_000)).possible
-    hour = measured(ends + 3_600_000_000_000_000, np.full(1000, 90_000))
+    assert measured_load(ends, np.full(1000, 90_000)).possible
+    assert not measured_load(ends, np.full(1000, 135_000)).possible
+    hour = measured_load(ends + 3_600_000_000_000_000, np.full(1000, 90_000))
     assert hour.peak == pytest.approx(0.9)
     with pytest.raises(TimingError, match="window of 0 ns"):
-        measured(ends, np.full(1000, 1), 0)
+        measured_load(ends, np.full(1000, 1), 0)
     with pytest.raises(TimingError, match="found 0 frames"):
-        measured(ends[:0], ends[:0])
+        measured_load(ends[:0], ends[:0])
 
 
 def test_rows_of_a_log_have_a_load() -> None:
@@ -135,7 +135,7 @@ def test_rows_of_a_log_have_a_load() -> None:
     rows["t_ns"], rows["length"], rows["id"] = np.arange(100) * 1_000_000, 8, 0x123
     rows["data"][:, :8] = 0x55
     busy = frame_bits(0x123, b"\x55" * 8).nominal / 1000
-    assert of_rows(rows, MEGABIT, 10_000_000).peak == pytest.approx(busy)
+    assert load_of_log(rows, MEGABIT, 10_000_000).peak == pytest.approx(busy)
 
 
 def test_bits_that_arbitrate() -> None:

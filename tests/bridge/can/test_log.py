@@ -12,7 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.can.log import FrameLog, LogError, candump_lines, once, read_log, rows_of, write_log
+from bridge.can.log import (
+    FrameLog,
+    LogError,
+    candump_lines,
+    merge_node_logs,
+    read_log,
+    rows_of,
+    write_log,
+)
 from bridge.native.frame import Flags, Frame
 
 LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
@@ -150,14 +158,14 @@ def test_each_frame_is_there_once_and_at_its_senders_time():
     a = log(sent(100), sent(300), received(250, 2))
     b = log(received(110), received(310), sent(200, 2))
     listener = log(received(105), received(205, 2), received(305))
-    found = once([a.rows, b.rows, listener.rows])
+    found = merge_node_logs([a.rows, b.rows, listener.rows])
     assert found["t_ns"].tolist() == [100, 200, 300]
     assert found["id"].tolist() == [1, 2, 1]
     assert found["flags"].tolist() == [Flags.SENT] * 3
 
 
 def test_frames_of_others_are_those_of_who_heard_most():
-    found = once([log(received(10)).rows, log(received(11), received(29)).rows])
+    found = merge_node_logs([log(received(10)).rows, log(received(11), received(29)).rows])
     assert found["t_ns"].tolist() == [11, 29]
 
 
@@ -174,4 +182,4 @@ def test_what_was_sent_is_what_is_left(data):
         for other in set(range(n)) - {sender}:
             if data.draw(st.booleans()):
                 logs[other].append(received(t + data.draw(st.integers(0, 10**4)), 1, content))
-    assert once([log(*frames).rows for frames in logs])["t_ns"].tolist() == times
+    assert merge_node_logs([log(*frames).rows for frames in logs])["t_ns"].tolist() == times

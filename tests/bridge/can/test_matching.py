@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge.can.log import once
+from bridge.can.log import merge_node_logs
 from bridge.drives.profiles import load_profile
 from bridge.faults.load import build
 from bridge.monitor import listener as listen
@@ -79,7 +79,7 @@ def test_rows_are_chosen_as_frames_are(system):
     message = system.messages["STATE_1"].encoding.message
     estop = system.services["left"].estop.message
     whole = Accept(0x3A0, 0x7F0, Flags.FD, Flags.FD)
-    for accept in (Accept.of(message), Accept.of_estop(estop), whole, Accept(0, 0, 0, 0)):
+    for accept in (Accept.of(message), Accept.for_estop(estop), whole, Accept(0, 0, 0, 0)):
         found = accept.among(rows_of(*frames)).tolist()
         assert found == [accept.takes(f) for f in frames]
     assert [accept.takes(f) for accept in [Accept.of(message)] for f in frames] == [
@@ -150,7 +150,14 @@ def test_the_log_of_a_bus_has_strangers_with_the_numbers_of_nodes(system, tmp_pa
     sent = altered(link(system), Flags.SENT, 0)
     heard = [altered(link(system), f, 1 + k) for k, f in enumerate(FORMATS)]
     parts = {"master_control": [sent], "master": heard}
-    assert once([rows_of(*p) for p in parts.values()])["t_ns"].tolist() == [0, 2, 3, 4, 5, 6]
+    assert merge_node_logs([rows_of(*p) for p in parts.values()])["t_ns"].tolist() == [
+        0,
+        2,
+        3,
+        4,
+        5,
+        6,
+    ]
     for node, frames in parts.items():
         with Journal.create(tmp_path / f"{node}.left.frames", frame_dtype(), 10) as journal:
             for row in rows_of(*frames):
@@ -188,7 +195,7 @@ def test_the_record_of_faults_is_read_by_format_and_bus(system):
     hit = detection.received(Life(name), rows, system).hit(fault)
     assert {m: np.flatnonzero(there).tolist() for m, there in hit.items()} == {"LINK_2": [0]}
     accept = Accept.of(carried.encoding.message)
-    assert len(undetected.changed(rows[: len(FORMATS)], accept)) == 1
+    assert len(undetected.corrupted_frames(rows[: len(FORMATS)], accept)) == 1
 
 
 # ---- lock-step ----------------------------------------------------------------------------------
@@ -202,7 +209,7 @@ def test_the_record_of_faults_is_read_by_format_and_bus(system):
 def test_a_sample_in_lock_step_has_its_format(flags, counter, result, kept, tmp_path):
     system = named("zenoh", "deploy.buses.net.options.lockstep=true", "run.stop=1")
     incoming = Ring(8)
-    ends = {"net": SimpleNamespace(bus=Bus.of_rings(incoming, Ring(8)))}
+    ends = {"net": SimpleNamespace(bus=Bus.from_rings(incoming, Ring(8)))}
     incoming.put(altered(link(system, "xi_slave", counter), flags))
     incoming.put(system.services["net"].estop.frame([1, 0], Header()))
     with Lockstep(system, "master", ends, tmp_path / "master.journal") as found:

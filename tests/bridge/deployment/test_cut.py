@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 import pytest
 
-from bridge.deployment.cut import cut, start_values
+from bridge.deployment.cut import cut_plan, start_values
 from bridge.deployment.spec import find, load
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
@@ -194,7 +194,7 @@ def wrong(tmp_path, change, *settings):
     deployment = load(written(found, tmp_path))
     plan = assemble(load_scenario(TELEOPERATION, settings))
     with pytest.raises(ScenarioError) as error:
-        cut(plan, deployment, start_values(plan))
+        cut_plan(plan, deployment, start_values(plan))
     return str(error.value)
 
 

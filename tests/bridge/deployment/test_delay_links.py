@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.deployment.latency import DelaySpec, delays_for, newest_for
+from bridge.deployment.latency import DelaySpec, delays_for, zero_delay
 from bridge.native import delay as native
 from cosim.base.errors import ScenarioError
 from cosim.links.spec import link_table
@@ -165,7 +165,7 @@ def test_a_table_of_another_kind_is_refused():
 
 
 def test_a_wire_holds_the_newest():
-    spec = newest_for(Wire(SOURCE, TARGET), 5, 1, 0.001)
+    spec = zero_delay(Wire(SOURCE, TARGET), 5, 1, 0.001)
     assert isinstance(spec, DelaySpec) and spec.kind == native.NONE
     assert held(spec, 500) == [r // 5 for r in range(500)]
 

@@ -39,9 +39,9 @@ def test_messages_are_those_of_the_profile():
 
 def test_a_bus_of_drives_carries_no_services():
     system = named("can-damiao")
-    heard = {one.name: one.accept.id for one in system.listened("master")}
+    heard = {one.name: one.accept.id for one in system.subscriptions("master")}
     assert heard == {"master_tau_1": 1, "master_tau_2": 2}
-    assert "HEARTBEAT_4" in {one.name for one in system.listened("master_control")}
+    assert "HEARTBEAT_4" in {one.name for one in system.subscriptions("master_control")}
 
 
 @settings(max_examples=12)
@@ -92,7 +92,7 @@ def test_the_twin_reaches_q_h_within_the_drives_torque_and_replays(tmp_path):
         assert np.abs(signal(system, rows, arm, f"{arm}.q")[-1] - [3.5, 3.0]).max() < 0.02
         sent = rows[f"{arm}_control"]["sent"]
         assert np.abs(sent[:, :2]).max() <= 7.0
-    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
     assert found.first is None and found.greatest == 0.0
     assert "master_tau_1" in found.alone and "XI_2" not in found.alone  # no counter: as recorded
 

@@ -20,9 +20,9 @@ LINK2 = str(CONFIGS / "can" / "link2.dbc")
 
 def test_receivers_listen_on_the_bus_they_are_on():
     system = named("gateway")
-    assert system.heard_by("slave_control") == ("STATE_3", "XI_2")
+    assert system.received_by("slave_control") == ("STATE_3", "XI_2")
     assert system.buses_of("slave_control") == ("right",)
-    assert system.heard_by("left_gateway") == ("LINK_2", "xi_slave")
+    assert system.received_by("left_gateway") == ("LINK_2", "xi_slave")
     assert system.buses_of("left_gateway") == ("left", "net")
     assert system.peers_of("right_gateway") == ("slave", "slave_control", "left_gateway")
 
@@ -49,8 +49,8 @@ def test_who_is_on_none_of_the_buses_listens_to_the_first_sender(tmp_path):
     del found["nodes"]["master_control"]["stale"]["master_control.xi_in"]
     found["messages"]["back"] = {"bus": "net", "carries": ["slave_control.xi"]}
     system = system_of(found, tmp_path)
-    assert system.heard_by("slave") == ("xi_master",)  # it speaks on net
-    assert system.heard_by("master_control") == ("STATE_1", "back")  # the only one there is
+    assert system.received_by("slave") == ("xi_master",)  # it speaks on net
+    assert system.received_by("master_control") == ("STATE_1", "back")  # the only one there is
 
 
 def test_arms_are_compared_where_their_nodes_are(tmp_path):
@@ -62,7 +62,7 @@ def test_arms_are_compared_where_their_nodes_are(tmp_path):
     apart = {"of": "master.q", "other": "slave.q", "within": "9 rad"}
     found["nodes"]["slave_control"]["apart"] = apart
     system = system_of(found, tmp_path)
-    assert system.heard_by("slave_control") == ("STATE_3", "XI_2", "q_right")
+    assert system.received_by("slave_control") == ("STATE_3", "XI_2", "q_right")
     assert system.buses_of("slave_control") == ("right",)
 
 
@@ -88,10 +88,10 @@ def test_gateways_may_pass_on_commands_where_nodes_have_certificates():
 def test_a_stamp_that_turns_sooner_than_a_network_is_slow_is_warned_of(tmp_path):
     found = _classic_right()
     found["messages"]["xi_master"].pop("max_age")
-    (warning,) = deployment.forwarded(system_of(found, tmp_path))
+    (warning,) = deployment.forwarding_overruns(system_of(found, tmp_path))
     assert warning.where == "XI_2" and warning.number == pytest.approx(64 * 0.065536)
     found["messages"]["xi_master"]["max_age"] = "4 s"
-    assert not deployment.forwarded(system_of(found, tmp_path))
+    assert not deployment.forwarding_overruns(system_of(found, tmp_path))
 
 
 def _classic_right():
@@ -189,7 +189,7 @@ def test_what_does_not_fit_is_said_with_its_place(change, sentence, place, tmp_p
 
 def exact(system, rows, folder):
     (folder / "again").mkdir()
-    found = replay.replay(system, rows, replay.heard_of(folder / "twin"), folder / "again")
+    found = replay.replay(system, rows, replay.received_by_life(folder / "twin"), folder / "again")
     return (found.first, found.alone) == (None, ())
 
 
@@ -234,7 +234,7 @@ def test_replay_knows_what_every_codec_on_the_way_does(tmp_path):
 
 def test_lock_step_has_no_gateways(tmp_path):
     with pytest.raises(CosimError, match="expected all buses to be Zenoh"):
-        lockstep.wanted(named("gateway", "deploy.buses.net.options.lockstep=true"))
+        lockstep.is_lockstep(named("gateway", "deploy.buses.net.options.lockstep=true"))
     found = document("zenoh")
     found["buses"]["far"] = {"kind": "zenoh"}
     found["nodes"]["gate"] = {"number": 3}
@@ -242,4 +242,4 @@ def test_lock_step_has_no_gateways(tmp_path):
     for bus in found["buses"].values():
         bus.setdefault("options", {})["lockstep"] = True
     with pytest.raises(CosimError, match="lock-step has no gateways, and gate is one"):
-        lockstep.wanted(system_of(found, tmp_path))
+        lockstep.is_lockstep(system_of(found, tmp_path))

@@ -42,7 +42,7 @@ def test_every_signal_of_what_is_shipped_has_a_range(name):
     system = shipped(name)
     assert deployment.unlimited(system) == []
     for node in system.nodes:
-        for message in system.heard_by(node):
+        for message in system.received_by(node):
             for limit in ranges.limits(system, node, system.messages[message]):
                 assert -3000 < limit.low < 0 < limit.high < 3000
                 assert 0 < limit.rate <= 50_000

@@ -193,14 +193,14 @@ def test_no_request_moves_a_drive_whose_node_is_in_fault(system, tmp_path):
 
 def test_a_run_whose_drives_are_disabled_and_enabled_replays_to_the_bit(tmp_path):
     system = system_of(damiao(), tmp_path, "run.stop=0.6", "run.step='5 ms'")
-    with twin.wired(system, tmp_path) as nodes:
+    with twin.wired_nodes(system, tmp_path) as nodes:
         nodes["master_control"].struct.alarm = native.RAISED
         twin.run(system, nodes)
     rows = replay.load(tmp_path)
     asked = rows[Life("master")]["inlets"]["requests"]
     assert set(np.unique(asked)) == {0, 3}
     (tmp_path / "again").mkdir()
-    found = replay.replay(system, rows, replay.heard_of(tmp_path), tmp_path / "again")
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path), tmp_path / "again")
     assert (found.greatest, found.first) == (0.0, None)
 
 

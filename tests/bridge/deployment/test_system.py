@@ -23,13 +23,13 @@ def test_nodes_are_on_the_buses_they_send_or_hear_on():
     system = named("can")
     assert system.buses_of("master") == ("left",)
     assert system.buses_of("slave_control") == ("left", "right")
-    assert system.heard_by("master") == ("LINK_2",)
-    assert system.heard_by("slave_control") == ("LINK_2", "STATE_3")
+    assert system.received_by("master") == ("LINK_2",)
+    assert system.received_by("slave_control") == ("LINK_2", "STATE_3")
     assert system.peers_of("master") == ("slave", "master_control", "slave_control")[1:]
 
 
 def test_nodes_listen_to_data_and_to_services():
-    heard = {one.name: one.accept.id for one in named("can").listened("master")}
+    heard = {one.name: one.accept.id for one in named("can").subscriptions("master")}
     assert heard["LINK_2"] == 0x3A2
     assert heard["NMT"] == 0 and heard["ESTOP"] == 1 and heard["SYNC"] == 0x80
     assert {name for name in heard if name.startswith("HEARTBEAT")} == {
@@ -74,7 +74,7 @@ def test_settings_reach_scenario_and_deployment():
 def test_the_network_shares_one_bus():
     system = named("network-can", scenario=NETWORK)
     for i in range(1, 7):
-        assert system.heard_by(f"robot{i}") == (f"XI_{(i - 2) % 6 + 1}",)
+        assert system.received_by(f"robot{i}") == (f"XI_{(i - 2) % 6 + 1}",)
         assert len(system.peers_of(f"robot{i}")) == 5
 
 

@@ -14,7 +14,7 @@ from bridge.drives.model import Drive
 from bridge.drives.profiles import DriveProfile, Joint, ProfileMessage
 from bridge.native.message import Decoded
 from bridge.native.safety import DriveRequest, DriveState, Status
-from bridge.safety.limits import in_si
+from bridge.safety.limits import to_si
 from cosim.base.errors import ScenarioError
 
 Array = NDArray[np.float64]
@@ -136,7 +136,7 @@ class EmulatedDrive:
 
     def _register(self, identifier: int, data: bytes) -> Raws:
         own, watchdog = self.profile.watchdog, self.drive.struct.watchdog
-        unit_ns = round(in_si(own.unit, "s", "watchdog.unit") * 1e9)
+        unit_ns = round(to_si(own.unit, "s", "watchdog.unit") * 1e9)
         if own.write is not None:
             value = own.write.value(self.node, identifier, data)
             if value is not None:

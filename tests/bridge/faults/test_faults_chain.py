@@ -13,7 +13,7 @@ from bridge.native.delay import DelayLine
 from bridge.native.faults import FOREVER, INJECTED, Fault, Injector
 from bridge.native.journal import Journal
 from bridge.native.message import Decoded, Header, receiver
-from bridge.results.undetected import changed, sequences, undetected
+from bridge.results.undetected import corrupted_frames, sequences, undetected
 from tests.bridge.can.layouts import layout
 
 PERIOD, START, N = 5_000_000, 10**12, 600  # ns
@@ -97,10 +97,10 @@ def test_what_is_accepted_is_what_was_sent(tmp_path_factory, rules, seed, bits, 
     with Journal.create(path, INJECTED, N) as journal:
         injector, heard, accepted, held = run(rules, journal.address)
         rows = journal.rows.copy()
-    corrupted = sequences(changed(rows, LINK), lambda data: data[2], 8, PERIOD)
-    assert corrupted.tolist() == [r["sequence"] for r in changed(rows, LINK)]
+    corrupted = sequences(corrupted_frames(rows, LINK), lambda data: data[2], 8, PERIOD)
+    assert corrupted.tolist() == [r["sequence"] for r in corrupted_frames(rows, LINK)]
     assert undetected(corrupted, (j for j, _ in accepted)) == []
-    assert heard.crc == sum(int(r["copies"]) for r in changed(rows, LINK))
+    assert heard.crc == sum(int(r["copies"]) for r in corrupted_frames(rows, LINK))
     assert len({j for j, _ in accepted}) == len(accepted)
     for j, values in accepted:
         assert np.array_equal(values, sent(j))

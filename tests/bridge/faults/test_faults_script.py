@@ -10,7 +10,7 @@ from msgspec import structs
 
 from bridge.campaign.spec import load_campaign
 from bridge.deployment import spec
-from bridge.deployment.carried import Listened
+from bridge.deployment.carried import Subscription
 from bridge.faults.load import SPECS, SyncLossSpec, build, load
 from bridge.faults.script import FaultEvent
 from bridge.native import faults as native
@@ -21,12 +21,12 @@ from cosim.base.errors import ScenarioError
 FOLDER = Path(__file__).parents[3] / "configs" / "faults"
 FD = {"flags": Flags.FD, "flag_mask": FORMAT}
 IDS = [
-    Listened("left", "SYNC", Accept(0x80, flag_mask=FORMAT)),
-    Listened("left", "LINK_1", Accept(0x3A1, **FD)),
-    Listened("left", "LINK_2", Accept(0x3A2, **FD)),
-    Listened("left", "STATE_1", Accept(0x4A1, **FD)),
-    Listened("left", "FAR", Accept(0x123, flags=Flags.EXTENDED, flag_mask=FORMAT)),
-    Listened("right", "NMT", Accept(0x3A1, flag_mask=FORMAT)),
+    Subscription("left", "SYNC", Accept(0x80, flag_mask=FORMAT)),
+    Subscription("left", "LINK_1", Accept(0x3A1, **FD)),
+    Subscription("left", "LINK_2", Accept(0x3A2, **FD)),
+    Subscription("left", "STATE_1", Accept(0x4A1, **FD)),
+    Subscription("left", "FAR", Accept(0x123, flags=Flags.EXTENDED, flag_mask=FORMAT)),
+    Subscription("right", "NMT", Accept(0x3A1, flag_mask=FORMAT)),
 ]
 
 
@@ -93,7 +93,7 @@ def test_messages_are_named_by_name_pattern_or_identifier(message, expected):
 
 def test_a_name_is_hit_on_its_bus_only():
     """On two buses a name may have two identifiers, and another message the same one."""
-    both = [*IDS, Listened("right", "SYNC", Accept(0x3A2, flag_mask=FORMAT))]
+    both = [*IDS, Subscription("right", "SYNC", Accept(0x3A2, flag_mask=FORMAT))]
     found = rules(fault(kind="sync-loss").frames_for("n", both, {"left": 0, "right": 1}))
     assert [(r.accept.id, r.bus) for r in found] == [(0x80, 0), (0x3A2, 1)]
     assert found[0].random != found[1].random

@@ -13,7 +13,7 @@ from bridge.monitor.figure import draw
 from bridge.monitor.sinks import Udp, address
 from bridge.monitor.topics import Feed, TopicSource
 from bridge.native.journal import Journal
-from bridge.recording.live_run import Watched
+from bridge.recording.live_run import LiveRun
 from bridge.rehearsal.supervisor import NODES
 from cosim.base.errors import ScenarioError
 from tests.bridge.watching import folder_of
@@ -39,7 +39,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def watched(made):
-    with Watched.open(made[0]) as found:
+    with LiveRun.open(made[0]) as found:
         yield found
 
 
@@ -135,7 +135,7 @@ def test_rows_that_come_later_are_given_later(made, tmp_path):
     rows = Journal.open(path).copy()
     writer = Journal.create(path, rows.dtype, len(rows))
     kept = Kept()
-    with Watched.open(place) as watched:
+    with LiveRun.open(place) as watched:
         feed = Feed(watched, [kept])
         for part in np.array_split(rows, 7):
             for values in part:

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.monitor.journal_signals import Held, ages, late
+from bridge.monitor.journal_signals import JournalSignals, ages, lateness_names
 from bridge.monitor.snapshot import SPAN, WAITING, snapshot
 from bridge.monitor.view import line, tables
 from bridge.native.journal import Journal, JournalError
 from bridge.native.safety import LifeState, Why
-from bridge.recording.journal_tail import Tail
-from bridge.recording.live_run import Watched, find_run, read_facts
+from bridge.recording.journal_tail import JournalTail
+from bridge.recording.live_run import LiveRun, find_run, read_facts
 from bridge.records.lives import Life
 from bridge.rehearsal.supervisor import NODES
 from bridge.safety.limits import explain
@@ -48,7 +48,7 @@ def run(made, tmp_path):
 
 def test_rows_are_read_while_they_are_written(tmp_path):
     journal = Journal.create(tmp_path / "j", ROW, 100)
-    with Tail(tmp_path / "j") as tail:
+    with JournalTail(tmp_path / "j") as tail:
         for k in range(40):
             journal.append(k * 10, [k, 0, 0])
             assert len(tail) == k + 1
@@ -64,7 +64,7 @@ def test_rows_are_read_while_they_are_written(tmp_path):
 def test_a_file_that_is_cut_or_made_anew_below_the_reader_gives_less_and_does_not_kill(tmp_path):
     journal = Journal.create(tmp_path / "j", ROW, 50_000)
     journal.append(1, [0, 0, 0])
-    with Tail(tmp_path / "j") as tail:
+    with JournalTail(tmp_path / "j") as tail:
         with (tmp_path / "j").open("r+b") as file:
             file.truncate(70)
         assert len(tail.newest(10)) == 0
@@ -76,9 +76,9 @@ def test_a_file_that_is_cut_or_made_anew_below_the_reader_gives_less_and_does_no
 def test_what_is_no_journal_is_said(tmp_path, content):
     (tmp_path / "j").write_bytes(content)
     with pytest.raises(JournalError, match="j: "):
-        Tail(tmp_path / "j")
+        JournalTail(tmp_path / "j")
     with pytest.raises(JournalError, match="No such file"):
-        Tail(tmp_path / "none")
+        JournalTail(tmp_path / "none")
 
 
 @given(times=st.lists(st.integers(0, 10**6), min_size=1, max_size=3000), span=st.integers(1, 10**6))
@@ -88,7 +88,7 @@ def test_since_is_the_rows_of_the_span(tmp_path_factory, times, span):
     with Journal.create(path, ROW, len(times)) as journal:
         for t in times:
             journal.append(t, [0, 0, 0])
-    with Tail(path) as tail:
+    with JournalTail(path) as tail:
         expected = [t for t in times if t > times[-1] - span]
         assert tail.since("t_ns", span)["t_ns"].tolist() == expected
 
@@ -98,7 +98,7 @@ def test_since_is_the_rows_of_the_span(tmp_path_factory, times, span):
 
 def test_nodes_are_those_of_the_journals(made):
     place, system = made
-    with Watched.open(place) as watched:
+    with LiveRun.open(place) as watched:
         found = snapshot(watched, NOW)
     assert [n.life for n in found.nodes] == [Life(n) for n in system.nodes]
     assert found.t == pytest.approx(2.0) and found.length == pytest.approx(2.0)
@@ -115,7 +115,7 @@ def test_nodes_are_those_of_the_journals(made):
 
 def test_inputs_have_the_ages_of_the_journals(made):
     place, system = made
-    with Watched.open(place) as watched:
+    with LiveRun.open(place) as watched:
         found = snapshot(watched, NOW)
     views = {x.target: x for x in found.inlets}
     for name, plan in system.nodes.items():
@@ -130,9 +130,9 @@ def test_inputs_have_the_ages_of_the_journals(made):
 
 def test_metrics_are_those_of_the_last_second(made):
     place, system = made
-    with Watched.open(place) as watched:
+    with LiveRun.open(place) as watched:
         found = {r.name: r.value for r in snapshot(watched, NOW).metrics}
-        whole = Held(system, watched.everything())
+        whole = JournalSignals(system, watched.everything())
     q = [whole.array(f"{arm}.q") for arm in ("master", "slave")]
     assert found["sync_error"] == np.abs(q[0][-1] - q[1][-1]).max()
     torques = np.hstack([whole.array(f"{arm}_control.tau") for arm in ("master", "slave")])
@@ -144,9 +144,9 @@ def test_signals_hold_as_in_the_run_folder(made, tmp_path):
     from cosim.record import Run
 
     place, system = made
-    with Watched.open(place) as watched:
+    with LiveRun.open(place) as watched:
         rows = watched.everything()
-    held = Held(system, rows)
+    held = JournalSignals(system, rows)
     write_trajectories(system, {Life(node): r for node, r in rows.items()}, tmp_path)
     run = Run.open(tmp_path)
     assert np.array_equal(held.t, run.t)
@@ -156,7 +156,7 @@ def test_signals_hold_as_in_the_run_folder(made, tmp_path):
     assert evaluate(declared_metrics.metrics(system.scenario), held) == evaluate(
         declared_metrics.metrics(system.scenario), run
     )
-    assert held.unit(late(["master"])[0]) == "ms"
+    assert held.unit(lateness_names(["master"])[0]) == "ms"
     assert np.nanmax(held.array(ages(["master.tau"])[0])) > 0
     with pytest.raises(ScenarioError, match=r"no node has a signal 'master\.qq'"):
         held.array("master.qq")
@@ -164,11 +164,13 @@ def test_signals_hold_as_in_the_run_folder(made, tmp_path):
 
 def test_where_a_node_did_no_slot_there_is_a_gap_if_wanted(made):
     place, system = made
-    with Watched.open(place) as watched:
+    with LiveRun.open(place) as watched:
         rows = watched.everything()
     control = rows["slave_control"]
     rows["slave_control"] = np.concatenate([control[:100], control[150:300]])
-    q, gap = (Held(system, rows, gaps=g).array("slave_control.tau")[:, 0] for g in (False, True))
+    q, gap = (
+        JournalSignals(system, rows, gaps=g).array("slave_control.tau")[:, 0] for g in (False, True)
+    )
     nothing = [*range(500, 750), *range(1500, 2000)]
     assert np.flatnonzero(np.isnan(gap)).tolist() == nothing
     assert not np.isnan(q).any() and len(set(q[500:750])) == 1
@@ -178,7 +180,7 @@ def test_where_a_node_did_no_slot_there_is_a_gap_if_wanted(made):
 def test_frames_not_heard_are_counted_and_buses_have_a_load(made, run):
     _, system = made
     talk(run / NODES, system, "LINK_2", lost=10)
-    with Watched.open(run) as watched:
+    with LiveRun.open(run) as watched:
         found = snapshot(watched, NOW)
     view = next(x for x in found.inlets if x.source == "master_control.tau")
     assert (view.lost, view.sent) == (20, 200)
@@ -189,7 +191,7 @@ def test_frames_not_heard_are_counted_and_buses_have_a_load(made, run):
 
 
 def test_what_stopped_a_node_is_said(run):
-    row = Tail(run / NODES / "slave.journal").row
+    row = JournalTail(run / NODES / "slave.journal").row
     path = run / NODES / "slave.journal"
     kept = Journal.open(path).copy()
     kept["state"][-1], kept["reasons"][-1] = LifeState.STOPPING, Why.PEER
@@ -197,7 +199,7 @@ def test_what_stopped_a_node_is_said(run):
     with Journal.create(path, row, len(kept)) as journal:
         for values in kept:
             journal.append(*values)
-    with Watched.open(run) as watched:
+    with LiveRun.open(run) as watched:
         found = snapshot(watched, NOW)
     node = next(n for n in found.nodes if n.life == Life("slave"))
     assert node.state == "stopping" and node.reasons == explain(Why.PEER)
@@ -210,13 +212,13 @@ def test_what_stopped_a_node_is_said(run):
 def test_a_second_life_of_a_node_is_the_one_shown(run):
     shutil.copy(run / NODES / "slave.journal", run / NODES / "slave@2.journal")
     shutil.copy(run / NODES / "slave.journal", run / NODES / "slave@10.journal")
-    with Watched.open(run) as watched:
+    with LiveRun.open(run) as watched:
         assert watched.lives_of("slave") == [Life("slave"), Life("slave", 2), Life("slave", 10)]
         assert [n.life for n in snapshot(watched, NOW).nodes][1] == Life("slave", 10)
     path = run / NODES / "slave@11.journal"
     with (
-        Journal.create(path, Tail(run / NODES / "slave.journal").row, 10),
-        Watched.open(run) as watched,
+        Journal.create(path, JournalTail(run / NODES / "slave.journal").row, 10),
+        LiveRun.open(run) as watched,
     ):
         found = snapshot(watched, NOW)
         assert (found.nodes[1].life, found.nodes[1].state) == (Life("slave", 11), WAITING)
@@ -228,7 +230,7 @@ def test_a_second_life_of_a_node_is_the_one_shown(run):
 
 def test_a_journal_that_is_broken_is_said_and_the_others_are_shown(run):
     (run / NODES / "slave.journal").write_bytes(b"cosimjnl")
-    with Watched.open(run) as watched:
+    with LiveRun.open(run) as watched:
         found = snapshot(watched, NOW)
     assert "begins with" in found.unreadable["slave.journal"]
     assert [n.life for n in found.nodes if n.state == WAITING] == [Life("slave")]
@@ -240,14 +242,14 @@ def test_journals_of_another_system_are_refused(run):
     path = run / NODES / "slave.journal"
     shutil.copy(run / NODES / "slave_control.journal", path)
     with pytest.raises(ScenarioError, match=r"signals of shape \(19,\); slave has 15"):
-        Watched.open(run)
+        LiveRun.open(run)
 
 
 def test_nodes_without_a_slot_yet(run):
     for path in (run / NODES).glob("*.journal"):
-        row = Tail(path).row
+        row = JournalTail(path).row
         Journal.create(path, row, 10).close()
-    with Watched.open(run) as watched:
+    with LiveRun.open(run) as watched:
         found = snapshot(watched, NOW)
     assert {n.state for n in found.nodes} == {WAITING} and found.t == 0.0
     assert "master no slot yet" in line(found)
@@ -261,7 +263,7 @@ def test_a_silent_node_of_a_run_that_goes_on_is_marked(tmp_path):
     writer = Journal.create(path, rows.dtype, len(rows) + 10)  # not closed: it goes on
     for values in rows:
         writer.append(*values)
-    with Watched.open(tmp_path / "run") as watched:
+    with LiveRun.open(tmp_path / "run") as watched:
         found = snapshot(watched, 5 * 10**9 + int(rows["done_ns"][-1]) + 3 * 10**9)
         node = next(n for n in found.nodes if n.life == Life("master"))
         assert found.running and node.quiet == pytest.approx(3.0)
@@ -292,9 +294,9 @@ def test_no_run_is_a_sentence(tmp_path):
         with pytest.raises(ScenarioError, match="no run with journals of nodes in this folder"):
             find_run(runs)
     with pytest.raises(ScenarioError, match="there is no such run folder"):
-        Watched.open(tmp_path / "none")
+        LiveRun.open(tmp_path / "none")
     with pytest.raises(ScenarioError, match="no journals of nodes"):
-        Watched.open(tmp_path)
+        LiveRun.open(tmp_path)
 
 
 @pytest.mark.parametrize("text", [None, "{", "{}", "[]", '{"scenario": 3}'])
@@ -303,11 +305,11 @@ def test_a_folder_that_does_not_say_what_ran(run, text):
     if text is not None:
         (run / "rehearsal.json").write_text(text)
     with pytest.raises(ScenarioError, match="says nothing of a rehearsal"):
-        Watched.open(run)
+        LiveRun.open(run)
     if text is None:
         (run / "run.json").write_text("{}")
         with pytest.raises(ScenarioError, match="--scenario and --deploy"):
-            Watched.open(run)
+            LiveRun.open(run)
 
 
 @given(content=st.binary(max_size=300))
@@ -316,7 +318,7 @@ def test_any_bytes_are_a_journal_or_an_error(tmp_path_factory, content):
     version = struct.pack("<8sII", b"cosimjnl", 1, 8)
     path.write_bytes(version + content)
     try:
-        with Tail(path) as tail:
+        with JournalTail(path) as tail:
             tail.newest(10)
     except JournalError as error:
         assert "fuzzed.journal" in str(error)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from bridge.cli.monitor import monitor
 from bridge.deployment.system import load_system
 from bridge.rehearsal.supervisor import STARTED
-from bridge.replay.replay import heard_of, load, replay
+from bridge.replay.replay import load, received_by_life, replay
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import ScenarioError
 from tests.bridge.watching import folder_of
@@ -85,7 +85,9 @@ def test_looking_at_a_rehearsal_that_runs(tmp_path):
     system = load_system(ROOT / "configs" / "teleoperation.toml", "can", SETTINGS)
     rows = load(folder / "nodes")
     (tmp_path / "again").mkdir()
-    assert replay(system, rows, heard_of(folder / "nodes"), tmp_path / "again").first is None
+    assert (
+        replay(system, rows, received_by_life(folder / "nodes"), tmp_path / "again").first is None
+    )
     slots = sum(len(r) for r in rows.values())
     assert messages(tmp_path / "live.mcap") == 2 * slots
 

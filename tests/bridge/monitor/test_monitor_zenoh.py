@@ -17,7 +17,7 @@ from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import names_of
 from bridge.monitor.listener import Listener
 from bridge.monitor.listener_view import tables, view
-from bridge.monitor.messages import Heard, HeardSample
+from bridge.monitor.messages import HeardSample, ReceivedMessage
 from bridge.native.safety import LifeState, Status, Why
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.node_channel import open_bus, traffic_of
@@ -70,7 +70,7 @@ def test_values_states_and_losses(system: System, master: ZenohAttachment):
 
 
 def test_jitter_is_told_by_stamps_of_any_clock_also_where_they_wrap(system: System):
-    heard = Heard.of(system.messages["xi_master"])
+    heard = ReceivedMessage.of(system.messages["xi_master"])
     sent = [k * 5000 for k in range(6)]  # us, on the sender's clock
     transit = [700, 200, 900, 200, 1700, 450]  # us
     for stamp, took in zip(sent, transit, strict=True):

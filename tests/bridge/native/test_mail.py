@@ -5,7 +5,7 @@ import threading
 
 from bridge.native import pace
 from bridge.native.frame import DATA, Frame, Ring
-from bridge.native.mail import bringer, keep_thread, taker, wait
+from bridge.native.mail import frame_reader, frame_writer, keep_thread, wait
 from bridge.zenoh.wakeup import Wake
 
 FAR = 10_000_000_000  # ns; nobody sleeps that long here
@@ -14,7 +14,7 @@ FAR = 10_000_000_000  # ns; nobody sleeps that long here
 def test_what_is_brought_is_a_frame_that_has_arrived_now():
     ring, frame = Ring(4), Frame()
     before = pace.now()
-    bringer(ring, 0x1234)(b"a\0b")
+    frame_writer(ring, 0x1234)(b"a\0b")
     assert ring.get(frame)
     assert (frame.id, frame.payload) == (0x1234, b"a\0b")
     assert before <= frame.t_ns <= pace.now()
@@ -22,7 +22,7 @@ def test_what_is_brought_is_a_frame_that_has_arrived_now():
 
 def test_what_does_not_fit_is_counted():
     ring = Ring(1)
-    bring = bringer(ring, 1)
+    bring = frame_writer(ring, 1)
     for data in (bytes(DATA + 1), bytes(DATA), b"full"):
         bring(data)
     assert (len(ring), ring.dropped) == (1, 2)
@@ -33,7 +33,7 @@ def test_who_waits_is_woken_each_time():
     frame = Frame()
 
     def echo() -> None:
-        bring = bringer(there, 2)
+        bring = frame_writer(there, 2)
         for _ in range(n):
             assert wait(here, pace.now() + FAR)
             assert here.get(frame)
@@ -41,7 +41,7 @@ def test_who_waits_is_woken_each_time():
 
     thread = threading.Thread(target=echo)
     thread.start()
-    bring, back = bringer(here, 1), Frame()
+    bring, back = frame_writer(here, 1), Frame()
     began = pace.now()
     for k in range(n):
         bring(bytes([k]))
@@ -60,7 +60,7 @@ def test_a_wait_for_nothing_ends_at_its_deadline():
 
 def test_who_takes_sleeps_until_the_descriptor_is_written_to():
     ring, frame, wake = Ring(4), Frame(), Wake()
-    take = taker(ring, wake.out, frame)
+    take = frame_reader(ring, wake.out, frame)
     ring.put(Frame.of(7, b"there"))
     assert take() == 1
     assert frame.payload == b"there"

@@ -143,14 +143,14 @@ def test_what_was_commanded_is_replayed(tmp_path):
                 node._buses[0].rx.put(nmt.frame([NMT[command], TO_ALL], Header()))
 
     (tmp_path / "twin").mkdir()
-    with twin.wired(system, tmp_path / "twin", prepare) as nodes:
+    with twin.wired_nodes(system, tmp_path / "twin", prepare) as nodes:
         twin.run(system, nodes)
     rows = replay.load(tmp_path / "twin")
     mine = rows[Life("master_control")]
     row = mine[0]
     assert (row["commands"], row["state"]) == (digits(ARM, STOP, RESET), LifeState.STOPPING)
     assert not np.any(mine["sent"][-1][:2])
-    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
     assert found.first is None and found.greatest == 0.0
 
 

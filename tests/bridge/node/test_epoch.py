@@ -14,7 +14,7 @@ from bridge.native.message import Decoded, Header
 from bridge.native.node import NodeStruct, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
-from bridge.node.missing_inputs import watched
+from bridge.node.missing_inputs import report_missing_inputs
 from bridge.realtime.host_clock import HostClock, host_clock
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from tests.bridge.bench import Bench, until
@@ -96,8 +96,8 @@ def test_processes_of_a_host_have_its_clock():
 
 
 def test_a_host_says_what_keeps_its_date():
-    assert "kept by no time server" in HostClock("a", kept=False).words()
-    assert "to 2 ms" in HostClock("a", kept=True, error=0.002).words()
+    assert "kept by no time server" in HostClock("a", kept=False).describe()
+    assert "to 2 ms" in HostClock("a", kept=True, error=0.002).describe()
 
 
 # ---- a node that waits --------------------------------------------------------------------------
@@ -106,7 +106,7 @@ def test_a_host_says_what_keeps_its_date():
 def test_it_joins_a_run_that_it_hears_of(tmp_path):
     with Alone(tmp_path) as bench:
         said = []
-        with watched(bench.wired, said.append, lambda: {"event": "ready"}):
+        with report_missing_inputs(bench.wired, said.append, lambda: {"event": "ready"}):
             began = now() - seconds(3)
             bench.epoch(began)
             until(lambda: bench.struct.begun and bench.struct.slot > bench.struct.first + 2)

@@ -37,7 +37,9 @@ def test_what_a_slot_needs(period: int, offset: int, before: bool, deadline: int
 
 def test_all_buses_or_none():
     def asked(deployment: str, *settings: str) -> bool:
-        return lockstep.wanted(load_system(CONFIGS / "teleoperation.toml", deployment, settings))
+        return lockstep.is_lockstep(
+            load_system(CONFIGS / "teleoperation.toml", deployment, settings)
+        )
 
     said = "deploy.buses.net.options.lockstep=true"
     assert not asked("zenoh") and not asked("can") and asked("zenoh", said)

@@ -13,7 +13,7 @@ from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node import missing_inputs
 from bridge.replay import twin
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, sleep, stopwatch
 from tests.bridge.deployments import TELEOPERATION, named
 from tests.bridge.slots import Slots
@@ -27,8 +27,8 @@ class Slave:
     def __init__(self, folder, *settings):
         self.system = load_system(TELEOPERATION, "zenoh", ["run.stop='2 s'", *settings])
         self.rx, self.tx = Ring(4096), Ring(4096)
-        self.wired = Wired(
-            self.system, "master", {"net": Bus.of_rings(self.rx, self.tx, 0)}, folder / "journal",
+        self.wired = WiredNode(
+            self.system, "master", {"net": Bus.from_rings(self.rx, self.tx, 0)}, folder / "journal",
             native.SIMULATED,
         )  # fmt: skip
         self.struct = self.wired.struct
@@ -56,25 +56,29 @@ def master(tmp_path):
 def test_a_message_is_unheard_until_a_preview_of_it_has_come(tmp_path):
     made = Slave(tmp_path)
     with made.wired:
-        assert missing_inputs.unheard(made.wired) == ["xi_slave from slave"]
+        assert missing_inputs.missing_before_start(made.wired) == ["xi_slave from slave"]
         made.say(LifeState.INACTIVE)
         slots(made, 1)
-        assert missing_inputs.unheard(made.wired) == []
+        assert missing_inputs.missing_before_start(made.wired) == []
 
 
 def test_without_a_limit_of_silence_nothing_is_awaited(tmp_path):
     made = Slave(tmp_path, "deploy.silence=0")
     with made.wired:
-        assert missing_inputs.unheard(made.wired) == []
+        assert missing_inputs.missing_before_start(made.wired) == []
         slots(made, 1500)
-        assert missing_inputs.silent(made.wired) == missing_inputs.never(made.wired) == []
+        assert (
+            missing_inputs.silent_messages(made.wired)
+            == missing_inputs.never_received(made.wired)
+            == []
+        )
 
 
 def test_an_input_may_be_waited_for_without_an_end(tmp_path):
     never = 'deploy.nodes.master.stale={"master_control.xi_in"={stop=0}}'
     made = Slave(tmp_path, "deploy.silence='0.3 s'", never)
     with made.wired:
-        assert missing_inputs.unheard(made.wired) == []
+        assert missing_inputs.missing_before_start(made.wired) == []
         made.struct.life.state = LifeState.ACTIVE
         slots(made, 1000)
         assert made.struct.life.state == LifeState.ACTIVE
@@ -83,19 +87,20 @@ def test_an_input_may_be_waited_for_without_an_end(tmp_path):
 def test_a_node_that_hears_nothing_stops_and_says_what_it_misses(master):
     slots(master, 300)
     assert (
-        master.struct.life.state == LifeState.ACTIVE and missing_inputs.silent(master.wired) == []
+        master.struct.life.state == LifeState.ACTIVE
+        and missing_inputs.silent_messages(master.wired) == []
     )
     slots(master, 10)
     assert master.struct.life.state in (LifeState.STOPPING, LifeState.FAULT)
-    assert missing_inputs.silent(master.wired) == ["xi_slave from slave for 0.31 s"]
-    assert missing_inputs.never(master.wired) == ["xi_slave from slave"]
+    assert missing_inputs.silent_messages(master.wired) == ["xi_slave from slave for 0.31 s"]
+    assert missing_inputs.never_received(master.wired) == ["xi_slave from slave"]
 
 
 def test_what_was_heard_once_is_missed_from_then_on(master):
     for k in range(40):
         master.say(LifeState.ACTIVE, k, k * 5e-3)
     slots(master, 200)
-    assert missing_inputs.never(master.wired) == []
+    assert missing_inputs.never_received(master.wired) == []
     slots(master, 290)
     assert master.struct.life.state == LifeState.ACTIVE
     slots(master, 20)
@@ -104,15 +109,15 @@ def test_what_was_heard_once_is_missed_from_then_on(master):
 
 def test_who_has_finished_is_not_missed(master):
     slots(master, 400)
-    assert missing_inputs.silent(master.wired)
+    assert missing_inputs.silent_messages(master.wired)
     master.wired.peers["slave"].state = LifeState.FINISHED
-    assert missing_inputs.silent(master.wired) == []
+    assert missing_inputs.silent_messages(master.wired) == []
 
 
 def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_path):
     with Slots(named("can", STEP, "run.stop=2"), "master", tmp_path) as slots:
         slots.begin()
-        assert missing_inputs.unheard(slots.wired) == ["LINK_2 from master_control"]
+        assert missing_inputs.missing_before_start(slots.wired) == ["LINK_2 from master_control"]
         codec = slots.system.messages["LINK_2"].encoding
         for k in range(60):
             header = Header(
@@ -121,43 +126,50 @@ def test_a_drive_that_joins_a_run_does_not_wait_for_a_controller_in_fault(tmp_pa
             slots.put("left", codec.frame([0.0] * 4, header), k * 5e-3 + 6e-4)
             slots.step()
         assert slots.wired.receivers["LINK_2"].ok > 50
-        assert missing_inputs.unheard(slots.wired) == missing_inputs.never(slots.wired) == []
+        assert (
+            missing_inputs.missing_before_start(slots.wired)
+            == missing_inputs.never_received(slots.wired)
+            == []
+        )
 
 
 def test_torques_of_a_node_in_fault_are_heard(tmp_path):
     """They move no drive and feed no watchdog, but the drive is not deaf."""
     settings = (STEP, "run.stop=2", "deploy.silence='0.5 s'")
     system = named("can", *settings)
-    with twin.wired(system, tmp_path) as nodes:
+    with twin.wired_nodes(system, tmp_path) as nodes:
         nodes["master_control"].struct.alarm = 1  # an emergency stop in its first slot
         twin.run(system, nodes)
         assert nodes["master_control"].struct.life.state == LifeState.FAULT
         assert nodes["master"].receivers["LINK_2"].ok > 300
-        assert missing_inputs.silent(nodes["master"]) == []
+        assert missing_inputs.silent_messages(nodes["master"]) == []
 
 
 def test_a_node_whose_peer_waits_for_its_start_is_not_deaf(master):
     slots(master, 310)
-    assert missing_inputs.silent(master.wired)
+    assert missing_inputs.silent_messages(master.wired)
     master.say(LifeState.INACTIVE, 0, 0.31)
     slots(master, 1)
-    assert missing_inputs.silent(master.wired) == []
+    assert missing_inputs.silent_messages(master.wired) == []
     slots(master, 310)
-    assert missing_inputs.silent(master.wired) == ["xi_slave from slave for 0.311 s"]
+    assert missing_inputs.silent_messages(master.wired) == ["xi_slave from slave for 0.311 s"]
 
 
 def test_who_is_heard_but_refused_is_not_said_to_be_silent_only(master):
     for k in range(70):
         master.say(LifeState.ACTIVE, k, k * 5e-3, xi=1e6)
     slots(master, 320)
-    (said,) = missing_inputs.silent(master.wired)
+    (said,) = missing_inputs.silent_messages(master.wired)
     assert said.startswith("xi_slave from slave for 0.3") and "range)" in said
 
 
 def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path, monkeypatch):
     monkeypatch.setattr(missing_inputs, "REPEAT", 0.02)
     made, said = Slave(tmp_path), []
-    with made.wired, missing_inputs.watched(made.wired, said.append, lambda: {"event": "ready"}):
+    with (
+        made.wired,
+        missing_inputs.report_missing_inputs(made.wired, said.append, lambda: {"event": "ready"}),
+    ):
         within(lambda: len(said) > 1)
         assert said[0] == {"event": "waiting", "for": ["xi_slave from slave"]}
         made.say(LifeState.INACTIVE)
@@ -167,7 +179,9 @@ def test_a_supervisor_is_told_what_is_missing_and_then_that_it_is_ready(tmp_path
 
 def test_a_supervisor_is_told_once_what_is_heard_no_more(master):
     said = []
-    with missing_inputs.watched(master.wired, said.append, lambda: {"event": "ready"}):
+    with missing_inputs.report_missing_inputs(
+        master.wired, said.append, lambda: {"event": "ready"}
+    ):
         slots(master, 310)
         within(lambda: len(said) > 1)
         sleep(0.1)
@@ -185,11 +199,12 @@ def within(true, seconds=20.0):
 def test_who_is_required_and_not_there_is_named(tmp_path):
     made = Slave(tmp_path, 'deploy.nodes.master.requires=["slave"]')
     with made.wired:
-        assert "a heartbeat of slave" in missing_inputs.unheard(made.wired)
+        assert "a heartbeat of slave" in missing_inputs.missing_before_start(made.wired)
         peer = made.wired.peers["slave"]
         peer.state, peer.heartbeat.last_ns = LifeState.INACTIVE, monotonic_ns()
-        assert "a heartbeat of slave" not in missing_inputs.unheard(made.wired)
+        assert "a heartbeat of slave" not in missing_inputs.missing_before_start(made.wired)
         peer.state = LifeState.FAULT
-        assert "a heartbeat of slave in another state than FAULT" in missing_inputs.unheard(
-            made.wired
+        assert (
+            "a heartbeat of slave in another state than FAULT"
+            in missing_inputs.missing_before_start(made.wired)
         )

@@ -47,14 +47,14 @@ def run_master(folder, name, listen, stop):
 
 
 def test_a_ctrl_c_while_it_finishes_does_not_take_its_report(monkeypatch, request, tmp_path):
-    real = bridge.node.run.stated
+    real = bridge.node.run.node_statement
 
     def interrupted(*given):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.05)
         return real(*given)
 
-    monkeypatch.setattr(bridge.node.run, "stated", interrupted)
+    monkeypatch.setattr(bridge.node.run, "node_statement", interrupted)
     report = run_master(tmp_path, request.node.name, lambda control: control.quit(), 1.0)
     assert report.end is LifeEnd.NEVER_STARTED
 

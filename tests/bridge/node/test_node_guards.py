@@ -55,7 +55,7 @@ def test_a_guard_stops_its_node(tmp_path, name):
 def test_a_run_that_a_guard_has_stopped_replays_exactly(tmp_path, name):
     (tmp_path / "again").mkdir()
     system, rows = run(tmp_path, f'{GUARD}={{{TRIPS[name][0]},stops=["{name}"]}}')
-    found = replay.replay(system, rows, replay.heard_of(tmp_path), tmp_path / "again")
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path), tmp_path / "again")
     assert found.first is None
 
 

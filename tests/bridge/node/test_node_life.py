@@ -15,9 +15,9 @@ from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status, Why
-from bridge.node.control import why
+from bridge.node.control import refusal_text
 from bridge.wiring import outlets
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
 from tests.bridge.bench import Bench, until
@@ -46,7 +46,7 @@ def test_nobody_starts_without_its_peers(tmp_path):
     with Bench(tmp_path, there=False) as bench:
         start(bench)
         assert refused(bench) == Why.PEER | Why.STALE
-        assert "peer" in why(bench.struct)
+        assert "peer" in refusal_text(bench.struct)
         bench.there = True  # refused is not stuck
         bench.begin()
         assert bench.struct.life.state == LifeState.ACTIVE
@@ -64,7 +64,7 @@ def test_real_drives_need_arming(tmp_path):
     with Bench(tmp_path, "run.stop=0.5", real=True) as bench:
         start(bench)
         assert refused(bench) == Why.COMMAND
-        assert why(bench.struct) == "not armed"
+        assert refusal_text(bench.struct) == "not armed"
         bench.control.arm()
         bench.begin()
         assert bench.end() == native.FINISHED
@@ -232,8 +232,8 @@ def test_on_a_bus_with_protection_what_is_no_emergency_stop_is_none(tmp_path):
     system = load_system(TELEOPERATION, "zenoh", ["run.stop=1"])
     beat = system.services["net"].heartbeats[system.deployment.nodes["slave"].number]
     rx, tx = Ring(64), Ring(64)
-    buses = {"net": Bus.of_rings(rx, tx, 0)}
-    with Wired(system, "master", buses, tmp_path / "journal", native.WALL, boots=1) as wired:
+    buses = {"net": Bus.from_rings(rx, tx, 0)}
+    with WiredNode(system, "master", buses, tmp_path / "journal", native.WALL, boots=1) as wired:
         node = wired.struct
         live = threading.Thread(target=native.functions().node_live, args=(c.byref(node),))
         live.start()

@@ -10,7 +10,7 @@ import pytest
 
 from bridge.native import node as native
 from bridge.native.safety import LifeState
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import RunError
 from cosim.fmi import FmuComponent
@@ -30,7 +30,7 @@ def life(tmp_path):
         "run.stop=4",
         scenario=TELEOPERATION,
     )
-    with Wired(system, "all", {}, tmp_path / "journal", native.SIMULATED) as wired:
+    with WiredNode(system, "all", {}, tmp_path / "journal", native.SIMULATED) as wired:
         s = wired.struct
         s.slot = s.first = FIRST
         wired.begin(FIRST)
@@ -75,7 +75,7 @@ def test_a_life_that_cannot_be_started_anew_says_why(tmp_path, monkeypatch):
         "run.stop=4",
         scenario=TELEOPERATION,
     )
-    with Wired(system, "all", {}, tmp_path / "journal", native.SIMULATED) as wired:
+    with WiredNode(system, "all", {}, tmp_path / "journal", native.SIMULATED) as wired:
         monkeypatch.setattr(wired.engine, "initialize", fails)
         assert wired.struct.joined(FIRST) == 1
         assert wired.failed == "no memory"

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.realtime.lateness import Lateness, Spread, draw, lateness, of_journal
+from bridge.realtime.lateness import Lateness, Spread, draw, journal_lateness, lateness
 from cosim.base.errors import CosimError, RunError
 
 MS = 1_000_000
@@ -83,7 +83,7 @@ def test_a_journal_says_what_sending_took() -> None:
     rows["received_ns"] = rows["woke_ns"] + 10
     rows["done_ns"] = rows["received_ns"] + 25
     rows["send_ns"] = 5
-    found = of_journal(rows, 100)
+    found = journal_lateness(rows, 100)
     assert (found.late.p50, found.missed) == (7, 0)
     assert {k: v.p50 for k, v in found.parts.items()} == {"receive": 10, "step": 20, "send": 5}
 

@@ -16,7 +16,14 @@ import pytest
 
 from bridge.realtime import os_grants
 from bridge.realtime.lateness import lateness
-from bridge.realtime.requests import REQUIRED, Realtime, RealtimeError, enter, verdict, warm_up
+from bridge.realtime.requests import (
+    REQUIRED,
+    Realtime,
+    RealtimeError,
+    enter,
+    warm_up,
+    warm_up_warning,
+)
 from cosim.base.errors import CosimError
 
 ROOT = Path(__file__).parents[3]
@@ -225,7 +232,7 @@ def test_a_warm_up_waits_for_every_deadline() -> None:
 def test_a_node_that_wakes_too_late_is_not_armed() -> None:
     good = lateness([0, 1000, 2000], [200, 1200, 2200], 1000)
     bad = lateness([0, 1000, 2000], [0, 1000, 2201], 1000)
-    assert verdict(good, "enforce") == verdict(good, "ask") == ""
-    assert "20 % of the period" in verdict(bad, "ask")
+    assert warm_up_warning(good, "enforce") == warm_up_warning(good, "ask") == ""
+    assert "20 % of the period" in warm_up_warning(bad, "ask")
     with pytest.raises(RealtimeError, match="refused to arm: warm-up of 3 slots"):
-        verdict(bad, "enforce")
+        warm_up_warning(bad, "enforce")

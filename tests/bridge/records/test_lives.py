@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bridge.deployment.system import load_system
 from bridge.monitor.snapshot import snapshot
-from bridge.recording.live_run import Watched
+from bridge.recording.live_run import LiveRun
 from bridge.recording.run_folder import write_trajectories
 from bridge.records.lives import ByLife, Life, files, frame_files, lives_of
 from bridge.records.records import (
@@ -23,7 +23,7 @@ from bridge.records.records import (
     Refused,
     Remark,
     Statement,
-    names_of,
+    reason_names,
     refusal,
 )
 from bridge.rehearsal.settings import ScheduledEvent
@@ -119,7 +119,7 @@ def test_notes_are_records_and_have_a_text(note, text):
     ],
 )
 def test_why_a_start_was_refused(bits, armed, said):
-    assert refusal(names_of(bits), armed) == said
+    assert refusal(reason_names(bits), armed) == said
 
 
 def test_a_statement_is_read_as_it_was_written(tmp_path):
@@ -182,7 +182,7 @@ def test_a_rehearsal_with_such_names_is_whole(deployment, tmp_path):
     )
     assert any(text.startswith("arm.control ") for text in lines(system, outcome))
     assert (folder / "buses" / "left.log").stat().st_size > 0
-    with Watched.open(folder) as watched:
+    with LiveRun.open(folder) as watched:
         seen = snapshot(watched, 10**9)
     assert [view.life.node for view in seen.nodes] == list(system.nodes)
     assert [view.life for view in seen.nodes if view.life.node == "arm.2"] == [Life("arm.2", 2)]
@@ -201,7 +201,10 @@ def test_the_names_of_nodes_change_nothing_of_a_twin(deployment, tmp_path):
         (tmp_path / name / "again").mkdir()
         assert (
             replay.replay(
-                system, rows, replay.heard_of(tmp_path / name / "nodes"), tmp_path / name / "again"
+                system,
+                rows,
+                replay.received_by_life(tmp_path / name / "nodes"),
+                tmp_path / name / "again",
             ).first
             is None
         )

@@ -28,7 +28,7 @@ def logged_twin(system, folder, monkeypatch):
             log = Journal.create(folder / f"{node}.{name}.frames", frame_dtype(64), 1 << 15)
             journals.append((name, log))
             rings = Ring(1024), Ring(1024)
-            found[name] = Bus.of_rings(*rings, number, log, kind=BusKind.MEMORY)
+            found[name] = Bus.from_rings(*rings, number, log, kind=BusKind.MEMORY)
         return found
 
     monkeypatch.setattr(twin, "_buses", buses)

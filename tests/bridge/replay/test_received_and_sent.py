@@ -15,7 +15,7 @@ from bridge.records.lives import Life
 from bridge.replay import replay
 from bridge.replay.diff import compare_runs
 from bridge.results.offline import run_offline
-from bridge.results.outcome import deployed
+from bridge.results.outcome import deployment_facts
 from bridge.results.report import fault_lines
 from bridge.wiring.wiring import HEARD, heard_dtype, heard_rows
 from cosim.base.errors import ScenarioError
@@ -69,7 +69,7 @@ def forged(tmp_path):
 
 def test_a_run_with_a_forging_peer_replays_to_the_bit_and_the_peer_is_found(forged, tmp_path):
     system, rows, numbers = forged
-    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
     assert exact(found), str(found.first)
     (altered,) = found.altered
     assert (altered.life, altered.message) == (Life("slave_control"), "LINK_2")
@@ -83,7 +83,7 @@ def test_a_run_with_a_forging_peer_replays_to_the_bit_and_the_peer_is_found(forg
 def test_a_run_without_strangers_has_none(tmp_path):
     system = named("can", STOP)
     rows = run_twin(system, tmp_path / "twin")
-    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
     assert exact(found) and found.altered == () and found.alone == ()
 
 
@@ -94,7 +94,7 @@ def test_a_sample_nobody_sent_is_found_where_its_sender_was_away(tmp_path):
     master = rows[Life("master_control")]
     rows[Life("master_control")] = master[: len(master) // 3]
     rows[Life("master_control", 2)] = master[len(master) // 2 :]
-    heard = replay.heard_of(tmp_path / "twin")
+    heard = replay.received_by_life(tmp_path / "twin")
     heard[Life("master_control", 2)] = heard["master_control"]
     found = replay.replay(system, rows, heard, tmp_path)
     gap = [a for a in found.altered if a.message == "LINK_2"]
@@ -118,7 +118,7 @@ def test_a_sample_that_is_later_than_a_turn_of_its_counter_replays_too(tmp_path)
             assert ring.put(waiting.pop(0))
 
     rows = twin_with(system, tmp_path / "twin", np.arange(1, 600) * 0.005 + 0.001, late)
-    found = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+    found = replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
     assert exact(found), str(found.first)
     assert found.altered == ()
 
@@ -126,9 +126,9 @@ def test_a_sample_that_is_later_than_a_turn_of_its_counter_replays_too(tmp_path)
 def test_a_sample_under_a_wrong_number_is_told_from_a_stranger(tmp_path):
     system = named("can-damiao", STOP)
     rows = run_twin(system, tmp_path / "twin")
-    heard = replay.heard_of(tmp_path / "twin")
+    heard = replay.received_by_life(tmp_path / "twin")
     mine = heard["slave_control"].copy()
-    late = (mine["message"] == system.heard_by("slave_control").index("XI_2")) & (
+    late = (mine["message"] == system.received_by("slave_control").index("XI_2")) & (
         (mine["sequence"] >= 100) & (mine["sequence"] < 130)
     )
     mine["sequence"][late] += 48  # three turns of its counter
@@ -142,7 +142,7 @@ def recorded(system, folder):
     rows = run_twin(system, folder / "nodes")
     write_trajectories(system, rows, folder)
     write_tables(system, rows, folder)
-    facts = metadata(system.scenario, system.plan) | deployed(system, {"settings": []})
+    facts = metadata(system.scenario, system.plan) | deployment_facts(system, {"settings": []})
     write_metadata(folder, facts)
     return rows
 
@@ -156,7 +156,7 @@ def test_a_gateway_run_with_a_tripped_watchdog_is_identical_also_as_one_offline_
     system = system_of(changed, tmp_path, STOP)
     rows = recorded(system, run)
     assert rows["slave"]["state"][-1] == LifeState.FAULT
-    found = replay.replay(system, rows, replay.heard_of(run / "nodes"), tmp_path)
+    found = replay.replay(system, rows, replay.received_by_life(run / "nodes"), tmp_path)
     assert exact(found), str(found.first)
     assert found.altered == ()
     assert compare_runs(run, run_offline(system, run, rows)).verdict == "identical"
@@ -168,7 +168,7 @@ def test_a_gateway_run_with_a_tripped_watchdog_is_identical_also_as_one_offline_
 def test_its_room_is_that_of_the_plan_with_a_margin():
     system = load_system(TELEOPERATION, "can", ["run.stop=8"])
     for node in system.nodes:
-        sent = sum(8e9 / system.messages[m].period_ns for m in system.heard_by(node))
+        sent = sum(8e9 / system.messages[m].period_ns for m in system.received_by(node))
         assert 1.2 * sent < heard_rows(system, node) < 1.3 * sent + 500
 
 
@@ -182,7 +182,7 @@ def test_a_full_journal_is_counted_and_its_inputs_are_taken_as_recorded(tmp_path
 
     rows = twin_with(system, tmp_path / "twin", [2.9], look)
     assert all(n > 100 for n in dropped.values())
-    heard = replay.heard_of(tmp_path / "twin")
+    heard = replay.received_by_life(tmp_path / "twin")
     assert {len(r) for r in heard.values()} == {100}
     found = replay.replay(system, rows, heard, tmp_path)
     assert exact(found), str(found.first)
@@ -199,7 +199,7 @@ def test_samples_that_were_not_recorded_are_in_the_report():
 def test_numbers_that_no_run_has_are_said(tmp_path):
     system = named("can", STOP)
     rows = run_twin(system, tmp_path / "twin")
-    heard = replay.heard_of(tmp_path / "twin")
+    heard = replay.received_by_life(tmp_path / "twin")
     for number in (-1, 1 << 40):
         damaged = heard["slave"].copy()
         damaged["sequence"][7] = number
@@ -214,9 +214,9 @@ def test_a_journal_that_is_missing_or_of_another_deployment_is_said(tmp_path):
     other = named("zenoh", STOP)
     path.unlink()
     with pytest.raises(ScenarioError, match=r"nothing recorded of what slave heard.*slave\.heard"):
-        replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+        replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
     row = heard_dtype(other, "slave")
     with Journal.create(path, row, 1):
         pass
     with pytest.raises(ScenarioError, match="other messages recorded of what slave heard"):
-        replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path)
+        replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)

@@ -12,7 +12,7 @@ from bridge.native import node as native
 from bridge.native.safety import LifeState
 from bridge.records.lives import ByLife, Life
 from bridge.replay import replay, twin
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError
 from tests.bridge.deployments import NETWORK, document, named, run_twin, system_of
 
@@ -43,7 +43,7 @@ def replayed(system, rows, folder):
     place = next(
         p for f in (folder, folder.parent) for p in (f / "twin", f / "lives") if p.is_dir()
     )
-    return replay.replay(system, rows, replay.heard_of(place), folder)
+    return replay.replay(system, rows, replay.received_by_life(place), folder)
 
 
 def exact(found):
@@ -180,7 +180,7 @@ def test_any_one_journal_is_enough(recorded, tmp_path):
         folder.mkdir()
         found = replayed(system, {name: r}, folder)
         assert exact(found)
-        assert found.alone == system.heard_by(name.node)
+        assert found.alone == system.received_by(name.node)
 
 
 @pytest.mark.parametrize("node", ["master", "master_control", "slave"])
@@ -227,7 +227,7 @@ def with_restart(system, folder: Path, node: str, dies: float, again: float):
 
 
 def make(system, node, path, t, boots=0):
-    wired = Wired(system, node, twin._buses(system, node), path, native.SIMULATED, boots=boots)
+    wired = WiredNode(system, node, twin._buses(system, node), path, native.SIMULATED, boots=boots)
     wired.__enter__()
     s = wired.struct
     s.slot = s.first = round(t / wired.plan.h)

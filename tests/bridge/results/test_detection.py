@@ -22,7 +22,7 @@ from bridge.relay.router import PACKET, TCP, UDP
 from bridge.results.detection import find
 from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Sign
-from bridge.results.symptoms import SIGNS, Shown
+from bridge.results.symptoms import SIGNS, FinishedRun
 from bridge.wiring.wiring import row_dtype
 from cosim.base.errors import ScenarioError
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
@@ -323,7 +323,7 @@ def test_what_shows_a_fault_is_on_the_page():
 
 def test_a_message_of_zenoh_is_hit_by_its_name(system):
     """Its number is above all 11-bit identifiers, and yet no 29-bit one."""
-    rules = script(drop()).frames_for("master", system.listened("master"), {"net": 0})
+    rules = script(drop()).frames_for("master", system.subscriptions("master"), {"net": 0})
     number = system.messages["xi_slave"].encoding.message.id
     rules.injector.put(Frame.of(number, bytes(40), 0, 2_000_000_000 + 1), 1)
     assert rules.hits() == {0: 1}
@@ -379,8 +379,8 @@ def test_what_another_node_has_sent_is_no_sign_of_a_babbling_peer(tmp_path):
     logged(tmp_path, "slave", *[(one.id, Flags.SENT | one.flags)] * 4)
     logged(tmp_path, "slave_control", *[(one.id, one.flags)] * 5)
     told = shown(system, tmp_path)
-    assert told.strangers("right", Accept.of(one)) == 1
-    assert told.strangers("left", Accept.of(one)) == 0
+    assert told.foreign_frames("right", Accept.of(one)) == 1
+    assert told.foreign_frames("left", Accept.of(one)) == 0
 
 
 class Told:
@@ -431,5 +431,5 @@ def test_an_age_at_a_gateway_is_seen_where_what_it_forwards_arrives(tmp_path, go
             plan.slots if name != gone else plan.slots // 2, row_dtype(plan)
         )
         rows[Life(name)]["slot"] = np.arange(len(rows[Life(name)]))
-    run = Shown(gateways, rows, [], tmp_path, [])
+    run = FinishedRun(gateways, rows, [], tmp_path, [])
     assert run.arrives(Life("right_gateway"), "LINK_4", 6.0, 6.5) is seen

@@ -12,8 +12,8 @@ from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import ByLife
 from bridge.replay import replay
 from bridge.replay.diff import RunDifference, compare_runs
-from bridge.results.offline import fed, run_offline
-from bridge.results.outcome import deployed
+from bridge.results.offline import recorded_inputs, run_offline
+from bridge.results.outcome import deployment_facts
 from bridge.wiring.wiring import Rows
 from cosim.base.errors import ScenarioError
 from cosim.engine.simulate import metadata
@@ -34,7 +34,7 @@ def recorded(system: System, folder: Path) -> Path:
     rows = run_twin(system, folder / "run" / "nodes")
     write_trajectories(system, rows, folder / "run")
     write_tables(system, rows, folder / "run")
-    facts = metadata(system.scenario, system.plan) | deployed(system, {"settings": []})
+    facts = metadata(system.scenario, system.plan) | deployment_facts(system, {"settings": []})
     write_metadata(folder / "run", facts)
     seal(folder / "run")
     return folder / "run"
@@ -79,18 +79,18 @@ def test_what_drives_and_rounding_on_can_have_made_of_an_input_it_is_fed_with(tm
     rows = replay.load(tmp_path / "run" / "nodes")
     given = {f"{arm}.tau" for arm in ARMS}
     given |= {f"{arm}_control.{port}" for arm in ARMS for port in ("q", "dq", "xi_in")}
-    assert names(fed(system, rows)) == given
+    assert names(recorded_inputs(system, rows)) == given
 
 
 def test_links_that_are_held_as_sent_run_over_their_tables(tmp_path: Path):
     system = named("zenoh", "run.stop=2")
     recorded(system, tmp_path)
     rows = replay.load(tmp_path / "run" / "nodes")
-    assert fed(system, rows) == []
+    assert recorded_inputs(system, rows) == []
     arms = ByLife({life: r.copy() for life, r in rows.items()})
     slot = system.nodes["slave"].plan.slots()["slave_control.xi_in"]
     arms["slave"]["signals"][1500, slot.start + 1] += 1e-12  # a stranger's sample
-    assert names(fed(system, arms)) == {"slave_control.xi_in"}
+    assert names(recorded_inputs(system, arms)) == {"slave_control.xi_in"}
 
 
 def test_a_recording_that_was_altered_is_different(tmp_path: Path):
@@ -138,7 +138,7 @@ def test_clocks_that_differ(newest: tuple[System, Path, ByLife[Rows]]):
     rows["slave"]["inlets"]["held"] += 16
     ages = write_tables(system, rows, run)
     assert ages["master_control.xi->slave_control.xi_in[0]"].age_maximum == 0.0
-    assert names(fed(system, rows)) == {"slave_control.xi_in"}
+    assert names(recorded_inputs(system, rows)) == {"slave_control.xi_in"}
     assert compare_runs(run, run_offline(system, run, rows)).verdict == "identical"
 
 
@@ -149,5 +149,5 @@ def test_samples_of_the_very_tick_at_both_ends(
     system, run, rows = newest
     rows["master"]["inlets"]["held"][100:] += 1  # as the slave does: it comes after the master
     write_tables(system, rows, run)
-    monkeypatch.setattr("bridge.results.offline.fed", lambda system, rows: [])
+    monkeypatch.setattr("bridge.results.offline.recorded_inputs", lambda system, rows: [])
     assert compare_runs(run, run_offline(system, run, rows)).verdict == "identical"

@@ -87,7 +87,7 @@ def test_a_delay_that_creeps_is_in_the_verdict(tmp_path):
     ]
     script = load.build({"seed": 1, "fault": steps}, Path("creeping.toml"))
     outcome = compressed.run(system, script, tmp_path)
-    found = verdict.of(system, outcome)
+    found = verdict.judge(system, outcome)
     assert found.word is Word.FAILED and "older than its drive allows" in found.text()
     assert outcome.replayed is not None and outcome.replayed.first is None
 

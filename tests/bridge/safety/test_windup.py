@@ -34,7 +34,7 @@ def simulated(folder, *settings):
     def faulty(node):
         alive.append(inject(node, script, folder / f"{node.name}.faults"))
 
-    with twin.wired(system, folder, faulty) as nodes:
+    with twin.wired_nodes(system, folder, faulty) as nodes:
         twin.run(system, nodes)
     rows = replay.load(folder)
     theta = signal(system, rows, "master_control", "master_control.theta_hat")

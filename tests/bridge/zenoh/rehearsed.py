@@ -13,9 +13,9 @@ from bridge.deployment.system import System, load_system
 from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import ByLife
 from bridge.rehearsal.settings import ScheduledEvent
-from bridge.rehearsal.supervisor import NODES, Ended, Rehearsal, Settings
+from bridge.rehearsal.supervisor import NODES, Rehearsal, RehearsalRecord, Settings
 from bridge.replay import replay
-from bridge.results.outcome import deployed
+from bridge.results.outcome import deployment_facts
 from bridge.wiring.wiring import Rows
 from cosim.engine.simulate import metadata
 from cosim.record import write_metadata
@@ -26,7 +26,7 @@ CONFIGS = Path(__file__).parents[3] / "configs"
 @dataclass
 class Rehearsed:
     system: System
-    ended: Ended
+    ended: RehearsalRecord
     rows: ByLife[Rows]
     reports: Mapping[str, Mapping[str, Any]]
     replayed: replay.ReplayReport
@@ -55,21 +55,21 @@ def prepared(
     return system, Rehearsal(system, settings, folder)
 
 
-def collect(system: System, ended: Ended, folder: Path) -> Rehearsed:
+def collect(system: System, ended: RehearsalRecord, folder: Path) -> Rehearsed:
     """The journals of all lives, and the run again from them."""
     nodes = folder / NODES
     rows = replay.load(nodes)
     write_trajectories(system, rows, folder)
     write_tables(system, rows, folder)
-    write_metadata(folder, metadata(system.scenario, system.plan) | deployed(system, {}))
+    write_metadata(folder, metadata(system.scenario, system.plan) | deployment_facts(system, {}))
     again = folder / "again"
     again.mkdir()
-    found = replay.replay(system, rows, replay.heard_of(nodes), again)
+    found = replay.replay(system, rows, replay.received_by_life(nodes), again)
     reports = {p.stem: json.loads(p.read_text()) for p in nodes.glob("*.json")}
     return Rehearsed(system, ended, rows, reports, found)
 
 
-def together(waiting: Mapping[str, Rehearsal]) -> dict[str, Ended]:
+def together(waiting: Mapping[str, Rehearsal]) -> dict[str, RehearsalRecord]:
     """Run rehearsals side by side; none begins before all are ready: starting processes takes the
     machine. Raises what the first that failed has raised.
     """
@@ -83,7 +83,7 @@ def together(waiting: Mapping[str, Rehearsal]) -> dict[str, Ended]:
     return {name: e.result() for name, e in ended.items()}
 
 
-def _run(running: Rehearsal, ready: Barrier) -> Ended:
+def _run(running: Rehearsal, ready: Barrier) -> RehearsalRecord:
     all_ready = running._all_ready
 
     def everybody_ready() -> None:

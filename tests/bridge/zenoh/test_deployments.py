@@ -44,7 +44,9 @@ def test_twins_bring_all_arms_to_the_hand_and_replay(
         q = rows[arm]["signals"][-1, slot.start : slot.start + 2]
         assert np.abs(q - [3.5, 3.0]).max() < 0.01
     (tmp_path / "again").mkdir()
-    again = replay.replay(system, rows, replay.heard_of(tmp_path / "twin"), tmp_path / "again")
+    again = replay.replay(
+        system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path / "again"
+    )
     assert (again.greatest, again.first, again.alone) == (0.0, None, ())
 
 

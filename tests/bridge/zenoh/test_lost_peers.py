@@ -1,14 +1,14 @@
 """Who is there and silent."""
 
 from bridge.deployment.zenoh_keys import Names
-from bridge.zenoh.lost_peers import Silence
+from bridge.zenoh.lost_peers import LostPeers
 
 S = 1_000_000_000
 SENDERS = {"p/a/c/m": "a", "p/a/heartbeat": "a", "p/b/heartbeat": "b"}
 
 
 def test_who_was_heard_and_is_heard_no_more_is_named_less_and_less_often():
-    found = Silence({"p/a/c/m": "a"}, lease=1.0)
+    found = LostPeers({"p/a/c/m": "a"}, lease=1.0)
     found.counts["p/a/c/m"] += 1
     assert [t for t in range(40) if found.silent({"a"}, t * S)] == [6, 17, 38]
     found.counts["p/a/c/m"] += 1
@@ -16,27 +16,27 @@ def test_who_was_heard_and_is_heard_no_more_is_named_less_and_less_often():
 
 
 def test_one_key_that_was_lost_is_missed_beside_another_that_is_heard():
-    found = Silence(SENDERS, lease=1.0)
+    found = LostPeers(SENDERS, lease=1.0)
     for t in range(7):
         found.counts["p/a/heartbeat"] += 1
         assert found.silent({"a"}, t * S) == (["a"] if t == 6 else [])
 
 
 def test_who_is_there_and_was_never_heard_is_silent_and_who_never_was_there_is_not():
-    found = Silence(SENDERS, lease=1.0)
+    found = LostPeers(SENDERS, lease=1.0)
     assert [t for t in range(10) if found.silent({"b"}, t * S)] == [6]
     assert found.silent({"b"}, 7 * S) == []
 
 
 def test_who_was_there_and_went_before_it_was_heard_is_silent():
     """As when a machine that starts many processes pauses one before its first message."""
-    found = Silence(SENDERS, lease=1.0, udp=True)
+    found = LostPeers(SENDERS, lease=1.0, udp=True)
     assert not found.silent({"b"}, 0)
     assert found.silent((), S) == ["b"]
 
 
 def test_a_peer_whose_token_has_gone_is_not_forgotten():
-    found = Silence(SENDERS, lease=1.0)
+    found = LostPeers(SENDERS, lease=1.0)
     found.counts["p/a/c/m"] += 1
     assert not found.silent({"a"}, 0)
     assert not found.silent((), 5 * S)
@@ -44,7 +44,7 @@ def test_a_peer_whose_token_has_gone_is_not_forgotten():
 
 
 def test_an_end_that_listens_over_udp_does_not_wait_where_the_token_has_gone():
-    found = Silence({"p/a/c/m": "a"}, lease=1.0, udp=True)
+    found = LostPeers({"p/a/c/m": "a"}, lease=1.0, udp=True)
     found.counts["p/a/c/m"] += 1
     half = S // 2
     assert not found.silent({"a"}, 0)
@@ -54,13 +54,13 @@ def test_an_end_that_listens_over_udp_does_not_wait_where_the_token_has_gone():
 
 
 def test_a_message_that_comes_rarely_is_waited_for():
-    found = Silence({"p/a/c/m": "a"}, lease=1.0, period=10.0)
+    found = LostPeers({"p/a/c/m": "a"}, lease=1.0, period=10.0)
     found.counts["p/a/c/m"] += 1
     assert [t for t in range(50) if found.silent({"a"}, t * S)] == [41]
 
 
 def test_long_leases_make_it_wait():
-    found = Silence(SENDERS, lease=20.0)
+    found = LostPeers(SENDERS, lease=20.0)
     found.counts["p/a/c/m"] += 1
     found.silent({"a"}, 0)
     assert not found.silent({"a"}, 30 * S)

@@ -57,7 +57,7 @@ def test_the_operator_starts_nodes_with_certificates(tmp_path: Path):
     system = load_system(SCENARIO, "zenoh", changes)
     rows, heard = (
         ByLife({Life(arm): read(tmp_path / arm / "nodes")[arm] for arm in ARMS})
-        for read in (replay.load, replay.heard_of)
+        for read in (replay.load, replay.received_by_life)
     )
     found = replay.replay(system, rows, heard, tmp_path)
     assert (found.greatest, found.first, found.alone) == (0.0, None, ())

@@ -8,7 +8,14 @@ from bridge.deployment.system import load_system
 from bridge.deployment.zenoh_keys import Names
 from bridge.realtime.host_clock import HostClock
 from bridge.zenoh import offsets
-from bridge.zenoh.offsets import Offset, bearable, judge, lead, measure, measured_origin
+from bridge.zenoh.offsets import (
+    Offset,
+    greatest_offset,
+    judge,
+    measure,
+    measured_origin,
+    start_lead_time,
+)
 from cosim.base.clock import monotonic_ns, realtime_ns
 from cosim.base.errors import RunError
 from tests.bridge.zenoh.rehearsed import CONFIGS
@@ -58,9 +65,9 @@ def test_a_clock_is_shared_on_one_host_or_where_both_are_kept(
 
 def test_a_deployment_bears_a_period_ahead_and_max_age_behind():
     scenario = CONFIGS / "teleoperation.toml"
-    assert bearable(load_system(scenario, "zenoh")) == pytest.approx(0.005)
+    assert greatest_offset(load_system(scenario, "zenoh")) == pytest.approx(0.005)
     shorter = 'deploy.messages.xi_master.max_age="4 ms"'
-    assert bearable(load_system(scenario, "zenoh", [shorter])) == pytest.approx(0.004)
+    assert greatest_offset(load_system(scenario, "zenoh", [shorter])) == pytest.approx(0.004)
 
 
 def test_what_is_made_of_an_offset():
@@ -75,8 +82,8 @@ def test_what_is_made_of_an_offset():
 
 
 def test_a_start_has_time_to_reach_the_slowest():
-    assert lead([]) == 0.5
-    assert lead([offset(0.0, 0.1), offset(0.0, 0.3)]) == pytest.approx(1.7)
+    assert start_lead_time([]) == 0.5
+    assert start_lead_time([offset(0.0, 0.1), offset(0.0, 0.3)]) == pytest.approx(1.7)
 
 
 @pytest.mark.parametrize(("bound", "running"), [(0.001, True), (0.001, False), (0.1, True)])
@@ -86,7 +93,7 @@ def test_the_origin_of_a_run_is_measured_where_it_is_known_well_enough(
     """t = 0 was 10 s ago, by a clock that is 100 s ahead."""
     said = {"running": running, "run": 9, "origin_ns": realtime_ns() + 90_000_000_000}
     there = Offset("slave", 100.0, bound, same=False, shared=False, said=said)
-    monkeypatch.setattr(offsets, "present_now", lambda *_: frozenset({"slave", "operator"}))
+    monkeypatch.setattr(offsets, "present_nodes", lambda *_: frozenset({"slave", "operator"}))
     monkeypatch.setattr(offsets, "measure", lambda *_: there)
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh")
     found = measured_origin(None, Names("x"), system)  # type: ignore[arg-type]

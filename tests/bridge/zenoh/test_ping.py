@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bridge.cli.ping import histogram, lines, links, links_with_laws
-from bridge.deployment.latency import delays_for, on_network
+from bridge.deployment.latency import delays_for, network_delays
 from bridge.deployment.system import load_system
 from bridge.deployment.zenoh_keys import Names
 from bridge.zenoh.options import ZenohOptions
-from bridge.zenoh.ping import Echo, Pinged, ping, pinged, write_trace
+from bridge.zenoh.ping import Echo, PingResult, evaluate_stamps, ping, write_trace
 from bridge.zenoh.session import configure, open_session
 from cosim.base.errors import RunError
 from cosim.links.traces import read_trace
@@ -27,7 +27,7 @@ def test_clocks_that_differ_do_not_matter():
     back = 2e6 + np.where(np.arange(100) % 10, rng.exponential(1e6, 100), 0.0)
     stamps = np.stack([sent, sent + 3e9 + 2e6, sent + 2e6 + back], axis=1)
     stamps[7] = np.nan
-    found = pinged(sent, stamps)
+    found = evaluate_stamps(sent, stamps)
     assert found.offset == pytest.approx(3.0)
     assert found.loss == pytest.approx(0.01)
     np.testing.assert_allclose(np.delete(found.there, 7), 2e-3)
@@ -37,7 +37,7 @@ def test_clocks_that_differ_do_not_matter():
 
 def test_nothing_came_back():
     with pytest.raises(RunError, match="none of 3 pings came back"):
-        pinged([0, 1, 2], np.full((3, 3), np.nan))
+        evaluate_stamps([0, 1, 2], np.full((3, 3), np.nan))
 
 
 def test_a_trace_is_one_that_links_take(tmp_path: Path):
@@ -85,12 +85,12 @@ def test_a_law_of_the_deployment_is_added_to_what_was_measured(tmp_path):
     link = system.plan.links[0]
     sent, delay = np.arange(10) * 0.1, np.full(10, 0.25)
     delay[3] = np.nan  # lost
-    t, total = on_network(link, system.plan.ticks, sent, delay)
+    t, total = network_delays(link, system.plan.ticks, sent, delay)
     law = delays_for(link, system.plan.ticks).delays
     n = min(len(law), len(total))
     assert t[0] == 0.0 and t[-1] >= 2.0 and not np.isnan(total).any()
     assert np.allclose(total[:n] - law[:n], 0.25)
-    found = Pinged(sent, 2 * delay, delay, delay, 0.0)
+    found = PingResult(sent, 2 * delay, delay, delay, 0.0)
     said = links_with_laws(system, "master", found, tmp_path)
     assert len(said) == 2 and all("law=" in s for s in said)
     assert load_system(CONFIGS / "teleoperation.toml", "zenoh", ["run.stop='2 s'", *said])

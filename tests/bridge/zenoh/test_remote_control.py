@@ -11,10 +11,10 @@ from bridge.deployment.system import load_system
 from bridge.deployment.zenoh_keys import Names
 from bridge.native import node as native
 from bridge.native.safety import LifeState
-from bridge.node.buses import answer, attached
+from bridge.node.buses import answer, open_buses
 from bridge.node.run import Control
 from bridge.records.lives import Life
-from bridge.wiring.wiring import Wired
+from bridge.wiring.wiring import WiredNode
 from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.remote_control import ask, command
 from bridge.zenoh.session import configure, open_session
@@ -43,9 +43,9 @@ def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest
         *sockets(["master"], tmp_path),
     ]
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
-    with attached(system, Life("master"), tmp_path) as ends:
+    with open_buses(system, Life("master"), tmp_path) as ends:
         buses = {name: end.bus for name, end in ends.items()}
-        wired = Wired(system, "master", buses, tmp_path / "master.journal", native.WALL)
+        wired = WiredNode(system, "master", buses, tmp_path / "master.journal", native.WALL)
         with wired:
             control = Control(wired.struct)
             answer(wired, ends, control)
@@ -54,7 +54,7 @@ def test_a_node_is_asked_and_told(tmp_path: Path, request: pytest.FixtureRequest
             asked(client, wired, control)
 
 
-def asked(client, wired: Wired, control: Control) -> None:
+def asked(client, wired: WiredNode, control: Control) -> None:
     ran = threading.Thread(target=native.functions().node_live, args=(c.byref(wired.struct),))
     ran.start()
     say = partial(ask, client, NAMES, "master", seconds=PATIENCE)
@@ -93,9 +93,9 @@ def test_all_nodes_are_started_over_the_bus(tmp_path: Path, request: pytest.Fixt
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh", changes)
     nmt = system.services["net"].nmt
     assert nmt is not None
-    with attached(system, Life("master"), tmp_path) as ends:
+    with open_buses(system, Life("master"), tmp_path) as ends:
         buses = {name: end.bus for name, end in ends.items()}
-        with Wired(system, "master", buses, tmp_path / "master.journal", native.WALL) as wired:
+        with WiredNode(system, "master", buses, tmp_path / "master.journal", native.WALL) as wired:
             ran = threading.Thread(
                 target=native.functions().node_live, args=(c.byref(wired.struct),)
             )

@@ -29,20 +29,20 @@ def test_the_example_that_refuted_the_first_analysis() -> None:
     ]
     found = responses(set_, bit_ns=8 * US)
     assert [r.worst for r in found] == [2 * MS, 3 * MS, 3500 * US]
-    assert [r.met for r in found] == [True, True, False]
+    assert [r.meets_deadline for r in found] == [True, True, False]
     assert found[2].instances == 2
     assert found == responses(set_[::-1], bit_ns=8 * US)
 
 
 def test_one_stream_waits_for_nobody() -> None:
     (only,) = responses([stream("A", 1, 10, 4, jitter=3)], 1)
-    assert (only.worst, only.met) == (7, True)
+    assert (only.worst, only.meets_deadline) == (7, True)
 
 
 def test_more_than_the_bus_has_no_bound() -> None:
     set_ = [stream("A", 1, 10, 6), stream("B", 2, 10, 5), stream("C", 3, 1000, 5)]
     assert [r.worst for r in responses(set_, 1)] == [11, None, None]
-    assert not responses(set_, 1)[2].met
+    assert not responses(set_, 1)[2].meets_deadline
 
 
 def test_errors_cost_an_error_frame_and_the_longest_again() -> None:

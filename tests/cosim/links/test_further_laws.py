@@ -42,7 +42,7 @@ def delays(law, n, seed=0):
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_declared_facts_hold(law):
     T = delays(law, 100_000)
-    assert np.isfinite(T).all() and not law.loses
+    assert np.isfinite(T).all() and not law.loses_packets
     assert law.minimum <= T.min() and T.max() <= law.maximum
     assert law.limit(PERIOD) is None
 

@@ -144,7 +144,7 @@ def test_what_arrives_has_the_delays_it_had_without_loss(model):
     with_loss = lossy.stream(PERIOD, generator(3, "x")).take(20_000)
     arrives = np.isfinite(with_loss)
     assert np.array_equal(with_loss[arrives], T[arrives])
-    assert arrives.all() != lossy.loses
+    assert arrives.all() != lossy.loses_packets
     assert (lossy.minimum, lossy.maximum, lossy.mean) == (0.3, 1.2, 0.75)
     assert lossy.facts() == {**law.facts(), "loss": model.facts()}
 
@@ -164,7 +164,7 @@ def test_chunks_do_not_change_lossy_tables(model, cuts):
 def test_losses_of_a_trace_and_of_a_model_add_up():
     trace = DelayTrace(np.array([0.0, 1.0]), np.array([0.1, np.nan]), lookup="index", repeat=True)
     law = Lossy(trace, Independent(0.5))
-    assert law.loses and law.limit(PERIOD) is None
+    assert law.loses_packets and law.limit(PERIOD) is None
     arrives = np.isfinite(law.stream(PERIOD, generator(0, "x")).take(10_000))
     assert not arrives[1::2].any()
     assert arrives[::2].mean() == pytest.approx(0.5, abs=0.05)

@@ -26,7 +26,7 @@ def test_csv_takes_other_columns_comments_and_losses(tmp_path):
     law = read_trace(write(tmp_path / "a.csv", text), repeat=True)
     assert law.t_send.tolist() == [5.0, 5.1, 5.3, 5.4, 6.0]
     assert np.flatnonzero(np.isfinite(law.delay)).tolist() == [0, 4]
-    assert (law.minimum, law.maximum, law.loses) == (0.1, 0.2, True)
+    assert (law.minimum, law.maximum, law.loses_packets) == (0.1, 0.2, True)
     assert law.facts()["file"].endswith("a.csv")
 
 

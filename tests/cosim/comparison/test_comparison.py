@@ -16,7 +16,7 @@ from cosim.links.storage import load_table
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from cosim.ssp.export import write
-from tests.compare.parts import SMALL, VARIANTS, compared, loaded, push, written
+from tests.cosim.comparison.parts import SMALL, VARIANTS, compared, loaded, push, written
 
 #: t(|q_1 - q_h| < 0.05), s, and ‖τ_h‖₂, N.m.√s, of an independent simulation whose delays come
 #: from another generator: operator 10/5, T = 0.3 + U[0, 0.9] s redrawn every 30 ms.

@@ -12,7 +12,7 @@ from cosim.analysis.metrics import Error
 from cosim.base.errors import ScenarioError
 from cosim.comparison.variants import Variants, choose
 from cosim.comparison.variants_file import read, variants_path
-from tests.compare.parts import CONFIG, SMALL, VARIANTS, written
+from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import Command
-from tests.sweep.studies import STUDY, written
-from tests.sweep.test_sweep import table
+from tests.cosim.sweeps.studies import STUDY, written
+from tests.cosim.sweeps.test_sweep import table
 
 GRID = STUDY + "values = [1, 10, 150, 205, 1500]\n"
 

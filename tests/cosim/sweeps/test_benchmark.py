@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sweep.studies import ROOT
+from tests.cosim.sweeps.studies import ROOT
 
 
 @pytest.mark.slow

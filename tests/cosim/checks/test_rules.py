@@ -7,7 +7,7 @@ import pytest
 from cosim.checks import Severity
 from cosim.checks.preflight import NOTES, RULES
 from fmus.paper.experiments import network, single, teleoperator
-from tests.check.cases import (
+from tests.cosim.checks.cases import (
     CONSTANT,
     VARYING,
     Document,
@@ -217,7 +217,7 @@ def test_what_is_not_known_is_said() -> None:
         "run": {"step": 0.01, "stop": 1.0},
         "components": {
             "arm": {"model": "fmus.models.planar2r", "inputs": {"tau": "mine.y"}},
-            "mine": {"model": "tests.check.components:Nothing"},
+            "mine": {"model": "tests.cosim.checks.components:Nothing"},
         },
     }
     (said,) = tripped(bare, "unknown")

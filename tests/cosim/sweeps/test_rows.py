@@ -23,7 +23,7 @@ from cosim.sweeps.memory import record
 from cosim.sweeps.run_point import StudyRow, StudySetup, job, run_point, scenario_of
 from cosim.sweeps.study import load_study
 from tests.cosim import scenarios
-from tests.sweep.studies import ROOT, STUDY, written
+from tests.cosim.sweeps.studies import ROOT, STUDY, written
 
 
 def row(folder: Path, study: str, **changes: object) -> StudyRow:

@@ -13,7 +13,7 @@ from cosim.comparison.documents import Base, check, read_base
 from cosim.comparison.variants import Variants
 from cosim.comparison.variants_file import read
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 CONFIG = ROOT / "configs" / "teleoperation.toml"
 VARIANTS = ROOT / "configs" / "compare" / "bilateral.toml"
 
@@ -90,7 +90,7 @@ class Push:
 def push(name: str, **parameters: float | bool) -> str:
     """A controller of :class:`Push` as a variants file says it."""
     given = ", ".join(f"{key} = {str(value).lower()}" for key, value in parameters.items())
-    model = "tests.compare.parts:Push"
+    model = "tests.cosim.comparison.parts:Push"
     return f'[controllers.{name}]\nmodel = "{model}"\nparameters = {{ {given} }}\n'
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.cli.command import CALL
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 #: dx/dt = -gain x in steps of 10 ms: x shrinks by 1 - gain/100 a step; above 200 it grows.
 SCENARIO = """
@@ -22,7 +22,7 @@ model = "tests.cosim.blocks:Integrator"
 start.x = 1.0
 inputs.u = { from = "gain.y", gain = -1.0 }
 [components.gain]
-model = "tests.sweep.blocks:Trap"
+model = "tests.cosim.sweeps.blocks:Trap"
 inputs.u = "plant.y"
 [metrics]
 rest = { kind = "error", of = ["plant.y"], target = [0.0], within = 0.1 }

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from cosim.comparison.variants_file import read
-from tests.compare.parts import ROOT, VARIANTS
-from tests.compare.test_command import call
+from tests.cosim.comparison.parts import ROOT, VARIANTS
+from tests.cosim.comparison.test_command import call
 
 GUIDE = ROOT / "docs" / "controllers.md"
 _TABLE = re.compile(r"<!-- table: (.*) -->\n.*\n\n((?:\|.*\n)+)<!-- end -->")

@@ -11,7 +11,7 @@ import typer
 from cosim.base.errors import ScenarioError
 from cosim.cli.compare import compare
 from tests.cli.command import Command
-from tests.compare.parts import CONFIG, SMALL, VARIANTS, written
+from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 
 
 def call(*arguments: str | Path) -> None:

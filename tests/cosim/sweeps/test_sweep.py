@@ -14,7 +14,7 @@ import pytest
 from cosim.scenario.assemble import assemble
 from cosim.ssp.export import write
 from tests.cli.command import Command
-from tests.sweep.studies import SCENARIO, STUDY, journal, started, written
+from tests.cosim.sweeps.studies import SCENARIO, STUDY, journal, started, written
 from tests.system.runs import CONFIG, scenario, teleoperation
 
 GRID = STUDY + "values = [1, 10, 150, 205, 1500]\n"

@@ -15,7 +15,7 @@ from cosim.sweeps.execute import check
 from cosim.sweeps.run_point import job, run_point
 from cosim.sweeps.study import load_study
 from tests.cli.command import options_of
-from tests.sweep.studies import ROOT
+from tests.cosim.sweeps.studies import ROOT
 
 PAGE = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
 STUDIES = sorted((ROOT / "configs" / "studies").glob("*.toml"))

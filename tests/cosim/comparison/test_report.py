@@ -20,7 +20,7 @@ from cosim.comparison.figure import _Cells, draw
 from cosim.comparison.measure import CaseOutcome
 from cosim.comparison.rows import columns, format_number, rows
 from cosim.reporting.figures import DPI
-from tests.compare.parts import VARIANTS, compared
+from tests.cosim.comparison.parts import VARIANTS, compared
 
 COMMAND = "cosim compare configs/teleoperation.toml"
 

@@ -14,7 +14,7 @@ from cosim.base.errors import ScenarioError
 from cosim.sweeps.axes import Drawn, literal, shares, spaced
 from cosim.sweeps.design import count, points
 from cosim.sweeps.study import Study, load_study
-from tests.sweep.studies import STUDY, written
+from tests.cosim.sweeps.studies import STUDY, written
 
 GAIN = "components.gain.parameters.gain"
 

@@ -48,7 +48,7 @@ def unheard(wired: WiredNode) -> None:
 
 def unguarded(wired: WiredNode) -> None:
     """Torques go out as computed."""
-    for outlet in wired.sending.outlets:
+    for outlet in wired.outlet_bindings.outlets:
         outlet.guard = None
 
 

@@ -151,7 +151,7 @@ static void drained(bus_t *bus)
 }
 
 /* recvmmsg() said errno: 1: try again, 0: nothing there. */
-static int trouble(bus_t *bus)
+static int error_action(bus_t *bus)
 {
     if (errno == EINTR)
         return 1;
@@ -203,7 +203,7 @@ static int fill(bus_t *bus)
     }
     n = recvmmsg(bus->fd, messages, BUS_BATCH, MSG_DONTWAIT, NULL);
     if (n < 0)
-        return trouble(bus);
+        return error_action(bus);
     for (i = 0; i < n; i++)
         take(bus, messages + i, raw + i);
     bus->emptied = n < BUS_BATCH;

@@ -6,7 +6,7 @@
 
 enum { LOOK_NS = 500000, BUSES = 16, SECOND = 1000000000 };
 
-static int64_t sooner(int64_t a, int64_t b)
+static int64_t earlier(int64_t a, int64_t b)
 {
     return a < b ? a : b;
 }
@@ -42,7 +42,7 @@ void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns)
     for (i = 0; i < n && i < BUSES; i++) {
         ends[i] = (struct pollfd){ .fd = descriptor(buses + i), .events = POLLIN };
         if (ends[i].fd < 0)
-            deadline_ns = sooner(deadline_ns, now + LOOK_NS);
+            deadline_ns = earlier(deadline_ns, now + LOOK_NS);
     }
     if (deadline_ns <= now)
         return;
@@ -56,7 +56,7 @@ void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns)
             broken |= ends[i].revents;
     }
     if (broken)     /* an interface that is down: no reason to run in circles */
-        pace_wait(sooner(deadline_ns, now + LOOK_NS), 0, 0);
+        pace_wait(earlier(deadline_ns, now + LOOK_NS), 0, 0);
 }
 
 #else
@@ -64,7 +64,7 @@ void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns)
 void bus_wait(const bus_t *buses, int32_t n, int64_t deadline_ns)
 {
     (void)buses, (void)n;
-    pace_wait(sooner(deadline_ns, pace_now() + LOOK_NS), 0, 0);
+    pace_wait(earlier(deadline_ns, pace_now() + LOOK_NS), 0, 0);
 }
 
 #endif

@@ -32,7 +32,7 @@ static double delay_at(const delay_t *d, int64_t index)
     return d->n_delays > 0 ? d->delays[index % d->n_delays] : 0.0;
 }
 
-static const sample_t *kept(const delay_t *d, int64_t sequence)
+static const sample_t *find_sample(const delay_t *d, int64_t sequence)
 {
     const sample_t *s = &d->samples[sequence & (d->capacity - 1)];
     return sequence >= 0 && s->sequence == sequence ? s : NULL;
@@ -74,7 +74,7 @@ static void push(delay_t *d, waiting_t new)
 static const sample_t *next_due(delay_t *d, int64_t K)
 {
     while (d->n_queue > 0 && d->queue[0].due <= K) {
-        const sample_t *s = kept(d, d->queue[0].sequence);
+        const sample_t *s = find_sample(d, d->queue[0].sequence);
         pop(d);
         if (s) return s;
         d->forgotten++;
@@ -162,7 +162,7 @@ static void take_packets(delay_t *d, int64_t K)
 static void take_playout(delay_t *d, int64_t K)
 {
     const int64_t back = ticks_up(d, d->buffer - NS * (double)d->phase_ns);
-    const sample_t *s = kept(d, floor_div(K - back, d->period));
+    const sample_t *s = find_sample(d, floor_div(K - back, d->period));
     if (s && s->due <= K) hold(d, s);
 }
 
@@ -172,7 +172,7 @@ static void hold_older(delay_t *d, int64_t j, int64_t K)
 {
     const int64_t oldest = d->newest < d->capacity ? 0 : d->newest - d->capacity + 1;
     for (int64_t i = j; i >= oldest; i--) {
-        const sample_t *s = kept(d, i);
+        const sample_t *s = find_sample(d, i);
         if (i == d->held) return;
         if (s && s->due <= K) {
             hold(d, s);
@@ -205,7 +205,7 @@ int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns)
     (void)now_ns;
     switch (d->kind) {
     case DELAY_NONE:
-        if (d->newest >= 0) hold(d, kept(d, d->newest));
+        if (d->newest >= 0) hold(d, find_sample(d, d->newest));
         break;
     case DELAY_SIGNAL: take_signal(d, K, row); break;
     case DELAY_PLAYOUT: take_playout(d, K); break;

@@ -10,7 +10,7 @@
 
 #include "crc.h"
 
-static uint32_t big(const uint8_t *p, int32_t n)
+static uint32_t read_big_endian(const uint8_t *p, int32_t n)
 {
     uint32_t value = 0;
     while (n--)
@@ -70,17 +70,17 @@ int32_t e2e_check(int32_t profile, const uint8_t *data_ids, const uint8_t *data,
     int32_t wrong = 0;
     if (length < (profile == E2E_P04 ? 12 : profile == E2E_P05 ? 3 : profile == E2E_P02 ? 2 : 0))
         return DECODE_LENGTH;
-    if (profile == E2E_P04 && big(data, 2) != (uint32_t)length)
+    if (profile == E2E_P04 && read_big_endian(data, 2) != (uint32_t)length)
         return DECODE_LENGTH;
     if (profile == E2E_P02)
         wrong = data[0] != crc_p02(data_ids, data, length);
     else if (profile == E2E_P05)
         wrong = (data[0] | data[1] << 8) != crc_p05(data_ids, data, length);
     else if (profile == E2E_P04)
-        wrong = big(data + 8, 4) != crc_p04(data, length) || big(data + 4, 4) != id_p04(data_ids);
+        wrong = read_big_endian(data + 8, 4) != crc_p04(data, length) || read_big_endian(data + 4, 4) != id_p04(data_ids);
     if (wrong)
         return DECODE_CRC;
     *counter = profile == E2E_P02 ? data[1] & 15u : profile == E2E_P05 ? data[2]
-             : profile == E2E_P04 ? big(data + 2, 2) : 0;
+             : profile == E2E_P04 ? read_big_endian(data + 2, 2) : 0;
     return DECODE_OK;
 }

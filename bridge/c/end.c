@@ -14,7 +14,7 @@ static int64_t next_of(const outlet_t *o)
 }
 
 /* Torques of an outlet, as they were sent last, times a factor. */
-static void weaken(outlet_t *o, double factor)
+static void scale_torques(outlet_t *o, double factor)
 {
     for (int32_t k = 0; k < o->joints; k++) {
         double *tau = o->values + o->guarded + k;
@@ -22,7 +22,7 @@ static void weaken(outlet_t *o, double factor)
     }
 }
 
-void node_farewell(node_t *n)
+void node_send_final(node_t *n)
 {
     const int64_t now = pace_now() - n->start_ns;
     const int32_t at_once = n->life.state == LIFE_ACTIVE || n->life.state == LIFE_STOPPING;
@@ -31,8 +31,8 @@ void node_farewell(node_t *n)
     if (at_once) n->life.state = LIFE_STOPPING; /* in this state the drives take it */
     for (int32_t i = 0; i < n->n_outlets; i++) {
         if (!n->outlets[i].guard) continue;
-        weaken(n->outlets + i, 0.0);
-        node_say(n->outlets + i, next_of(n->outlets + i), now);
+        scale_torques(n->outlets + i, 0.0);
+        outlet_send_sample(n->outlets + i, next_of(n->outlets + i), now);
     }
     if (n->n_disabling > 0) node_disable(n, now);
     if (at_once) {
@@ -44,18 +44,18 @@ void node_farewell(node_t *n)
     node_host(n, now);
 }
 
-static void one_less(node_t *n, double factor)
+static void send_scaled_torques(node_t *n, double factor)
 {
     for (int32_t i = 0; i < n->n_outlets; i++) {
         outlet_t *o = n->outlets + i;
         if (!o->guard) continue;
-        weaken(o, factor);
+        scale_torques(o, factor);
         if (n->slot % (o->hit_ticks * o->every) == 0)
-            node_say(o, n->slot / o->hit_ticks / o->every, pace_now() - n->start_ns);
+            outlet_send_sample(o, n->slot / o->hit_ticks / o->every, pace_now() - n->start_ns);
     }
 }
 
-void node_let_down(node_t *n)
+void node_ramp_down(node_t *n)
 {
     n->life.now |= WHY_COMPONENT;
     do {
@@ -63,20 +63,20 @@ void node_let_down(node_t *n)
         const double before = n->life.scale;
         if (pace_now() < deadline) pace_wait(deadline, 0, &n->quit);
         life_step(&n->life);
-        one_less(n, before > 0.0 ? n->life.scale / before : 0.0);
+        send_scaled_torques(n, before > 0.0 ? n->life.scale / before : 0.0);
         if (n->heartbeat_slots > 0 && n->slot % n->heartbeat_slots == 0)
             node_heartbeat(n, pace_now() - n->start_ns);
         node_host(n, pace_now() - n->start_ns);
         n->slot++;
     } while (n->life.state == LIFE_STOPPING && !*(volatile int32_t *)&n->quit);
-    node_farewell(n);
+    node_send_final(n);
 }
 
 /* The last torque has held for as long as any other: then zero. */
 static void hold_last(node_t *n)
 {
     const int64_t end = n->start_ns + n->phase_ns + n->slots * n->h_ns;
-    if (pace_now() < end) node_rest(n, end);
+    if (pace_now() < end) node_idle(n, end);
 }
 
 int32_t node_end(node_t *n)
@@ -87,7 +87,7 @@ int32_t node_end(node_t *n)
         if (!n->ending) hold_last(n);
         n->life.state = LIFE_FINISHED;
     }
-    node_farewell(n);
+    node_send_final(n);
     if (!done) return LIVE_STOPPED;
     return well ? LIVE_FINISHED : LIVE_FAULT;
 }

@@ -5,9 +5,9 @@
 #include "node.h"
 
 /* A component has failed: its torque is let down in the life cycle's ramp. */
-void node_let_down(node_t *n);
+void node_ramp_down(node_t *n);
 /* Zero torque, and the last heartbeat. */
-void node_farewell(node_t *n);
+void node_send_final(node_t *n);
 /* The last slot is done, or the node was stopped. Returns LIVE_... */
 int32_t node_end(node_t *n);
 

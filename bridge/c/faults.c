@@ -233,7 +233,7 @@ static void record(faults_t *f, const frame_t *was, const passage_t *p, int64_t 
     journal_commit(f->journal);
 }
 
-static void let_through(faults_t *f, const passage_t *p)
+static void pass_frame(faults_t *f, const passage_t *p)
 {
     frame_t frame = p->frame;
     uint64_t draws = p->draws;
@@ -252,7 +252,7 @@ void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t sta
     for (int64_t i = 0; started && i < f->n_rules; i++)
         apply(f, i, &p, frame->t_ns - start_ns);
     if (p.rule >= 0) record(f, frame, &p, start_ns);
-    let_through(f, &p);
+    pass_frame(f, &p);
     if (started) release(f, &p);
 }
 

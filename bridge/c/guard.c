@@ -33,7 +33,7 @@ static int jumped(guard_t *g, int32_t i, double q)
 }
 
 /* Torque that may not be there: not a number, or from an encoder that is not to be believed. */
-static uint32_t unbelievable(guard_t *g, int32_t i, double tau, const double *q, const double *dq)
+static uint32_t input_fault_bits(guard_t *g, int32_t i, double tau, const double *q, const double *dq)
 {
     uint32_t bits = finite(tau) ? 0 : GUARD_FINITE;
     if (dq && !finite(dq[i])) bits |= GUARD_FINITE;
@@ -43,7 +43,7 @@ static uint32_t unbelievable(guard_t *g, int32_t i, double tau, const double *q,
 }
 
 /* -1, 0, 1: below, within, beyond the soft limits. A limit that is not a number is passed. */
-static int side(const guard_t *g, int32_t i, double q)
+static int soft_limit_side(const guard_t *g, int32_t i, double q)
 {
     if (g->q_high && !(q <= g->q_high[i])) return 1;
     return g->q_low && !(q >= g->q_low[i]) ? -1 : 0;
@@ -51,8 +51,8 @@ static int side(const guard_t *g, int32_t i, double q)
 
 /* Without what points outwards beyond a soft limit, what accelerates beyond dq_max, and what is
  * more than power_max. */
-static double taken(const guard_t *g, int32_t i, double tau, int beyond, const double *dq,
-                    uint32_t *bits)
+static double limit_torque(const guard_t *g, int32_t i, double tau, int beyond, const double *dq,
+                           uint32_t *bits)
 {
     if (beyond) *bits |= GUARD_POSITION;
     if (beyond * tau > 0.0) tau = 0.0;
@@ -79,7 +79,7 @@ static double braking(const guard_t *g, int32_t i, int beyond, const double *dq)
 static double guarded(guard_t *g, int32_t i, double tau, const double *q, const double *dq,
                       uint32_t *bits)
 {
-    const uint32_t refused = unbelievable(g, i, tau, q, dq);
+    const uint32_t refused = input_fault_bits(g, i, tau, q, dq);
     const double last = finite(g->last_tau[i]) ? g->last_tau[i] : 0.0;
     *bits |= refused;
     g->last_tau[i] = 0.0;
@@ -89,8 +89,8 @@ static double guarded(guard_t *g, int32_t i, double tau, const double *q, const 
         const double step = clipped(tau - last, g->rate_max[i] * g->h);
         if (step != tau - last) *bits |= GUARD_RATE, tau = last + step;
     }
-    const int beyond = q ? side(g, i, q[i]) : 0;
-    tau = taken(g, i, tau, beyond, dq, bits);
+    const int beyond = q ? soft_limit_side(g, i, q[i]) : 0;
+    tau = limit_torque(g, i, tau, beyond, dq, bits);
     g->last_tau[i] = tau;
     tau += braking(g, i, beyond, dq);
     if (g->tau_max) tau = clipped(tau, g->tau_max[i]);

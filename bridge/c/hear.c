@@ -25,7 +25,7 @@ int32_t node_is_estop(const node_t *n, const frame_t *frame)
 }
 
 /* An emergency stop. It reaches all that a gateway joins before this node has its next slot. */
-static void alarmed(node_t *n, int64_t t)
+static void take_estop(node_t *n, int64_t t)
 {
     const int32_t news = !((n->life.now | n->life.reasons) & WHY_ESTOP);
     n->life.now |= WHY_ESTOP;
@@ -65,7 +65,7 @@ static void forget(node_t *n, const peer_t *peer)
 
 /* Where real drives are meant, a peer that says it is simulated is none. Before the start what
  * counts is when it was heard by the clock. */
-static void beaten(node_t *n, int32_t i, const frame_t *frame, int64_t t)
+static void take_heartbeat(node_t *n, int32_t i, const frame_t *frame, int64_t t)
 {
     double v[HEARTBEAT_VALUES];
     header_t header;
@@ -85,13 +85,13 @@ static int32_t heartbeat(node_t *n, const frame_t *frame, int64_t t)
     for (int32_t i = 0; i < n->n_peers; i++) {
         const message_t *m = n->services[frame->bus].peers[i];
         if (!m || !message_is(m, frame)) continue;
-        beaten(n, i, frame, t);
+        take_heartbeat(n, i, frame, t);
         return 1;
     }
     return 0;
 }
 
-static void synced(node_t *n, const frame_t *frame, int64_t t)
+static void take_sync(node_t *n, const frame_t *frame, int64_t t)
 {
     double v[1];
     header_t header;
@@ -126,10 +126,10 @@ static void dispatch(node_t *n, const frame_t *frame)
         return;
     }
     if (asked) return;
-    if (node_is_estop(n, frame)) alarmed(n, t);
+    if (node_is_estop(n, frame)) take_estop(n, t);
     else if (s->nmt && message_is(s->nmt, frame)) managed(n, frame);
     else if (s->epoch && message_is(s->epoch, frame)) node_epoch_heard(n, frame);
-    else if (s->sync && message_is(s->sync, frame)) synced(n, frame, t);
+    else if (s->sync && message_is(s->sync, frame)) take_sync(n, frame, t);
     else if (!heartbeat(n, frame, t)) n->unknown++;
 }
 

@@ -11,7 +11,7 @@ static const inlet_row_t *recorded(const inlet_t *in)
 }
 
 /* Replay: whether what was held is in the journal of what was heard: it is, unless that was full. */
-static int32_t known(const history_t *h, int64_t held)
+static int32_t is_recorded(const history_t *h, int64_t held)
 {
     const int64_t k = h ? held - h->first : -1;
     return h && (held < 0 || (k >= 0 && k < h->capacity && h->there[k] == SAMPLE_THERE));
@@ -38,7 +38,7 @@ static const double *take(inlet_t *in)
         const history_t *h = in->reception->history;
         in->held = recorded(in)->held;
         in->newest = recorded(in)->newest;
-        if (in->held < 0 || !known(h, in->held)) return 0;
+        if (in->held < 0 || !is_recorded(h, in->held)) return 0;
         return h->values + (in->held - h->first) * h->width + in->first;
     }
     in->held = delay_take(in->delay, n->slot / in->period, n->now_ns);
@@ -71,7 +71,7 @@ static void obey(inlet_t *in)
 
 /* Torque commands go through the drive. One whose value is not known feeds its watchdog, too;
  * one that is too old (also by the law of its link) neither moves it nor feeds the watchdog. */
-static void through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
+static void write_through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
 {
     node_t *n = in->node;
     obey(in);
@@ -84,7 +84,7 @@ static void through_drive(inlet_t *in, const double *value, int32_t fresh, doubl
 }
 
 /* What is held; a link of the law `signal` may go back to what there was before the first. */
-static void through(inlet_t *in, const double *value, double *signals)
+static void write_signal(inlet_t *in, const double *value, double *signals)
 {
     double *target = signals + in->target;
     if (value) give(in, value, target);
@@ -102,9 +102,9 @@ API int32_t inlet_pass(void *context, int64_t tick, double *signals)
 
     if (fresh) in->heard_ns = n->now_ns;
     in->last_newest = in->newest;
-    if (in->drive) through_drive(in, value, fresh, signals);
-    else through(in, value, signals);
-    if (n->clock == CLOCK_REPLAY && !known(in->reception->history, in->held))
+    if (in->drive) write_through_drive(in, value, fresh, signals);
+    else write_signal(in, value, signals);
+    if (n->clock == CLOCK_REPLAY && !is_recorded(in->reception->history, in->held))
         as_recorded(in, signals);
     if (!in->begun) {
         memcpy(in->initial, signals + in->target, (size_t)in->count * sizeof *signals);

@@ -61,14 +61,14 @@ API int32_t node_live(node_t *n)
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
         uint32_t flags = 0;
-        if (woke < deadline) woke = node_rest(n, deadline);
+        if (woke < deadline) woke = node_idle(n, deadline);
         if (*(volatile int32_t *)&n->quit) break;
         const int32_t missed = late_slot(n, woke - deadline, &flags);
         prepare_end(n);
         const int32_t result =
             node_slot(n, (missed ? deadline : woke) - n->start_ns, woke - n->start_ns, flags);
         if (result) {
-            node_let_down(n);
+            node_ramp_down(n);
             return result;
         }
         woke = n->done_ns + n->start_ns;

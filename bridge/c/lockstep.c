@@ -18,14 +18,14 @@ API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns)
     return n < s->capacity ? n : s->capacity;
 }
 
-static int32_t told(const node_t *n, int32_t command)
+static int32_t has_command(const node_t *n, int32_t command)
 {
     return commands_have(__atomic_load_n(&n->told, __ATOMIC_ACQUIRE), command);
 }
 
 static int32_t ended(const node_t *n)
 {
-    return *(const volatile int32_t *)&n->quit || told(n, COMMAND_STOP);
+    return *(const volatile int32_t *)&n->quit || has_command(n, COMMAND_STOP);
 }
 
 /* The counter of Profile 4, which every sample has. */
@@ -35,7 +35,7 @@ static int64_t counter(const frame_t *frame)
 }
 
 /* Into its stream; nonzero: samples are missing before it. */
-static int32_t keep(lockstep_t *l, const frame_t *frame, int32_t bus)
+static int32_t store_sample(lockstep_t *l, const frame_t *frame, int32_t bus)
 {
     for (int32_t i = 0; i < l->n_streams; i++) {
         stream_t *s = l->streams + i;
@@ -60,7 +60,7 @@ static int32_t gather(lockstep_t *l)
     for (int32_t b = 0; b < l->node->n_buses; b++) {
         while (bus_receive(l->outside + b, &frame)) {
             if (node_is_estop(l->node, &frame)) l->node->quit = 1;
-            if (keep(l, &frame, b)) return LOCKSTEP_LOST;
+            if (store_sample(l, &frame, b)) return LOCKSTEP_LOST;
             came++;
         }
     }
@@ -137,7 +137,7 @@ static int32_t send(lockstep_t *l)
 API int32_t lockstep_run(lockstep_t *l)
 {
     node_t *n = l->node;
-    while (!told(n, COMMAND_START)) {
+    while (!has_command(n, COMMAND_START)) {
         if (ended(n)) return LIVE_NEVER_STARTED;
         if (gather(l) < 0) return LOCKSTEP_LOST;
         pace_wait(pace_now() + 1000000, 0, &n->quit);

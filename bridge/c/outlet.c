@@ -56,7 +56,7 @@ static void remember(outlet_t *o, const frame_t *frame, int64_t sequence)
     for (int64_t k = 0; k < o->n_forwards; k++) forward_remember(o->forwards + k, i);
 }
 
-void node_say(outlet_t *o, int64_t sequence, int64_t now_ns)
+void outlet_send_sample(outlet_t *o, int64_t sequence, int64_t now_ns)
 {
     node_t *n = o->node;
     frame_t frame;
@@ -85,7 +85,7 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     gather(o, signals);
     if (hit % o->every) return 0;
     const int64_t began = n->clock == CLOCK_WALL ? pace_now() : 0;
-    node_say(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
+    outlet_send_sample(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
     if (n->clock == CLOCK_WALL) n->send_ns += pace_now() - began;
     return 0;
 }

@@ -9,6 +9,6 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals);
 API int32_t inside_pass(void *context, int64_t tick, double *signals);
 /* A message of an outlet, with the values it has; its time stamp is the nominal time of this sample, so
  * receivers know how old it is, and which one, however late the node was. */
-void node_say(outlet_t *o, int64_t sequence, int64_t now_ns);
+void outlet_send_sample(outlet_t *o, int64_t sequence, int64_t now_ns);
 
 #endif

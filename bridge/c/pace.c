@@ -160,7 +160,7 @@ static void sleep_towards(int64_t deadline_ns)
 
 #endif
 
-static inline void breathe(void)    /* says to the processor that this is a spin */
+static inline void cpu_relax(void)    /* says to the processor that this is a spin */
 {
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
@@ -179,7 +179,7 @@ int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *
     if (now == INT64_MIN)
         now = pace_now();
     while (now < deadline_ns && !(stop && *stop)) {
-        breathe();
+        cpu_relax();
         now = pace_now();
     }
     return now;

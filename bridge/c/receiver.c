@@ -86,14 +86,14 @@ static int64_t stamped(receiver_t *r, const header_t *header, int64_t t, int64_t
 }
 
 /* Without a counter the arrival alone counts: a sample a period, and one that jitter brings sooner. */
-static int64_t uncounted(const receiver_t *r, int64_t t)
+static int64_t number_by_arrival(const receiver_t *r, int64_t t)
 {
     const int64_t now = number_at(r, t) < 0 ? 0 : number_at(r, t);
     return now > r->sequence ? now : now == r->sequence ? now + 1 : r->sequence;
 }
 
 /* Whether a whole turn of the counter may have gone by unseen: then its number is not known. */
-static int32_t ambiguous(const receiver_t *r, int64_t t, int64_t top)
+static int32_t is_ambiguous(const receiver_t *r, int64_t t, int64_t top)
 {
     return r->time_bits <= 0 && r->sequence >= 0 && turn(r) > 1 && top - r->sequence > turn(r) &&
            2 * (t - r->arrival_ns) > turn(r) * r->period_ns;
@@ -102,14 +102,14 @@ static int32_t ambiguous(const receiver_t *r, int64_t t, int64_t top)
 /* 0, or why a frame with number k is not accepted. */
 static int64_t refusal(const receiver_t *r, int64_t k, int64_t t, int64_t top)
 {
-    if (k > top || ambiguous(r, t, top)) return RECEIVE_WRONG;
+    if (k > top || is_ambiguous(r, t, top)) return RECEIVE_WRONG;
     if (r->sequence >= 0 && k == r->sequence) return RECEIVE_REPEATED;
     return r->sequence >= 0 && k < r->sequence ? RECEIVE_OLDER : 0;
 }
 
 /* Whether the WINDOW frames up to this one follow each other at their pace. No faster than time passes:
  * so the sender that was heard before would have spoken between them. */
-static int32_t agreed(receiver_t *r, int64_t k, int64_t t)
+static int32_t frames_agree(receiver_t *r, int64_t k, int64_t t)
 {
     const int64_t behind = t - r->trial_ns - (k - r->trial_first) * r->period_ns;
     const int32_t follows = k == r->trial + 1 && behind >= -r->period_ns && behind <= r->period_ns;
@@ -123,7 +123,7 @@ static int32_t agreed(receiver_t *r, int64_t k, int64_t t)
 }
 
 /* Whether this number was accepted before, or is older than what may have been overtaken. */
-static int32_t seen(const receiver_t *r, int64_t k)
+static int32_t already_received(const receiver_t *r, int64_t k)
 {
     const int64_t back = r->sequence - k;
     return back < 0 || back >= 64 || (r->seen >> back & 1);
@@ -141,7 +141,7 @@ static void see(receiver_t *r, int64_t k)
 static int64_t resynced(receiver_t *r, int64_t k, int64_t why, int64_t time, int64_t t, int64_t top)
 {
     const int32_t first = r->sequence < 0;
-    if (turn(r) == 1 || (r->time_bits <= 0 && !first && !seen(r, k)) || !agreed(r, k, t)) return why;
+    if (turn(r) == 1 || (r->time_bits <= 0 && !first && !already_received(r, k)) || !frames_agree(r, k, t)) return why;
     const int32_t ahead = k > top && (r->time_bits <= 0 || sampled(r, k) != time);
     if (!first && (k <= r->sequence || ahead)) {
         const int64_t at = r->time_bits > 0 ? time : t + lead(r, t);
@@ -162,7 +162,7 @@ static int64_t counted(receiver_t *r, int64_t why)
 }
 
 /* The fastest frame so far. Ahead of nominal times a clock is believed to run by 488 ppm, not more. */
-static void learn(receiver_t *r, int64_t k, int64_t t)
+static void update_fastest(receiver_t *r, int64_t k, int64_t t)
 {
     const int64_t old = lead(r, t), found = sampled(r, k) - t;
     const int64_t passed = r->sequence < 0 || t < r->arrival_ns ? 0 : t - r->arrival_ns;
@@ -176,7 +176,7 @@ int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns)
     int64_t time = t_ns;
     int64_t k = r->time_bits > 0   ? stamped(r, header, t_ns, &time)
               : r->counter_bits > 0 ? below(r, header->counter, top)
-                                    : uncounted(r, t_ns);
+                                    : number_by_arrival(r, t_ns);
     const int64_t why = refusal(r, k, t_ns, top);
 
     r->older = why == RECEIVE_REPEATED || why == RECEIVE_OLDER ? k : r->older;
@@ -184,7 +184,7 @@ int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns)
         k = resynced(r, k, why, time, t_ns, top);
         if (k < 0) return counted(r, why);
     } else {
-        learn(r, k, t_ns);
+        update_fastest(r, k, t_ns);
     }
     if (r->sequence >= 0 && r->counter_bits > 0)
         r->lost += k - r->sequence - 1;

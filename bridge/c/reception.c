@@ -42,14 +42,14 @@ static void preview(node_t *n, reception_t *r)
 }
 
 /* Whether it is a sample of the run: by the state of its sender, or else what comes from t = 0 on. */
-static int32_t runs(const node_t *n, const reception_t *r, const header_t *header, int64_t t)
+static int32_t is_of_run(const node_t *n, const reception_t *r, const header_t *header, int64_t t)
 {
     if (!tells_life(r->message)) return node_started(n) && t >= 0;
     const int32_t life = (int32_t)(header->status & STATUS_LIFE);
     return life != LIFE_UNCONFIGURED && life != LIFE_INACTIVE;
 }
 
-static int32_t refused(const reception_t *r, const frame_t *frame, header_t *header, double *values)
+static int32_t refuse_frame(const reception_t *r, const frame_t *frame, header_t *header, double *values)
 {
     const int32_t result = message_decode(r->message, frame, values, header);
     switch (result) {
@@ -75,7 +75,7 @@ static int32_t too_fast(const reception_t *r, const double *values, int64_t t)
     return r->newest >= 0 && !limits_rate(r->limits, r->width, values, r->values, (double)since * 1e-9);
 }
 
-static void keep(reception_t *r, const double *values)
+static void keep_values(reception_t *r, const double *values)
 {
     memcpy(r->values, values, (size_t)r->width * sizeof *values);
 }
@@ -95,10 +95,10 @@ void reception_take(node_t *n, reception_t *r, const frame_t *frame)
     header_t header;
     double values[MESSAGE_FIELDS];
     memset(&header, 0, sizeof header);
-    if (refused(r, frame, &header, values)) return;
+    if (refuse_frame(r, frame, &header, values)) return;
     const int64_t t = frame->t_ns - n->start_ns;
-    if (!runs(n, r, &header, t)) {
-        keep(r, values);
+    if (!is_of_run(n, r, &header, t)) {
+        keep_values(r, values);
         if (!n->begun) preview(n, r);
         r->previewed_ns = frame->t_ns;
         if (tells_life(r->message)) node_forward(n, r, &header, frame);
@@ -116,7 +116,7 @@ void reception_take(node_t *n, reception_t *r, const frame_t *frame)
         r->receiver->stale++;
         return;
     }
-    keep(r, values);
+    keep_values(r, values);
     if (j > r->newest && r->n_forwards > 0) {
         header.counter = (uint32_t)j;
         header.t_us = (uint32_t)(r->receiver->sampled_ns / 1000);

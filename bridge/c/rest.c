@@ -13,7 +13,7 @@ static int64_t wake_at(const node_t *n, int64_t deadline_ns)
     return deadline_ns;
 }
 
-int64_t node_rest(node_t *n, int64_t deadline_ns)
+int64_t node_idle(node_t *n, int64_t deadline_ns)
 {
     int64_t now;
     if (!n->gateway) return pace_wait(deadline_ns, n->spin_ns, &n->quit);

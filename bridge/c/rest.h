@@ -6,6 +6,6 @@
 
 /* Until the deadline (CLOCK_MONOTONIC) or `quit`; a gateway hears, and forwards, meanwhile. Returns the
  * time it woke at. */
-int64_t node_rest(node_t *n, int64_t deadline_ns);
+int64_t node_idle(node_t *n, int64_t deadline_ns);
 
 #endif

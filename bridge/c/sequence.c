@@ -10,7 +10,7 @@ enum { AGAIN_NS = 100000000 };
 
 /* ---- the node that commands drives ---- */
 
-static void say_all(node_t *n, const frame_t *frames, int32_t count, int64_t now_ns)
+static void send_frames(node_t *n, const frame_t *frames, int32_t count, int64_t now_ns)
 {
     for (int32_t i = 0; i < count; i++) {
         frame_t frame = frames[i];
@@ -22,7 +22,7 @@ void node_disable(node_t *n, int64_t now_ns)
 {
     n->disabled = 1;
     n->disable_ns = now_ns + AGAIN_NS;
-    if (n->clock != CLOCK_REPLAY) say_all(n, n->disabling, n->n_disabling, now_ns);
+    if (n->clock != CLOCK_REPLAY) send_frames(n, n->disabling, n->n_disabling, now_ns);
 }
 
 uint32_t node_drives(node_t *n, int64_t now_ns)
@@ -36,7 +36,7 @@ uint32_t node_drives(node_t *n, int64_t now_ns)
     if (n->life.state == LIFE_ACTIVE && n->disabled) {
         n->disabled = 0;
         if (replay) return 0;
-        say_all(n, n->enabling, n->n_enabling, now_ns);
+        send_frames(n, n->enabling, n->n_enabling, now_ns);
         return ROW_ENABLED;
     }
     return 0;
@@ -44,7 +44,7 @@ uint32_t node_drives(node_t *n, int64_t now_ns)
 
 /* ---- an emulated drive ---- */
 
-static int32_t same(const frame_t *a, const frame_t *b)
+static int32_t same_frame(const frame_t *a, const frame_t *b)
 {
     return a->id == b->id && a->bus == b->bus && !((a->flags ^ b->flags) & FRAME_FORMAT) &&
            a->length == b->length && !memcmp(a->data, b->data, a->length);
@@ -53,7 +53,7 @@ static int32_t same(const frame_t *a, const frame_t *b)
 /* Whether it is the next frame of this sequence; the last one is the request. */
 static int32_t further(sequence_t *s, const frame_t *frame, uint32_t *asked)
 {
-    if (!same(s->frames + s->reached, frame)) return 0;
+    if (!same_frame(s->frames + s->reached, frame)) return 0;
     if (++s->reached == s->count) {
         s->reached = 0;
         *asked = commands_add(*asked, s->request);

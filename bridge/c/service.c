@@ -17,7 +17,7 @@ void node_preview(node_t *n, int64_t now_ns)
         if (!tells_life(o->message) && !(o->foreign && n->life.armed)) continue;
         for (int32_t k = 0; k < o->width; k++) o->values[k] = o->foreign ? 0.0 : n->signals[o->sources[k]];
         if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
-        node_say(o, 0, now_ns);
+        outlet_send_sample(o, 0, now_ns);
         o->sent = 0;
     }
 }

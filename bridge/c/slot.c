@@ -42,7 +42,7 @@ void node_tell(node_t *n, int32_t command)
 }
 
 /* The commands of this slot: those heard, then those told. */
-static uint32_t take_told(node_t *n)
+static uint32_t take_commands(node_t *n)
 {
     uint32_t found = n->life.commands;
     for (uint32_t told = __atomic_exchange_n(&n->told, 0, __ATOMIC_ACQ_REL); told; told >>= 3)
@@ -59,7 +59,7 @@ static void live(node_t *n, row_t *row)
         n->life.commands = r->commands;
     } else {
         watch(n);
-        n->life.commands = take_told(n);
+        n->life.commands = take_commands(n);
         if (commands_have(n->life.commands, COMMAND_STOP)) n->stopping = 1;
     }
     if (row) {

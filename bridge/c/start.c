@@ -12,28 +12,28 @@ enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 2
 /* A START that has come: from and until when it may be obeyed; until 0: none. */
 typedef struct { int64_t from, until; } pending_t;
 
-static int32_t there(const peer_t *peer, int64_t now)
+static int32_t peer_present(const peer_t *peer, int64_t now)
 {
     const int32_t well = peer->state == LIFE_INACTIVE || peer->state == LIFE_ACTIVE;
     return well && now - peer->heartbeat.last_ns <= peer->heartbeat.timeout_ns;
 }
 
-static int32_t heard(const reception_t *r)
+static int32_t has_received(const reception_t *r)
 {
     return r->previewed_ns >= 0 || r->newest >= 0 || r->of_fault || !tells_life(r->message);
 }
 
 API int32_t node_unheard(const node_t *n, int32_t i)
 {
-    return n->receptions[i].awaited && !heard(n->receptions + i);
+    return n->receptions[i].awaited && !has_received(n->receptions + i);
 }
 
 API int32_t node_absent(const node_t *n, int32_t i, int64_t now)
 {
-    return n->peers[i].required && !there(n->peers + i, now);
+    return n->peers[i].required && !peer_present(n->peers + i, now);
 }
 
-static int32_t apart(const apart_t *x)
+static int32_t too_far_apart(const apart_t *x)
 {
     for (int32_t k = 0; k < x->count; k++) {
         const double d = x->a->values[x->first_a + k] - x->b->values[x->first_b + k];
@@ -43,7 +43,7 @@ static int32_t apart(const apart_t *x)
 }
 
 /* WHY_ bits of what is in the way of a start. */
-static uint32_t missing(const node_t *n, int64_t now)
+static uint32_t missing_bits(const node_t *n, int64_t now)
 {
     uint32_t why = 0;
     for (int32_t i = 0; i < n->n_peers; i++)
@@ -56,8 +56,8 @@ static uint32_t missing(const node_t *n, int64_t now)
     }
     for (int32_t i = 0; i < n->n_aparts; i++) {
         const apart_t *x = n->aparts + i;
-        if (!heard(x->a) || !heard(x->b)) why |= WHY_STALE;
-        else if (apart(x)) why |= WHY_APART;
+        if (!has_received(x->a) || !has_received(x->b)) why |= WHY_STALE;
+        else if (too_far_apart(x)) why |= WHY_APART;
     }
     return why;
 }
@@ -74,13 +74,13 @@ static void command(node_t *n, int32_t what, uint32_t why)
 }
 
 /* Nothing is missing for a run that is over: whoever joins it then has nothing to do. */
-static int32_t over(const node_t *n, int64_t now)
+static int32_t run_is_over(const node_t *n, int64_t now)
 {
     return n->start_ns != 0 && now - n->start_ns >= n->slots * n->h_ns;
 }
 
 /* START waits for its time. One that was heard does not move one that waits already. */
-static void hold(node_t *n, pending_t *start, int64_t start_ns, int64_t now)
+static void schedule_start(node_t *n, pending_t *start, int64_t start_ns, int64_t now)
 {
     n->start_ns = start_ns;
     start->from = start_ns - OBEY_NS;
@@ -92,8 +92,8 @@ static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start
 {
     for (; commands; commands >>= 3) {
         const int32_t what = (int32_t)(commands & 7);
-        if (what == COMMAND_START) hold(n, start, start_ns, now);
-        else command(n, what, what == COMMAND_ARM ? missing(n, now) : 0);
+        if (what == COMMAND_START) schedule_start(n, start, start_ns, now);
+        else command(n, what, what == COMMAND_ARM ? missing_bits(n, now) : 0);
     }
 }
 
@@ -119,7 +119,7 @@ static void join(node_t *n, pending_t *start, int64_t now)
     epoch_t *e = &n->epoch;
     const int32_t may = e->follows && n->life.state == LIFE_INACTIVE && (n->simulated || n->life.armed);
     if (e->running && may && !start->until) {
-        hold(n, start, e->origin_ns, now);
+        schedule_start(n, start, e->origin_ns, now);
         e->run = e->told;
     }
     e->running = 0;
@@ -129,7 +129,7 @@ static void join(node_t *n, pending_t *start, int64_t now)
 static void start_if_due(node_t *n, pending_t *start, int64_t now)
 {
     if (!start->until || now < start->from) return;
-    const uint32_t why = over(n, now) ? 0 : missing(n, now);
+    const uint32_t why = run_is_over(n, now) ? 0 : missing_bits(n, now);
     if (why && now < start->until) return;
     if (n->simulated && !n->life.armed && !why) command(n, COMMAND_ARM, 0);
     command(n, COMMAND_START, why);
@@ -184,7 +184,7 @@ int32_t node_wait(node_t *n)
         node_host(n, next);
         node_alarm(n, next);
         next += IDLE_NS;
-        node_rest(n, next);
+        node_idle(n, next);
         if (pace_now() > next + IDLE_NS) next = pace_now();
     }
 }

@@ -70,7 +70,7 @@ def run(
 def _blinded(node: WiredNode) -> list[Message]:
     """Receivers that check neither CRC nor counter; the messages they read by."""
     made = []
-    for reception in node.receiving.receptions.values():
+    for reception in node.inlet_bindings.receptions.values():
         message = Message.from_buffer_copy(reception.message.contents)
         message.e2e = E2EProfile.NONE
         reception.message = c.pointer(message)

@@ -152,7 +152,7 @@ def _unfinished_lives(system: System, outcome: RehearsalOutcome) -> Iterator[tup
 def _seen(outcome: RehearsalOutcome) -> dict[str, int]:
     total: dict[str, int] = {}
     for report in outcome.reports:
-        for counts in (report.said.messages if report.said else {}).values():
+        for counts in (report.statement.messages if report.statement else {}).values():
             for name, count in counts.items():
                 if count and name != "ok":
                     total[name] = total.get(name, 0) + count
@@ -180,7 +180,7 @@ def _corrupted(system: System, outcome: RehearsalOutcome, report: NodeReport) ->
         if not len(rows):
             continue
         copies = int(rows["copies"].sum())
-        counts = report.said.messages.get(name) if report.said else None
+        counts = report.statement.messages.get(name) if report.statement else None
         refused = sum(counts[r] for r in REFUSED) if counts else copies
         first = _accepted(system, outcome, report, name)
         numbers = _sequences(rows, carried)

@@ -174,8 +174,8 @@ def _crashes(done: RunDone) -> Iterator[str]:
         if life not in done.outcome.rows and life not in missed | refused:
             yield f"{life} has left no journal"
     for report in done.outcome.reports:
-        if report.said and report.said.error:
-            yield f"{report.life}: {report.said.error}"
+        if report.statement and report.statement.error:
+            yield f"{report.life}: {report.statement.error}"
 
 
 def _stops(done: RunDone, of_time: bool) -> Iterator[str]:

@@ -54,7 +54,7 @@ class Control:
         self._asked = False
         self._give(Command.RESET)
 
-    def again(self) -> None:
+    def rearm(self) -> None:
         """ARM and START of a node that runs, after RESET."""
         self.arm()
         self._give(Command.START)
@@ -147,7 +147,7 @@ def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:
                 case "reset":
                     control.reset()
                 case "again":
-                    control.again()
+                    control.rearm()
                 case "jump":
                     control.jump(message["by_ns"])
                 case "estop":

@@ -64,14 +64,14 @@ def silent_messages(wired: WiredNode) -> list[str]:
     found = {}
     for i, inlet in enumerate(wired.plan.inlets):
         sender = wired.system.messages[inlet.message].node
-        reception = wired.receiving.receptions[inlet.message]
+        reception = wired.inlet_bindings.receptions[inlet.message]
         last = max(
-            wired.receiving.inlets[i].heard_ns,
+            wired.inlet_bindings.inlets[i].heard_ns,
             wired.receivers[inlet.message].arrival_ns,
             reception.previewed_ns - struct.start_ns if reception.previewed_ns >= 0 else 0,
         )
         silence = (struct.slot * struct.h_ns - last) * 1e-9
-        limit = max(wired.receiving.inlets[i].stop_ns * 1e-9, d.silence)
+        limit = max(wired.inlet_bindings.inlets[i].stop_ns * 1e-9, d.silence)
         if 0 < limit < silence and sender not in over:
             refused = _refused_counts(wired.receivers[inlet.message])
             found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s{refused}"
@@ -94,7 +94,7 @@ def never_received(wired: WiredNode) -> list[str]:
     ran = (struct.slot - struct.first) * struct.h_ns
     return [
         f"{message} from {wired.system.messages[message].node}"
-        for message, r in wired.receiving.receptions.items()
+        for message, r in wired.inlet_bindings.receptions.items()
         if r.awaited and r.newest < 0 and not r.of_fault and ran > MANY * r.period_ns
     ]
 

@@ -198,7 +198,7 @@ def node_statement(
         messages={name: _counts(r) for name, r in wired.receivers.items()},
         sent={
             o.message: {"frames": int(e.sent), "saturated": int(e.saturated)}
-            for o, e in zip(wired.plan.outlets, wired.sending.outlets, strict=False)
+            for o, e in zip(wired.plan.outlets, wired.outlet_bindings.outlets, strict=False)
         },
         forwards={name: forwarded_facts(f) for name, f in wired.forwards.items()},
         guards={name: g.trips() for name, g in wired.guards.items()},

@@ -28,8 +28,8 @@ class ScheduledEvent:
 
     t: float
     what: str | FaultEvent
-    do: Callable[[Any], None]
-    revives: bool = False
+    action: Callable[[Any], None]
+    restarts_node: bool = False
     prepare: Callable[[Any], Callable[[], None]] | None = None
 
 

@@ -181,7 +181,7 @@ class Rehearsal:
             while events and events[0].t <= self.t:
                 event = events.pop(0)
                 self.ended.notes.append(record_note(event.what, self.t))
-                event.do(self)
+                event.action(self)
                 late = self.t - event.t
                 if late > LATE:  # what is to last keeps its length
                     events = [replace(e, t=e.t + late) for e in events]
@@ -293,4 +293,4 @@ class Rehearsal:
 
 def _will_restart(events: Sequence[ScheduledEvent], length: float) -> bool:
     """Whether a node is still to be started, in time."""
-    return any(e.revives and e.t < length for e in events)
+    return any(e.restarts_node and e.t < length for e in events)

@@ -200,14 +200,14 @@ def _begin(wired: WiredNode, first: int) -> dict[str, History]:
     s.slot = s.first = first
     s.life.state, s.life.armed = LifeState.ACTIVE, 1
     for i in range(s.n_inlets):
-        wired.receiving.inlets[i].heard_ns = first * s.h_ns
+        wired.inlet_bindings.inlets[i].heard_ns = first * s.h_ns
     for peer in wired.peers.values():
         peer.state, peer.heartbeat.last_ns = -1, (first + 1) * s.h_ns
     made = {}
     for i, outlet in enumerate(wired.plan.outlets):
         capacity = wired.plan.slots * wired.plan.ticks // outlet.ticks + 8
         made[outlet.message] = History(outlet.width, capacity)
-        wired.sending.outlets[i].history = c.pointer(made[outlet.message].struct)
+        wired.outlet_bindings.outlets[i].history = c.pointer(made[outlet.message].struct)
     native.functions().node_enable(c.byref(s), first * s.h_ns)
     return made
 

@@ -150,12 +150,12 @@ def _hear(
             str(node.system.deployment.path),
         )
     histories: dict[str, History] = {}
-    for number, (message, reception) in enumerate(node.receiving.receptions.items()):
+    for number, (message, reception) in enumerate(node.inlet_bindings.receptions.items()):
         mine, carried = rows[rows["message"] == number], node.system.messages[message]
         history = received_and_sent.received_history(mine, carried, node.system.plan)
         reception.history = c.pointer(history.struct)
         histories[message] = history
-    for outlet, entry in zip(node.plan.outlets, node.sending.outlets, strict=False):
+    for outlet, entry in zip(node.plan.outlets, node.outlet_bindings.outlets, strict=False):
         if outlet.message in sent:
             _remember(node, outlet.message, entry, sent)
     return histories
@@ -173,7 +173,7 @@ def _remember(
         entry.of = c.pointer(histories[made.forward.of].struct)
         entry.to = c.pointer(histories[made.name].struct)
     forwarded.bind(outlet)
-    node.sending.keep(forwarded)
+    node.outlet_bindings.keep(forwarded)
 
 
 def _check_slots(rows: Rows, place: str) -> None:
@@ -189,7 +189,7 @@ def _begin(node: WiredNode, rows: Rows) -> None:
     """Inputs from other nodes hold at the start what they held when it was recorded."""
     signals: NDArray[np.float64] = rows["signals"][0]
     for i, inlet in enumerate(node.plan.inlets):
-        entry = node.receiving.inlets[i]
+        entry = node.inlet_bindings.inlets[i]
         entry.heard_ns = node.struct.slot * node.struct.h_ns
         if not entry.drive:
             part = slice(inlet.target.start, inlet.target.start + inlet.target.size)

@@ -40,7 +40,7 @@ def find(
         received(life, record, system)
         for node in system.nodes
         for life in shown.lives(node)
-        if (record := shown.record(life)) is not None and shown.said(life) is not None
+        if (record := shown.record(life)) is not None and shown.statement(life) is not None
     ]
     for fault in script.frames:
         places = list(_of_frames(fault, script.frames, shown, records))
@@ -177,7 +177,7 @@ def _frame_signs(
         return ()
     signs = SIGNS[fault.kind]
     if "syncs" in signs:
-        said = shown.said(life)
+        said = shown.statement(life)
         lost = said.syncs.get("lost", 0) if said else 0
         return (Sign(what="syncs", number=lost),) if lost else ()
     if fault.kind in HOSTILE:
@@ -275,7 +275,7 @@ def _health(shown: FinishedRun, bus: str, first: FaultEvent, t1: float) -> Signs
         isinstance(n, Done) and (n.action, n.target) == (first.action, bus) for n in shown.notes
     )
     for report in shown.reports:
-        health = report.said.buses.get(bus, {}) if report.said else {}
+        health = report.statement.buses.get(bus, {}) if report.statement else {}
         failed = any(health.get(k) for k in ("peers_left", "error_frames", "send_failed"))
         if health.get("restarts", 0) >= downs or (failed and downs == 1):
             return (Sign(what="health", life=report.life),)

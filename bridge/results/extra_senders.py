@@ -55,7 +55,7 @@ def extra_frames(
 ) -> Iterator[Surplus]:
     """Messages of which more was heard than sent: a flood, a recording, a second sender."""
     for report in reports:
-        for message, counts in (report.said.messages if report.said else {}).items():
+        for message, counts in (report.statement.messages if report.statement else {}).items():
             heard = sum(counts.get(name, 0) for name in FRAMES)
             sent = _sent(system, rows, reports, system.messages[message])
             if heard > sent * (1 + BEYOND) + FEW:
@@ -74,14 +74,14 @@ def _sent(
     """
     if carried.forward is not None:
         of_gateway = [r for r in reports if r.life.node == carried.node]
-        said = [r.said.forwards.get(carried.name, {}) for r in of_gateway if r.said]
+        said = [r.statement.forwards.get(carried.name, {}) for r in of_gateway if r.statement]
         if said and len(said) == len(of_gateway):
             return sum(int(facts.get("sent", 0)) for facts in said)
         return _sent(system, rows, reports, system.messages[carried.forward.of])
     ticks = system.nodes[carried.node].ticks
     total = 0
     for life in lives_of(rows, carried.node):
-        statement = next((r.said for r in reports if r.life == life), None)
+        statement = next((r.statement for r in reports if r.life == life), None)
         if statement and carried.name in statement.sent:
             total += statement.sent[carried.name].get("frames", 0)
         else:

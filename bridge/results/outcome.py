@@ -200,7 +200,7 @@ def _metadata(
                     "state": r.state,
                     "reasons": list(r.reasons),
                     "end": r.end,
-                    "said": r.said.facts() if r.said else {},
+                    "said": r.statement.facts() if r.statement else {},
                 }
                 for r in outcome.reports
             },
@@ -220,8 +220,8 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     said += [
         report.line("not granted", f"{r.life}: {i['name']}: {i['said']}")
         for r in outcome.reports
-        if r.said
-        for i in r.said.granted.get("items", ())
+        if r.statement
+        for i in r.statement.granted.get("items", ())
         if not i["granted"]
     ]
     said += report.age_lines(system, outcome.rows)

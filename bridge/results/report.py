@@ -38,12 +38,12 @@ class NodeReport:
     lateness: Lateness
     state: str
     reasons: Sequence[str]  # names of bits of Why
-    said: Statement | None
+    statement: Statement | None
 
     @property
     def end(self) -> LifeEnd:
         """How it ended; without a statement it was killed."""
-        return self.said.end if self.said else LifeEnd.KILLED
+        return self.statement.end if self.statement else LifeEnd.KILLED
 
     @property
     def why(self) -> str:
@@ -164,8 +164,8 @@ def forward_lines(reports: Sequence[NodeReport]) -> list[str]:
     return [
         line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
         for report in reports
-        if report.said
-        for message, facts in report.said.forwards.items()
+        if report.statement
+        for message, facts in report.statement.forwards.items()
     ]
 
 
@@ -182,7 +182,7 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
     """What receivers refused and guards did, where anything was."""
     lines = []
     for report in reports:
-        said = report.said
+        said = report.statement
         if said is None:
             continue
         for message, counts in said.messages.items():

@@ -76,9 +76,9 @@ class FinishedRun:
     notes: Sequence[Note]
     altered: Mapping[tuple[Life, str], int] = field(default_factory=dict)
 
-    def said(self, life: Life) -> Statement | None:
+    def statement(self, life: Life) -> Statement | None:
         """The report of a life; None where it did not live to tell."""
-        return next((r.said for r in self.reports if r.life == life), None)
+        return next((r.statement for r in self.reports if r.life == life), None)
 
     def lives(self, node: str) -> list[Life]:
         """Of a node, the first one first."""
@@ -93,7 +93,7 @@ class FinishedRun:
 
     def counter_signs(self, life: Life, message: str, names: Sequence[str], done: int) -> Signs:
         """Counters of a receiver, if they are enough for `done` frames."""
-        said = self.said(life)
+        said = self.statement(life)
         counts = said.messages.get(message, {}) if said else {}
         found = {name: counts.get(name, 0) for name in names}
         if sum(found.values()) < max(1.0, ENOUGH * done):
@@ -181,14 +181,16 @@ class FinishedRun:
     def ended(self, node: str, t0: float, t1: float) -> Signs:
         """Whether a life of the node was ended in this time."""
         for life in self.lives(node):
-            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self.said(life) is None:
+            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self.statement(life) is None:
                 return (Sign(what="ended", life=life),)
         return ()
 
     def over(self, node: str, t: float) -> bool:
         """Whether every life of the node had come to its last slot before `t`, and has reported."""
         lives = self.lives(node)
-        return bool(lives) and all(self.said(x) is not None and self.last(x) < t for x in lives)
+        return bool(lives) and all(
+            self.statement(x) is not None and self.last(x) < t for x in lives
+        )
 
     def last(self, life: Life) -> float:
         """When the last slot of a life was due, s."""
@@ -207,7 +209,7 @@ class FinishedRun:
         return [
             life
             for life in self.lives(node)
-            if self.said(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
+            if self.statement(life) and ((self._t(life) >= t0) & (self._t(life) <= t1)).any()
         ]
 
     def sends(self, message: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:

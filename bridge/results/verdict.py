@@ -89,7 +89,7 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     if outcome.replayed is not None:
         yield from map(str, outcome.replayed.altered)
     for report in outcome.reports:
-        for message, counts in (report.said.messages if report.said else {}).items():
+        for message, counts in (report.statement.messages if report.statement else {}).items():
             if counts.get("range"):
                 yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
@@ -109,7 +109,7 @@ def _old_torques(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """Torques that drives have refused because of their age."""
     for report in outcome.reports:
         node, spec = system.nodes[report.life.node], system.deployment.nodes[report.life.node]
-        for message, counts in (report.said.messages if report.said else {}).items():
+        for message, counts in (report.statement.messages if report.statement else {}).items():
             if counts.get("stale") and drives_by(node, spec, message):
                 text = f"{report.life} refused {counts['stale']} torques of {message}"
                 yield f"{text}, which were older than its drive allows"

@@ -111,9 +111,9 @@ class WiredNode:
         self.struct = native.NodeStruct(clock=clock, number=self.spec.number, boots=boots)
         self._time()
         self._bind_buses()
-        self.receiving = InletBindings(system, name, self.struct, real=real)
-        self.sending = OutletBindings(system, name, self.struct)
-        self.forwarding = forwardings(system, name, self.receiving.receptions)
+        self.inlet_bindings = InletBindings(system, name, self.struct, real=real)
+        self.outlet_bindings = OutletBindings(system, name, self.struct)
+        self.forwarding = forwardings(system, name, self.inlet_bindings.receptions)
         self.struct.gateway = len(self.forwarding) > 0
         self._bind_peers()
         self.journal = Journal.create(journal, row_dtype(self.plan), self.plan.slots + 8)
@@ -129,7 +129,9 @@ class WiredNode:
             self.struct.heard = c.cast(self.heard.address, type(self.struct.heard))
         self.struct.journal = c.cast(self.journal.address, type(self.struct.journal))
         self._offsets()
-        self.engine = Engine(self.plan.plan, gates={**self.receiving.gates, **self.sending.gates})
+        self.engine = Engine(
+            self.plan.plan, gates={**self.inlet_bindings.gates, **self.outlet_bindings.gates}
+        )
 
     def __enter__(self) -> WiredNode:
         began = stopwatch()
@@ -202,22 +204,22 @@ class WiredNode:
     @property
     def receivers(self) -> Mapping[str, Receiver]:
         """By message heard: what became of its frames."""
-        return self.receiving.receivers
+        return self.inlet_bindings.receivers
 
     @property
     def lines(self) -> Mapping[str, DelayLine]:
         """By the name of the input behind it."""
-        return self.receiving.lines
+        return self.inlet_bindings.lines
 
     @property
     def drives(self) -> Sequence[drives.Drive]:
         """Emulated, one an inlet of torques."""
-        return self.receiving.drives
+        return self.inlet_bindings.drives
 
     @property
     def guards(self) -> Mapping[str, limits.TorqueGuard]:
         """By message sent."""
-        return self.sending.guards
+        return self.outlet_bindings.guards
 
     @property
     def forwards(self) -> Mapping[str, native.ForwardStruct]:

@@ -41,12 +41,12 @@ class Offset:
     bound: float
     same: bool
     shared: bool
-    said: dict[str, Any]
+    answer: dict[str, Any]
 
     @property
     def running(self) -> bool:
         """Whether it is in a run."""
-        return bool(self.said["running"])
+        return bool(self.answer["running"])
 
     def describe(self) -> str:
         """For people."""
@@ -69,7 +69,7 @@ def measure(session: zenoh.Session, names: Names, node: str, ours: HostClock) ->
         bound=took * 0.5e-9,
         same=same,
         shared=same or bool(said["kept"] and ours.kept),
-        said=said,
+        answer=said,
     )
 
 
@@ -149,5 +149,5 @@ def measured_origin(session: zenoh.Session, names: Names, system: System) -> tup
     best = min(running, key=lambda o: o.bound, default=None)
     if best is None or best.bound > greatest_offset(system):
         return None
-    date = int(best.said["origin_ns"]) - round(best.seconds * 1e9)
-    return int(best.said["run"]), date - realtime_offset_ns()
+    date = int(best.answer["origin_ns"]) - round(best.seconds * 1e9)
+    return int(best.answer["run"]), date - realtime_offset_ns()

@@ -98,7 +98,7 @@ def by_wall(bench: Bench, felt: float) -> Iterator[Quantity]:
 def _edge(bench: Bench) -> float:
     """Weight of what the controller at the port hears."""
     law = bench.system.controls.get(bench.port.arm, "")
-    return sum(e.weight for e in bench.system.edges if e.receiver == law and e.lasting)
+    return sum(e.weight for e in bench.system.edges if e.receiver == law and e.recurrent)
 
 
 def _z_width(bench: Bench, felt: float) -> Iterator[Quantity]:

@@ -124,7 +124,7 @@ def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
         return None
     names = [start]
     for name in names:  # grows while it is walked
-        ends = [(e.receiver, e.sender) for e in system.edges if e.lasting and e.sender]
+        ends = [(e.receiver, e.sender) for e in system.edges if e.recurrent and e.sender]
         found = [b if a == name else a for a, b in ends if name in (a, b)]
         names += [other for other in dict.fromkeys(found) if other not in names]
     names.sort()
@@ -133,7 +133,7 @@ def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     n = len(names)
     coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     jitter: dict[tuple[int, int], Vector] = {}
-    for e in (e for e in system.edges if e.receiver in names and e.lasting):
+    for e in (e for e in system.edges if e.receiver in names and e.recurrent):
         i, strength = names.index(e.receiver), laws[e.receiver].lambda_ * e.weight
         if e.sender in names:
             j = names.index(e.sender)

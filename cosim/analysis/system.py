@@ -61,7 +61,7 @@ class Edge:
     row: int
     sender: str
     weight: float
-    lasting: bool
+    recurrent: bool
     link: Link | None = None
     age: Age = Age()
     fed: bool = True

@@ -68,8 +68,8 @@ def buffer(system: AnalyzedSystem) -> Iterator[Finding]:
         law, b = table.law, table.rule.buffer
         if law.maximum <= b:
             continue
-        drawn = law.stream(table.grid.sending, np.random.default_rng(0)).take(
-            min(_DRAWS, law.limit(table.grid.sending) or _DRAWS)
+        drawn = law.stream(table.grid.sending_period, np.random.default_rng(0)).take(
+            min(_DRAWS, law.limit(table.grid.sending_period) or _DRAWS)
         )
         late = float((drawn > b).mean())
         yield Finding(

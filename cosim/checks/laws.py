@@ -80,7 +80,7 @@ def grip(system: AnalyzedSystem) -> Iterator[Finding]:
 def degenerate(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = alpha and z(0) = 0 without neighbours: z stays 0, nothing adapts (finding 1)."""
     for name, law, _ in dynamic(system):
-        hears = law.lambda_ > 0 and any(e.receiver == name and e.lasting for e in system.edges)
+        hears = law.lambda_ > 0 and any(e.receiver == name and e.recurrent for e in system.edges)
         if law.lambda_M == law.alpha != 0 and not any(law.z) and not hears:
             yield Finding(
                 rule="degenerate",

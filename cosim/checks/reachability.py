@@ -19,9 +19,9 @@ def arms_acted_on(system: AnalyzedSystem) -> tuple[str, ...]:
 def reachable_components(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
     """Components that what `start` does gets to, along wires, links and edges that last."""
     silent = {
-        e.link.name for e in system.edges if e.link is not None and not e.lasting
+        e.link.name for e in system.edges if e.link is not None and not e.recurrent
     }  # links of edges whose weight is 0 for ever
-    dead = {(e.receiver, e.sender) for e in system.edges if e.link is None and not e.lasting}
+    dead = {(e.receiver, e.sender) for e in system.edges if e.link is None and not e.recurrent}
     edges: dict[str, set[str]] = {}
     for wire in system.plan.wires:
         ends = (wire.target.component, wire.source.component)
@@ -40,7 +40,7 @@ def _has_zero_weight(system: AnalyzedSystem, target: str, source: str) -> bool:
         return False
     wires = [w for w in system.plan.wires
              if (w.target.component, w.source.component) == (target, source)]  # fmt: skip
-    rows = {e.row: e.lasting for e in system.edges if e.receiver == target and e.link is None}
+    rows = {e.row: e.recurrent for e in system.edges if e.receiver == target and e.link is None}
     slot = next(s for s in system.plan.component(target).inputs if s.port == law.received)
     width = slot.size // slot.shape[0]
     return all(
@@ -126,7 +126,7 @@ def unconnected_rows(system: AnalyzedSystem) -> Iterator[Finding]:
     """A row that nothing feeds, with a weight: the controller is tied to the number it holds."""
     for e in system.edges:
         law = system.of(DynamicFeedback)[e.receiver]
-        if not e.fed and e.lasting and law.lambda_ > 0:
+        if not e.fed and e.recurrent and law.lambda_ > 0:
             yield Finding(
                 rule="unheard",
                 severity="warning",

@@ -146,7 +146,7 @@ def late_ticks(outcome: RunOutcome) -> list[str]:
     return [
         f"{name}: clocks ticked late {n} times, by up to {most:g} s: it takes no shorter steps, so "
         "they wait for the next one; a smaller period makes that less"
-        for name, (n, most) in outcome.late.items()
+        for name, (n, most) in outcome.late_clock_ticks.items()
     ]
 
 

@@ -131,17 +131,19 @@ class Progress:
         """Say what is to be done; `noun`: what there are so many of."""
         from cosim.base.clock import stopwatch
 
-        self._all, self._watch = begun.todo, stopwatch()
+        self._all, self._watch = begun.to_run, stopwatch()
         if self._quiet:
             return
         typer.echo(title)
         same = begun.points - begun.runs
         text = f"{begun.points} {noun}" + (f", {same} of them twice" if same else "")
         text += f"; {begun.found} there already" if begun.found else ""
-        text += f", {begun.again} of them failed" if begun.again else ""
-        typer.echo(f"{text}; {begun.todo} to run")
+        text += f", {begun.retried} of them failed" if begun.retried else ""
+        typer.echo(f"{text}; {begun.to_run} to run")
         if begun.changed:
-            typer.echo(f"the study has changed: {begun.others} rows here are not part of it now")
+            typer.echo(
+                f"the study has changed: {begun.foreign_rows} rows here are not part of it now"
+            )
         self._start()
 
     def done(self, row: StudyRow) -> None:

@@ -128,8 +128,8 @@ def _difference(known: _Channel, case: Case, table: RecordedTable) -> str:
     where = f"{case.link}, seed {case.seed}, {table.channel}"
     if known.table.grid != table.grid:
         return (
-            f"{where}: {case.controller} sends every {float(table.grid.sending):g} s, "
-            f"{known.case.controller} every {float(known.table.grid.sending):g} s"
+            f"{where}: {case.controller} sends every {float(table.grid.sending_period):g} s, "
+            f"{known.case.controller} every {float(known.table.grid.sending_period):g} s"
         )
     n = min(len(table.rows), len(known.table.rows))
     row = int(np.argmax(table.rows[:n] != known.table.rows[:n]))

@@ -190,13 +190,15 @@ class Binding:
             capacity=len(history), held=-1,
         )  # fmt: skip
 
-    def late(self) -> dict[str, tuple[int, float]]:
+    def late_clock_ticks(self) -> dict[str, tuple[int, float]]:
         """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
         found = {}
         for step, unit in zip(self.plan.components, self.units, strict=True):
             fmu = fmu_of(step.component)
             if fmu is not None:
-                count, most = late_clock_ticks(unit) if fmu.remote is None else fmu.remote.late()
+                count, most = (
+                    late_clock_ticks(unit) if fmu.remote is None else fmu.remote.late_clock_ticks()
+                )
                 if count:
                     found[step.name] = count, most
         return found

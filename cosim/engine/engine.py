@@ -189,9 +189,9 @@ class Engine:
             for port, found in components.texts(step.component).items()
         }
 
-    def late(self) -> dict[str, tuple[int, float]]:
+    def late_clock_ticks(self) -> dict[str, tuple[int, float]]:
         """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
-        return self._bound.late()
+        return self._bound.late_clock_ticks()
 
     def logs(self) -> dict[str, str]:
         """What FMUs whose logging is on have said, by component; also after :meth:`close`."""

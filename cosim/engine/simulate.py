@@ -48,7 +48,9 @@ class RunOutcome:
     seconds: float
     wall: float
     ages: Mapping[str, LinkStatistics]
-    late: Mapping[str, tuple[int, float]]  # clocks of FMUs: how often, and by how much (s)
+    late_clock_ticks: Mapping[
+        str, tuple[int, float]
+    ]  # clocks of FMUs: how often, and by how much (s)
     ended: Termination | None = None  # by an FMU, before its time
 
 
@@ -129,7 +131,7 @@ def simulate(
             raise
         recorder.close()
         wall = watch()
-        late = engine.late()
+        late = engine.late_clock_ticks()
         facts |= {
             "status": FINISHED,
             "wall": wall,

@@ -220,9 +220,9 @@ class RemoteInstance:
         """Get ready for :meth:`step`."""
         self._call("bind", layout)
 
-    def late(self) -> tuple[int, float]:
+    def late_clock_ticks(self) -> tuple[int, float]:
         """How often a clock ticked after its time there, and by how much at the most (s)."""
-        found: tuple[int, float] = self._call("late")
+        found: tuple[int, float] = self._call("late_clock_ticks")
         return found
 
     def step(self, t: float, hit: int) -> tuple[int, int, int]:

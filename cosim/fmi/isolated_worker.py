@@ -49,7 +49,7 @@ class Worker:
         assert self._instance is not None
         self._unit = bind(self._instance, layout, self._alive)
 
-    def late(self) -> tuple[int, float]:
+    def late_clock_ticks(self) -> tuple[int, float]:
         """How often a clock ticked after its time, and by how much at the most (s)."""
         return late_clock_ticks(self._unit)
 
@@ -68,7 +68,7 @@ class Worker:
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
         """One member of this, or of the instance."""
-        if name in ("ready", "start", "bind", "late", "reached"):
+        if name in ("ready", "start", "bind", "late_clock_ticks", "reached"):
             return getattr(self, name)(*arguments)
         return getattr(self._instance, name)(*arguments)
 

@@ -30,12 +30,12 @@ class Grid:
             raise ScenarioError(f"base step {self.h:g} s; expected more than 0")
 
     @property
-    def sending(self) -> Fraction:
+    def sending_period(self) -> Fraction:
         """Sending period n_s·h, s, exactly."""
         return self.n_s * decimal_fraction(self.h)
 
     @property
-    def looking(self) -> Fraction:
+    def receiving_period(self) -> Fraction:
         """Receiving period n_r·h, s, exactly."""
         return self.n_r * decimal_fraction(self.h)
 

@@ -102,7 +102,7 @@ class SignalSemantics:
 
     def asks(self, grid: Grid, rows: int) -> tuple[Fraction, int]:
         """One delay a look."""
-        return grid.looking, rows
+        return grid.receiving_period, rows
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """Rows from the first look on."""
@@ -117,7 +117,7 @@ def _nearest(T: FloatArray | float, grid: Grid) -> FloatArray:
 
 class _SignalRows:
     def __init__(self, law: Law, grid: Grid, rng: Generator) -> None:
-        self._delays, self._grid, self._row = law.stream(grid.looking, rng), grid, 0
+        self._delays, self._grid, self._row = law.stream(grid.receiving_period, rng), grid, 0
 
     def take(self, n: int) -> IntArray:
         n_s = self._grid.n_s
@@ -158,7 +158,7 @@ class PacketSemantics:
 
     def asks(self, grid: Grid, rows: int) -> tuple[Fraction, int]:
         """One delay a sample sent."""
-        return grid.sending, grid.sent(rows)
+        return grid.sending_period, grid.sent(rows)
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """Rows from the first look on."""
@@ -169,7 +169,7 @@ class _PacketRows:
     """Carry: packets still on their way, and what is held."""
 
     def __init__(self, law: Law, grid: Grid, rng: Generator, order: Ordering) -> None:
-        self._delays, self._grid, self._order = law.stream(grid.sending, rng), grid, order
+        self._delays, self._grid, self._order = law.stream(grid.sending_period, rng), grid, order
         self._row, self._held = 0, -1
         self._sent = 0  # packets sent so far
         self._arrived = 0  # tick in which the last packet arrives (fifo)
@@ -265,7 +265,7 @@ class PlayoutSemantics:
     def asks(self, grid: Grid, rows: int) -> tuple[Fraction, int]:
         """One delay a sample that may be played."""
         last = grid.n_r * (rows - 1) - grid.ticks(self.buffer)
-        return grid.sending, max(0, last // grid.n_s + 1) if rows else 0
+        return grid.sending_period, max(0, last // grid.n_s + 1) if rows else 0
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
         """Rows from the first look on."""
@@ -276,7 +276,7 @@ class _PlayoutRows:
     """Carry: the delay of the sample being played, and what is held."""
 
     def __init__(self, law: Law, grid: Grid, rng: Generator, buffer: int) -> None:
-        self._delays, self._grid, self._buffer = law.stream(grid.sending, rng), grid, buffer
+        self._delays, self._grid, self._buffer = law.stream(grid.sending_period, rng), grid, buffer
         self._row, self._held = 0, -1
         self._first = 0  # sample whose delay stands first in `_T`
         self._T = np.empty(0)  # (samples,), s

@@ -35,7 +35,7 @@ class Switching(Protocol):
     def check(self, graphs: int) -> None:
         """Refuse a number of graphs it does not switch between. Raises ScenarioError."""
 
-    def lasting(self, graphs: int) -> tuple[int, ...]:
+    def recurrent(self, graphs: int) -> tuple[int, ...]:
         """The graphs that are there again and again for ever, by index."""
 
     def shares(self, graphs: int, period: Fraction) -> FloatArray:
@@ -63,7 +63,7 @@ class Static:
                 " dwell time or a schedule"
             )
 
-    def lasting(self, graphs: int) -> tuple[int, ...]:
+    def recurrent(self, graphs: int) -> tuple[int, ...]:
         """The graph."""
         return (0,)
 
@@ -103,7 +103,7 @@ class Random:
     def check(self, graphs: int) -> None:
         """Any number will do."""
 
-    def lasting(self, graphs: int) -> tuple[int, ...]:
+    def recurrent(self, graphs: int) -> tuple[int, ...]:
         """All."""
         return tuple(range(graphs))
 
@@ -169,7 +169,7 @@ class Schedule:
             if not 0 <= index < graphs:
                 raise ScenarioError(f"schedule: graph index {index}; expected 0 to {graphs - 1}")
 
-    def lasting(self, graphs: int) -> tuple[int, ...]:
+    def recurrent(self, graphs: int) -> tuple[int, ...]:
         """Those of the schedule if it repeats, else the last."""
         return self.indices[-1:] if self.repeat is None else tuple(sorted(set(self.indices)))
 

@@ -29,7 +29,7 @@ from cosim.links.table import INDEX_MAXIMUM, generator
 class Topology:
     """Graphs of n robots and how they switch; `seed` and `name` decide on what is random.
 
-    Facts are about the graphs that last (see :meth:`Switching.lasting`), which is what the theorems
+    Facts are about the graphs that recur (see :meth:`Switching.recurrent`), as the theorems
     ask about. Raises ScenarioError for graphs of different size, or that do not suit the switching.
     """
 
@@ -58,7 +58,7 @@ class Topology:
     @property
     def union(self) -> Graph:
         """The union of the graphs that last."""
-        return union([self.graphs[k] for k in self.switching.lasting(len(self.graphs))])
+        return union([self.graphs[k] for k in self.switching.recurrent(len(self.graphs))])
 
     @property
     def roots(self) -> frozenset[int]:
@@ -100,7 +100,7 @@ class Topology:
         """
         for robot in (receiver, *senders):
             check_robot(robot, self.n)
-        looking = Grid(1, period, h).looking
+        looking = Grid(1, period, h).receiving_period
         choices = self.switching.stream(len(self.graphs), looking, generator(self.seed, self.name))
         columns = [j - 1 for j in senders]
         table = np.array([graph.weights[receiver - 1, columns] for graph in self.graphs])
@@ -113,7 +113,7 @@ class Topology:
         """
         for robot in (receiver, sender):
             check_robot(robot, self.n)
-        shares = self.switching.shares(len(self.graphs), Grid(1, period, h).looking)
+        shares = self.switching.shares(len(self.graphs), Grid(1, period, h).receiving_period)
         weights = [graph.weights[receiver - 1, sender - 1] for graph in self.graphs]
         return float(shares @ np.array(weights))
 

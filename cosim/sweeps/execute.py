@@ -41,10 +41,10 @@ class PlannedRuns:
     points: int
     runs: int
     found: int
-    todo: int
+    to_run: int
     changed: bool
-    others: int
-    again: int = 0
+    foreign_rows: int
+    retried: int = 0
 
 
 def sweep(

@@ -100,7 +100,7 @@ def test_edges_over_links_and_over_components_in_between() -> None:
         senders = {e.receiver: e.sender for e in found.edges}
         assert senders == {"master_control": "slave_control", "slave_control": "master_control"}
         assert {e.age.mean for e in found.edges} == {delay}
-        assert all(e.weight == 1.0 and e.lasting and e.fed for e in found.edges)
+        assert all(e.weight == 1.0 and e.recurrent and e.fed for e in found.edges)
 
 
 @pytest.mark.parametrize("seed", [0, 3])

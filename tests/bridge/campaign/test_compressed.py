@@ -97,7 +97,7 @@ def _ended(report, reasons):
 
     from bridge.records.records import LifeEnd
 
-    said = structs.replace(report.said, end=LifeEnd.FAULT)
+    said = structs.replace(report.statement, end=LifeEnd.FAULT)
     return type(report)(report.life, report.slots, report.lateness, report.state, reasons, said)
 
 

@@ -154,7 +154,7 @@ def drive_states(system, folder, *frames):
             slots.put("left", commands(system, 1), k * h)
             row = slots.step()
             states.append(DriveState(slots.wired.drives[0].state))
-            torques.append(row["signals"][slots.wired.receiving.inlets[0].target])
+            torques.append(row["signals"][slots.wired.inlet_bindings.inlets[0].target])
         invalid = slots.wired.receivers["master_tau_1"].invalid
         return states, torques, invalid
 

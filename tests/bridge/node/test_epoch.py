@@ -141,7 +141,7 @@ def test_a_clock_that_is_not_known_well_enough_is_measured_again(tmp_path):
 
     with (
         Alone(tmp_path) as bench,
-        watched(bench.wired, said.append, lambda: {"event": "ready"}, measured),
+        report_missing_inputs(bench.wired, said.append, lambda: {"event": "ready"}, measured),
     ):
         for n in range(1, 6):
             bench.epoch(now() - seconds(3), host=OTHER)

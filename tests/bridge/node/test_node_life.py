@@ -212,7 +212,7 @@ def test_an_emergency_stop_of_its_own_is_repeated_until_reset(tmp_path):
         until(lambda: bench.estops() > 25)
         bench.control.reset()
         until(lambda: bench.struct.life.state == LifeState.INACTIVE)
-        bench.control.again()
+        bench.control.rearm()
         until(lambda: bench.struct.life.state == LifeState.ACTIVE)
         told = bench.estops()
         until(lambda: np.any(bench.torques[-1]))

@@ -163,7 +163,7 @@ def test_a_rehearsal_with_such_names_is_whole(deployment, tmp_path):
         ScheduledEvent(
             0.2, "gone", lambda r: (r.expected.add("arm.2"), r.current["arm.2"].tell("quit"))
         ),
-        ScheduledEvent(0.3, "back", lambda r: r.restart("arm.2"), revives=True),
+        ScheduledEvent(0.3, "back", lambda r: r.restart("arm.2"), restarts_node=True),
     ]
     settings = Settings(
         TELEOPERATION, deployment, LONGER, warm_up=0.0, realtime=False, events=again

@@ -233,7 +233,7 @@ def make(system, node, path, t, boots=0):
     s.slot = s.first = round(t / wired.plan.h)
     s.life.state, s.life.armed = LifeState.ACTIVE, 1
     for i in range(s.n_inlets):
-        wired.receiving.inlets[i].heard_ns = s.slot * s.h_ns
+        wired.inlet_bindings.inlets[i].heard_ns = s.slot * s.h_ns
     native.functions().node_enable(s, s.slot * s.h_ns)
     return wired
 

@@ -403,7 +403,7 @@ def test_faults_of_one_link_add_up_and_end_one_by_one(system):
     )
     told = []
     for event in injector.events(given, system, network):
-        event.do(None)
+        event.action(None)
         told.append(dict(network.links))
     rate, both = {"rate": 1e5}, {"rate": 1e5, "down": True}
     assert told[0] == dict.fromkeys(BOTH, rate)

@@ -87,7 +87,7 @@ def test_where_steps_cannot_be_cut_ticks_are_late_and_counted(tmp_path, isolate:
     plan = plan_of(path, STEPS, values={"lenient": (1.0,)}, options=options)
     rows, engine = run(plan, FED)
     with engine:
-        count, most = engine.late()["x"]
+        count, most = engine.late_clock_ticks()["x"]
     at = column(plan, rows, "at_pulse")
     assert at[[3, 4, 7]] == pytest.approx([0.2, 0.3, 0.6])
     assert count > 3 and most == pytest.approx(0.05)
@@ -116,7 +116,7 @@ def test_an_interval_that_is_none_stops_the_run(timed: Path) -> None:
 def test_on_the_grid_nothing_is_late(timed: Path) -> None:
     _, engine = run(plan_of(timed, STEPS * 2, h=0.05))
     with engine:
-        assert engine.late() == {}
+        assert engine.late_clock_ticks() == {}
 
 
 def test_fmpy_sees_the_same_values(timed: Path) -> None:

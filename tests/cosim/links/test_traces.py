@@ -87,8 +87,8 @@ def test_files_of_another_kind_are_refused(tmp_path):
 def test_a_law_written_down_as_a_trace_gives_the_same_table(tmp_path, lookup):
     """What was measured once can be run again: same delays, same rows."""
     grid, law, n = Grid(3, 2, 0.005), Uniform(0.05, 0.4, 0.03), 2000
-    T = law.stream(grid.sending, generator(4, "x")).take(n)
-    lines = [f"{float(k * grid.sending)!r},{t!r}" for k, t in enumerate(T.tolist())]
+    T = law.stream(grid.sending_period, generator(4, "x")).take(n)
+    lines = [f"{float(k * grid.sending_period)!r},{t!r}" for k, t in enumerate(T.tolist())]
     path = write(tmp_path / "t.csv", "\n".join(["t_send,delay", *lines]))
     for order in ("last-arrival", "newest-stamp", "fifo"):
         drawn = DrawnTable("x", grid, law, PacketSemantics(order), 4)

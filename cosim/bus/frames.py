@@ -1,0 +1,157 @@
+"""Frames, and what happens to them on a simulated bus, as values and as NumPy rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from cosim.bus.timing import CLASSIC, FrameFormat, TimingError, padded
+
+#: ``can_frame_t`` of ``cosim/c/bus/bus.h`` as a NumPy row.
+FRAME = np.dtype(
+    [("id", "<u4"), ("flags", "u1"), ("length", "u1"), ("reserved", "<u2"), ("data", "u1", 64)]
+)
+#: ``bus_request_t``: a frame that is pending at a node from `at` ps on.
+REQUEST = np.dtype([("at", "<i8"), ("node", "<i4"), ("reserved", "<i4"), ("frame", FRAME)])
+#: ``bus_event_t``: see :class:`BusEvent` for the kinds. `time` in ps.
+EVENT = np.dtype(
+    [
+        ("time", "<i8"),
+        ("request", "<i8"),
+        ("frame", "<i4"),
+        ("bit", "<i2"),
+        ("node", "<i2"),
+        ("tec", "<i2"),
+        ("rec", "<i2"),
+        ("kind", "u1"),
+        ("code", "u1"),
+        ("role", "u1"),
+        ("reserved", "u1"),
+    ]
+)
+#: ``bus_received_t``: a frame of a receive FIFO.
+RECEIVED = np.dtype([("time", "<i8"), ("request", "<i8"), ("frame", FRAME)])
+
+
+class BusEvent(IntEnum):
+    """``EVENT_``: kinds of events.
+
+    An event has the time of the end of the bit in which the node saw it. STARTED: the begin of the
+    start of frame. SENT and RECEIVED: the end of the last bit of the frame (EOF), which is three
+    bits before the next frame can start. `bit` counts from the start of frame (0), with stuff bits.
+    """
+
+    STARTED = 0
+    SENT = 1
+    RECEIVED = 2
+    LOST = 3
+    ERROR = 4
+    STATE = 5
+    DROPPED = 6
+    RECOVERED = 7
+    OVERLOAD = 8
+
+
+class ErrorCode(IntEnum):
+    """``ERROR_``: the code of an ERROR event (the numbers are those of FMI-LS-BUS)."""
+
+    BIT = 1
+    STUFF = 2
+    FORM = 3
+    CRC = 4
+    ACK = 5
+
+
+class ErrorRole(IntEnum):
+    """``ROLE_``: flags of an ERROR event.
+
+    PRIMARY: no other node sent an active error flag in that bit. SENDER: the node was transmitter.
+    """
+
+    PRIMARY = 1
+    SENDER = 2
+
+
+class ControllerState(IntEnum):
+    """``STATE_``: the code of a STATE event.
+
+    ACTIVE, WARNING (a counter above 95), PASSIVE (above 127), OFF (TEC above 255); INTEGRATING:
+    after a reset, until 11 recessive bits were seen.
+    """
+
+    ACTIVE = 0
+    WARNING = 1
+    PASSIVE = 2
+    OFF = 3
+    INTEGRATING = 4
+
+
+class DropCause(IntEnum):
+    """``DROP_``: the code of a DROPPED event.
+
+    OVERFLOW: the transmit queue was full. REPLACED: by a newer frame of the same identifier in
+    mailboxes. ABORTED: by the host. ONE_SHOT: no second attempt. RESET: of the controller.
+    RECEIVE_OVERFLOW: received, but the receive FIFO was full.
+    """
+
+    OVERFLOW = 0
+    REPLACED = 1
+    ABORTED = 2
+    ONE_SHOT = 3
+    RESET = 4
+    RECEIVE_OVERFLOW = 5
+
+
+@dataclass(frozen=True, slots=True)
+class BusFrame:
+    """A CAN frame. `dlc`: how many bytes a remote frame asks for."""
+
+    identifier: int
+    data: bytes = b""
+    format: FrameFormat = CLASSIC
+    dlc: int = 0
+
+    def __post_init__(self) -> None:
+        width = 29 if self.format.extended else 11
+        if not 0 <= self.identifier < 1 << width:
+            raise TimingError(f"found identifier {self.identifier:#x}, expected {width} bits")
+        if self.format.remote and self.data:
+            raise TimingError("found data in a remote frame, expected none")
+        if not self.format.remote and self.dlc not in (0, len(self.data)):
+            raise TimingError(
+                f"found DLC {self.dlc} of {len(self.data)} bytes; expected it in remote frames only"
+            )
+        padded(self.length, self.format.fd)
+
+    @property
+    def length(self) -> int:
+        """Bytes of data; of a remote frame: what it asks for."""
+        return self.dlc if self.format.remote else len(self.data)
+
+    @property
+    def flags(self) -> int:
+        """``CAN_`` flags of ``cosim/c/bus/length.h``."""
+        f = self.format
+        return f.fd | f.brs << 1 | f.esi << 2 | f.remote << 3 | f.extended << 4
+
+    def row(self) -> tuple[int, int, int, int, bytes]:
+        """As a row of :data:`FRAME`."""
+        return self.identifier, self.flags, self.length, 0, self.data
+
+
+def frame_of(row: Any) -> BusFrame:
+    """The frame of a row of :data:`FRAME`."""
+    flags, length = int(row["flags"]), int(row["length"])
+    remote = bool(flags & 8)
+    kind = FrameFormat(
+        extended=bool(flags & 16),
+        fd=bool(flags & 1),
+        brs=bool(flags & 2),
+        remote=remote,
+        esi=bool(flags & 4),
+    )
+    data = b"" if remote else row["data"][:length].tobytes()
+    return BusFrame(int(row["id"]), data, kind, length if remote else 0)

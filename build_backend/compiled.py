@@ -1,4 +1,5 @@
-"""The compiled parts, in place: ``cosim/_engine.so``, ``bridge/_bridge.so``, ``fmus/_built/*.fmu``.
+"""The compiled parts, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so`` and
+``fmus/_built/*.fmu``.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
 same. What is up to date, by the contents of everything it is made from, is left alone.
@@ -25,7 +26,7 @@ def build() -> list[Path]:
     """
     if str(ROOT) not in sys.path:
         sys.path.insert(0, str(ROOT))
-    return [*_engine(), *_bridge(), *_models()]
+    return [*_engine(), *_bus(), *_bridge(), *_models()]
 
 
 def _engine() -> list[Path]:
@@ -35,6 +36,15 @@ def _engine() -> list[Path]:
     sources = [*folder.glob("*.c"), *folder.glob("*.h")]
     output = ROOT / "cosim" / f"_engine{shared_suffix()}"
     return _library(output, [folder / "engine.c"], sources, folder)
+
+
+def _bus() -> list[Path]:
+    from fmus.toolchain import shared_suffix
+
+    folder = ROOT / "cosim" / "c" / "bus"
+    units = sorted(folder.glob("*.c"))
+    output = ROOT / "cosim" / f"_bus{shared_suffix()}"
+    return _library(output, units, [*units, *folder.glob("*.h")], folder)
 
 
 def _bridge() -> list[Path]:

@@ -1,4 +1,4 @@
-"""Mathematics of a CAN bus, without a bus: bits, stuffing, frame times, response times.
+"""A CAN bus in simulated time, and its mathematics: bits, stuffing, frame and response times.
 
-In come identifiers, lengths, bytes and periods, out come bits and times in ns.
+The simulation counts in ps, the mathematics in bits and ns. Neither knows sockets or clocks.
 """

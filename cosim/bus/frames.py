@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -137,9 +137,12 @@ class BusFrame:
         f = self.format
         return f.fd | f.brs << 1 | f.esi << 2 | f.remote << 3 | f.extended << 4
 
-    def row(self) -> tuple[int, int, int, int, bytes]:
+    def row(self) -> np.void:
         """As a row of :data:`FRAME`."""
-        return self.identifier, self.flags, self.length, 0, self.data
+        rows = np.zeros(1, FRAME)
+        rows[["id", "flags", "length"]] = (self.identifier, self.flags, self.length)
+        rows["data"][0, : len(self.data)] = np.frombuffer(self.data, np.uint8)
+        return cast(np.void, rows[0])
 
 
 def frame_of(row: Any) -> BusFrame:

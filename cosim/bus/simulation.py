@@ -11,20 +11,27 @@ Time is an integer of picoseconds from the start of the simulation. The C code i
 
 from __future__ import annotations
 
+import ctypes as c
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.errors import CosimError
-from cosim.bus.frames import EVENT, BusEvent, BusFrame, ControllerState
+from cosim.bus.described import BusSimulationError, DescribedBus
+from cosim.bus.frames import (
+    EVENT,
+    FRAME,
+    RECEIVED,
+    REQUEST,
+    BusEvent,
+    BusFrame,
+    ControllerState,
+    frame_of,
+)
 from cosim.bus.settings import BusNodeSettings, Disturbance
+from cosim.bus.structs import NodeStateStruct, OutputStruct, TotalsStruct, library
 from cosim.bus.timing import BusTiming
-
-
-class BusSimulationError(CosimError, ValueError):
-    """A request that a simulated bus cannot take, or settings that cannot be."""
 
 
 class BusNodeState(NamedTuple):
@@ -34,6 +41,13 @@ class BusNodeState(NamedTuple):
     rec: int
     state: ControllerState
     pending: int
+
+
+class BusTotals(NamedTuple):
+    """Transmissions computed as a whole, and bits simulated one by one, since the creation."""
+
+    whole_frames: int
+    single_bits: int
 
 
 class ReceivedFrame(NamedTuple):
@@ -60,12 +74,31 @@ class SimulatedBus:
         seed: int = 0,
         record: Sequence[BusEvent] = tuple(BusEvent),
     ) -> None:
-        raise NotImplementedError
+        self.timing = timing
+        self.nodes = tuple(nodes)
+        described = DescribedBus(timing, nodes, disturbances, seed, record)
+        self._c = library()
+        settings = c.byref(described.struct)
+        self._memory = np.zeros(self._c.bus_size(settings) + 16, np.uint8)
+        start = self._memory.ctypes.data
+        self._bus = self._c.bus_create(start + -start % 16, settings)
+        rows = 8 * len(nodes) + 1024
+        self._room = np.empty(rows, EVENT), np.empty(rows, FRAME)
+        self._now = 0
+        self._frames: NDArray[np.void] = np.empty(0, FRAME)
+        self._requests = 0
 
     @property
     def now_ps(self) -> int:
         """Where the last `advance` went to, ps."""
-        raise NotImplementedError
+        return self._now
+
+    @property
+    def totals(self) -> BusTotals:
+        """How much was computed in which way."""
+        found = TotalsStruct()
+        self._c.bus_totals(self._bus, c.byref(found))
+        return BusTotals(found.clean, found.bitwise)
 
     def request(self, node: int, at_ps: int, frame: BusFrame) -> int:
         """Make a frame pending at a node from `at_ps` on; returns the number of the request.
@@ -75,7 +108,9 @@ class SimulatedBus:
         arbitration at that time. Raises BusSimulationError for a time in the past, for more future
         requests than the node's inbox holds, and for an FD frame on a classic bus.
         """
-        raise NotImplementedError
+        row = np.zeros(1, REQUEST)
+        row[0] = (at_ps, node, 0, frame.row())
+        return self.request_many(row)
 
     def request_many(self, requests: NDArray[np.void]) -> int:
         """Make many frames pending: rows of ``cosim.bus.frames.REQUEST``, shape (n,), `at` in ps.
@@ -83,7 +118,17 @@ class SimulatedBus:
         Returns the number of the first; they are numbered on. Raises as `request`; requests before
         the one that cannot be taken are made.
         """
-        raise NotImplementedError
+        rows = np.ascontiguousarray(requests, REQUEST)
+        if not self.timing.fd and (rows["frame"]["flags"] & 1).any():
+            raise BusSimulationError(
+                "found an FD frame on a classic bus, expected BusTiming(fd=True)"
+            )
+        first = self._requests
+        taken = self._c.bus_request(self._bus, rows.ctypes.data, len(rows))
+        self._requests += taken
+        if taken < len(rows):
+            raise BusSimulationError(self._refused(rows[taken]))
+        return first
 
     def abort(self, node: int, request: int) -> bool:
         """Drop a request; one that is being sent now is finished, but not repeated.
@@ -91,7 +136,7 @@ class SimulatedBus:
         Returns False when the request is neither pending nor being sent. The DROPPED event is in
         what the next `advance` returns.
         """
-        raise NotImplementedError
+        return bool(self._c.bus_abort(self._bus, self._node(node), request))
 
     def advance(self, until_ps: int) -> NDArray[np.void]:
         """Go on to `until_ps` (ps); returns the events since, rows of ``EVENT``, shape (n,).
@@ -100,31 +145,71 @@ class SimulatedBus:
         starts in the next call, so that a request made at that time can take part. Raises
         BusSimulationError when `until_ps` is in the past.
         """
-        raise NotImplementedError
+        if until_ps < self._now:
+            raise BusSimulationError(f"found {until_ps} ps, expected {self._now} ps (now) or later")
+        events, frames = [], []
+        more, before = True, 0
+        while more:
+            room, kept = self._room
+            output = OutputStruct(room.ctypes.data, kept.ctypes.data, len(room), len(kept))
+            more = self._c.bus_advance(self._bus, until_ps, c.byref(output))
+            part = room[: output.n_events].copy()
+            part["frame"][part["frame"] >= 0] += before
+            before += output.n_frames
+            events.append(part)
+            frames.append(kept[: output.n_frames].copy())
+            if more and len(room) < 1 << 16:
+                self._room = np.empty(4 * len(room), EVENT), np.empty(4 * len(room), FRAME)
+        self._now = until_ps
+        self._frames = frames[0] if len(frames) == 1 else np.concatenate(frames)
+        return events[0] if len(events) == 1 else np.concatenate(events)
 
     def frame(self, event: Any) -> BusFrame:
         """The frame of a SENT or RECEIVED event of the last `advance`.
 
         Raises BusSimulationError for another kind of event.
         """
-        raise NotImplementedError
+        row = int(event["frame"])
+        if not 0 <= row < len(self._frames):
+            raise BusSimulationError(
+                f"found an event with frame {row}, expected one of the last call"
+            )
+        return frame_of(self._frames[row])
 
     def received(self, node: int) -> list[ReceivedFrame]:
         """Take all frames out of a node's receive FIFO, the oldest first."""
-        raise NotImplementedError
+        rows = np.empty(self.nodes[self._node(node)].receive_length, RECEIVED)
+        count = self._c.bus_receive(self._bus, node, rows.ctypes.data, len(rows))
+        return [
+            ReceivedFrame(int(r["time"]), int(r["request"]), frame_of(r["frame"]))
+            for r in rows[:count]
+        ]
 
     def state(self, node: int) -> BusNodeState:
         """Error counters, state and queue of a node at `now_ps`."""
-        raise NotImplementedError
+        found = NodeStateStruct()
+        self._c.bus_state(self._bus, self._node(node), c.byref(found))
+        return BusNodeState(found.tec, found.rec, ControllerState(found.state), found.pending)
 
     def reset(self, node: int) -> None:
         """Restart a controller: drop what is pending, clear its counters, integrate anew.
 
         It takes part again after 11 recessive bits; when it was bus-off, after 128 times 11.
         """
-        raise NotImplementedError
+        self._c.bus_reset(self._bus, self._node(node))
 
+    def _node(self, node: int) -> int:
+        if not 0 <= node < len(self.nodes):
+            raise BusSimulationError(f"found node {node}, expected 0 to {len(self.nodes) - 1}")
+        return node
 
-def new_events() -> NDArray[np.void]:
-    """No events, shape (0,)."""
-    return np.empty(0, EVENT)
+    def _refused(self, row: Any) -> str:
+        """Why the bus did not take a request."""
+        node, at = int(row["node"]), int(row["at"])
+        name = self.nodes[self._node(node)].name
+        if at < self._now:
+            return f"node {name}: found a request at {at} ps, expected {self._now} ps or later"
+        return (
+            f"node {name}: found a request at {at} ps that does not fit, expected requests in the"
+            f" order of time, at most {self.nodes[node].inbox} in advance, of frames that CAN has"
+        )

@@ -19,8 +19,9 @@ from fmus.toolchain import host_compiler, shared_suffix
 
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = f"cosim/_engine{shared_suffix()}"
+BUS = f"cosim/_bus{shared_suffix()}"
 BRIDGE = f"bridge/_bridge{shared_suffix()}"
-ENDINGS = (".py", ".c", ".h", ".md", ".fmu", "py.typed", "/init.sh", ENGINE, BRIDGE)
+ENDINGS = (".py", ".c", ".h", ".md", ".fmu", "py.typed", "/init.sh", ENGINE, BUS, BRIDGE)
 PARTS = ("cosim", "fmus", "bridge", "build_backend", "configs")
 FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CONTRIBUTING.md", "CHANGELOG.md")
 
@@ -38,7 +39,7 @@ def backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 
 
 def copy_of_the_sources(folder: Path) -> Path:
-    skip = shutil.ignore_patterns("_built", "_engine.*", "__pycache__")
+    skip = shutil.ignore_patterns("_built", "_engine.*", "_bus.*", "__pycache__")
     for part in PARTS:
         shutil.copytree(ROOT / part, folder / part, ignore=skip)
     for name in FILES:
@@ -163,7 +164,7 @@ def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> Non
     fmus = {f"fmus/_built/{path.name}" for path in (built / "fmus" / "_built").glob("*.fmu")}
     typed = {f"{package}/py.typed" for package in ("cosim", "fmus", "bridge")}
     assert fmus
-    assert {ENGINE, "cosim/c/engine.c"} | python | c | fmus | typed <= found
+    assert {ENGINE, BUS, "cosim/c/engine.c"} | python | c | fmus | typed <= found
 
 
 @pytest.mark.slow

@@ -9,6 +9,9 @@ from typing import Any
 
 import pytest
 
+import cosim.bus.frames
+import cosim.bus.settings
+import cosim.bus.structs
 import cosim.native.fmu_log
 import cosim.native.structs
 from bridge.native import (
@@ -45,6 +48,8 @@ MODULES = (
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
 ENGINE = [ROOT / "cosim/c/engine.h", ROOT / "cosim/c/fmu_log.h"]
 ENGINE_MODULES = (cosim.native.structs, cosim.native.fmu_log)
+BUS = [ROOT / "cosim/c/bus/bus.h", ROOT / "cosim/c/bus/length.h"]
+BUS_MODULES = (cosim.bus.frames, cosim.bus.settings, cosim.bus.structs)
 #: What modules have of C besides structs and enums, by its name there.
 CONSTANTS = {
     "BUS_BATCH": bus.BATCH, "TRAFFIC_SLOTS": bus.SLOTS, "TRAFFIC_SLOT_NS": bus.SLOT_NS,
@@ -69,6 +74,11 @@ CONSTANTS = {
 ENGINE_CONSTANTS = {
     "ENGINE_ABI": cosim.native.structs.ABI, "LOG_LINES": cosim.native.fmu_log.LOG_LINES,
     "LOG_WIDTH": cosim.native.fmu_log.LOG_WIDTH,
+}  # fmt: skip
+#: NumPy rows that C reads and writes in memory.
+BUS_ROWS = {
+    "can_frame_t": cosim.bus.frames.FRAME, "bus_request_t": cosim.bus.frames.REQUEST,
+    "bus_event_t": cosim.bus.frames.EVENT, "bus_received_t": cosim.bus.frames.RECEIVED,
 }  # fmt: skip
 #: Rows of files that C writes and NumPy reads: the fields that are in a struct.
 ROWS: dict[str, list[str]] = {
@@ -96,6 +106,33 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Any:
     scratch = tmp_path_factory.mktemp("engine")
     return said_by_c(ENGINE, ENGINE_MODULES, ENGINE_CONSTANTS, {}, scratch)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    rows = {name: list(row.names or ()) for name, row in BUS_ROWS.items()}
+    scratch = tmp_path_factory.mktemp("simulated")
+    return said_by_c(BUS, BUS_MODULES, {"BUS_ABI": cosim.bus.structs.ABI}, rows, scratch)
+
+
+@pytest.mark.parametrize("name", structs_in(*BUS_MODULES))
+def test_a_struct_of_the_simulated_bus_is_that_of_c(simulated: Any, name: str) -> None:
+    assert differences(structs_in(*BUS_MODULES)[name], simulated["structs"][name]) == []
+
+
+@pytest.mark.parametrize("kind", enums_in(*BUS_MODULES), ids=lambda kind: kind.__name__)
+def test_an_enum_of_the_simulated_bus_is_that_of_c(simulated: Any, kind: Any) -> None:
+    prefix = enums_in(*BUS_MODULES)[kind]
+    here = {prefix + name: member.value for name, member in kind.__members__.items()}
+    assert here == {name: simulated["names"][name] for name in here}
+    assert set(here) == names_beside(next(iter(here)), BUS)
+
+
+def test_rows_of_the_simulated_bus_are_those_of_c(simulated: Any) -> None:
+    assert simulated["names"]["BUS_ABI"] == cosim.bus.structs.ABI
+    for name, row in BUS_ROWS.items():
+        assert row_differences(row, simulated["structs"][name]) == []
+        assert row.itemsize == simulated["structs"][name][""]
 
 
 @pytest.mark.parametrize("name", structs_in(*MODULES))

@@ -1,0 +1,159 @@
+"""The settings of a simulated bus as the structs that its C code reads."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from cosim.base.errors import CosimError
+from cosim.bus.frames import BusEvent
+from cosim.bus.settings import (
+    BusNodeSettings,
+    Disturbance,
+    ErrorRate,
+    Interruption,
+    LineLevel,
+    ScriptedError,
+)
+from cosim.bus.structs import (
+    FilterStruct,
+    InterruptionStruct,
+    NodeSettingsStruct,
+    RateStruct,
+    ScriptStruct,
+    SettingsStruct,
+)
+from cosim.bus.timing import BusTiming
+
+MOST_NODES = 4096
+
+
+class BusSimulationError(CosimError, ValueError):
+    """A request that a simulated bus cannot take, or settings that cannot be."""
+
+
+def bit_ps(bitrate: float) -> int:
+    """A bit of this rate (bit/s) in ps, to the nearest."""
+    return int(1e12 / bitrate + 0.5)
+
+
+class DescribedBus:
+    """``bus_settings_t`` of a bus, with all that it points to."""
+
+    def __init__(
+        self,
+        timing: BusTiming,
+        nodes: Sequence[BusNodeSettings],
+        disturbances: Sequence[Disturbance],
+        seed: int,
+        record: Iterable[BusEvent],
+    ) -> None:
+        if not 1 <= len(nodes) <= MOST_NODES:
+            raise BusSimulationError(f"found {len(nodes)} nodes, expected 1 to {MOST_NODES}")
+        for d in disturbances:
+            _check(d, len(nodes))
+        self._arrays = {
+            "nodes": _nodes(nodes),
+            "filters": _filters(nodes),
+            "scripts": _array(ScriptStruct, map(_script, _of(ScriptedError, disturbances))),
+            "interruptions": _array(
+                InterruptionStruct, map(_interruption, _of(Interruption, disturbances))
+            ),
+            "rates": _array(RateStruct, map(_rate, _of(ErrorRate, disturbances))),
+        }
+        counts = {f"n_{name}": len(array) for name, array in self._arrays.items()}
+        places = {name: c.addressof(array) for name, array in self._arrays.items()}
+        self.struct = SettingsStruct(
+            bit=bit_ps(timing.bitrate),
+            data_bit=bit_ps(timing.data_bitrate or timing.bitrate),
+            seed=seed & (1 << 64) - 1,
+            record=sum(1 << kind for kind in set(record)),
+            **places,
+            **counts,
+        )
+
+
+def _of(kind: type[Any], disturbances: Sequence[Disturbance]) -> list[Any]:
+    return [d for d in disturbances if isinstance(d, kind)]
+
+
+def _array(kind: type[c.Structure], values: Iterable[c.Structure]) -> Any:
+    rows = list(values)
+    return (kind * len(rows))(*rows)
+
+
+def _nodes(nodes: Sequence[BusNodeSettings]) -> Any:
+    rows, first = [], 0
+    for node in nodes:
+        rows.append(
+            NodeSettingsStruct(
+                queue=node.queue,
+                queue_length=node.queue_length,
+                receive_length=node.receive_length,
+                first_filter=first,
+                n_filters=len(node.filters),
+                one_shot=node.one_shot,
+                recovers=node.recovers,
+                inbox=node.inbox,
+            )
+        )
+        first += len(node.filters)
+    return _array(NodeSettingsStruct, rows)
+
+
+def _filters(nodes: Sequence[BusNodeSettings]) -> Any:
+    return _array(
+        FilterStruct,
+        (
+            FilterStruct(
+                id=f.identifier,
+                mask=f.mask,
+                flags=16 * bool(f.extended),
+                flag_mask=16 * (f.extended is not None),
+            )
+            for node in nodes
+            for f in node.filters
+        ),
+    )
+
+
+def _node(node: int | None) -> int:
+    return -1 if node is None else node
+
+
+def _script(s: ScriptedError) -> ScriptStruct:
+    return ScriptStruct(
+        id=s.identifier,
+        extended=s.extended,
+        attempt=s.attempt,
+        bit=s.bit,
+        length=s.length,
+        node=_node(s.node),
+        level=s.level,
+    )
+
+
+def _interruption(x: Interruption) -> InterruptionStruct:
+    place = {"from": x.start_ps, "to": x.end_ps}
+    return InterruptionStruct(node=_node(x.node), level=x.level, **place)
+
+
+def _rate(r: ErrorRate) -> RateStruct:
+    return RateStruct(rate=r.rate, length=r.length, node=_node(r.node))
+
+
+def _check(d: Disturbance, nodes: int) -> None:
+    if d.node is not None and not 0 <= d.node < nodes:
+        raise BusSimulationError(f"{d}: found node {d.node}, expected 0 to {nodes - 1}")
+    if isinstance(d, ErrorRate):
+        wrong = not 0 <= d.rate < 1 or d.length < 1
+        expected = "a rate from 0 to less than 1 and a length of at least 1 bit"
+    elif isinstance(d, ScriptedError):
+        wrong = d.bit < 0 or d.length < 1 or d.attempt < 0 or d.level == LineLevel.DISCONNECTED
+        expected = "bit and attempt of at least 0, a length of at least 1, and no disconnection"
+    else:
+        wrong = d.start_ps > d.end_ps or (d.level == LineLevel.DISCONNECTED and d.node is None)
+        expected = "a start before the end, and a node to disconnect"
+    if wrong:
+        raise BusSimulationError(f"found {d}, expected {expected}")

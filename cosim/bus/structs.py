@@ -1,0 +1,153 @@
+"""The structs and functions of the simulated bus, as ctypes sees them (``cosim/c/bus/bus.h``)."""
+
+from __future__ import annotations
+
+import ctypes as c
+import sys
+from functools import lru_cache
+from pathlib import Path
+
+from cosim.base.errors import CosimError
+
+ABI = 1
+
+
+class NodeSettingsStruct(c.Structure):
+    """``bus_node_settings_t``."""
+
+    _fields_ = (
+        ("queue", c.c_int32),
+        ("queue_length", c.c_int32),
+        ("receive_length", c.c_int32),
+        ("first_filter", c.c_int32),
+        ("n_filters", c.c_int32),
+        ("one_shot", c.c_int32),
+        ("recovers", c.c_int32),
+        ("inbox", c.c_int32),
+    )
+
+
+class FilterStruct(c.Structure):
+    """``bus_filter_t``."""
+
+    _fields_ = (
+        ("id", c.c_uint32),
+        ("mask", c.c_uint32),
+        ("flags", c.c_uint32),
+        ("flag_mask", c.c_uint32),
+    )
+
+
+class ScriptStruct(c.Structure):
+    """``bus_script_t``."""
+
+    _fields_ = (
+        ("id", c.c_uint32),
+        ("extended", c.c_uint32),
+        ("attempt", c.c_int32),
+        ("bit", c.c_int32),
+        ("length", c.c_int32),
+        ("node", c.c_int32),
+        ("level", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class InterruptionStruct(c.Structure):
+    """``bus_interruption_t``."""
+
+    _fields_ = (
+        ("from", c.c_int64),
+        ("to", c.c_int64),
+        ("node", c.c_int32),
+        ("level", c.c_int32),
+    )
+
+
+class RateStruct(c.Structure):
+    """``bus_rate_t``."""
+
+    _fields_ = (("rate", c.c_double), ("length", c.c_int32), ("node", c.c_int32))
+
+
+class SettingsStruct(c.Structure):
+    """``bus_settings_t``."""
+
+    _fields_ = (
+        ("bit", c.c_int64),
+        ("data_bit", c.c_int64),
+        ("seed", c.c_uint64),
+        ("nodes", c.c_void_p),
+        ("filters", c.c_void_p),
+        ("scripts", c.c_void_p),
+        ("interruptions", c.c_void_p),
+        ("rates", c.c_void_p),
+        ("n_nodes", c.c_int32),
+        ("n_filters", c.c_int32),
+        ("n_scripts", c.c_int32),
+        ("n_interruptions", c.c_int32),
+        ("n_rates", c.c_int32),
+        ("record", c.c_uint32),
+    )
+
+
+class OutputStruct(c.Structure):
+    """``bus_output_t``."""
+
+    _fields_ = (
+        ("events", c.c_void_p),
+        ("frames", c.c_void_p),
+        ("n_events", c.c_int64),
+        ("n_frames", c.c_int64),
+    )
+
+
+class NodeStateStruct(c.Structure):
+    """``bus_node_state_t``."""
+
+    _fields_ = (
+        ("tec", c.c_int32),
+        ("rec", c.c_int32),
+        ("state", c.c_int32),
+        ("pending", c.c_int32),
+    )
+
+
+class TotalsStruct(c.Structure):
+    """``bus_totals_t``."""
+
+    _fields_ = (("clean", c.c_int64), ("bitwise", c.c_int64))
+
+
+class FrameBitsStruct(c.Structure):
+    """``bits_t``."""
+
+    _fields_ = (("nominal", c.c_int32), ("data", c.c_int32))
+
+
+@lru_cache(maxsize=1)
+def library() -> c.CDLL:
+    """The simulated bus, loaded once. Raises CosimError if it is missing or of another version."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    path = Path(__file__).parent.with_name(f"_bus{suffix}")
+    if not path.is_file():
+        raise CosimError(f"{path} is missing: install the project (pip install .), which builds it")
+    bus = c.CDLL(str(path))
+    if bus.bus_abi() != ABI:
+        raise CosimError(f"{path} belongs to another version of cosim: install the project again")
+    pointer, i32, i64 = c.c_void_p, c.c_int32, c.c_int64
+    for name, result, arguments in (
+        ("bus_size", c.c_size_t, (pointer,)),
+        ("bus_create", pointer, (pointer, pointer)),
+        ("bus_request", i64, (pointer, pointer, i64)),
+        ("bus_abort", i32, (pointer, i32, i64)),
+        ("bus_advance", i32, (pointer, i64, pointer)),
+        ("bus_reset", None, (pointer, i32)),
+        ("bus_state", None, (pointer, i32, pointer)),
+        ("bus_receive", i64, (pointer, i32, pointer, i64)),
+        ("bus_totals", None, (pointer, pointer)),
+        ("bus_frame_bits", None, (pointer, pointer)),
+    ):
+        function = getattr(bus, name)
+        function.restype, function.argtypes = result, arguments
+    return bus

@@ -1,0 +1,245 @@
+/* clean.c: the bus between disturbances: a transmission is computed as a whole. */
+#include "internal.h"
+
+/* When a node that is off has seen the sequences of 11 recessive bits that it needs. */
+static int64_t recovery(const bus_t *b, const node_t *n)
+{
+    return n->quiet_from + 11 * (int64_t)n->needed * b->set.bit;
+}
+
+static int32_t next_recovery(const bus_t *b, int64_t *at)
+{
+    int32_t node = -1;
+    *at = NEVER;
+    for (int32_t i = 0; b->off && i < b->n; i++) {
+        const node_t *n = &b->nodes[i];
+        if (n->phase == PHASE_OFF && n->needed > 0 && recovery(b, n) < *at) {
+            *at = recovery(b, n);
+            node = i;
+        }
+    }
+    return node;
+}
+
+/* Rule 12: back on the bus, error active, counters 0. The time is b->stamp. */
+void recover(bus_t *b, int32_t node)
+{
+    node_t *n = &b->nodes[node];
+    b->off--;
+    n->tec = n->rec = 0;
+    n->phase = PHASE_IDLE;
+    n->state = STATE_ACTIVE;
+    n->sender = 0;
+    n->needed = 0;
+    n->earliest = b->stamp;
+    refresh(b, node);
+    event(b, node, EVENT_RECOVERED, 0, -1, -1, 0);
+}
+
+static int64_t next_start(const bus_t *b)
+{
+    int64_t first = NEVER;
+    for (int32_t i = 0; i < b->n; i++)
+        if (b->ready[i] < first)
+            first = b->ready[i];
+    return first == NEVER || first > b->free ? first : b->free;
+}
+
+/* Bits on the wire before each bit that arbitrates: 32 of them, from the first of the identifier. */
+static void stuffed_before(uint32_t rank, uint8_t at[32], int32_t most)
+{
+    uint32_t last = 0, run = 1;
+    int32_t stuffed = 0;
+    for (int32_t i = 0; i <= most; i++) {
+        uint32_t bit = rank >> (31 - i) & 1u;
+        if (run == 5) {
+            stuffed++;
+            last = !last;
+            run = 1;
+        }
+        at[i] = (uint8_t)(1 + i + stuffed);
+        run = bit == last ? run + 1 : 1;
+        last = bit;
+    }
+}
+
+static int32_t first_bit(uint32_t x)
+{
+    int32_t i = 0;
+    if (!(x & 0xFFFF0000u)) { i += 16; x <<= 16; }
+    if (!(x & 0xFF000000u)) { i += 8; x <<= 8; }
+    if (!(x & 0xF0000000u)) { i += 4; x <<= 4; }
+    if (!(x & 0xC0000000u)) { i += 2; x <<= 2; }
+    return i + !(x & 0x80000000u);
+}
+
+/* Who loses arbitration, in the order in which they do. */
+static void find_losers(bus_t *b, int64_t t)
+{
+    uint32_t best = b->rank[b->winner];
+    uint8_t at[32];
+    int32_t most = 0;
+    b->n_lost = b->lost_done = 0;
+    for (int32_t i = 0; i < b->n; i++) {
+        int32_t bit, j;
+        if (b->ready[i] > t || i == b->winner)
+            continue;
+        bit = first_bit(best ^ b->rank[i]);
+        most = bit > most ? bit : most;
+        for (j = b->n_lost++; j > 0 && b->lost[j - 1].bit > bit; j--)
+            b->lost[j] = b->lost[j - 1];
+        b->lost[j].node = i;
+        b->lost[j].bit = bit;
+    }
+    if (b->n_lost)
+        stuffed_before(best, at, most);
+    for (int32_t i = 0; i < b->n_lost; i++) {
+        b->lost[i].bit = at[b->lost[i].bit];
+        b->lost[i].time = t + (b->lost[i].bit + 1) * b->set.bit;
+    }
+}
+
+/* The winner at t; *tie: another has the same bits. */
+static int32_t arbitrate(const bus_t *b, int64_t t, int32_t *tie)
+{
+    int32_t winner = -1;
+    *tie = 0;
+    for (int32_t i = 0; i < b->n; i++) {
+        if (b->ready[i] > t)
+            continue;
+        if (winner < 0 || b->rank[i] < b->rank[winner]) {
+            winner = i;
+            *tie = 0;
+        } else if (b->rank[i] == b->rank[winner]) {
+            *tie = 1;
+        }
+    }
+    return winner;
+}
+
+/* The transmission of the winner at t will be undisturbed. */
+static void launch(bus_t *b, int64_t t)
+{
+    b->in_flight = 1;
+    b->sof = t;
+    b->end = b->next - 3 * b->set.bit;
+    b->stamp = t;
+    b->totals.clean++;
+    find_losers(b, t);
+    for (int32_t i = 0; i < b->n; i++) {
+        node_t *n = &b->nodes[i];
+        if (b->ready[i] <= t) {
+            n->slot = n->order[0];
+            event_at_bit(b, i, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
+        } else if (n->earliest > t) {           /* suspended: it receives now */
+            n->earliest = 0;
+            refresh(b, i);
+        }
+    }
+}
+
+/* A start of frame at t: closed form, or bit by bit. */
+static void start(bus_t *b, int64_t t)
+{
+    int32_t tie, winner = arbitrate(b, t, &tie);
+    node_t *n = &b->nodes[winner];
+    const slot_t *slot = &n->slots[n->order[0]];
+    int32_t scripted = line_attempt(b, &slot->frame);
+    b->bits = slot->bits;
+    if ((slot->frame.flags & CAN_FD) && !(slot->frame.flags & CAN_ESI) && node_passive(n)) {
+        can_frame_t f = node_frame(n, n->order[0]);
+        b->bits = can_bits(f.id, f.flags, f.length, f.data);
+    }
+    b->next = t + b->bits.nominal * b->set.bit + b->bits.data * b->set.data_bit;
+    if (tie || scripted || b->counting || b->n - b->off < 2
+        || !line_calm(b, t, b->next, b->bits.nominal + b->bits.data)) {
+        b->known_attempt = 1;
+        wire_enter(b, t);
+        return;
+    }
+    b->winner = winner;
+    launch(b, t);
+}
+
+/* Nothing is being sent. */
+static int32_t idle_step(bus_t *b, int64_t until)
+{
+    int64_t t = next_start(b), back, glitch = line_glitch(b), limit;
+    int32_t node = next_recovery(b, &back);
+    t = back < t ? back : t;
+    t = glitch < t ? glitch : t;
+    if (b->next_request <= t) {
+        if (b->next_request >= until)
+            return 0;
+        limit = b->next_request > b->free ? b->next_request : b->free;
+        limit = t < limit ? t : limit;
+        return drain(b, limit < until ? limit : until - 1);
+    }
+    if (t > until || !has_room(b))
+        return 0;
+    if (back == t) {
+        b->stamp = t;
+        recover(b, node);
+        return 1;
+    }
+    if (t == until)
+        return 0;
+    if (next_start(b) == t)
+        start(b, t);
+    else
+        wire_enter(b, t);
+    return 1;
+}
+
+static void lose(bus_t *b, const lost_t *lost)
+{
+    node_t *n = &b->nodes[lost->node];
+    b->stamp = lost->time;
+    event_at_bit(b, lost->node, EVENT_LOST, 0, n->slots[n->slot].request, 0, lost->bit);
+    node_failed(b, lost->node);
+}
+
+/* The end of EOF: everybody has the frame. */
+static void finish(bus_t *b)
+{
+    node_t *winner = &b->nodes[b->winner];
+    can_frame_t frame = node_frame(winner, winner->slot);
+    int64_t request = winner->slots[winner->slot].request;
+    b->stamp = b->end;
+    b->in_flight = 0;
+    b->free = b->next;
+    line_pass(b, b->bits.nominal + b->bits.data);
+    for (int32_t i = 0; i < b->n; i++) {
+        node_t *n = &b->nodes[i];
+        if (i == b->winner) {
+            node_sent(b, i, n->slot);
+            n->sender = 1;
+            n->earliest = node_passive(n) ? b->next + 8 * b->set.bit : 0;
+            refresh(b, i);
+        } else if (n->phase == PHASE_OFF) {
+            if (n->needed > 0)
+                n->needed -= (int32_t)((b->sof - n->quiet_from) / b->set.bit / 11);
+            n->quiet_from = b->next - 11 * b->set.bit;
+        } else {
+            deliver(b, i, &frame, request);
+        }
+    }
+}
+
+static int32_t flight_step(bus_t *b, int64_t until)
+{
+    int32_t losing = b->lost_done < b->n_lost;
+    int64_t t = losing ? b->lost[b->lost_done].time : b->end;
+    if (t > until || !drain(b, t - 1) || !has_room(b))
+        return 0;
+    if (losing)
+        lose(b, &b->lost[b->lost_done++]);
+    else
+        finish(b);
+    return 1;
+}
+
+int32_t clean_step(bus_t *b, int64_t until)
+{
+    return b->in_flight ? flight_step(b, until) : idle_step(b, until);
+}

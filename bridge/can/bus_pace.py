@@ -1,0 +1,169 @@
+"""How the time of a simulated channel moves: with the wall clock, or when everybody waits."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, final
+
+from cosim.base.clock import monotonic_ns, realtime_ns
+
+PATIENCE_NS = 20_000_000
+"""How long, in wall time, the others wait for a thread that is not in a call of the channel."""
+_LEAST_WAIT = 5e-5
+
+
+class Paced(Protocol):
+    """A channel, as its pace sees it. Times are ps of the channel; `lock` is held."""
+
+    lock: threading.Condition
+
+    @property
+    def now_ps(self) -> int:
+        """Where the channel is."""
+
+    def next_ps(self) -> int | None:
+        """When something may happen next; None: never, by itself."""
+
+    def advance(self, until_ps: int) -> None:
+        """Go on, and hand out what arrives."""
+
+
+class BusPace(Protocol):
+    """Decides where the time of a channel is. All calls hold the lock of the channel."""
+
+    @property
+    def epoch(self) -> float:
+        """What time stamps add to the time of the channel, s."""
+
+    def catch_up(self, channel: Paced) -> None:
+        """Bring the channel to where it has to be now."""
+
+    def wait(
+        self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
+    ) -> bool:
+        """Wait until `ready`; False after `timeout` (s), or at the time `quit_ps` (ps)."""
+
+
+@final
+class WallPace:
+    """The channel goes `speed` times as fast as the wall clock.
+
+    No thread drives it: each call brings the channel to the present, and a call that waits sleeps
+    until something may happen. Frames have their exact times all the same.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._start_ns = monotonic_ns()
+        self.epoch = realtime_ns() / 1e9
+
+    def catch_up(self, channel: Paced) -> None:
+        """Advance to the present."""
+        present = int((monotonic_ns() - self._start_ns) * 1000 * self._speed)
+        channel.advance(max(channel.now_ps, present))
+
+    def wait(
+        self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
+    ) -> bool:
+        """`timeout` is in seconds of the wall clock."""
+        end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9)
+        while True:
+            self.catch_up(channel)
+            if ready():
+                return True
+            left = None if end_ns is None else (end_ns - monotonic_ns()) / 1e9
+            if (left is not None and left <= 0) or _reached(channel, quit_ps):
+                return False
+            ends = [t for t in (channel.next_ps(), quit_ps) if t is not None]
+            waits = [(t - channel.now_ps) / 1e12 / self._speed for t in ends]
+            waits += [] if left is None else [left]
+            channel.lock.wait(max(min(waits), _LEAST_WAIT) if waits else None)
+
+
+@dataclass(eq=False)
+class _Waiter:
+    """A thread in a call that waits."""
+
+    ready: Callable[[], bool]
+    until_ps: int | None
+
+
+@final
+class SimulatedPace:
+    """Time stands while a thread that uses the channel does something else than wait in it.
+
+    When all wait, it moves to what happens next: a frame, a periodic message, the end of a
+    time-out. When a thread has been away for longer than PATIENCE_NS of wall time, the others go
+    on without it, but only to frames and periodic messages; time-outs are then in wall time. A call
+    with time-out 0 does not move time.
+    """
+
+    epoch = 0.0
+
+    def __init__(self) -> None:
+        self._seen: dict[threading.Thread, int] = {}
+        self._waiters: dict[threading.Thread, _Waiter] = {}
+
+    def catch_up(self, channel: Paced) -> None:
+        """Note that this thread uses the channel; time stays where it is."""
+        self._seen[threading.current_thread()] = monotonic_ns()
+
+    def wait(
+        self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
+    ) -> bool:
+        """`timeout` is in seconds of the channel; of the wall clock while a thread is away."""
+        thread = threading.current_thread()
+        self._seen[thread] = monotonic_ns()
+        if ready() or (timeout is not None and timeout <= 0):
+            return ready()
+        end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9)
+        later = None if timeout is None else channel.now_ps + round(timeout * 1e12)
+        ends = [t for t in (later, quit_ps) if t is not None]
+        waiter = _Waiter(ready, min(ends) if ends else None)
+        self._waiters[thread] = waiter
+        try:
+            while not ready():
+                patience = self._missing()
+                absent = patience is not None and patience <= 0
+                if _reached(channel, waiter.until_ps) or (absent and _passed(end_ns)):
+                    return False
+                self._move(channel, patience, end_ns)
+            return True
+        finally:
+            del self._waiters[thread]
+            self._seen[thread] = monotonic_ns()
+            channel.lock.notify_all()
+
+    def _move(self, channel: Paced, patience: int | None, end_ns: int | None) -> None:
+        """Advance if nobody has to be waited for, else sleep until something may have changed."""
+        if any(waiter.ready() for waiter in self._waiters.values()):
+            patience = PATIENCE_NS
+        target = None
+        if patience is None or patience <= 0:
+            target = channel.next_ps()
+        if patience is None:
+            ends = [w.until_ps for w in self._waiters.values() if w.until_ps is not None]
+            target = min([*ends, *([] if target is None else [target])], default=None)
+        if target is not None:
+            channel.advance(target)
+            channel.lock.notify_all()
+            return
+        left = None if end_ns is None else end_ns - monotonic_ns()
+        waits = [w for w in (left, patience) if w is not None and w > 0]
+        channel.lock.wait(min(waits) / 1e9 if waits else None)
+
+    def _missing(self) -> int | None:
+        """How long to wait for threads that are elsewhere, ns; None: there are none."""
+        self._seen = {t: seen for t, seen in self._seen.items() if t.is_alive()}
+        away = [seen for t, seen in self._seen.items() if t not in self._waiters]
+        return max(away) + PATIENCE_NS - monotonic_ns() if away else None
+
+
+def _reached(channel: Paced, moment_ps: int | None) -> bool:
+    return moment_ps is not None and channel.now_ps >= moment_ps
+
+
+def _passed(moment_ns: int | None) -> bool:
+    return moment_ns is not None and monotonic_ns() >= moment_ns

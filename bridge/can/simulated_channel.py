@@ -1,0 +1,276 @@
+"""A simulated CAN bus by its name: the bus objects of this process that are on it."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+from collections import deque
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Protocol, final
+
+import can
+
+from bridge.can.bus_pace import BusPace, SimulatedPace, WallPace
+from bridge.can.error_frames import error_message
+from bridge.can.simulated_frames import frame_of_message, message_of_frame
+from bridge.can.simulated_options import (
+    ChannelOperationError,
+    ChannelOptionError,
+    ChannelOptions,
+    ChannelTimeoutError,
+    PortOptions,
+    agree,
+)
+from bridge.can.simulated_wire import HISTORY_S, Happening, Wire, WireNode
+from cosim.bus.frames import BusEvent, ControllerState
+from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
+
+
+class Scheduled(Protocol):
+    """Something that is due at times of the channel."""
+
+    def fire(self, due_ps: int) -> int | None:
+        """Do it; returns when it is due next, ps, or None."""
+
+
+@dataclass(eq=False)
+class ChannelPort:
+    """One bus object: its node on the wire, and what it received."""
+
+    node: WireNode
+    options: PortOptions
+    inbox: deque[can.Message] = field(default_factory=deque)
+    lost: int = 0
+    """Frames that were received while the queue was full."""
+
+
+@final
+class Channel:
+    """A bus with all its ports. Every method takes the lock itself; times are ps of the channel."""
+
+    def __init__(self, name: Hashable, options: ChannelOptions) -> None:
+        if options.timing is None:
+            raise ChannelOptionError(
+                f"channel {name!r}: found no bitrate, expected one from the bus that opens the "
+                "channel, such as bitrate=500000"
+            )
+        speed = 1.0 if options.speed is None else options.speed
+        self.name = name
+        self.options = ChannelOptions(
+            timing=options.timing,
+            fd=options.timing.fd,
+            data_bitrate=options.timing.data_bitrate or options.timing.bitrate,
+            speed=speed,
+            error_rate=options.error_rate or 0.0,
+            seed=options.seed or 0,
+        )
+        self.timing = options.timing
+        self.lock = threading.Condition(threading.RLock())
+        self.ports: list[ChannelPort] = []
+        self.pace: BusPace = WallPace(speed) if speed else SimulatedPace()
+        errors = [ErrorRate(options.error_rate)] if options.error_rate else []
+        self._wire = Wire(self.timing, errors, self.options.seed or 0)
+        self._by_node: dict[WireNode, ChannelPort] = {}
+        self._due: list[tuple[int, int, Scheduled]] = []
+        self._numbers = itertools.count()
+
+    @property
+    def now_ps(self) -> int:
+        """How far the channel is, ps."""
+        return self._wire.now_ps
+
+    def open(self, options: PortOptions) -> ChannelPort:
+        """A new port."""
+        with self.lock:
+            self.pace.catch_up(self)
+            settings = BusNodeSettings(
+                f"{self.name} {len(self.ports)}",
+                options.queue,
+                queue_length=options.tx_queue_size,
+                one_shot=options.one_shot,
+                recovers=options.auto_restart,
+                inbox=options.tx_queue_size,
+            )
+            port = ChannelPort(WireNode(settings), options)
+            self._by_node[port.node] = port
+            self.ports.append(port)
+            self._wire.join(port.node)
+            return port
+
+    def close(self, port: ChannelPort) -> None:
+        """Let a port go; what it has queued is still sent while others are there."""
+        with self.lock:
+            self.pace.catch_up(self)
+            self.ports.remove(port)
+            port.inbox.clear()
+            self._wire.leave(port.node)
+            self.lock.notify_all()
+
+    def send(self, port: ChannelPort, message: can.Message, timeout: float | None) -> None:
+        """Queue a message; `timeout` (s): how long to wait for room, None: not at all.
+
+        Raises ChannelOperationError: no room, bus-off, or no frame of this channel.
+        """
+        frame = frame_of_message(message, self.name, self.timing)
+        with self.lock:
+            self.pace.catch_up(self)
+            if port.node.state == ControllerState.OFF:
+                raise ChannelOperationError(f"channel {self.name!r}: found the node bus-off")
+            if not self._room(port) and not (
+                timeout and self.pace.wait(self, lambda: self._room(port), timeout, None)
+            ):
+                error = ChannelTimeoutError if timeout else ChannelOperationError
+                raise error(
+                    f"channel {self.name!r}: found {port.options.tx_queue_size} frames in the "
+                    "transmit queue, expected room; send(timeout=...) waits for it"
+                )
+            self._wire.send(port.node, frame)
+            self.lock.notify_all()
+
+    def receive(
+        self, port: ChannelPort, wanted: Callable[[can.Message], bool], timeout: float | None
+    ) -> can.Message | None:
+        """The oldest message that is `wanted`, waiting up to `timeout` (s; None: for ever)."""
+
+        def ready() -> bool:
+            while port.inbox and not wanted(port.inbox[0]):
+                port.inbox.popleft()
+            return bool(port.inbox)
+
+        with self.lock:
+            found = self.pace.wait(self, ready, timeout, None)
+            return port.inbox.popleft() if found else None
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for so many seconds (s) of the channel."""
+        with self.lock:
+            self.pace.catch_up(self)
+            self.pace.wait(self, lambda: False, None, self.now_ps + round(seconds * 1e12))
+
+    def state(self, port: ChannelPort) -> tuple[ControllerState, int, int]:
+        """State, TEC and REC of a port now."""
+        with self.lock:
+            self.pace.catch_up(self)
+            return port.node.state, port.node.tec, port.node.rec
+
+    def load(self, window: float) -> float:
+        """The share of the last `window` (s) in which the bus was busy, 0 to 1.
+
+        Raises ChannelOptionError for a window longer than the bus remembers.
+        """
+        if not 0 < window <= HISTORY_S:
+            raise ChannelOptionError(
+                f"channel {self.name!r}: found a window of {window:g} s, expected more than 0 and "
+                f"at most {HISTORY_S} s"
+            )
+        with self.lock:
+            self.pace.catch_up(self)
+            return self._wire.busy(round(window * 1e12))
+
+    def disturb(self, disturbance: Disturbance) -> None:
+        """Add a disturbance from the end of the transmission under way on."""
+        with self.lock:
+            self.pace.catch_up(self)
+            self._wire.disturb(disturbance)
+
+    def flush(self, port: ChannelPort) -> None:
+        """Drop what waits in the transmit queue of a port."""
+        with self.lock:
+            self.pace.catch_up(self)
+            self._wire.abort(port.node)
+
+    def reset(self, port: ChannelPort) -> None:
+        """Restart the controller of a port, as after bus-off."""
+        with self.lock:
+            self.pace.catch_up(self)
+            self._wire.reset(port.node)
+            self.lock.notify_all()
+
+    def schedule(self, item: Scheduled) -> None:
+        """Fire `item` now, and again when it says."""
+        with self.lock:
+            self.pace.catch_up(self)
+            self._push(self.now_ps, item)
+            self.lock.notify_all()
+
+    def next_ps(self) -> int | None:
+        """When something may happen next, ps; None: nothing will by itself. Needs the lock."""
+        found = [self._wire.next_ps(), self._due[0][0] if self._due else None]
+        return min((t for t in found if t is not None), default=None)
+
+    def advance(self, until_ps: int) -> None:
+        """Go on to `until_ps` (ps) and hand out what arrives. Needs the lock."""
+        while self._due and self._due[0][0] <= until_ps:
+            due_ps, _, item = heapq.heappop(self._due)
+            self._hand_out(self._wire.advance(max(due_ps, self.now_ps)))
+            later = item.fire(due_ps)
+            if later is not None:
+                self._push(later, item)
+        self._hand_out(self._wire.advance(until_ps))
+
+    def _push(self, due_ps: int, item: Scheduled) -> None:
+        heapq.heappush(self._due, (due_ps, next(self._numbers), item))
+
+    def _room(self, port: ChannelPort) -> bool:
+        return self._wire.waiting(port.node) < port.options.tx_queue_size
+
+    def _hand_out(self, happenings: list[Happening]) -> None:
+        for found in happenings:
+            port = self._by_node[found.node]
+            if not found.node.leaving:
+                self._deliver(port, found)
+        if happenings:
+            self.lock.notify_all()
+
+    def _deliver(self, port: ChannelPort, found: Happening) -> None:
+        if found.kind in (BusEvent.RECEIVED, BusEvent.SENT):
+            own = found.kind == BusEvent.SENT
+            if found.frame and (not own or port.options.receive_own_messages):
+                self._keep(port, message_of_frame(found.frame, own), found.time_ps)
+        elif found.kind in (BusEvent.STATE, BusEvent.RECOVERED) or port.options.bus_errors:
+            counters = (port.node.tec, port.node.rec)
+            report = error_message(found.kind, found.code, found.role, found.bit, counters)
+            if report:
+                self._keep(port, report, found.time_ps)
+
+    def _keep(self, port: ChannelPort, message: can.Message, time_ps: int) -> None:
+        size = port.options.rx_queue_size
+        if size and len(port.inbox) >= size:
+            port.lost += 1
+            return
+        message.timestamp = self.pace.epoch + time_ps / 1e12
+        message.channel = self.name  # type: ignore[assignment]
+        port.inbox.append(message)
+
+
+_channels: dict[Hashable, Channel] = {}
+_channels_lock = threading.Lock()
+
+
+def open_port(
+    name: Hashable, options: ChannelOptions, port: PortOptions
+) -> tuple[Channel, ChannelPort]:
+    """Join a channel of this process, or make it. Raises ChannelOptionError if options differ."""
+    with _channels_lock:
+        channel = _channels.get(name)
+        if channel is None:
+            channel = _channels[name] = Channel(name, options)
+        else:
+            agree(name, channel.options, options)
+        return channel, channel.open(port)
+
+
+def close_port(channel: Channel, port: ChannelPort) -> None:
+    """Leave a channel; the last one ends it."""
+    with _channels_lock:
+        channel.close(port)
+        if not channel.ports and _channels.get(channel.name) is channel:
+            del _channels[channel.name]
+
+
+def channel_names() -> list[Hashable]:
+    """The channels of this process that are open."""
+    with _channels_lock:
+        return list(_channels)

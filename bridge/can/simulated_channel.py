@@ -23,7 +23,7 @@ from bridge.can.simulated_options import (
     PortOptions,
     agree,
 )
-from bridge.can.simulated_wire import HISTORY_S, Happening, Wire, WireNode
+from bridge.can.simulated_wire import HISTORY_S, CanWire, Happening, WireNode
 from cosim.bus.frames import BusEvent, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
 
@@ -71,7 +71,7 @@ class Channel:
         self.ports: list[ChannelPort] = []
         self.pace: BusPace = WallPace(speed) if speed else SimulatedPace()
         errors = [ErrorRate(options.error_rate)] if options.error_rate else []
-        self._wire = Wire(self.timing, errors, self.options.seed or 0)
+        self._wire = CanWire(self.timing, errors, self.options.seed or 0)
         self._by_node: dict[WireNode, ChannelPort] = {}
         self._due: list[tuple[int, int, Scheduled]] = []
         self._numbers = itertools.count()
@@ -153,6 +153,7 @@ class Channel:
         """State, TEC and REC of a port now."""
         with self.lock:
             self.pace.catch_up(self)
+            self._wire.count()
             return port.node.state, port.node.tec, port.node.rec
 
     def load(self, window: float) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, final
 
 from bridge.can.simulated_disturbances import Disturbances
@@ -53,7 +53,7 @@ class Happening(NamedTuple):
 
 
 @final
-class Wire:
+class CanWire:
     """One bus, from time 0 on: idle, without nodes."""
 
     def __init__(
@@ -118,6 +118,12 @@ class Wire:
         if self._bus is not None and node in self._nodes:
             self._bus.reset(self._nodes.index(node))
 
+    def count(self) -> None:
+        """Bring the error counters of all nodes up to date."""
+        for number, node in enumerate(self._nodes):
+            if self._bus is not None:
+                node.tec, node.rec = self._bus.state(number)[:2]
+
     def advance(self, until_ps: int) -> list[Happening]:
         """Go on to `until_ps` (ps); returns what happened, in the order of time."""
         found: list[Happening] = []
@@ -161,17 +167,20 @@ class Wire:
             return True
         if self._ends or self.now_ps < self._free_ps:
             return False
+        self.count()
         waiting = [*self._requests.values(), *self._early]
         self._requests, self._early, self._stale = {}, [], False
         self._members = [node for node in self._members if not (node.leaving and not node.pending)]
         self._nodes, self._start_ps = list(self._members), self.now_ps
         for node in self._nodes:
-            node.pending, node.state = {}, ControllerState.ACTIVE
-            node.tec = node.rec = 0
+            node.pending = {}
         self._seed += 1
         self._bus = SimulatedBus(
             self.timing,
-            [node.settings for node in self._nodes],
+            [
+                replace(node.settings, tec=min(node.tec, 256), rec=min(node.rec, 255))
+                for node in self._nodes
+            ],
             disturbances=self._disturbances.left(self.now_ps),
             seed=self._seed,
         )

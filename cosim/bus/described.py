@@ -96,6 +96,8 @@ def _nodes(nodes: Sequence[BusNodeSettings]) -> Any:
                 one_shot=node.one_shot,
                 recovers=node.recovers,
                 inbox=node.inbox,
+                tec=node.tec,
+                rec=node.rec,
             )
         )
         first += len(node.filters)

@@ -52,6 +52,7 @@ class BusNodeSettings:
     passes one of them is received; without filters, all are. `receive_length`: frames of the
     receive FIFO, 0: RECEIVED events only. `recovers`: goes back on the bus after bus-off by itself,
     otherwise after `SimulatedBus.reset`. `inbox`: requests that may lie in the future at a time.
+    `tec`, `rec`: the error counters at time 0; a TEC of 256 means bus-off, from time 0 on.
     """
 
     name: str
@@ -62,8 +63,15 @@ class BusNodeSettings:
     receive_length: int = 0
     recovers: bool = True
     inbox: int = 1024
+    tec: int = 0
+    rec: int = 0
 
     def __post_init__(self) -> None:
+        for name, most in (("tec", 256), ("rec", 255)):
+            if not 0 <= getattr(self, name) <= most:
+                raise TimingError(
+                    f"node {self.name}: found {name} = {getattr(self, name)}, expected 0 to {most}"
+                )
         for name, least in (("queue_length", 1), ("receive_length", 0), ("inbox", 1)):
             found = getattr(self, name)
             if not least <= found <= 65535:

@@ -59,7 +59,7 @@ class ReceivedFrame(NamedTuple):
 
 
 class SimulatedBus:
-    """A bus and its nodes, at time 0: idle, all nodes error active.
+    """A bus and its nodes, at time 0: idle, all nodes with the counters of their settings.
 
     A bit takes round(1e12 / bit rate) ps. `nodes` are numbered from 0. `record`: the kinds of
     events that are returned. Nothing depends on how the time is cut into calls of `advance`.

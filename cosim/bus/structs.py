@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cosim.base.errors import CosimError
 
-ABI = 1
+ABI = 2
 
 
 class NodeSettingsStruct(c.Structure):
@@ -24,6 +24,9 @@ class NodeSettingsStruct(c.Structure):
         ("one_shot", c.c_int32),
         ("recovers", c.c_int32),
         ("inbox", c.c_int32),
+        ("tec", c.c_int32),
+        ("rec", c.c_int32),
+        ("reserved", c.c_int32),
     )
 
 

@@ -52,6 +52,20 @@ size_t bus_size(const bus_settings_t *set)
     return lay_out(NULL, set);
 }
 
+/* The error counters that the nodes bring along; the states they give are no events. */
+static void count_at_start(bus_t *b)
+{
+    uint32_t record = b->set.record;
+    b->set.record = 0;
+    for (int32_t i = 0; i < b->n; i++) {
+        node_t *n = &b->nodes[i];
+        n->tec = n->set.tec;
+        count_received(b, n, n->set.rec);
+        node_confine(b, i);
+    }
+    b->set.record = record;
+}
+
 bus_t *bus_create(void *memory, const bus_settings_t *set)
 {
     bus_t *b = memory;
@@ -76,6 +90,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
         b->next_at[i] = b->ready[i] = NEVER;
     }
     line_create(b);
+    count_at_start(b);
     return b;
 }
 

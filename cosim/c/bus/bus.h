@@ -22,7 +22,7 @@
 #define BUS_API __attribute__((visibility("default")))
 #endif
 
-enum { BUS_ABI = 1 };
+enum { BUS_ABI = 2 };
 
 /* Transmit queues: order of requests; by arbitration, equals by age; as sorted, but a newer frame
  * replaces the pending one of the same identifier. */
@@ -83,6 +83,8 @@ typedef struct {
     int32_t first_filter, n_filters;    /* in the filters of the bus; none: everything is accepted */
     int32_t one_shot, recovers;     /* recovers: without a reset by the host */
     int32_t inbox;                  /* requests that may lie in the future */
+    int32_t tec, rec;               /* error counters at time 0; TEC above 255: bus-off since then */
+    int32_t reserved;
 } bus_node_settings_t;
 
 /* Bits of the nth attempt of an identifier. */

@@ -218,6 +218,7 @@ def test_a_lone_node_becomes_passive_and_is_heard_by_who_joins(bench: Bench) -> 
     joined = bench.bus()
     (heard,) = everything(joined, 1e-3)
     assert heard.arbitration_id == 0x123
+    assert alone.error_counters == (127, 0)
     assert alone.state == can.BusState.ACTIVE
 
 

@@ -96,7 +96,7 @@ CLAIMS = (
     Claim("limit-windup", ("sampling", "limit"), "step of z or theta_hat while at a limit", "SI",
           at_most(0.0), "anti-windup: both stand still", _LIMITED, _wound),
     Claim("limit-settled", ("sampling", "limit"), "q within 0.05 rad of q_h from", "s",
-          relative(4.37, 0.05), "independent simulation: 4.37", _LIMITED,
+          relative(4.37, 0.05), "second simulator: 4.37 s", _LIMITED,
           lambda r: m.settled(r, ["robot.q"], Q_H)),
     Claim("sampled-decay", ("sampling", "o1"), "lambda_M = alpha, no estimate: dq off the power of "
           "I - h M⁻¹K by", "1", at_most(1e-5), "O1 sampled: τ = -K dq held over h",

@@ -56,7 +56,7 @@ def campaign(
     interrupted. Exits with 1 where a run failed or came to nothing.
     """
     if faults:
-        _many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)
+        _run_many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)
         return
     from bridge.campaign import judgement
     from bridge.campaign.spec import load_campaign
@@ -85,7 +85,7 @@ def campaign(
         raise typer.Exit(1)
 
 
-def _many(
+def _run_many(
     file: Path,
     faults: int,
     seed: int,

@@ -31,7 +31,7 @@ def codec(outlet: Outlet, d: Deployment) -> Codec:
     joint = Joint(spec.gear, spec.direction, float(zero))
     layout = profile.layout(part, spec.drive)
     verify(Codec(layout, names))  # before the units are folded in
-    return Codec(_in_si(layout, profile, part, joint), names, exact=part is profile.command)
+    return Codec(_si_signals(layout, profile, part, joint), names, exact=part is profile.command)
 
 
 def _part(profile: DriveProfile, outlet: Outlet, place: str) -> tuple[ProfileMessage, list[str]]:
@@ -52,7 +52,7 @@ def _part(profile: DriveProfile, outlet: Outlet, place: str) -> tuple[ProfileMes
     raise ScenarioError(text, f"{place}.carries")
 
 
-def _in_si(
+def _si_signals(
     layout: MessageLayout, profile: DriveProfile, part: ProfileMessage, joint: Joint
 ) -> MessageLayout:
     """Signals of the part as values at the joint, in SI."""

@@ -100,7 +100,7 @@ def _of_drives(d: Deployment, bus: str) -> Service:
     )
 
 
-def _wanted(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
+def _selected_services(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
     """What a CAN bus is to have: what is listed, else all, but nothing where drives' frames are."""
     said, drives = d.buses[bus].services, drives_on(d, bus)
     if said and drives:
@@ -114,9 +114,9 @@ def _wanted(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
 
 def _in_file(d: Deployment, bus: str, layouts: Sequence[MessageLayout]) -> Service:
     """What a CAN bus has of the services its deployment wants there, as its DBC file has them."""
-    if not _wanted(d, bus):
+    if not _selected_services(d, bus):
         return _of_drives(d, bus)
-    there, wanted = {layout.name for layout in layouts}, _wanted(d, bus)
+    there, wanted = {layout.name for layout in layouts}, _selected_services(d, bus)
 
     def codec(service: ServiceName, name: str, *signals: str) -> Encoding | None:
         if service not in wanted:

@@ -75,7 +75,9 @@ class FrameFault:
 
     def _names(self, one: Subscription) -> bool:
         return any(
-            fnmatchcase(one.name, m) if isinstance(m, str) else _same(_numbered(m), one.accept)
+            fnmatchcase(one.name, m)
+            if isinstance(m, str)
+            else _same_identifier(_numbered(m), one.accept)
             for m in self.messages
         )
 
@@ -211,7 +213,7 @@ def _numbered(number: int) -> Accept:
     return Accept(number & ~EXTENDED, flags=Flags.EXTENDED if long else 0)
 
 
-def _same(a: Accept, b: Accept) -> bool:
+def _same_identifier(a: Accept, b: Accept) -> bool:
     """Whether two are of one identifier, of 11 or 29 bits."""
     return a.id == b.id and not (a.flags ^ b.flags) & Flags.EXTENDED
 
@@ -238,7 +240,7 @@ def _matching(
         yield label, one.bus, one.accept, samples.get(one.name) if hostile else None
     for number in (m for m in fault.messages if isinstance(m, int) and not hostile):
         accept = _numbered(number)
-        if not any(_same(accept, one.accept) for one in found):
+        if not any(_same_identifier(accept, one.accept) for one in found):
             yield f"{number:#x}", fault.bus, accept, None
 
 

@@ -83,7 +83,7 @@ class Listener:
         self.nets: dict[str, ZenohEar] = {}
         self.new_ns = 0
         """When a message was last listened to that was not before, monotonic; 0: from the start."""
-        buses = _wanted(system.deployment, only)
+        buses = _selected_buses(system.deployment, only)
         self._by_bus: dict[str, dict[int, list[tuple[Accept, Beat | ReceivedMessage]]]]
         self._by_bus = {name: {} for name in buses}  # by identifier, which two formats may share
         self.unknown: dict[str, int] = dict.fromkeys(buses, 0)
@@ -167,7 +167,7 @@ class Listener:
         self.close()
 
 
-def _wanted(d: Deployment, only: Sequence[str]) -> dict[str, BusSpec]:
+def _selected_buses(d: Deployment, only: Sequence[str]) -> dict[str, BusSpec]:
     for name in only:
         if name not in d.buses:
             raise ScenarioError(f"no bus {name!r}; there are: {', '.join(d.buses)}", str(d.path))

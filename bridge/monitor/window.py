@@ -79,13 +79,13 @@ def metrics(
     recent = Recent(system, heard, now_ns)
     found, missing = [], []
     for metric in declared_metrics.metrics(system.scenario):
-        absent = [name for name in _wanted(metric) if not recent.has(name)]
+        absent = [name for name in _metric_signals(metric) if not recent.has(name)]
         missing += absent
         if not absent:
             found.append(metric.evaluate(recent))
     return found, tuple(dict.fromkeys(missing))
 
 
-def _wanted(metric: Metric) -> list[str]:
+def _metric_signals(metric: Metric) -> list[str]:
     target = metric.target if isinstance(metric, Error) else None
     return [*metric.of, *([target] if isinstance(target, str) else [])]

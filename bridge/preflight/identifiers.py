@@ -135,7 +135,7 @@ def _drive(profile: DriveProfile, node: int) -> Iterator[SentIdentifier]:
     yield SentIdentifier(
         command.identifier, bool(command.flags & Flags.EXTENDED), f"commands to {drive}", to
     )
-    for told in _told(profile, node):
+    for told in _feedback_frames(profile, node):
         extended = bool(told.flags & Flags.EXTENDED)
         yield SentIdentifier(
             told.identifier, extended, f"{told.name} of {drive}", _from(profile, node)
@@ -145,7 +145,7 @@ def _drive(profile: DriveProfile, node: int) -> Iterator[SentIdentifier]:
             yield SentIdentifier(first + node, False, f"the {name} of {drive}")
 
 
-def _told(profile: DriveProfile, node: int) -> Iterator[MessageLayout]:
+def _feedback_frames(profile: DriveProfile, node: int) -> Iterator[MessageLayout]:
     """What it sends: its feedback, and further messages of its DBC file, listened to or not."""
     yield from (profile.layout(part, node) for part in profile.feedback)
     known = {part.message for part in (profile.command, *profile.feedback)}

@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.write(f"sending {given.id:#x} {given.rate:g} times a second\n")
             sys.stdout.flush()
             if given.hold:
-                _held(stop)
+                _wait_for_end(stop)
             done = repeat(attachment.bus, given.id, given.rate, given.length, frames, stop)
     finally:
         attachment.close()
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _held(stop: c.c_int32) -> None:
+def _wait_for_end(stop: c.c_int32) -> None:
     """Wait for a line on standard input, or for a signal."""
     while not stop.value and not select.select([sys.stdin], [], [], LONGEST_WAIT * 1e-9)[0]:
         pass

@@ -83,7 +83,7 @@ def replay(
         found: dict[Life, Rows] = {}
         histories = {}  # C reads them until the end
         for life, rows in lives.items():
-            node = _wire(stack, _fresh(system, life), life, rows, folder)
+            node = _wire(stack, _new_components(system, life), life, rows, folder)
             histories[life] = _hear(node, life, there, sent)
             unheard.update(
                 received_and_sent.missing_in_journal(system, life, rows, histories[life])
@@ -112,7 +112,7 @@ def received_by_life(folder: Path) -> ByLife[Rows]:
     return ByLife({life: Journal.open(path) for life, path in files(folder, HEARD).items()})
 
 
-def _fresh(system: System, life: Life) -> System:
+def _new_components(system: System, life: Life) -> System:
     """Each life of a node has its own components."""
     return system if life.boot == 1 else make_system(system.scenario, system.deployment)
 

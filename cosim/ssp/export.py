@@ -129,7 +129,7 @@ class _Packer:
         name = f"resources/{self._resource(fmu)}"
         element = _element(step.name, name)
         connectors = SubElement(element, f"{{{SSD}}}Connectors")
-        for group in _carried(fmu):
+        for group in _connector_signals(fmu):
             kind = group.first.causality
             for scalar in _scalars(group):
                 if kind == "input" and f"{step.name}.{scalar}" not in self._fed:
@@ -206,7 +206,7 @@ def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
             "of it that needs Python where it runs",
             place,
         )
-    for group in _carried(fmu):
+    for group in _connector_signals(fmu):
         if group.first.shape:
             raise ScenarioError(
                 f"{group.name} is an array of FMI 3.0, which SSP 1.0 has no connectors for; "
@@ -216,7 +216,7 @@ def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
     return fmu
 
 
-def _carried(fmu: FmuComponent) -> list[VariableGroup]:
+def _connector_signals(fmu: FmuComponent) -> list[VariableGroup]:
     """The signals that SSP has connectors for: clocks are none."""
     groups = [fmu.groups[p.name] for p in (*fmu.inputs, *fmu.outputs)]
     return [g for g in groups if g.first.type != "Clock"]

@@ -139,7 +139,7 @@ def _measure(job: StudySetup, point: Point) -> tuple[MetricResult, ...]:
         simulate(scenario, folder, plan=plan, force=True)
         signals = Run.open(folder)
     else:
-        needed = _needed(metrics, _recorded(scenario, plan))
+        needed = _needed_columns(metrics, _recorded(scenario, plan))
         signals = record(plan, needed, scenario.run.record.every)
     return evaluate(metrics, signals)
 
@@ -155,7 +155,7 @@ def _recorded(scenario: Scenario, plan: Plan) -> list[Column]:
     return columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
 
 
-def _needed(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Column]:
+def _needed_columns(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Column]:
     """The columns that the metrics read."""
     names = Preview({c.name: c.unit for c in recorded})
     wanted = {entry for m in metrics for signal in m.signals for entry in names.entries(signal)}

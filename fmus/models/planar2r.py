@@ -147,7 +147,7 @@ def law(
 
     for _ in range(substeps):
         q, dq = _runge_kutta(acceleration, q, dq, h / substeps)
-    return _measured(x, q, dq, q_h, grip)
+    return _outputs_at(x, q, dq, q_h, grip)
 
 
 def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Values:
@@ -159,7 +159,7 @@ def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Val
             "theta[2] > 0 and theta[0] theta[2] > theta[1]^2 + theta[2]^2",
             "planar2r.theta",
         )
-    return _measured(x, x["q"], x["dq"], q_h, grip)
+    return _outputs_at(x, x["q"], x["dq"], q_h, grip)
 
 
 def _acceleration(x: Values, q: Array, dq: Array, pushed: Array) -> Array:
@@ -187,7 +187,7 @@ def _wall(x: Values, q: Array, dq: Array) -> Array:
     return np.where(depth > 0, np.maximum(0.0, torque), 0.0)
 
 
-def _measured(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Values:
+def _outputs_at(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Values:
     """All outputs at a position q (rad) and velocity dq (rad/s)."""
     tau_h, tau_e = _grip(x, q, dq, q_h, grip), _wall(x, q, dq)
     return {"q": q, "dq": dq, "tau_h": tau_h, "tau_e": tau_e}

@@ -62,7 +62,7 @@ class Replay:
             known = {column: known.get(name, "1") for name, column in signals.items()}
         else:
             run = Run.open(self._path)
-            columns = {name: run.column(name) for name in _wanted(run.names, signals)}
+            columns = {name: run.column(name) for name in _selected_columns(run.names, signals)}
             columns["t"], known = run.t, {column: run.unit(column) for column in signals.values()}
         self._t = _increasing(columns.pop("t"), self._path)
         self._rows = {
@@ -96,7 +96,7 @@ class Replay:
         """Continue; there is nothing to go back to."""
 
 
-def _wanted(names: tuple[str, ...], signals: Mapping[str, str]) -> list[str]:
+def _selected_columns(names: tuple[str, ...], signals: Mapping[str, str]) -> list[str]:
     """Columns of `names` that belong to any of `signals`."""
     return [name for name in names if {name, name.partition("[")[0]} & set(signals.values())]
 

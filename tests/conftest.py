@@ -1,5 +1,7 @@
 """What holds for all tests."""
 
+import gc
+import os
 import signal
 from typing import Any
 
@@ -19,6 +21,14 @@ settings.register_profile("search", max_examples=1000, **_ALL)
 _WITHOUT_SHRINKING = (Phase.explicit, Phase.generate)
 settings.register_profile("mutants", derandomize=True, phases=_WITHOUT_SHRINKING, **_ALL)
 settings.load_profile("project")
+
+
+# As the command does for itself (cosim/cli/__init__.py), here before a test imports NumPy: in each
+# process of tests a second thread of OpenBLAS would wait busily beside the other processes.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Python would look for garbage among thousands of collected tests every 700 new objects, which
+# takes a tenth of all processor time.
+gc.set_threshold(50_000)
 
 
 def pytest_configure() -> None:

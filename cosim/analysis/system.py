@@ -17,6 +17,7 @@ import numpy as np
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
 from cosim.analysis.hands import together
 from cosim.analysis.inputs import acts, feeders, start_value
+from cosim.analysis.quantiles import quantiles
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
 from cosim.links.losses import Lossy
@@ -256,7 +257,7 @@ def age(link: Link) -> Age:
     if not len(ages):
         return Age(nan if declared is None else declared, _bound(table))
     middle = float(ages.mean())
-    parts = np.quantile(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
+    parts = quantiles(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
     spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
     return Age(middle if declared is None else declared, _bound(table), spread)
 

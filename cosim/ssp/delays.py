@@ -26,24 +26,27 @@ def build_delays(
     With `rates` it steps as its ends do, which have one period; without, everybody steps in every
     tick. Raises ScenarioError for other links, and for one without a delay of at least one step.
     """
-    make = importlib.import_module(_MODEL).build_link
-    found = {}
+    model = importlib.import_module(_MODEL)
+    delays = []
     for i, link in enumerate(plan.links):
         _check(scenario, plan, link, rates)
         period = plan.component(link.target.component).period
         hits = -(-plan.ticks // period)
         rows = link.table.stream(hits).rows(hits)
-        found[link.name] = make(
-            identifier=f"delay_{i + 1}",
-            rows=rows.tolist(),
-            history=link.table.history,
-            width=link.target.size,
-            unit=link.target.unit,
-            step=period * plan.h,
-            initial=link.initial,
-            folder=folder,
+        delays.append(
+            model.LinkDelay(
+                identifier=f"delay_{i + 1}",
+                rows=rows.tolist(),
+                history=link.table.history,
+                width=link.target.size,
+                unit=link.target.unit,
+                step=period * plan.h,
+                initial=link.initial,
+            )
         )
-    return found
+    built = model.build_links(delays, folder)
+    names = [link.name for link in plan.links]
+    return dict(zip(names, [built[delay.identifier] for delay in delays], strict=True))
 
 
 def _check(scenario: Scenario, plan: Plan, link: Link, rates: bool) -> None:

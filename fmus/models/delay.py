@@ -19,9 +19,11 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple, final
 
 from cosim.base.component import Kind
-from fmus.build import Version, build
+from fmus.build import Version, pack
+from fmus.library import compile_models
 from fmus.model import Model, Variable
 
 _KIND: Kind = "continuous"
@@ -52,28 +54,47 @@ def model(identifier: str, width: int, history: int, unit: str, step: float, tab
     )
 
 
-def build_link(
-    *,
-    identifier: str,
-    rows: Sequence[int],
-    history: int,
-    width: int,
-    unit: str,
-    step: float,
-    initial: Sequence[float] | None,
-    folder: Path,
-    version: Version = "2.0",
-) -> Path:
-    """Build the FMU of a table of sent samples, one row a step (-1: none yet), into `folder`.
+@final
+class LinkDelay(NamedTuple):
+    """A link as :func:`build_links` needs it.
 
-    `initial`: what is held before anything has arrived; None: the input at the start. Raises as
-    :func:`fmus.build.build` does.
+    `rows`: the sample that is held after each step, -1: none yet; `width`: number of scalars;
+    `step`: s; `initial` (width,): what is held before anything has arrived, None: the input at the
+    start.
+    """
+
+    identifier: str
+    rows: Sequence[int]
+    history: int
+    width: int
+    unit: str
+    step: float
+    initial: Sequence[float] | None
+
+
+def build_links(
+    links: Sequence[LinkDelay], folder: Path, version: Version = "2.0"
+) -> dict[str, Path]:
+    """Build an FMU for each of `links` into `folder`; their paths by identifier.
+
+    What their libraries share is compiled once. Raises as :func:`fmus.build.build` does.
     """
     with tempfile.TemporaryDirectory(prefix="delay-") as scratch:
-        table = Path(scratch) / "delay_table.h"
-        capacity = _capacity(rows, history)
-        table.write_text(_header(rows, capacity, width, initial), encoding="utf-8")
-        return build(model(identifier, width, capacity, unit, step, table), version, folder)
+        models = [_declared(link, Path(scratch) / link.identifier) for link in links]
+        compiled = compile_models(models)
+        return {
+            each.identifier: pack(each, version, folder, binaries)
+            for each, binaries in zip(models, compiled, strict=True)
+        }
+
+
+def _declared(link: LinkDelay, folder: Path) -> Model:
+    """The model of a link, with its table in the new `folder`."""
+    folder.mkdir()
+    table = folder / "delay_table.h"
+    capacity = _capacity(link.rows, link.history)
+    table.write_text(_header(link.rows, capacity, link.width, link.initial), encoding="utf-8")
+    return model(link.identifier, link.width, capacity, link.unit, link.step, table)
 
 
 def constant(rows: Sequence[int]) -> int | None:

@@ -104,6 +104,7 @@ class Channel:
         with self.lock:
             self.pace.catch_up(self)
             self.ports.remove(port)
+            del self._by_node[port.node]
             port.inbox.clear()
             self._wire.leave(port.node)
             self.lock.notify_all()
@@ -132,15 +133,22 @@ class Channel:
     def receive(
         self, port: ChannelPort, wanted: Callable[[can.Message], bool], timeout: float | None
     ) -> can.Message | None:
-        """The oldest message that is `wanted`, waiting up to `timeout` (s; None: for ever)."""
+        """The oldest message that is `wanted`, waiting up to `timeout` (s; None: for ever).
+
+        Raises ChannelOperationError when the port is closed meanwhile.
+        """
 
         def ready() -> bool:
             while port.inbox and not wanted(port.inbox[0]):
                 port.inbox.popleft()
-            return bool(port.inbox)
+            return bool(port.inbox) or port.node.leaving
 
         with self.lock:
             found = self.pace.wait(self, ready, timeout, None)
+            if port.node.leaving:
+                raise ChannelOperationError(
+                    f"channel {self.name!r}: found a bus that was shut down while it waited"
+                )
             return port.inbox.popleft() if found else None
 
     def sleep(self, seconds: float) -> None:
@@ -219,8 +227,8 @@ class Channel:
 
     def _hand_out(self, happenings: list[Happening]) -> None:
         for found in happenings:
-            port = self._by_node[found.node]
-            if not found.node.leaving:
+            port = self._by_node.get(found.node)
+            if port is not None:
                 self._deliver(port, found)
         if happenings:
             self.lock.notify_all()

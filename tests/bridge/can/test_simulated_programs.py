@@ -127,6 +127,23 @@ def test_threads_that_answer_each_other_take_the_same_simulated_time_always(
     assert run("second") == first
 
 
+def test_a_thread_that_waits_hears_that_its_bus_was_shut_down(bench: Bench) -> None:
+    bus, errors = bench.bus(), []
+
+    def wait() -> None:
+        try:
+            bus.recv()
+        except can.CanOperationError as error:
+            errors.append(str(error))
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    bus.shutdown()
+    thread.join(10)
+    assert not thread.is_alive()
+    assert "shut down" in errors[0]
+
+
 @needs_entry_point
 def test_canopen_reads_the_object_of_a_node(bench: Bench) -> None:
     canopen = pytest.importorskip("canopen")

@@ -22,11 +22,11 @@ def node(tmp_path):
         yield slots
 
 
-def say(node, encoding, values, status=0):
-    """A frame on the left bus, heard in the next slot; its row."""
+def say(node, encoding, values, status=0, bus="left"):
+    """A frame on a bus, heard in the next slot; its row."""
     frame = encoding.frame(values, Header(status=status))
     frame.t_ns = node.struct.slot * node.struct.h_ns
-    node.rings["left"].put(frame)
+    node.rings[bus].put(frame)
     return node.step()
 
 
@@ -59,6 +59,25 @@ def test_only_among_simulated_nodes_is_a_simulated_peer_one(node, simulated_node
     peer = node.wired.peers["master"]
     there = simulated_node or not simulated_peer
     assert peer.state == (LifeState.ACTIVE if there else -1)
+
+
+def test_each_heartbeat_is_that_of_its_peer(node):
+    """Of the peers on each bus of the node: only the one that was heard has a new state."""
+    peers = node.wired.peers
+    heard = 0
+    for bus in node.names:
+        for number, beat in node.system.services[bus].heartbeats.items():
+            name = next((name for name, peer in peers.items() if peer.number == number), None)
+            if name is None:  # itself
+                continue
+            for peer in peers.values():
+                peer.state = -1
+            say(node, beat, [LifeState.ACTIVE, 0, 1, 0], Status.SIMULATED, bus)
+            there = bus in node.system.buses_of(name)
+            found = {n for n, peer in peers.items() if peer.state == LifeState.ACTIVE}
+            assert found == ({name} if there else set()), (bus, name)
+            heard += there
+    assert heard > 1
 
 
 @pytest.mark.parametrize("accepted", [False, True])

@@ -32,7 +32,8 @@ PATIENCE = 900.0
 #: Imported by many tests, changed by none.
 OUTSIDE = ("hypothesis", "numpy", "pyarrow", "pyarrow.parquet", "msgspec", "msgspec.toml")
 #: Commands, and our libraries, which have the names of modules.
-NOT_IMPORTED = ("__main__", "_engine", "_bridge")
+LIBRARIES = ("_engine", "_bus", "_bridge")
+NOT_IMPORTED = ("__main__", *LIBRARIES)
 
 
 class Trials:
@@ -136,7 +137,7 @@ def warm(packages: tuple[str, ...]) -> None:
             except ImportError:  # an extra that is not installed
                 continue
     loaded = Path("/proc/self/maps").read_text(encoding="utf-8")
-    if "_engine.so" in loaded or "_bridge.so" in loaded:
+    if any(f"{name}.so" in loaded for name in LIBRARIES):
         raise SystemExit("importing the packages loads a library that mutants change")
 
 

@@ -84,7 +84,7 @@ def test_each_heartbeat_is_that_of_its_peer(node):
 def test_samples_of_simulated_senders_are_counted_where_they_are_refused(node, accepted):
     encoding = node.system.messages["STATE_1"].encoding
     receiver = node.wired.receivers["STATE_1"]
-    node.wired.receiving.receptions["STATE_1"].accept_simulated = accepted
+    node.wired.inlet_bindings.receptions["STATE_1"].accept_simulated = accepted
     say(node, encoding, [0.0] * 4, LifeState.ACTIVE | Status.SIMULATED)
     assert (receiver.simulated, receiver.ok) == ((0, 1) if accepted else (1, 0))
     say(node, encoding, [0.0] * 4, LifeState.ACTIVE)
@@ -164,3 +164,18 @@ def test_a_frame_is_heard_in_the_first_slot_that_is_not_before_it(node, start, l
     frame.t_ns = start + s.h_ns + s.phase_ns + later
     node.rings["left"].put(frame)
     assert [(node.step(), s.syncs_received)[1] for _ in range(3)] == heard
+
+
+@pytest.mark.parametrize(("max_age", "stale"), [(0, 0), (5000, 0), (4999, 1)])
+def test_a_sample_older_than_its_reception_allows_is_counted_and_not_taken(node, max_age, stale):
+    """Of the number and stamp 0, 5000 ns after the start; an age of 0 ns allows any."""
+    reception = node.wired.inlet_bindings.receptions["STATE_1"]
+    reception.max_age_ns, node.struct.phase_ns = max_age, 5000
+    frame = node.system.messages["STATE_1"].encoding.frame(
+        [0.0] * 4, Header(status=LifeState.ACTIVE | Status.SIMULATED)
+    )
+    frame.t_ns = 5000
+    node.rings["left"].put(frame)
+    node.step()
+    assert node.wired.receivers["STATE_1"].stale == stale
+    assert reception.newest == (-1 if stale else 0)

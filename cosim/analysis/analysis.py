@@ -97,6 +97,8 @@ def analyse(
     if known is not None:
         remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
     missed = broken(known, net) if known is not None and net is not None else ()
+    if net is not None and len(net.names) > 1 and recorded.mean is None:
+        missed += ("recorded positions of all robots",)
     swept: list[Swept] = []
     tested: tuple[Quantity, ...] = ()
     if known is not None and tests and not port.inject:

@@ -112,14 +112,15 @@ def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
     """O6, M^t <= (1 + 2 lambda_M t/π) ‖H‖/(alpha lambda_min(K)), rad/(N.m), theta known.
 
     1/lambda_min(K) bounds tau_h -> s, 1/alpha is a filter, 2 t/π the norm of the integral over
-    [0, t], and H(p) = p [L⁻¹]_port the effect of the other robots (1 for one robot). inf for
-    alpha = 0. `t` (n,) s; `K`: the least feedback gain, N.m.s/rad; the result (n,).
+    [0, t], and H(p) = p mean_i [L⁻¹]_i,port the effect of the network on the mean position of its
+    robots (1 for one robot). inf for alpha = 0. `t` (n,) s; `K`: the least feedback gain,
+    N.m.s/rad; the result (n,).
     """
     law = net.law
     if law.alpha == 0:
         return np.full_like(t, inf)
     p = 1j * np.geomspace(1e-4, 1e3, 400)
-    H = np.abs(p * np.linalg.inv(net.L(p))[:, net.port, net.port]).max()
+    H = np.abs(p * np.linalg.inv(net.L(p))[:, :, net.port].mean(axis=1)).max()
     return np.asarray((1 + 2 * law.lambda_M * t / pi) * H / (law.alpha * K))
 
 

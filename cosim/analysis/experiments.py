@@ -138,7 +138,7 @@ class Bench:
         if not self.port.inject:
             raise ScenarioError("no input for a test force; name it in [analysis] as inject")
         change = self._fed(seconds, np.full((1, self.size), force))
-        return self.run(change, (self.port.inject, self.port.response))
+        return self.run(change, (self.port.inject, self.port.response, *self.port.members))
 
     def gain(self, sines: MultiSine, periods: int = 1) -> PortGain:
         """G(jω): one run with the force on each joint, one without. Raises RunError, ScenarioError.

@@ -115,6 +115,13 @@ class Linear:
         at = slice(self.net.port * m, (self.net.port + 1) * m)
         return np.asarray(np.linalg.inv(self.A(p))[..., at, at])
 
+    def mean_gain(self, p: ArrayLike) -> Complex:
+        """From torque at the port to the mean position of all robots, (..., m, m), rad/(N.m)."""
+        n, m = self.M.shape[:2]
+        at = slice(self.net.port * m, (self.net.port + 1) * m)
+        column = np.linalg.inv(self.A(p))[..., at]
+        return np.asarray(column.reshape(*column.shape[:-2], n, m, m).mean(axis=-3))
+
 
 def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     """The network that the arm `port` is part of; None where its law is not of this kind."""

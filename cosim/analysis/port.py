@@ -26,7 +26,7 @@ class PortSignals:
     feed; `response` is its position and `rate` its velocity; `inject` is the input of a test force.
     The torque of the far robot on its environment is `far_force` less `far_external`, with
     `far_response` and `far_rate`. `estimates`: theta_hat of each robot of the network around the
-    port, in its order.
+    port, in its order; `members`: their positions, where there is more than one.
     """
 
     arm: str
@@ -41,6 +41,7 @@ class PortSignals:
     far_rate: str = ""
     far_external: str = ""
     estimates: tuple[str, ...] = ()
+    members: tuple[str, ...] = ()
 
     @property
     def collocated(self) -> bool:
@@ -53,6 +54,7 @@ class PortSignals:
         names = (
             *(self.force, self.external, self.response, self.rate),
             *(self.far_force, self.far_external, self.far_response, self.far_rate),
+            *self.members,
             *self.estimates,
         )
         return tuple(dict.fromkeys(name for name in names if name))
@@ -95,6 +97,7 @@ def port_of(
             own.far_force, f"{far}.{environment}", f"{far}.{far_external}", known, system
         ),
         estimates=_estimates(system, arm),
+        members=_members(system, arm) if own.response in ("", f"{arm}.{q}") else (),
     )
 
 
@@ -157,6 +160,15 @@ def _estimates(system: AnalyzedSystem | None, arm: str) -> tuple[str, ...]:
     slots = system.plan.slots()
     names = tuple(f"{n}.{law.estimate}" for n, law in zip(net.names, net.laws, strict=True))
     return names if all(name in slots for name in names) else ()
+
+
+def _members(system: AnalyzedSystem | None, arm: str) -> tuple[str, ...]:
+    """The positions of all robots of the network around `arm`; none where it is alone."""
+    net = network(system, arm) if system is not None else None
+    if system is None or net is None or len(net.names) == 1:
+        return ()
+    arms = [system.arm_of(name) or "" for name in net.names]
+    return tuple(f"{name}.{system.arms[name].position}" for name in arms)
 
 
 def _names(system: AnalyzedSystem | None, name: str) -> tuple[str, str, str, str, str]:

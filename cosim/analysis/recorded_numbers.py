@@ -13,6 +13,7 @@ from cosim.analysis.closed_form import manipulability_bound, poles, quasi_static
 from cosim.analysis.energy import effort, observer
 from cosim.analysis.facts import Array, Hand
 from cosim.analysis.felt_impedance import felt, is_the_hand
+from cosim.analysis.finite_gain import network_gain
 from cosim.analysis.manipulability import growth, manipulability, running_integral
 from cosim.analysis.network import RobotNetwork
 from cosim.analysis.port import PortSignals
@@ -25,7 +26,8 @@ class RecordedPort:
     """What was recorded at a port: `t` (n,) s, the rest (n, m) by the role it plays.
 
     `far`: (torque, velocity) at the other end; `units` of force and response; `estimates`:
-    theta_hat of each robot as it ended, () where one was not recorded.
+    theta_hat of each robot as it ended, () where one was not recorded; `mean`: (n, m), the mean
+    position of all robots of a network, None where the robot is alone.
     """
 
     t: Array
@@ -35,6 +37,7 @@ class RecordedPort:
     far: tuple[Array, Array] | None
     units: tuple[str, str]
     estimates: tuple[tuple[float, ...], ...] = ()
+    mean: Array | None = None
 
     @property
     def unit(self) -> str:
@@ -44,8 +47,9 @@ class RecordedPort:
 
     @property
     def M(self) -> Array:
-        """M^t, (n,)."""
-        return manipulability(self.t, self.force, self.response)
+        """M^t, (n,): of the response, and in a network of the mean of its robots, q_c."""
+        moved = self.response if self.mean is None else self.mean
+        return manipulability(self.t, self.force, moved)
 
     @property
     def E(self) -> Array | None:
@@ -70,6 +74,9 @@ def read(signals: Signals, port: PortSignals) -> RecordedPort:
         far=far,
         units=(signals.unit(port.force), signals.unit(port.response)),
         estimates=tuple(_last(signals, name) for name in port.estimates),
+        mean=np.mean([signals.array(name) for name in port.members], axis=0)
+        if port.members
+        else None,
     )
 
 
@@ -125,15 +132,34 @@ def _manipulability(
     if broken:
         why = f"no bound: O6 ({', '.join(f'{x:.4g}' for x in limit)}) needs {'; '.join(broken)}"
         limit = np.empty(0)
-    how = f"‖y‖₂/‖f‖₂ over [0, {t[-1]:.4g}] s"
+    what = "" if found.mean is None else ", y the mean of all robots"
+    how = f"‖y‖₂/‖f‖₂ over [0, {t[-1]:.4g}] s{what}"
     yield quantity(
         "manipulability", "M^t of this run", M[-1], found.unit, how,
         expected=limit, formula="O6, at most" if len(limit) else "", note=why,
     )  # fmt: skip
+    if net is not None:
+        yield _gain(net, found.response[-1], float(t[-1]))
     yield quantity(
         "growth", "growth of M^t", growth(t, M, t[-1] / 2, t[-1]), "1",
         f"d log M/d log t, {t[-1] / 2:.4g} to {t[-1]:.4g} s",
         note="constant push 1, hand at rest 1/2, finite 0",
+    )  # fmt: skip
+
+
+def _gain(net: RobotNetwork, q: Array, t: float) -> Quantity:
+    """M^t as the paper means it: the most that any force does, which one run cannot show."""
+    label = "M^t, gain"
+    how = (
+        f"sup ‖y‖₂/‖f‖₂ over all f on [0, {t:.4g}] s, linear about the end of the run, from rest, "
+        "theta known, mean of graphs and delays"
+    )
+    if not np.isfinite(q).all():
+        return absent("gain", label, "rad/(N.m)", how, "the run did not end at rest")
+    limit = manipulability_bound(net, np.array([t]), least_feedback(net))
+    return quantity(
+        "gain", label, network_gain(net, q, t), "rad/(N.m)", how, expected=limit,
+        formula="O6, at most" if np.isfinite(limit).all() else "alpha = 0: no bound O6",
     )  # fmt: skip
 
 

@@ -151,4 +151,5 @@ def _recorded(port: PortSignals, names: Collection[str], folder: Path) -> PortSi
         for field in ("rate", "far_force", "far_response", "far_rate")
     }
     estimates = port.estimates if all(name in names for name in port.estimates) else ()
-    return replace(port, **kept, estimates=estimates)
+    members = port.members if all(name in names for name in port.members) else ()
+    return replace(port, **kept, estimates=estimates, members=members)

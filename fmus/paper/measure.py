@@ -8,6 +8,7 @@ from math import inf, log, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.analysis.manipulability import manipulability as observed
 from cosim.analysis.metrics import settle_time
 from cosim.record import Run
 
@@ -78,10 +79,7 @@ def manipulability(run: Run, force: str, response: Sequence[str]) -> Array:
     NaN as long as no force has acted.
     """
     y = np.mean([run.array(name) for name in response], axis=0)
-    above = integral(((y - y[0]) ** 2).sum(axis=1), run.t)
-    below = integral((run.array(force) ** 2).sum(axis=1), run.t)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.sqrt(above / below)
+    return observed(run.t, run.array(force), y)
 
 
 def growth(run: Run, force: str, response: Sequence[str], start: float, stop: float) -> float:

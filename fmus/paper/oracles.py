@@ -20,14 +20,17 @@ Array = NDArray[np.float64]
 # ---- O2, O7: the rest position without lambda_M -------------------------------------------------
 
 
-def rest_position(q_0: ArrayLike, q_h: ArrayLike, K: float, alpha: float, k_p: float) -> Array:
+def rest_position(
+    q_0: ArrayLike, q_h: ArrayLike, K: float, alpha: float, k_p: float, z_0: ArrayLike = 0.0
+) -> Array:
     """O2, where the arm comes to rest for lambda_M = 0, rad; `q_0`, `q_h` and the result (m,).
 
-    q = (αK q(0) + k_p q_h) / (αK + k_p); from z + αq = αq(0) for all t (z(0) = dq(0) = 0), and
-    τ_h = K s at rest.
+    q = (αK ψ_0 + k_p q_h) / (αK + k_p), ψ_0 = q(0) + z(0)/α; from z + αq = αψ_0 for all t, and
+    τ_h = K s at rest. `z_0`: z(0), rad/s, scalar or (m,).
     """
     a = alpha * K
-    return np.asarray((a * np.asarray(q_0) + k_p * np.asarray(q_h)) / (a + k_p))
+    psi_0 = np.asarray(q_0) + np.asarray(z_0) / alpha
+    return np.asarray((a * psi_0 + k_p * np.asarray(q_h)) / (a + k_p))
 
 
 def holding_torque(q_0: ArrayLike, q_h: ArrayLike, K: float, alpha: float, k_p: float) -> Array:

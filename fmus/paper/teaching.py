@@ -15,6 +15,8 @@ from fmus.paper.experiments import Q_H, THETA, Document, single
 K, GAMMA, ALPHA, LAMBDA_M, K_P, K_D = 16.0, 8.0, 2.0, 6.0, 10.0, 5.0
 SIMULATED = "independent simulation"
 Q, TAU_H = "robot.q", "robot.tau_h"
+#: z(0) of a run that starts from other than rest, rad/s.
+Z_0 = (1.6, -0.8)
 
 
 def cases(seed: int) -> dict[str, Document]:
@@ -28,6 +30,7 @@ def cases(seed: int) -> dict[str, Document]:
         "teaching-6-known": single(**known),
         "teaching-2": single(60.0, lambda_M=2.0),
         "teaching-0": single(600.0, lambda_M=0.0, every=4),
+        "teaching-0-z": single(60.0, lambda_M=0.0, z=list(Z_0)),
         "free": single(grip={}, arm_values={"dq": [2.0, -1.0]}),
         "push": single(60.0, grip={}, arm_values=push, **known),
         "push-0": single(60.0, grip={}, arm_values=push, lambda_M=0.0, **known),
@@ -88,6 +91,7 @@ _FIGURE_1_TEXT = (
 # ---- Fig. 3, lambda_M = 0: finite manipulability ------------------------------------------------
 
 _REST = oracles.rest_position((0.0, 0.0), Q_H, K, ALPHA, K_P)
+_REST_Z = oracles.rest_position((0.0, 0.0), Q_H, K, ALPHA, K_P, Z_0)
 _HOLD = oracles.holding_torque((0.0, 0.0), Q_H, K, ALPHA, K_P)
 _LIMIT = oracles.finite_manipulability(K, ALPHA)
 _WITHOUT, _BROKEN = ("teaching-0",), "lambda_M = 0"
@@ -98,6 +102,9 @@ _FIGURE_3 = (
     Claim("fig3-torque", ("fig3", "o2"), "held for ever: tau_h is off (26.67, 22.86) by", "N.m",
           at_most(0.05), "O2: τ_h = k_p (q_h - q)", _WITHOUT,
           lambda r: m.miss(m.at(r, TAU_H, 60.0), _HOLD)),
+    Claim("o2-start", ("o2",), "z(0) = (1.6, -0.8) rad/s: rest is off O2 by", "rad", at_most(1e-3),
+          "O2 with ψ_0 = q(0) + z(0)/α in the place of q(0): (1.443, 0.4095)", ("teaching-0-z",),
+          lambda r: m.miss(m.final(r, Q), _REST_Z)),
     Claim("fig3-reached", ("fig3", "thm2"), "lambda_M = 0: q within 0.05 rad of q_h from", "s",
           never(), "O2", _WITHOUT, lambda r: m.settled(r, [Q], Q_H), _BROKEN),
     Claim("fig3-limit", ("fig3", "o2", "thm2"), "M^t at 600 s", "rad/(N.m)",

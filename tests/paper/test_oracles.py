@@ -111,3 +111,11 @@ def test_a_root_of_a_balanced_graph_draws_the_others_by_its_share() -> None:
 
 def test_the_gravity_used_here_is_that_of_the_arm_s_masses() -> None:
     assert pytest.approx((2.5 * 9.81, 1.2 * 9.81)) == THETA_G
+
+
+def test_rest_without_lambda_m_depends_on_where_z_starts() -> None:
+    """ψ_0 = q(0) + z(0)/α: 0.3 + 1.0/2 in the place of 0.3 gives 1.443 rad, not 1.062."""
+    found = oracles.rest_position([0.3], [3.5], 16.0, 2.0, 10.0, [1.0])
+    assert found == pytest.approx([(32 * 0.8 + 35) / 42])
+    assert found == pytest.approx([1.443], abs=1e-3)
+    assert oracles.rest_position([0.3], [3.5], 16.0, 2.0, 10.0) == pytest.approx([1.062], abs=1e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -154,3 +155,11 @@ def test_everything_passes(tmp_path: Path, seed: int) -> None:
     assert code == 0, [line for line in text.splitlines() if "FAIL" in line]
     drawn = {path.stem for path in tmp_path.glob("*.png")}
     assert {f"fig{n:02d}" for n in range(1, 16)} <= drawn
+
+
+def test_the_page_says_how_many_claims_there_are() -> None:
+    """``more than 200 claims``: counted here, and rounded down to a multiple of 50."""
+    page = (Path(__file__).parents[2] / "docs/paper.md").read_text(encoding="utf-8")
+    (said,) = re.findall(r"(\d+) claims", page)
+    counted = sum(len(part) for part in claims.SECTIONS.values())
+    assert int(said) == counted // 50 * 50, f"docs/paper.md says {said}, there are {counted}"

@@ -117,11 +117,11 @@ def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
     yield quantity(
         f"real_part_{tag}", f"min Re Y/|Y|, {title}", share, "1", where,
         expected=form.least()[2] if form else (),
-        formula="closed form, not sampled" if form else "",
+        formula=unsampled(bench) if form else "",
         error=error,
         note=f"{_VERDICT[gain.passive()]}; {said}",
     )  # fmt: skip
-    yield from _bands(gain, form, title, tag, units)
+    yield from _bands(gain, form, tag, bench)
 
 
 #: What is said of passivity, see :meth:`PortGain.passive`.
@@ -130,6 +130,13 @@ _VERDICT = {
     False: "not passive",
     None: "no verdict: the uncertainty is too large",
 }
+
+
+def unsampled(bench: Bench) -> str:
+    """What is said of a closed form that is continuous: by how much sampling moves it, ωT_s/4."""
+    system = bench.system
+    period = system.period(system.controls.get(bench.port.arm, bench.port.arm))
+    return f"closed form, ± {100 * HIGHEST * period / 4:.2g} %: not sampled"
 
 
 def _admittance(units: Mapping[str, str]) -> str:
@@ -145,9 +152,8 @@ def _doubts(gain: PortGain, whole: bool) -> str:
     return "; ".join(said)
 
 
-def _bands(
-    gain: PortGain, form: PortGain | None, title: str, tag: str, units: Mapping[str, str]
-) -> Iterator[Quantity]:
+def _bands(gain: PortGain, form: PortGain | None, tag: str, bench: Bench) -> Iterator[Quantity]:
+    title, units = title_of(bench), bench.units
     low, high = (gain.omega[0], 8 * gain.omega[0]), (10.0, HIGHEST)
     for part, index, band in (
         ("damping", 1, low),
@@ -167,7 +173,7 @@ def _bands(
             f"{part}_{speed}_{tag}", f"felt {part}, {speed}, {title}", value, units[part], how,
             error=gain.felt_error(*band)[index],
             expected=form.felt(*band)[index] if form else (),
-            formula="closed form" if form else "",
+            formula=("closed form" if band is low else unsampled(bench)) if form else "",
         )  # fmt: skip
 
 

@@ -174,7 +174,7 @@ def apart(distance: float) -> Document:
     """A pair with known parameters over constant delays, `distance` (rad) apart, hardly pushed."""
     known = {"theta_hat": [3.34, 1.2, 0.97], "Gamma": 0.0}
     pair = teleoperator(
-        30.0, link=CONSTANT, grip={}, master={"tau_ext": [0.01, 0.0]}, **known
+        30.0, link=CONSTANT, grip={}, master={"tau_ext": [1e-3, 0.0]}, **known
     )  # fmt: skip
     for name, q in (("master", 0.0), ("slave", distance)):
         pair["components"][name]["start"]["q"] = [q, 0.0]

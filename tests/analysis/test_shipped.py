@@ -1,0 +1,63 @@
+"""Every shipped scenario: what `analyze` finds lies beside its closed form within what is said.
+
+What is said is the uncertainty of the number itself (links and graphs that switch), and that of the
+closed form, which is continuous: `docs/analysis.md`, section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.analysis.analysis import Analysis, analyse
+from cosim.analysis.quantity import Quantity
+from cosim.analysis.subject import of_scenario
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SHIPPED = sorted(CONFIGS.glob("*.toml"))
+#: Shares by which a closed form may be off: ωT_s/4 at 60 rad/s and 5 ms where it is not sampled,
+#: the time that a push takes to become a straight line, what is left of a decay.
+UNSAMPLED, STRAIGHT, ROUNDED = 0.075, 0.03, 2e-3
+ALLOWED: Mapping[str, float] = {
+    "degree": STRAIGHT / 3,
+    "push_degree": STRAIGHT,
+    **{f"{part}_{tag}": UNSAMPLED for part in ("real_part", "inertia_quickly", "damping_quickly")
+       for tag in ("started", "known")},
+}  # fmt: skip
+AT_MOST = ("gain", "push_share")
+
+
+def off(q: Quantity) -> float:
+    """How far a number is from its closed form, over what is allowed; at most 1 is right."""
+    values, expected = np.broadcast_arrays(np.array(q.values), np.array(q.expected))
+    error = np.broadcast_to(np.array(q.error or (0.0,)), values.shape)
+    if q.name in AT_MOST or "at most" in q.formula:
+        return float((values / expected / (1 + 1e-3)).max())
+    allowed = error + ALLOWED.get(q.name, ROUNDED) * np.abs(expected)
+    return float((np.abs(values - expected) / allowed).max())
+
+
+def check(found: Analysis, least: int) -> None:
+    """All numbers with a closed form are beside it, and there are at least so many."""
+    beside = [q for q in found.quantities if q.expected and not q.missing]
+    assert len(beside) >= least
+    wrong = [(q.name, q.text, q.expected_text, off(q)) for q in beside if not off(q) <= 1.0]
+    assert not wrong
+
+
+def test_the_single_arm_is_beside_its_closed_forms() -> None:
+    check(analyse(of_scenario(CONFIGS / "teaching.toml")), 12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_every_shipped_scenario_is_beside_its_closed_forms(path: Path) -> None:
+    check(analyse(of_scenario(path)), 10)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_the_run_of_every_shipped_scenario_is_beside_its_closed_forms(path: Path) -> None:
+    check(analyse(of_scenario(path), tests=False), 2)

@@ -86,7 +86,7 @@ def has_start(variable: Variable) -> bool:
 
 
 def as_text(variable: Variable, values: Iterable[float]) -> list[str]:
-    """Values as text, as the variable's type wants it."""
+    """Values, in the unit of the variable, as text of the variable's type."""
     if variable.type == "real":
         return [repr(float(value)) for value in values]
     if variable.type == "integer":

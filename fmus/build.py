@@ -132,7 +132,10 @@ def find(model: Model, version: Version) -> Path:
 
 
 def cache(model: Model) -> Path:
-    """The folder in the cache for what is made from `model`; it exists afterwards."""
+    """The folder in the cache for what is made from `model`; it exists afterwards.
+
+    Raises FmuError if it cannot be created.
+    """
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     folder = Path(root) / "cosim" / "fmus" / token(model).strip("{}")
     try:

@@ -24,7 +24,7 @@ from fmus.toolchain import PLATFORMS
 
 app = typer.Typer(
     name="fmus",
-    help="Models and the FMUs they become.",
+    help="List the models, and build FMUs from them.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -34,7 +34,7 @@ app = typer.Typer(
 
 @app.callback()
 def _options() -> None:
-    """Models and the FMUs they become."""
+    """List the models, and build FMUs from them."""
 
 
 @app.command("build")
@@ -43,7 +43,7 @@ def build(
         list[str] | None,
         typer.Argument(
             metavar="[MODEL]...",
-            help="Of `fmus list`, a module, a file.py, or module:Class.",
+            help="Names in `fmus list`, a module, a file.py, or module:Class.",
             show_default="all",
         ),
     ] = None,
@@ -54,11 +54,11 @@ def build(
         typer.Option(help=f"Comma-separated, or all: {', '.join(PLATFORMS)}.", show_default="host"),
     ] = "",
     sizes: Annotated[
-        list[str] | None, typer.Option("--set", help="A size of the model, as neighbours=3.")
+        list[str] | None, typer.Option("--set", help="Set a size of the model, e.g. neighbours=3.")
     ] = None,
     clock: Annotated[
         str,
-        typer.Option(help="Make sampled models partitions of a clock, as '5 ms' (FMI 3.0 only)."),
+        typer.Option(help="Interval of a clock for sampled models, e.g. '5 ms' (FMI 3.0 only)."),
     ] = "",
 ) -> None:
     """Build FMUs with sources, for this machine or for others."""
@@ -78,7 +78,7 @@ def build(
 
 @app.command("list")
 def list_models() -> None:
-    """The models that come with this package, their kind, sizes and default step."""
+    """List the models of this package, with kind, sizes and default step."""
     for name in SHIPPED:
         module = _module(name)
         model, sizes = module.model(), ", ".join(inspect.signature(module.model).parameters)

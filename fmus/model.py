@@ -54,7 +54,7 @@ class Variable:
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """The start value of every entry, row-major."""
+        """The start value of every entry, in the unit of the variable, row-major."""
         if isinstance(self.start, tuple):
             return self.start
         return (float(self.start),) * self.size
@@ -125,7 +125,7 @@ def clocked(model: Model, interval: float) -> Model:
     """`model` as the partition of a clock that ticks every `interval` s, for FMI 3.0: NAME_clocked.
 
     Its inputs and outputs are clocked, its step is a tick (FMI 3.0.2 §2.2.8). Raises FmuError for a
-    continuous model, or an interval that is no positive number.
+    continuous model, or an interval that is not a positive number.
     """
     if model.kind != "sampled":
         raise FmuError(f"{model.identifier} is {model.kind}; expected a sampled model for a clock")

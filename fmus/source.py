@@ -132,7 +132,7 @@ def _check(model: Model) -> None:
     names = [variable.name for variable in model.variables]
     for name in (model.identifier, *(v.symbol or v.name for v in model.variables)):
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-            raise FmuError(f"{model.identifier}: {name!r} is no C name")
+            raise FmuError(f"{model.identifier}: {name!r} is not a valid C name")
     for v in model.variables:
         place = f"{model.identifier}.{v.name}"
         if v.name == "time" or names.count(v.name) > 1:

@@ -1,5 +1,5 @@
-"""Many runs with faults, each judged: campaigns and soaks.
+"""Campaigns and soak tests: many runs with injected faults, each checked.
 
-In come a campaign or soak file and a seed, out come runs (simulated or rehearsed), a judgement of
-each, and a table. Runs that are there already are not done again.
+Input: a campaign or soak file and a seed. Output: runs (simulated or rehearsed), a verdict on each,
+and a table. Runs that already exist are not repeated.
 """

@@ -49,7 +49,10 @@ class RunDone:
 
 
 def judge_soak_run(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Verdict:
-    """The verdict on a run of a soak; inconclusive where only the machine's lateness shows."""
+    """The verdict on a run of a soak; inconclusive if only the lateness of the machine shows.
+
+    `measures`: by name, each in the unit of its limit.
+    """
     found, timed = (
         list(_broken_invariants(soak, done, measures)),
         list(_timed(soak, done, measures)),

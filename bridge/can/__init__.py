@@ -1,6 +1,6 @@
 """CAN: message layouts from DBC files, coding and protection, buses, logs, bus load.
 
-In come DBC files, names of interfaces and logs; out come tables by which C encodes and decodes,
-open buses for a node, logs as others read them, and how busy a bus will be. The mathematics of bits
+Input: DBC files, names of interfaces, and logs. Output: tables with which C encodes and decodes,
+open buses for a node, logs in common formats, and predicted bus loads. The mathematics of bits
 and response times is :mod:`cosim.bus`.
 """

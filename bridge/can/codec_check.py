@@ -35,7 +35,9 @@ def vectors(signals: Iterable[Signal], n: int, seed: int) -> list[Vector]:
 
 
 def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
-    """Raise CodecError where C and cantools differ; the message names message and signal.
+    """Raise CodecError if C and cantools differ; the error names message and signal.
+
+    Raises LayoutError if the message is not from a DBC file.
 
     Compared are: the bytes without the CRC, the CRC, and what C reads of bytes that cantools made.
     """

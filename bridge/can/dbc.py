@@ -66,11 +66,11 @@ class CantoolsMessage:
         self._layout = layout
 
     def initial(self) -> dict[str, float]:
-        """Raw start values of all signals."""
+        """Raw start values of all signals: the bits on the bus, before factor and offset."""
         return {signal.name: signal.raw_initial or 0 for signal in self._message.signals}
 
     def raw(self, name: str, value: float) -> float:
-        """The raw value of a value, as it is, in range or not."""
+        """The raw value, before factor and offset, of a value in the DBC's unit; any range."""
         conversion = self._message.get_signal_by_name(name).conversion
         return conversion.numeric_scaled_to_raw(value)
 
@@ -79,7 +79,7 @@ class CantoolsMessage:
         return self._message.encode(raw, scaling=False, strict=False)
 
     def decode(self, data: bytes, scaling: bool) -> dict[str, float]:
-        """Values, or raw values, of all signals."""
+        """Values of all signals in the DBC's units, or without `scaling` the raw values."""
         found = self._message.decode(data, decode_choices=False, scaling=scaling)
         assert isinstance(found, dict)
         return {n: v for n, v in found.items() if isinstance(v, int | float)}

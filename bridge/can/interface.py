@@ -94,7 +94,7 @@ def configuration(spec: CanBusSpec) -> dict[str, Any]:
         config = dict(load_config(config={**given, **spec.options}))
     except (can.CanError, ValueError, KeyError) as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
-        raise BusError(f"bus {spec.name}: {error}; python-can knows {known}") from error
+        raise BusError(f"bus {spec.name}: {error}; python-can supports {known}") from error
     if config["interface"] == "socketcan" and not config.get("channel"):
         raise BusError(f'bus {spec.name}: socketcan without a channel; expected one like "can0"')
     return config

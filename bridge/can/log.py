@@ -53,7 +53,9 @@ def frame_of(row: np.void) -> Frame:
 
 
 def merge_node_logs(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Rows of one bus by its nodes: what they sent, and of others what the best listener heard.
+    """Rows (n,) of one bus: the frames its nodes sent, and others' as the best listener heard them.
+
+    Each of `parts` (k,) is the journal of one node.
 
     By time; each frame is there once, at its sender's time if that is one of the nodes. Frames
     with an identifier that a node sends, but of another format, are others'.

@@ -116,7 +116,10 @@ class MulticastBus(can.BusABC):
         return message if self._fd or not message.is_fd else None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand a frame to the group. Raises can.CanOperationError where the kernel refuses it."""
+        """Send a frame to the group, waiting up to `timeout` s.
+
+        Raises can.CanOperationError if the kernel refuses it, or for CAN FD on a classic bus.
+        """
         if msg.is_fd and not self._fd:
             raise can.CanOperationError(f"{self.channel_info}: a CAN FD frame on a classic bus")
         try:

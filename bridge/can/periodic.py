@@ -20,7 +20,7 @@ class Sender(Protocol):
     """Where the messages go."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue a message."""
+        """Queue a message, waiting up to `timeout` s."""
 
 
 @final

@@ -25,35 +25,42 @@ KERNEL = ("bus-down", "bus-up", "babble")
 def campaign(
     file: Annotated[Path, typer.Argument(help="Campaign file (.toml); see docs/faults.md.")],
     only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="SCRIPT", help="Only these; repeatable.")
+        list[str] | None,
+        typer.Option("--only", metavar="SCRIPT", help="Run this script only; repeatable."),
     ] = None,
     set_: Set = None,
     interface: Interface = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the run folders; runs/… else.")
+        Path | None,
+        typer.Option(help="Folder for the run folders. Default: a new folder in runs/."),
     ] = None,
     markdown: Annotated[
-        Path | None, typer.Option(help="Write the table there, as Markdown.")
+        Path | None, typer.Option(help="Write the table to this file, as Markdown.")
     ] = None,
     realtime: Realtime = True,
     faults: Annotated[
-        int, typer.Option(min=0, help="Draw so many from a file like faults/many.toml.")
+        int,
+        typer.Option(min=0, help="Number of faults to draw from a file such as faults/many.toml."),
     ] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
-    parallel: Annotated[int, typer.Option(min=1, help="Runs at once, with --faults.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0,
+    parallel: Annotated[
+        int, typer.Option(min=1, help="Number of parallel runs, with --faults.")
+    ] = 2,
     retry: Annotated[
-        bool, typer.Option("--retry", help="With --faults: make runs again that did not pass.")
+        bool, typer.Option("--retry", help="With --faults: repeat the runs that did not pass.")
     ] = False,
     blind: Annotated[
         bool,
-        typer.Option("--blind", help="Receivers without checks: the campaign has to fail."),
+        typer.Option(
+            "--blind", help="Disable the checks of receivers; the campaign must then fail."
+        ),
     ] = False,
 ) -> None:
-    """Rehearse once with every script of a campaign, and judge each run.
+    """Run a rehearsal with each fault script of a campaign, and check each run.
 
-    With --faults, a campaign of many: faults are drawn for many runs, most of them simulated, the
-    others real processes, until there are so many; the same command goes on where it was
-    interrupted. Exits with 1 where a run failed or came to nothing.
+    With --faults, that many faults are drawn at random and spread over many runs, most of them
+    simulated and the others with real processes. The same command continues an interrupted
+    campaign. Exit status 1 if a run failed or gave no result.
     """
     if faults:
         _run_many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)

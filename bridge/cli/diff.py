@@ -18,11 +18,12 @@ SHOWN = 12
 
 def diff(
     run_a: Annotated[Path, typer.Argument(help="Run folder.")],
-    run_b: Annotated[Path, typer.Argument(help="The other one.")],
+    run_b: Annotated[Path, typer.Argument(help="Run folder to compare it with.")],
     signals: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Only these: component, component.port or one entry.", metavar="SIGNAL"
+            help="Signals to compare: component, component.port or one entry. Default: all.",
+            metavar="SIGNAL",
         ),
     ] = None,
     tolerance: Annotated[
@@ -30,19 +31,19 @@ def diff(
         typer.Option(
             callback=finite,
             min=0.0,
-            help="What may differ, RMS and maximum, in each signal's unit.",
+            help="Allowed difference, RMS and maximum, in the unit of each signal.",
         ),
     ] = None,
     json: Annotated[
-        Path | None, typer.Option("--json", help="Write everything to this file.")
+        Path | None, typer.Option("--json", help="Write all results to this JSON file.")
     ] = None,
     check: Annotated[
         bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of both first.")
     ] = True,
 ) -> None:
-    """Compare two runs signal by signal, largest differences first, and say a verdict.
+    """Compare two runs signal by signal, largest differences first, and print a verdict.
 
-    Offline, twin, rehearsal and hardware runs alike. Exits with 1 where they are different.
+    The runs may be offline, twin, rehearsal or hardware runs. Exit status 1 if they differ.
     """
     from bridge.replay.diff import compare_runs
     from cosim.record import verify

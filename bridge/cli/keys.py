@@ -9,17 +9,21 @@ import typer
 
 
 def keys(
-    nodes: Annotated[list[str], typer.Argument(help="Nodes, and others: operator, router.")],
-    folder: Annotated[Path, typer.Option("--folder", help="Where they are written.")] = Path(
-        "keys"
-    ),
+    nodes: Annotated[
+        list[str], typer.Argument(help="Names: the nodes, and others such as operator or router.")
+    ],
+    folder: Annotated[
+        Path, typer.Option("--folder", help="Folder for the keys and certificates.")
+    ] = Path("keys"),
     host: Annotated[
         list[str] | None,
-        typer.Option("--host", help="Name or address nodes listen on; repeatable."),
+        typer.Option("--host", help="Host name or address that nodes listen on; repeatable."),
     ] = None,
-    days: Annotated[int, typer.Option("--days", min=1, help="How long they hold.")] = 365,
+    days: Annotated[
+        int, typer.Option("--days", min=1, help="Validity of the certificates, days.")
+    ] = 365,
 ) -> None:
-    """Make a test authority and one certificate a node, for configs/zenoh/secure.json5."""
+    """Create a test authority and one certificate per node, for configs/zenoh/secure.json5."""
     from bridge.zenoh.certificates import HOSTS, make_keys
 
     for path in make_keys(folder, nodes, tuple(host) if host else HOSTS, days):

@@ -28,50 +28,57 @@ REFRESH, LINE, DRAIN = 0.2, 1.0, 0.05
 def monitor(
     run: Annotated[
         Path | None,
-        typer.Argument(help="Run folder; the newest in runs/ that goes on if not given."),
+        typer.Argument(help="Run folder. Default: the most recent active run in runs/."),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Say how it is now, and end.")] = False,
+    once: Annotated[
+        bool, typer.Option("--once", help="Print the current status once and exit.")
+    ] = False,
     mcap: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write an MCAP file (Foxglove, PlotJuggler)."),
     ] = None,
     foxglove: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Serve Foxglove, like 127.0.0.1:8765.")
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Serve Foxglove at this address, such as 127.0.0.1:8765."
+        ),
     ] = None,
     plotjuggler: Annotated[
         str | None,
-        typer.Option(metavar="HOST:PORT", help="Send JSON by UDP, like 127.0.0.1:9870."),
+        typer.Option(
+            metavar="HOST:PORT", help="Send JSON by UDP to this address, such as 127.0.0.1:9870."
+        ),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw positions, torques, ages, lateness.")
     ] = None,
     scenario: Annotated[
-        Path | None, typer.Option(help="Scenario, where the folder does not say it.")
+        Path | None, typer.Option(help="Scenario file. Default: the one recorded in the folder.")
     ] = None,
     deploy: Annotated[
-        str | None, typer.Option(help="Deployment, where the folder does not say it.")
+        str | None, typer.Option(help="Deployment. Default: the one recorded in the folder.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     listen: Annotated[
         bool,
         typer.Option(
             "--listen",
-            help="Listen on the buses of --scenario and --deploy instead, CAN and Zenoh.",
+            help="Listen on the buses of --scenario and --deploy instead of reading files.",
         ),
     ] = False,
     connect: Annotated[
         list[str] | None,
         typer.Option(
             metavar="ENDPOINT",
-            help="Of Zenoh, with --listen: not where the deployment's nodes are.",
+            help="Zenoh endpoint for --listen. Default: the deployment's.",
         ),
     ] = None,
     bus: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Only this bus, with --listen; all if not said."),
+        typer.Option(metavar="NAME", help="Bus to listen to (default: all). Requires --listen."),
     ] = None,
     as_: Annotated[
-        str, typer.Option("--as", help="Name of the certificate, with --listen, if there are any.")
+        str, typer.Option("--as", help="Certificate to use for --listen, if TLS is enabled.")
     ] = "monitor",
     set_: Annotated[
         list[str] | None,
@@ -83,9 +90,9 @@ def monitor(
     data_bitrate: DataBitrate = None,
     fd: Fd = None,
 ) -> None:
-    """Look at a rehearsal that runs, without disturbing it, or at one that has ended.
+    """Show the status of a running or finished rehearsal (read-only).
 
-    Reads the files its nodes write; with --listen, from any machine, what is on its buses.
+    It reads the files that the nodes write, or with --listen, on any machine, the buses.
     Ctrl-C ends the view, not the run.
     """
     from bridge.recording.live_run import LiveRun, find_run, is_live

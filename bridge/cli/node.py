@@ -34,7 +34,7 @@ UNSHARED = (
 
 def node(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    name: Annotated[str, typer.Option("--node", help="Which node of the deployment.")],
+    name: Annotated[str, typer.Option("--node", help="Node of the deployment to run.")],
     deploy: Deploy = "can",
     set_: Set = None,
     interface: Interface = None,
@@ -44,21 +44,30 @@ def node(
     fd: Fd = None,
     now: Annotated[
         bool,
-        typer.Option("--now", help="Start or join at once; else by NMT start, or join what runs."),
+        typer.Option(
+            "--now",
+            help="Start or join at once. Default: wait for NMT start, or join a running run.",
+        ),
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Run folder; runs/… if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder to write. Default: a new folder in runs/.")
+    ] = None,
     hardware: Annotated[
-        bool, typer.Option("--hardware", help="Frames may move real drives; asks before it starts.")
+        bool,
+        typer.Option(
+            "--hardware", help="Allow frames that can move real drives; asks for confirmation."
+        ),
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
     strict: Strict = False,
 ) -> None:
-    """Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).
+    """Run one node of a deployment: configure it, wait for the start, run until the end.
 
-    The deployment is checked first, as by `cosim rehearse`: an error refuses the node.
+    The deployment is checked first, as by `cosim rehearse`; after an error the node does not start.
     If the other nodes are already running, it joins their run at the current time of that run.
 
-    Ctrl-C ramps the torque down; a second one ends at once. Exits with 1 where it was stopped.
+    Ctrl-C ramps the torque down and ends the node; a second Ctrl-C ends it at once. Exit status 1
+    if the node was stopped before the end.
     """
     import threading
     from contextlib import ExitStack
@@ -100,10 +109,10 @@ def node(
         if event["event"] == "waiting":
             if event["for"] != waited:
                 waited[:] = event["for"]
-                typer.echo(f"{name}: has not heard {', '.join(waited)}", err=True)
+                typer.echo(f"{name}: has not received from {', '.join(waited)}", err=True)
             return
         if event["event"] == "deaf":
-            typer.echo(f"{name}: hears nothing of {', '.join(event['to'])}", err=True)
+            typer.echo(f"{name}: receives nothing from {', '.join(event['to'])}", err=True)
             return
         if event["event"] == "joined":
             typer.echo(f"{name}: joins the run at t = {event['t']:g} s")
@@ -128,7 +137,7 @@ def node(
         if now:
             if not ready.wait(system.deployment.patience):
                 wanting = ", ".join(waited)
-                failures.append(RunError(f"{name}: not ready: has not heard {wanting}"))
+                failures.append(RunError(f"{name}: not ready: has not received from {wanting}"))
                 control.quit()
                 return
             if hardware:

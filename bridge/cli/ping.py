@@ -17,27 +17,32 @@ if TYPE_CHECKING:
 def ping(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
-    as_: Annotated[str, typer.Option("--as", help="Node that pings; the first if not said.")] = "",
-    to: Annotated[str, typer.Option("--to", help="Node that answers; the next one.")] = "",
+    as_: Annotated[
+        str, typer.Option("--as", help="Node that sends the pings. Default: the first.")
+    ] = "",
+    to: Annotated[str, typer.Option("--to", help="Node that answers. Default: the next one.")] = "",
     echo: Annotated[
-        bool, typer.Option("--echo", help="Answer as the node --to, until Ctrl-C; elsewhere ping.")
+        bool, typer.Option("--echo", help="Only answer, as the node --to, until Ctrl-C.")
     ] = False,
     local: Annotated[
-        bool, typer.Option("--local", help="Answer in this process too: both ends are here.")
+        bool, typer.Option("--local", help="Answer in this process, too; both ends run here.")
     ] = False,
     count: Annotated[int, typer.Option(min=10, help="Number of pings.")] = 2000,
     period: Annotated[
-        float, typer.Option(callback=finite, min=0.0005, help="Time between two, s.")
+        float, typer.Option(callback=finite, min=0.0005, help="Time between two pings, s.")
     ] = 0.005,
     out: Annotated[Path, typer.Option(help="Folder for the traces.")] = Path("ping"),
     predict: Annotated[
-        bool, typer.Option("--predict/--no-predict", help="Run the scenario on what was measured.")
+        bool,
+        typer.Option(
+            "--predict/--no-predict", help="Simulate the scenario with the measured delays."
+        ),
     ] = True,
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
     ] = None,
 ) -> None:
-    """Measure round trips between two nodes, and say what the controllers make of them."""
+    """Measure round-trip times between two nodes, and predict their effect on the controllers."""
     from bridge.deployment.system import load_system
     from bridge.zenoh import ping as measuring
 

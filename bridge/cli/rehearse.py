@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 Deploy = Annotated[
     str,
-    typer.Option(
-        "--deploy", help="Deployment: a file, or its name in deploy/ beside the scenario."
-    ),
+    typer.Option("--deploy", help="Deployment: a file, or a name in deploy/ next to the scenario."),
 ]
 Set = Annotated[
     list[str] | None,
@@ -34,7 +32,10 @@ Interface = Annotated[
     str | None, typer.Option("--interface", "-i", help="python-can interface of all CAN buses.")
 ]
 Realtime = Annotated[
-    bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time priority.")
+    bool,
+    typer.Option(
+        "--realtime/--no-realtime", help="Request real-time priority from the operating system."
+    ),
 ]
 Channel = Annotated[
     list[str] | None,
@@ -56,41 +57,55 @@ def rehearse(
     data_bitrate: DataBitrate = None,
     fd: Fd = None,
     latency: Annotated[
-        bool, typer.Option("--latency/--no-latency", help="Add the scenario's delays, or not.")
+        bool,
+        typer.Option(
+            "--latency/--no-latency",
+            help="Add the link delays of the scenario to those of the bus.",
+        ),
     ] = True,
     nodes: Annotated[
         str | None,
-        typer.Option(metavar="A,B", help="Start these nodes only; others are there already."),
+        typer.Option(metavar="A,B", help="Start these nodes only; the others are already running."),
     ] = None,
     clock: Annotated[
-        str, typer.Option(help="wall, or lockstep: as fast as samples arrive (Zenoh only).")
+        str, typer.Option(help="Clock: wall, or lockstep (as fast as samples arrive; Zenoh only).")
     ] = "wall",
     faults: Annotated[
-        Path | None, typer.Option(metavar="SCRIPT", help="Faults on purpose (see docs/faults.md).")
+        Path | None,
+        typer.Option(metavar="SCRIPT", help="Fault script: faults to inject (see docs/faults.md)."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Run folder; runs/… if not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder to write. Default: a new folder in runs/.")
+    ] = None,
     force: Force = False,
     twin: Annotated[
         bool, typer.Option("--twin/--no-twin", help="Compare with the simulated twin.")
     ] = True,
     log: Annotated[
         list[str] | None,
-        typer.Option("--log", metavar="FORMAT", help="Bus logs: log (candump), blf, asc, mf4."),
+        typer.Option(
+            "--log",
+            metavar="FORMAT",
+            help="Format of the bus logs: log (candump), blf, asc or mf4.",
+        ),
     ] = None,
     realtime: Realtime = True,
     hardware: Annotated[
-        bool, typer.Option("--hardware", help="Frames may move real drives; asks before it starts.")
+        bool,
+        typer.Option(
+            "--hardware", help="Allow frames that can move real drives; asks for confirmation."
+        ),
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
     plot: Plot = True,
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
-    """Rehearse a scenario: real processes, real frames, the wall clock; then judge it.
+    """Run a scenario in real time, one process per node, on real buses; then check the run.
 
-    Exits with 1 where it failed: a node did not come to the end, the replay is not the run, more
-    or other samples were heard than sent, or a fault on purpose is not in the report; with 3 where
-    it is inconclusive, because this machine was too slow to judge.
+    Exit status 1 if the run failed: a node stopped early, the replay differs from the run, samples
+    were received that were not sent, or an injected fault is not in the report. Exit status 3 if
+    the result is inconclusive because this machine was too slow.
     """
     from bridge.cli.options import bus_settings, clock_settings
     from bridge.deployment import spec as deployments
@@ -193,7 +208,10 @@ def _run(
 
 
 def report_findings(findings: object, *, strict: bool, quiet: bool) -> None:
-    """Say errors and warnings of a check; end where there is an error, or any if `strict`."""
+    """Print the warnings of a check, unless `quiet`.
+
+    Raises ScenarioError if there is an error, or with `strict` a warning.
+    """
     from collections.abc import Iterable
     from typing import cast
 

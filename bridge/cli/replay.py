@@ -19,11 +19,15 @@ if TYPE_CHECKING:
 def replay(
     run: Annotated[Path, typer.Argument(help="Run folder of a rehearsal, or a bus log.")],
     scenario: Annotated[
-        Path | None, typer.Option(help="Scenario, where it is not where the run says it was.")
+        Path | None, typer.Option(help="Scenario file. Default: the path recorded in the run.")
     ] = None,
-    deploy: Annotated[str | None, typer.Option("--deploy", help="Deployment, likewise.")] = None,
+    deploy: Annotated[
+        str | None,
+        typer.Option("--deploy", help="Deployment file. Default: the path recorded in the run."),
+    ] = None,
     from_log: Annotated[
-        bool, typer.Option("--from-log", help="RUN is a bus log: run controllers on its frames.")
+        bool,
+        typer.Option("--from-log", help="RUN is a bus log: run the controllers on its frames."),
     ] = False,
     offline: Annotated[
         bool,
@@ -34,13 +38,12 @@ def replay(
     ] = False,
     check: Verify = True,
 ) -> None:
-    """Compute a recorded run again offline, and compare every signal of every node.
+    """Recompute a recorded run offline, and compare every signal of every node.
 
-    Exits with 1 where anything differs, and says where first; and where samples were heard that
-    their recorded sender did not send. With --offline there are no nodes:
-    the scenario runs as `cosim run` does, into RUN/offline; links hold what was held, and inputs
-    that drives or buses have changed are fed with what they were given. Exits with 1 where that is
-    different.
+    Exit status 1 if a signal differs (the first difference is printed), or if a node received
+    samples that their recorded sender did not send. With --offline the scenario runs without nodes,
+    as by `cosim run`, into RUN/offline: links use the recorded samples, and inputs that drives or
+    buses changed are given their recorded values. Exit status 1 if the result differs.
     """
     from tempfile import TemporaryDirectory
 
@@ -86,7 +89,7 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
     facts = read_metadata(run).get("deployment")
     if not facts and (scenario is None or deploy is None):
         raise ScenarioError(
-            "no deployment in run.json: not a rehearsal, or cut short; say --scenario and --deploy",
+            "no deployment in run.json: not a rehearsal, or cut short; use --scenario and --deploy",
             str(run),
         )
     facts = facts or {"settings": []}

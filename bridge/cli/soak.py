@@ -21,45 +21,50 @@ def soak(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     deploy: Deploy = "zenoh",
     hours: Annotated[
-        float, typer.Option(callback=finite, min=0.0, help="Time of all runs together, h.")
+        float, typer.Option(callback=finite, min=0.0, help="Total time of all runs, h.")
     ] = 1.0,
-    run: Annotated[str, typer.Option(help="Time of one run.")] = "20 s",
+    run: Annotated[str, typer.Option(help="Duration of one run.")] = "20 s",
     parallel: Annotated[
-        int, typer.Option(min=1, help="Runs at once, where each has namespaces of its own.")
+        int,
+        typer.Option(
+            min=1, help="Number of parallel runs, if each has its own network namespaces."
+        ),
     ] = 2 * (os.cpu_count() or 1),
-    seed: Annotated[int, typer.Option(min=0, help="Of what is drawn.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0,
     faults: Annotated[
         Path | None,
         typer.Option(
-            help="What to draw from.", show_default="faults/soak.toml beside the scenario"
+            help="File with the faults to draw from.",
+            show_default="faults/soak.toml next to the scenario",
         ),
     ] = None,
     folder: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the results; an unfinished soak continues there.",
+            help="Folder for the results; an unfinished soak test continues there.",
             show_default="runs/soak-SCENARIO-DEPLOYMENT",
         ),
     ] = None,
     network: Annotated[
-        bool, typer.Option("--network/--no-network", help="A network between hosts, with faults.")
+        bool,
+        typer.Option(
+            "--network/--no-network", help="Emulate a network between hosts, with faults."
+        ),
     ] = True,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Make runs again that were not as they had to be.")
-    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Repeat the runs that failed.")] = False,
     keep: Annotated[
-        bool, typer.Option("--keep", help="Keep run folders also where all was well.")
+        bool, typer.Option("--keep", help="Keep the run folders of runs that passed, too.")
     ] = False,
     set_: Set = None,
     interface: Interface = None,
     realtime: Realtime = True,
     quiet: Quiet = False,
 ) -> None:
-    """Rehearse again and again with faults drawn at random, several runs at once.
+    """Run a soak test: many rehearsals with random faults, several at once.
 
-    Every run is judged: nothing crashed, every fault is in the report, torque stayed in bounds,
-    the replay is the run, and the arms came together or stopped safely. Goes on where it was
-    interrupted. Exits with 1 where anything was not as it had to be.
+    Each run is checked: no process crashed, every fault is in the report, torques stayed in bounds,
+    the replay equals the run, and the arms synchronized or stopped safely. The same command
+    continues an interrupted soak test. Exit status 1 if any check failed.
     """
     from bridge.campaign import soak_table
     from bridge.campaign.soak_driver import SUMMARY, count

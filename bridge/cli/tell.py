@@ -19,22 +19,24 @@ PATIENCE = 3.0
 def tell(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     what: Annotated[
-        str, typer.Argument(help="start, stop, arm, reset (NMT); state, parameters, clock (asked).")
+        str,
+        typer.Argument(help="Command: start, stop, arm, reset; query: state, parameters, clock."),
     ],
     deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
-    node: Annotated[str, typer.Option("--node", help="Which node; all if not said.")] = "",
+    node: Annotated[str, typer.Option("--node", help="Node to address. Default: all.")] = "",
     as_: Annotated[
-        str, typer.Option("--as", help="Name of the certificate, where there are any.")
+        str, typer.Option("--as", help="Certificate to use, if TLS is enabled.")
     ] = "operator",
     set_: Annotated[
         list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
     ] = None,
 ) -> None:
-    """Give a command to the nodes of a deployment, or ask them; prints what they answer.
+    """Send a command or a query to the nodes of a deployment, and print their answers.
 
-    A start waits until all nodes it is for are ready (`patience` of the deployment), other
-    commands until they are there (`options.wait`); a stop does not wait. A start tells all nodes
-    one t = 0 where they share a clock; where some run already, the others join them.
+    A start waits until all addressed nodes are ready (`patience` of the deployment), and other
+    commands until the nodes are present (`options.wait`); a stop does not wait. A start gives all
+    nodes that share a clock the same t = 0; if some nodes are already running, the others join
+    them.
     """
     from bridge.deployment.system import load_system
     from cosim.base.errors import ScenarioError
@@ -43,7 +45,9 @@ def tell(
     d = system.deployment
     bus = next((name for name, b in d.buses.items() if b.kind == "zenoh"), "")
     if not bus:
-        raise ScenarioError("no Zenoh bus; nodes on CAN are told by NMT frames", d.place("buses"))
+        raise ScenarioError(
+            "no Zenoh bus; nodes on CAN are controlled by NMT frames", d.place("buses")
+        )
     there = [n for n in d.nodes if bus in system.buses_of(n)]
     if node and node not in there:
         raise ScenarioError(f"no node {node!r} on {bus}; there are: {', '.join(there)}")

@@ -43,7 +43,10 @@ def run(
     strict: bool,
     quiet: bool,
 ) -> None:
-    """The twin into a run folder, and its numbers."""
+    """Run the twin into a run folder, and print its numbers.
+
+    Raises ScenarioError if `clock` is not ``simulated``.
+    """
     from bridge.cli.options import unused_folder
     from bridge.cli.rehearse import header, report_findings
     from bridge.deployment.system import load_system

@@ -1,7 +1,7 @@
-"""A deployment: which components live in which node, and which message carries what.
+"""A deployment: which node runs which components, and which message carries which signal.
 
-In come a scenario's plan and a deployment file, out comes a
+Input: the plan of a scenario and a deployment file. Output: a
 :class:`~bridge.deployment.system.System`: the plans of all nodes, the signals that cross the
-cuts, and the messages, routes, services, ranges, drives and delay lines that carry them. Nothing
-is opened and nothing runs.
+cuts, and the messages, routes, services, ranges, drives and delay lines that carry them. No bus
+is opened and nothing is executed.
 """

@@ -36,7 +36,10 @@ class Forward:
 
 
 def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
-    """What a message carries: outputs, or entries of them, of one component."""
+    """What a message carries: outputs, or entries of them, of one component.
+
+    Raises ScenarioError if it carries nothing, outputs of several components, or an unknown output.
+    """
     if not m.carries:
         raise ScenarioError("carries nothing; expected outputs, component.port", place)
     if len({c.partition(".")[0] for c in m.carries}) > 1:

@@ -106,7 +106,7 @@ def _selected_services(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
     if said and drives:
         text = f"{', '.join(said)} on a bus with a drive's own frames ({drives[0]})"
         place = d.place("buses", bus, "services")
-        raise ScenarioError(f"{text}; expected none: drives take them for something else", place)
+        raise ScenarioError(f"{text}; expected none: drives interpret them differently", place)
     if said is None:
         return () if drives else SERVICES
     return said

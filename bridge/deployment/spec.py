@@ -176,7 +176,10 @@ _TABLES = Deployment.__struct_fields__[1:]
 
 
 def find(scenario: str | Path, given: str) -> Path:
-    """The deployment `given` as a file, or by its name in ``deploy/`` beside the scenario."""
+    """The deployment `given` as a file, or by its name in ``deploy/`` next to the scenario.
+
+    Raises ScenarioError if there is none of this name.
+    """
     path, folder = Path(given), Path(scenario).parent / FOLDER
     if path.suffix == ".toml" or path.is_file():
         return path

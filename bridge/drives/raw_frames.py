@@ -71,9 +71,9 @@ class OwnWatchdog:
         return value
 
     def check(self, timeout: float, node: int, identifier: int, data: bytes) -> bool:
-        """Whether a frame is the answer to `read`: True.
+        """Whether a frame is the answer to `read`, with `timeout` (s) in it.
 
-        Raises ScenarioError when it says another time-out: such a drive must not be armed.
+        Raises ScenarioError if it has another time-out: such a drive must not be armed.
         """
         found = None if self.reply is None else self.reply.value(node, identifier, data)
         if found is None:

@@ -1,4 +1,4 @@
-"""Faults on purpose: what goes wrong, when, and to whom.
+"""Fault injection: which faults are injected, when, and where.
 
-In come fault scripts (TOML), out come rules for the injector in C and events for a supervisor.
+Input: fault scripts (TOML). Output: rules for the injector in C, and events for a supervisor.
 """

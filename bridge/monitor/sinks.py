@@ -124,7 +124,10 @@ class Udp:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def put(self, sample: TopicMessage) -> None:
-        """Send one: ``{"timestamp": s, TOPIC: {…}}``; lost where nobody listens."""
+        """Send one: ``{"timestamp": s, TOPIC: {…}}``; without a listener it is lost.
+
+        Raises RunError if the socket refuses it.
+        """
         content = {"timestamp": sample.t_ns * 1e-9, sample.topic.name[1:]: sample.content}
         try:
             self._socket.sendto(json.dumps(content, allow_nan=False).encode(), self._to)

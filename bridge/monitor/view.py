@@ -123,7 +123,7 @@ def result(r: MetricResult) -> str:
 
 
 def values(found: Sequence[float], most: int = 8) -> str:
-    """Numbers one below the other with those of another row; how many, where not all fit."""
+    """Up to `most` numbers in columns, with no unit; their count follows if not all are shown."""
     text = "  ".join(f"{v:9.4g}" for v in found[:most])
     return text + (f"  … {len(found)}" if len(found) > most else "")
 

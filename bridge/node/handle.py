@@ -44,7 +44,7 @@ class NodeStart:
 def missing_text(waiting: Sequence[str]) -> str:
     """What a node that is not ready waits for, as far as it said."""
     if waiting:
-        return f"has not heard {', '.join(waiting)}"
+        return f"has not received from {', '.join(waiting)}"
     return "opens its buses and loads its components"
 
 

@@ -81,14 +81,14 @@ class Process(NodeHandle):
         return code
 
     def wait(self, seconds: float) -> int | None:
-        """Its exit code once it has ended, within so long; else None."""
+        """Its exit code, or None if it has not ended after so many seconds."""
         try:
             return self._popen.wait(seconds)
         except subprocess.TimeoutExpired:
             return None
 
     def end(self, seconds: float = 3.0) -> None:
-        """Whatever it does, it ends: asked, then told, then killed."""
+        """End the process: ask it to quit, and kill it if it still runs after so many seconds."""
         if self.code is None:
             self.send_signal(signal.SIGCONT)
             self.tell("quit")

@@ -228,7 +228,9 @@ def _end_and_reason(wired: WiredNode, result: int) -> tuple[LifeEnd, str]:
     if result == native.FINISHED and (unheard := never_received(wired)):
         return LifeEnd.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
     lost = silent_messages(wired) if result != native.FINISHED else []
-    return ENDS.get(result, LifeEnd.FAILED), f"hears nothing of {', '.join(lost)}" if lost else ""
+    return ENDS.get(
+        result, LifeEnd.FAILED
+    ), f"receives nothing from {', '.join(lost)}" if lost else ""
 
 
 def _write_report(options: NodeOptions, report: Statement) -> Statement:

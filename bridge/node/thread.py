@@ -59,12 +59,12 @@ class Thread(NodeHandle):
         return 0 if self.done else 1
 
     def wait(self, seconds: float) -> int | None:
-        """Its code once it has ended, within so long; else None."""
+        """Its exit code, or None if it has not ended after so many seconds."""
         self._thread.join(seconds)
         return self.code
 
     def end(self, seconds: float = 3.0) -> None:
-        """Asked to end, and waited for."""
+        """Ask the node to quit, and wait for it up to so many seconds."""
         if self.code is None:
             self.tell("quit")
             self._thread.join(seconds)

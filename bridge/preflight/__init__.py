@@ -1,5 +1,5 @@
-"""What can be said of a deployment before it runs.
+"""Checks of a deployment before it runs.
 
-In comes a system, out come findings with their advice: bus load, response times, identifiers that
+Input: a system. Output: findings with advice: bus load, response times, identifiers that
 collide, signals without a range, and what this host lacks.
 """

@@ -1,5 +1,5 @@
 """What the operating system grants a process, and how late its slots were.
 
-In come wishes (a priority, memory that stays, precise timers) and journals of slots; out come what
-was granted and why not, and a report of lateness like cyclictest's.
+Input: requests (a priority, locked memory, precise timers) and journals of slots. Output: what was
+granted, the reason for what was not, and a report of lateness like cyclictest's.
 """

@@ -164,7 +164,7 @@ def lateness(
 
 
 def journal_lateness(rows: NDArray[np.void], period_ns: int) -> Lateness:
-    """The report of a node's journal (``row_t`` of ``bridge/c/rows.h``), one life of it.
+    """The report of one life of a node, from its journal (n,): ``row_t`` of ``bridge/c/rows.h``.
 
     There a slot has `done_ns`, when all was sent, and `send_ns`, what sending took.
     """

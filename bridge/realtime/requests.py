@@ -130,5 +130,5 @@ def warm_up_warning(found: Lateness, mode: Mode) -> str:
         f"{found.period_ns * 1e-3:g} us; expected at most {100 * LIMIT:.0f} %"
     )
     if mode == "enforce":
-        raise RealtimeError(f"refused to arm: {said}")
+        raise RealtimeError(f"did not arm: {said}")
     return said

@@ -1,5 +1,5 @@
-"""What was recorded, as a run folder: made of journals, read while they grow, recovered.
+"""Recordings as a run folder: made from journals, read during the run, recovered after a crash.
 
-In come the journals of nodes, ended, running or killed; out come signals, link tables and bus logs
-as every other tool reads them.
+Input: the journals of nodes that have ended, are running or were killed. Output: signals, link
+tables and bus logs in common formats.
 """

@@ -63,8 +63,8 @@ def read_facts(folder: Path) -> Facts:
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ScenarioError(
-            f"says nothing of a rehearsal ({error}); expected {STARTED}, or {METADATA} with a "
-            "deployment; or say --scenario and --deploy",
+            f"has no data of a rehearsal ({error}); expected {STARTED}, or {METADATA} with a "
+            "deployment; or use --scenario and --deploy",
             str(folder),
         ) from error
 

@@ -1,4 +1,4 @@
 """What nodes and their supervisor report, as typed records, and the lives they belong to.
 
-In come the counts and ends of a node, out come JSON files, and the same records read back.
+Input: the counters of a node and how it ended. Output: JSON files, and the same records read back.
 """

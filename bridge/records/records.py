@@ -205,7 +205,7 @@ class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
 
     def describe(self) -> str:
         """``node slave hears nothing of xi_master from master for 10 s: all were stopped``."""
-        return f"node {self.life} hears nothing of {', '.join(self.to)}: all were stopped"
+        return f"node {self.life} receives nothing from {', '.join(self.to)}: all were stopped"
 
 
 Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf

@@ -1,5 +1,5 @@
 """All nodes of a deployment at once, on the wall clock: started, watched, collected.
 
-In come a system, settings and a fault script, out comes how each node's process ended. `hosts` puts
-nodes into network namespaces, `injector` and `babbler` do to them what a script says.
+Input: a system, settings and a fault script. Output: how the process of each node ended. `hosts`
+puts nodes into network namespaces, `injector` and `babbler` carry out a fault script.
 """

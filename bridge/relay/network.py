@@ -97,11 +97,11 @@ class RelayNetwork:
         self._process.stdin.flush()
 
     def packets(self) -> NDArray[np.void]:
-        """What was recorded so far, see :data:`bridge.relay.router.PACKET`."""
+        """What was recorded so far, (n,), of type :data:`bridge.relay.router.PACKET`."""
         return Journal.open(self.record)
 
     def of(self, link: str) -> NDArray[np.void]:
-        """The packets of one link."""
+        """The packets of one link, (n,), of type :data:`bridge.relay.router.PACKET`."""
         rows = self.packets()
         found: NDArray[np.void] = rows[rows["link"] == self.names.index(link)]
         return found

@@ -49,7 +49,7 @@ class LoggedSample:
 
 
 def read_buses(system: System, logs: Sequence[Path]) -> dict[str, NDArray[np.void]]:
-    """Rows of frames by bus of the deployment, in order of time.
+    """Rows (n,) of frames by bus of the deployment, in order of time.
 
     A log's bus is that of this channel or name, or the one its file is called by. Raises
     ScenarioError for a log of none of them, LogError for a file that is no log.
@@ -78,7 +78,7 @@ def _bus(system: System, name: str, path: Path, log: FrameLog) -> str:
 
 
 def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[LoggedSample]:
-    """What a message said, frame by frame."""
+    """The samples of a message, frame by frame; `rows` (n,) are the frames of its bus."""
     codec = carried.encoding
     assert isinstance(codec, Codec)
     timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
@@ -100,7 +100,7 @@ def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int
     """
     bits = max((_time_bits(system.messages[n]) for n, s in heard.items() if s), default=0)
     if not bits:
-        raise ScenarioError("no message with a time stamp in the log; say when t = 0 was")
+        raise ScenarioError("no message with a time stamp in the log; give the time of t = 0")
     stamped = {n: s for n, s in heard.items() if s and _time_bits(system.messages[n]) == bits}
     running = [s for frames in stamped.values() for s in frames if s.running]
     if not running:

@@ -127,7 +127,8 @@ def compare_runs(
 ) -> RunDifference:
     """Compare two run folders.
 
-    `signals`: only these, by name or by what their names begin with. Raises ScenarioError for a
+    `signals`: only these, by name or by what their names begin with; `tolerance`: in place of all
+    bounds, in the unit of each signal. Raises ScenarioError for a
     folder that is no run, and where the two have no signal or no time in common.
     """
     first, second = Run.open(a), Run.open(b)

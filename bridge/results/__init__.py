@@ -1,5 +1,5 @@
-"""What came of a run: report, numbers, faults that are to be seen in it, verdict.
+"""Results of a run: report, numbers, detected faults, and verdict.
 
-In come the rows and records of all nodes, out come a complete run folder, the report in words and
-as data, and one word on all of it.
+Input: the rows and records of all nodes. Output: a complete run folder, the report as text and as
+data, and a verdict.
 """

@@ -48,7 +48,10 @@ class RecordedNetwork:
 def link_evidence(
     first: FaultEvent, t1: float, shown: FinishedRun, network: RecordedNetwork
 ) -> Iterator[Place]:
-    """A place each life that receives something over a link the fault acted on."""
+    """One place for each life that receives something over a link on which the fault acted.
+
+    `t1`: when the fault ended, s.
+    """
     packets = network.packets
     for link in packets.names if first.target == "*" else (first.target,):
         rows = packets.of(link)

@@ -67,7 +67,9 @@ def complete(
     script: FaultScript | None = None,
     network: RecordedNetwork | None = None,
 ) -> RehearsalOutcome:
-    """Make the run folder out of what the nodes have left. Raises CosimError.
+    """Make the run folder from the files of the nodes.
+
+    Raises RunError if no node reached its first slot, and CosimError if a file cannot be written.
 
     `script`: the faults that were injected, each to be found in the report; `network`: of those
     between hosts.
@@ -75,8 +77,8 @@ def complete(
     nodes = folder / NODES
     rows, heard = replay.load(nodes), replay.received_by_life(nodes)
     if not rows:
-        why = "; ".join(map(str, ended.notes)) or "nobody said why"
-        raise RunError(f"no node came to its first slot ({why}); what they said is in {nodes}")
+        why = "; ".join(map(str, ended.notes)) or "no reason was reported"
+        raise RunError(f"no node came to its first slot ({why}); their output is in {nodes}")
     offset = realtime_offset_ns()
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)

@@ -156,7 +156,7 @@ class FinishedRun:
         return (Sign(what="silence", number=longest),) if longest >= LONG * (t1 - t0) else ()
 
     def new_sample_times(self, life: Life, message: str) -> Iterator[NDArray[np.float64]]:
-        """When new samples came, for each input; of a gateway, which has none: as it heard them."""
+        """Times of new samples, s, (n,), for each input; for a gateway the times of reception."""
         t, indices = self._t(life), self._indices(life, message)
         for i in indices:
             newest = self.rows[life]["inlets"]["newest"][:, i]

@@ -275,7 +275,7 @@ def vector(values: ArrayLike, joints: int, place: str) -> Array:
 
 
 def address(values: Array) -> object:
-    """Where the values of a vector are, as C takes it."""
+    """Pointer to the values of a vector (n,), for C."""
     return values.ctypes.data_as(native.Doubles)
 
 

@@ -77,6 +77,7 @@ def memory_folder(size: int) -> Path:
     """A folder for the guest's memory: `size` bytes free, and files in it may be executed.
 
     Memory file systems first; containers often give them 64 MB, or forbid execution in them.
+    Raises VcanError if there is none.
     """
     found = []
     for folder in dict.fromkeys(("/dev/shm", tempfile.gettempdir(), "/tmp", "/var/tmp")):

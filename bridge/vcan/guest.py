@@ -38,7 +38,10 @@ def write(folder: Path, request: GuestCommand, parts: GuestFiles) -> None:
 
 
 def command_script(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> str:
-    """A script that becomes the command, in this folder, with this environment and our umask."""
+    """A script that becomes the command, in this folder, with this environment and our umask.
+
+    Raises VcanError if the command's name contains ``=``, or if the guest hides the folder.
+    """
     if "=" in command[0]:
         raise VcanError(f"command {command[0]!r}: a name without '=' was expected")
     if any(cwd.is_relative_to(folder) for folder in HIDDEN):
@@ -54,7 +57,10 @@ def command_script(command: Sequence[str], environment: Mapping[str, str], cwd: 
 def kernel_command(
     folder: Path, request: GuestCommand, parts: GuestFiles, files: tuple[int, int, int, int]
 ) -> list[str]:
-    """The call of the kernel; `files`: descriptors of console, output, errors, control line."""
+    """The call of the kernel; `files`: descriptors of console, output, errors, control line.
+
+    Raises VcanError for a path with characters that the kernel's command line does not accept.
+    """
     for path in (folder, INIT, parts.busybox):
         if not re.fullmatch(r"[\w./+~:@%-]+", str(path), re.ASCII):
             raise VcanError(f"{path}: the kernel's command line takes no such characters")

@@ -88,7 +88,8 @@ def start_command(
 ) -> subprocess.Popen[bytes]:
     """The command, started with default signals and, if given, on one CPU.
 
-    `files` are descriptors it inherits; `more` are arguments of Popen.
+    `files` are descriptors it inherits; `more` are arguments of Popen. Raises VcanError if the
+    command cannot be started.
     """
 
     def prepare() -> None:

@@ -32,7 +32,7 @@ def run(request: GuestCommand) -> int:
         cause = _boot(folder, request, parts, memory)
         status = supervise.status_of(cause, _status(folder))
         if status is None:
-            raise VcanError(f"the guest ended without a result; it said:\n{_console(folder)}")
+            raise VcanError(f"the guest ended without a result; its output:\n{_console(folder)}")
         return status
 
 

@@ -102,8 +102,8 @@ def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:
             )
         elif abs(o.seconds) - o.bound > most:
             raise RunError(
-                f"{where}: its clock is off by {o.describe()}; expected at most {most * 1e3:.3g} "
-                f"ms, which is what the periods and max_age of {d.path} bear; mend its time server"
+                f"{where}: its clock is off by {o.describe()}; expected at most "
+                f"{most * 1e3:.3g} ms, the limit of the periods and max_age of {d.path}"
             )
         elif abs(o.seconds) + o.bound > most:
             warnings.append(

@@ -126,7 +126,7 @@ def _wait_for_echo(publisher: zenoh.Publisher, key: str, other: str, patience: f
     while not getattr(publisher.matching_status, "matching", False):
         if elapsed() > patience:
             raise RunError(
-                f"nobody listens to {key} after {patience:g} s; is `cosim ping --echo` running "
+                f"no node listens to {key} after {patience:g} s; is `cosim ping --echo` running "
                 f"as {other}?"
             )
         sleep(0.01)

@@ -165,7 +165,7 @@ def ask(
         if reply.ok is not None:
             found: dict[str, Any] = json.loads(reply.ok.payload.to_string())
             return found
-    raise RunError(f"nobody answers to {key} within {seconds:g} s; does node {node} run?")
+    raise RunError(f"no answer to {key} within {seconds:g} s; is node {node} running?")
 
 
 def wait_until_ready(
@@ -179,7 +179,7 @@ def wait_until_ready(
         wait_until_there(lambda: present.missing(nodes, {}), seconds)
     except BusError as error:
         lacking = [
-            f"{node} has not heard {', '.join(found)}"
+            f"{node} has not received from {', '.join(found)}"
             for node in sorted(set(nodes) - present.there)
             if (found := _missing_inputs(session, names, node))
         ]
@@ -207,14 +207,17 @@ def command(
     hears of it. Raises RunError for another command, and where no node listens.
     """
     if what not in COMMANDS:
-        raise RunError(f"{what!r} is no command; expected one of {', '.join(COMMANDS)}")
+        raise RunError(f"{what!r} is not a command; expected one of {', '.join(COMMANDS)}")
     send_service(session, names.shared("nmt"), nmt, [COMMANDS[what], number])
 
 
 def send_service(
     session: zenoh.Session, key: str, encoding: Encoding, values: Sequence[float]
 ) -> None:
-    """A message of a bus's services, reliably. Raises RunError where no node listens."""
+    """Send a message of a bus's services, reliably; `values` are in the units of its fields.
+
+    Raises RunError if no node listens.
+    """
     frame = Frame()
     encode(encoding.message, (c.c_double * len(values))(*values), Header(), frame)
     publisher = session.declare_publisher(
@@ -224,6 +227,6 @@ def send_service(
     elapsed = stopwatch()
     while not getattr(publisher.matching_status, "matching", False):
         if elapsed() > _PATIENCE:
-            raise RunError(f"no node listens to {key} after {_PATIENCE:g} s; does one run?")
+            raise RunError(f"no node listens to {key} after {_PATIENCE:g} s; is one running?")
         sleep(0.02)
     publisher.put(frame.payload)

@@ -155,7 +155,7 @@ def udp_of(config: zenoh.Config) -> list[str]:
 def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) -> zenoh.Session:
     """Open a session. Raises BusError, which says what could not be opened.
 
-    `within`: s that Zenoh may wait for endpoints it must connect to; None: for ever. The first
+    `within`: seconds for Zenoh to connect to its endpoints; None: for ever. The first
     session of a process decides about Zenoh's threads: `RUNTIME`.
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)

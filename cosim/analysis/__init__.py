@@ -1,1 +1,1 @@
-"""Numbers from a run: what the summary of a run says."""
+"""Numbers from a run: metrics, manipulability, impedance, passivity and closed forms."""

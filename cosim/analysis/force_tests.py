@@ -271,7 +271,7 @@ def _damping_formula(net: RobotNetwork | None) -> str:
 
 
 def each_feedback(net: RobotNetwork | None, m: int) -> list[float]:
-    """The feedback gain of each joint; with Remark 3 the least."""
+    """The feedback gain of each joint, N.m.s/rad; with Remark 3 the least."""
     if net is None:
         return []
     if net.law.lambda_c:

@@ -221,7 +221,8 @@ class PortGain:
 def degree(gain: PortGain, tolerance: float = 0.1) -> tuple[float, bool]:
     """(k, whether it is whole): number of pure integrals from force to response, -slope of |G|.
 
-    Not whole: the lowest frequency is not low enough, or the system is not one of rational gain.
+    `k` and `tolerance` are dimensionless. Not whole: the lowest frequency is not low enough, or the
+    system is not one of rational gain.
     """
     slope = -gain.slope()
     return slope, abs(slope - round(slope)) <= tolerance

@@ -140,8 +140,8 @@ def _held(system: AnalyzedSystem | None, place: str) -> str:
     arms = ", ".join(sorted(system.arms)) if system is not None else ""
     found = f"{', '.join(held)} are held" if held else "no arm is held by an operator"
     raise ScenarioError(
-        f"which port? {found}; expected --port NAME, or [analysis] with force, response and inject"
-        + (f" (arms: {arms})" if arms else ""),
+        f"the port is not defined: {found}; expected --port NAME, or [analysis] with force, "
+        "response and inject" + (f" (arms: {arms})" if arms else ""),
         place,
     )
 

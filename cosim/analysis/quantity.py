@@ -114,7 +114,7 @@ def _text(values: Sequence[float], unit: str, error: Sequence[float] = ()) -> st
 
 
 def with_error(value: float, error: float) -> str:
-    """``18.9 ± 1.1``: two digits of the error; no error where it would not show in four digits."""
+    """``18.9 ± 1.1``, both in one unit; the error has two digits, or is left out if it is tiny."""
     if not isfinite(value) or not error > 5e-4 * abs(value):
         return f"{value:.4g}"
     if not isfinite(error):

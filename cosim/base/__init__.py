@@ -1,4 +1,4 @@
-"""What everything stands on: components, units, errors, clocks, reading of files.
+"""Foundations: components, units, errors, clocks, reading of files.
 
-Nothing here knows a scenario or a plan. `component` is what a model written in Python fulfils.
+Nothing here depends on scenarios or plans. `component` is the interface of a model in Python.
 """

@@ -62,7 +62,7 @@ def realtime_offset_ns() -> int:
 
 
 def wall_time() -> float:
-    """Seconds since 1970-01-01 UTC, as :func:`realtime_ns`: for stamps in logs and file names."""
+    """Time since 1970-01-01 UTC, in seconds; for stamps in logs and file names."""
     return time.time()
 
 

@@ -51,7 +51,10 @@ def _allowed_words(kind: Any, key: str) -> tuple[str, ...]:
 
 
 def number(value: Number, unit: str | Unit, place: str) -> float:
-    """A value in `unit`: a number as it is, or a text with a unit that fits."""
+    """A value in `unit`: a number as it is, or a text with a unit that fits.
+
+    Raises ScenarioError if the text is not a quantity in such a unit.
+    """
     if isinstance(value, str):
         try:
             return quantity(value, unit)
@@ -63,7 +66,7 @@ def number(value: Number, unit: str | Unit, place: str) -> float:
 def numbers(
     value: Value, shape: tuple[int, ...], unit: str | Unit, place: str
 ) -> tuple[float, ...]:
-    """Flattened values for a signal of `shape`; one value alone stands for every entry.
+    """Flattened values, in `unit`, for a signal of `shape`; a single value stands for all entries.
 
     Raises ScenarioError when the nesting does not match the shape, or an entry is no number.
     """

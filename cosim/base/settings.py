@@ -11,7 +11,10 @@ from cosim.base.errors import ScenarioError
 
 
 def change(document: dict[str, Any], setting: str) -> None:
-    """Set ``components.master.period=0.002``; the value is TOML, or text where it is none."""
+    """Apply a setting such as ``components.master.period=0.002``; the value is TOML, or else text.
+
+    Raises ScenarioError if it is not of the form path=value, or if the path leads nowhere.
+    """
     key, equals, text = setting.partition("=")
     if not equals or not key.strip():
         raise ScenarioError(f"--set {setting!r}: expected path=value")
@@ -60,7 +63,10 @@ def _child(node: Any, part: str, above: str, setting: str) -> Any:
 
 def _index(node: Sequence[Any], part: str, setting: str) -> int:
     if not part.isdigit() or int(part) >= len(node):
-        raise ScenarioError(f"--set {setting!r}: {part!r} is no index below {len(node)}")
+        raise ScenarioError(
+            f"--set {setting!r}: {part!r} is not a valid index; expected an integer below "
+            f"{len(node)}"
+        )
     return int(part)
 
 

@@ -62,7 +62,7 @@ def check_numbers(data: Any, place: str, path: str = "") -> None:
 
 
 def check_number(value: float, place: str) -> None:
-    """Refuse a number that is none to compute with. Raises ScenarioError."""
+    """Refuse a number, in any unit, that is not :func:`is_usable_number`. Raises ScenarioError."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ScenarioError("found a whole number of more than 64 bits", place)
     if not is_usable_number(value):
@@ -70,5 +70,5 @@ def check_number(value: float, place: str) -> None:
 
 
 def is_usable_number(value: float) -> bool:
-    """Whether a number is one to compute with."""
+    """Whether a number, in any unit, is finite and of a size that one can compute with."""
     return value == 0 or LEAST <= abs(value) <= MOST  # neither is NaN

@@ -115,8 +115,8 @@ class SimulatedBus:
     def request_many(self, requests: NDArray[np.void]) -> int:
         """Make many frames pending: rows of ``cosim.bus.frames.REQUEST``, shape (n,), `at` in ps.
 
-        Returns the number of the first; they are numbered on. Raises as `request`; requests before
-        the one that cannot be taken are made.
+        Returns the number of the first; they are numbered on. Raises BusSimulationError as
+        `request` does; requests before the one that cannot be taken are made.
         """
         rows = np.ascontiguousarray(requests, REQUEST)
         if not self.timing.fd and (rows["frame"]["flags"] & 1).any():

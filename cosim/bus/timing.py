@@ -113,7 +113,10 @@ def code(length: int) -> int:
 
 
 def header(identifier: int | None, length: int, kind: FrameFormat) -> list[int | None]:
-    """Bits from start of frame to DLC; None where they are the identifier's and it is not given."""
+    """Bits from start of frame to DLC; those of the identifier are None if it is not given.
+
+    Raises TimingError if the identifier does not fit its 11 or 29 bits.
+    """
     width = 29 if kind.extended else 11
     if identifier is not None and not 0 <= identifier < 1 << width:
         raise TimingError(f"found identifier {identifier:#x}, expected {width} bits")

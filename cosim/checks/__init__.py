@@ -1,15 +1,15 @@
-"""Pre-flight: what can be said of a scenario before it runs, and what to change.
+"""Pre-flight: checks of a scenario before it runs, with advice.
 
 ``check(scenario, plan)`` gives findings, worst first. Rules are functions of a
 :class:`cosim.analysis.system.AnalyzedSystem`, a file a subject:
 
 =============  ====================================================================
-``reach``      is every controller reached from the operator's arm; who hears nobody
+``reach``      is every controller reached from the operator's arm; unconnected ones
 ``sampling``   sampling periods against inertia and adaptation; stiff grips and walls
 ``laws``       passivity, degenerate gains, gravity, what can be predicted
 ``couplings``  springs between robots: damping for the delay, constant delays
 ``channels``   links: bounded delays, losses, order, buffers
-``wiring``     inputs that nothing feeds, saturation, size of what is recorded
+``wiring``     unconnected inputs, saturation, size of what is recorded
 =============  ====================================================================
 
 Nothing is run, and nothing here stops a run.

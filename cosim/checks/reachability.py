@@ -85,7 +85,8 @@ def unreached_robots(system: AnalyzedSystem) -> Iterator[Finding]:
         where=", ".join(start),
         number=float(len(missed)),
         unit="1",
-        reason=f"what is done here never gets to {', '.join(missed)}: not a root of who hears whom",
+        reason=f"an action here never reaches {', '.join(missed)}: not a root of the "
+        "communication graph",
         advice=f"hold {' or '.join(roots)}, which all hear, or add a link" if roots
         else "add links: no arm is heard by all",
     )  # fmt: skip

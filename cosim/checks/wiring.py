@@ -98,7 +98,7 @@ def jacobi(system: AnalyzedSystem) -> Iterator[Finding]:
             where="run.algorithm",
             number=system.plan.h,
             unit="s",
-            reason="everybody sees the tick before: a sample more of delay between arm and torque",
+            reason="all components see the previous tick: the torque is one more sample late",
             advice='algorithm = "sampled", unless for comparison with other masters',
         )
 

@@ -1,4 +1,4 @@
-"""The commands, a module each; :mod:`cosim.cli.commands` puts them together."""
+"""The commands, one module each; :mod:`cosim.cli.commands` puts them together."""
 
 import gc
 import os

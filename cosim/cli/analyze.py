@@ -21,11 +21,13 @@ def analyze(
     target: Annotated[Path, typer.Argument(help="Run folder, or scenario file (.toml).")],
     port: Annotated[
         str,
-        typer.Option(metavar="NAME", help="Component that is held.", show_default="the held arm"),
+        typer.Option(
+            metavar="NAME", help="Component that the hand holds.", show_default="the held arm"
+        ),
     ] = "",
     set_: Set = None,
     tests: Annotated[
-        bool, typer.Option("--tests/--no-tests", help="Feed test forces into the port as well.")
+        bool, typer.Option("--tests/--no-tests", help="Also apply test forces to the port.")
     ] = True,
     lowest: Annotated[
         float,
@@ -40,15 +42,15 @@ def analyze(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
+            help="Folder for the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
         ),
     ] = None,
     check: Verify = True,
 ) -> None:
-    """Analyse a port: how it can be moved, what a hand feels there, whether it is passive.
+    """Analyze a port: manipulability, felt damping and stiffness, and passivity.
 
-    A scenario is run for it, in memory. A run folder's numbers are those of the run; test forces
-    are fed into the scenario it was made of.
+    A scenario is run in memory. For a run folder, the numbers are those of the run, and test forces
+    are applied to the scenario of that run.
     """
     from cosim.analysis.analysis import analyse
     from cosim.analysis.subject import of_run, of_scenario

@@ -32,7 +32,7 @@ def check(
         typer.Option("--deploy", help="Check the buses of this deployment as well."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit with 1 for warnings as well.")
+        bool, typer.Option("--strict", help="Exit with status 1 for warnings as well.")
     ] = False,
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the findings as JSON.")
@@ -40,7 +40,7 @@ def check(
 ) -> None:
     """Check a scenario without running it: stability margins, links, wiring, predictions.
 
-    Exits with 1 where there is an error; with --strict for warnings as well.
+    Exit status 1 if there is an error, or with --strict a warning.
     """
     from cosim.checks import check as findings
     from cosim.loading.files import load

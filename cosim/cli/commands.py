@@ -24,11 +24,11 @@ from cosim.base.interrupts import exit_code, signals_as_interrupt
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": (
         "cosim.cli.run",
-        "Run a scenario and write a run folder: trajectories, metadata, link tables, figures.",
+        "Run a scenario; write trajectories, metadata, link tables and figures to a run folder.",
     ),
     "show": (
         "cosim.cli.show",
-        "Print how a scenario will run: components, rates, order, and what every input samples.",
+        "Print how a scenario runs: components, rates, order, and what every input samples.",
     ),
     "info": (
         "cosim.cli.info",
@@ -36,11 +36,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "reproduce": (
         "cosim.cli.reproduce",
-        "Run the paper's Sec. VII and Theorems 1-5, draw its figures, and judge every claim.",
+        "Reproduce the paper: run Sec. VII and Theorems 1-5, draw the figures, check all claims.",
     ),
     "analyze": (
         "cosim.cli.analyze",
-        "Analyse a port: how it can be moved, what a hand feels there, whether it is passive.",
+        "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
     ),
     "check": (
         "cosim.cli.check",
@@ -48,11 +48,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "compare": (
         "cosim.cli.compare",
-        "Run every controller under every operator over every link law, and print one table.",
+        "Compare controllers: run each with every operator and link law, and print one table.",
     ),
     "sweep": (
         "cosim.cli.sweep",
-        "Run a study: every point once, resumable at any moment; a table and figures of all runs.",
+        "Run a parameter study: simulate every point; write a table and figures. Resumable.",
     ),
     "export": (
         "cosim.cli.export",
@@ -64,47 +64,47 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "recover": (
         "cosim.cli.recover",
-        "Complete a run folder whose run was killed or found its disk full.",
+        "Complete a run folder after the run was killed or the disk was full.",
     ),
     "rehearse": (
         "bridge.cli.rehearse",
-        "Rehearse a scenario: real processes, real frames, the wall clock; then judge it.",
+        "Run a scenario in real time, one process per node, on real buses; then check the run.",
     ),
     "node": (
         "bridge.cli.node",
-        "Run one node: configure, wait for the start, tick until the end or a stop (Ctrl-C).",
+        "Run one node of a deployment: configure it, wait for the start, run until the end.",
     ),
     "replay": (
         "bridge.cli.replay",
-        "Compute a recorded run again offline, and compare every signal of every node.",
+        "Recompute a recorded run offline, and compare every signal of every node.",
     ),
     "monitor": (
         "bridge.cli.monitor",
-        "Look at a rehearsal that runs, without disturbing it, or at one that has ended.",
+        "Show the status of a running or finished rehearsal (read-only).",
     ),
     "campaign": (
         "bridge.cli.campaign",
-        "Rehearse once with every script of a campaign, and judge each run.",
+        "Run a rehearsal with each fault script of a campaign, and check each run.",
     ),
     "soak": (
         "bridge.cli.soak",
-        "Rehearse again and again with faults drawn at random, several runs at once.",
+        "Run a soak test: many rehearsals with random faults, several at once.",
     ),
     "diff": (
         "bridge.cli.diff",
-        "Compare two runs signal by signal, largest differences first, and say a verdict.",
+        "Compare two runs signal by signal, largest differences first, and print a verdict.",
     ),
     "keys": (
         "bridge.cli.keys",
-        "Make a test authority and one certificate a node, for configs/zenoh/secure.json5.",
+        "Create a test authority and one certificate per node, for configs/zenoh/secure.json5.",
     ),
     "ping": (
         "bridge.cli.ping",
-        "Measure round trips between two nodes, and say what the controllers make of them.",
+        "Measure round-trip times between two nodes, and predict their effect on the controllers.",
     ),
     "tell": (
         "bridge.cli.tell",
-        "Give a command to the nodes of a deployment, or ask them; prints what they answer.",
+        "Send a command or a query to the nodes of a deployment, and print their answers.",
     ),
 }
 _SETTINGS = {"help_option_names": ["-h", "--help"]}

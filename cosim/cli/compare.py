@@ -29,28 +29,32 @@ def compare(
     variants: Annotated[
         Path | None,
         typer.Option(
-            help="What there is to compare.", show_default="the file in compare/ beside it"
+            help="File with the variants to compare.",
+            show_default="the file in compare/ next to the scenario",
         ),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How many seeds, from run.seed on.")] = 1,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds, starting at run.seed.")] = 1,
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; repeatable."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder.", show_default="runs/compare-SCENARIO-DATE-TIME")
+        Path | None,
+        typer.Option(
+            help="Folder for the results.", show_default="runs/compare-SCENARIO-DATE-TIME"
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier comparison.")] = False,
     keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1,
     plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figure.")] = True,
     list_: Annotated[
-        bool, typer.Option("--list", help="List what there is to compare; run nothing.")
+        bool, typer.Option("--list", help="List the variants, without running them.")
     ] = False,
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run every controller under every operator over every link law, and print one table."""
+    """Compare controllers: run each with every operator and link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import progress_bar

@@ -15,7 +15,10 @@ def export(
     ssp: Annotated[Path | None, typer.Option(help="SSP 1.0 file to write.")] = None,
     fmu: Annotated[Path | None, typer.Option(help="One FMU 2.0 of the whole loop.")] = None,
     links: Annotated[
-        str, typer.Option(help="annotation: other tools see no latency; fmu: delay FMUs.")
+        str,
+        typer.Option(
+            help="How to write links: annotation (ignored by other tools) or fmu (delay FMUs)."
+        ),
     ] = "annotation",
     set_: Set = None,
 ) -> None:
@@ -29,7 +32,7 @@ def export(
     if links not in ("annotation", "fmu"):
         raise ScenarioError(f"{links!r} is neither annotation nor fmu", "--links")
     if ssp is None and fmu is None:
-        raise ScenarioError("say what to write: --ssp FILE or --fmu FILE", "cosim export")
+        raise ScenarioError("nothing to write; expected --ssp FILE or --fmu FILE", "cosim export")
     from cosim.loading.files import load
 
     read = load_ssp if scenario.suffix == ".ssp" else load

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def info(
     fmu: Annotated[Path, typer.Argument(help="FMU file (.fmu).")],
     validate: Annotated[
-        bool, typer.Option("--validate/--no-validate", help="Check it with FMPy as well.")
+        bool, typer.Option("--validate/--no-validate", help="Validate the FMU with FMPy as well.")
     ] = True,
 ) -> None:
     """Print an FMU's variables, units, capabilities and platforms, and validate it."""

@@ -9,8 +9,10 @@ import typer
 
 
 def new(
-    what: Annotated[str, typer.Argument(metavar="controller", help="What to start: controller.")],
-    name: Annotated[str, typer.Argument(help="Its name, that of a Python module.")],
+    what: Annotated[
+        str, typer.Argument(metavar="controller", help="Kind of template: controller.")
+    ],
+    name: Annotated[str, typer.Argument(help="Name of the component, a Python identifier.")],
     dir_: Annotated[Path, typer.Option("--dir", help="Folder to write into.")] = Path("."),
 ) -> None:
     """Write a controller in Python, a scenario it runs in, and a test."""
@@ -18,7 +20,7 @@ def new(
     from cosim.scaffold import write_controller
 
     if what != "controller":
-        raise ScenarioError(f"{what!r} is nothing to start from; expected controller", "cosim new")
+        raise ScenarioError(f"{what!r} is not a kind of template; expected controller", "cosim new")
     for path in write_controller(name, dir_):
         typer.echo(str(path))
     where = "" if dir_ == Path(".") else f"cd {dir_} && "

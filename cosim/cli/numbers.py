@@ -8,7 +8,7 @@ from cosim.base.toml import EXPECTED, is_usable_number
 
 
 def finite(value: float | None) -> float | None:
-    """The call-back of an option that is a number. Raises BadParameter."""
+    """The callback of a numeric option, in the unit its help gives. Raises BadParameter."""
     if value is not None and not is_usable_number(value):
         raise typer.BadParameter(f"found {value!r}; expected {EXPECTED}")
     return value

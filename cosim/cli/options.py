@@ -13,7 +13,7 @@ Set = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")]
 Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Warnings before the run are errors.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings before the run as errors.")]
 Verify = Annotated[
     bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
 ]

@@ -11,7 +11,7 @@ import typer
 def recover(
     run: Annotated[Path, typer.Argument(help="Run folder of a run that was cut short.")],
 ) -> None:
-    """Complete a run folder whose run was killed or found its disk full.
+    """Complete a run folder after the run was killed or the disk was full.
 
     Every command reads such a folder as it is; other tools need the complete files.
     """

@@ -45,15 +45,21 @@ def reproduce(
         ),
     ] = "",
     out: Annotated[
-        Path | None, typer.Option(help="Folder; runs/reproduce-DATE-TIME if not given.")
+        Path | None, typer.Option(help="Folder for the results. Default: runs/reproduce-DATE-TIME.")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of delays and switching graphs.")] = 0,
-    list_: Annotated[bool, typer.Option("--list", help="List the claims; run nothing.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace a reproduction.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print what fails only.")] = False,
+    list_: Annotated[
+        bool, typer.Option("--list", help="List the claims, without running anything.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the results of an earlier reproduction.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print only the claims that fail.")
+    ] = False,
 ) -> None:
-    """Run the paper's Sec. VII and Theorems 1-5, draw its figures, and judge every claim."""
+    """Reproduce the paper: run Sec. VII and Theorems 1-5, draw the figures, check all claims."""
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.summary import progress_bar
 

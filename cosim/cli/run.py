@@ -32,7 +32,7 @@ def run(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of links and topology (run.seed).")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Run folder; runs/SCENARIO-DATE-TIME if not given.")
+        Path | None, typer.Option(help="Run folder to write. Default: runs/SCENARIO-DATE-TIME.")
     ] = None,
     force: Force = False,
     csv: Annotated[bool, typer.Option("--csv", help="Also write trajectories.csv.")] = False,
@@ -40,33 +40,39 @@ def run(
     estimate_error: Annotated[
         bool,
         typer.Option(
-            "--estimate-error", help="After the run, estimate the local error of its steps."
+            "--estimate-error", help="Estimate the local error of the steps after the run."
         ),
     ] = False,
     tolerance: Annotated[
         float,
-        typer.Option(callback=finite, help="Relative local error the advised step is to keep."),
+        typer.Option(
+            callback=finite,
+            help="Target local error, as a fraction, for the recommended step size.",
+        ),
     ] = 1e-4,
     links: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="Take the links' delays and losses from this run folder."),
+        typer.Option(metavar="RUN", help="Use the recorded link delays and losses of this run."),
     ] = None,
     deploy: Annotated[
         str | None,
         typer.Option(
-            "--deploy", help="Run the twin: as this deployment cuts it, through codecs and buses."
+            "--deploy", help="Simulate this deployment: nodes, codecs and buses (the twin)."
         ),
     ] = None,
     clock: Annotated[
-        str, typer.Option("--clock", help="With --deploy: simulated (on the wall: cosim rehearse).")
+        str,
+        typer.Option(
+            "--clock", help="Clock of --deploy: simulated (for real time: cosim rehearse)."
+        ),
     ] = "simulated",
     fmu_log: Annotated[
-        bool, typer.Option("--fmu-log", help="Keep what every FMU logs in NAME.fmu.log.")
+        bool, typer.Option("--fmu-log", help="Write the log of every FMU to NAME.fmu.log.")
     ] = False,
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario and write a run folder: trajectories, metadata, link tables, figures."""
+    """Run a scenario; write trajectories, metadata, link tables and figures to a run folder."""
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, ScenarioError
     from cosim.base.interrupts import exit_code
@@ -83,7 +89,7 @@ def run(
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     if deploy is not None:
         if links is not None:
-            raise ScenarioError("--links is for runs without nodes; expected no --deploy beside it")
+            raise ScenarioError("--links is for runs without nodes; expected no --deploy with it")
         twin = importlib.import_module(TWIN)
         twin.run(
             scenario, deploy, clock, settings, out,

@@ -21,10 +21,9 @@ def show(
     strict: Strict = False,
     check: Verify = True,
 ) -> None:
-    """Print how a scenario will run: components, rates, order, and what every input samples.
+    """Print how a scenario runs: components, rates, order, and what every input samples.
 
-    Of a run folder: what ran, how it ended, what is recorded, and whether its files are as they
-    were written.
+    For a run folder: what ran, how it ended, what was recorded, and whether files have changed.
     """
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import report_unconnected_inputs

@@ -24,32 +24,31 @@ _EVERY = 10.0
 def sweep(
     study: Annotated[Path, typer.Argument(help="Study file (.toml).")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results.", show_default="runs/STUDY")
+        Path | None, typer.Option(help="Folder for the results.", show_default="runs/STUDY")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="How many runs at once.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of parallel runs.")] = os.cpu_count()
+    or 1,
     workers: Annotated[
-        str, typer.Option(help="On this machine: processes or threads.")
+        str, typer.Option(help="Kind of local workers: processes or threads.")
     ] = "processes",
     scheduler: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler.")
     ] = "",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with what is in the folder.")
+        bool, typer.Option("--resume", help="Continue the study in the folder.")
     ] = False,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Go on, and make runs that failed again.")
-    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Resume and repeat failed runs.")] = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Go on even if the scenario has changed.")
+        bool, typer.Option("--force", help="Resume even if the scenario has changed.")
     ] = False,
     limit: Annotated[
-        int | None, typer.Option(min=0, help="At most so many runs this time.")
+        int | None, typer.Option(min=0, help="Maximum number of runs for this call.")
     ] = None,
     plot: Plot = True,
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a study: every point once, resumable at any moment; a table and figures of all runs."""
+    """Run a parameter study: simulate every point; write a table and figures. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
     from cosim.record import seal
     from cosim.sweeps import execute, figures, summary

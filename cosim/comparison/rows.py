@@ -39,7 +39,7 @@ class ComparisonRow:
         return f"{self.controller} {MARK}" if self.marked else self.controller
 
     def values(self, column: MetricColumn) -> list[float]:
-        """The numbers of a column, one a seed; empty where a run has none."""
+        """The numbers of a column in its unit, one for each seed; empty if a run has none."""
         if not all(o.verdict.ended for o in self.outcomes):
             return []
         values = [o.numbers.get(column.name, (nan, ""))[0] for o in self.outcomes]
@@ -83,7 +83,7 @@ def columns(comparison: Comparison) -> list[tuple[MetricColumn, str]]:
 
 
 def format_number(value: float, unit: str) -> str:
-    """A number as the table shows it; an infinite time is ``never``."""
+    """A number in `unit` as the table shows it; an infinite time is ``never``."""
     if value == inf:
         return "never" if unit == "s" else "∞"
     if unit == "s":

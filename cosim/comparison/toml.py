@@ -57,7 +57,7 @@ class Section:
         return tuple(found)
 
     def numbers(self, key: str, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-        """A list of numbers."""
+        """A list of numbers, in the unit of the key. Raises ScenarioError for anything else."""
         found = self._get(key, default)
         if not isinstance(found, list | tuple) or not all(_is_number(x) for x in found):
             raise self._wrong(key, "a list of numbers", found)

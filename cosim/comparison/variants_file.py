@@ -82,7 +82,7 @@ def variants_path(scenario: str | Path) -> Path:
         return found[0]
     what = f"found {', '.join(p.name for p in found)}" if found else "there is none"
     raise ScenarioError(
-        f"expected one variants file, {what}; say which with --variants FILE", str(folder)
+        f"expected one variants file, {what}; choose one with --variants FILE", str(folder)
     )
 
 

@@ -209,7 +209,10 @@ def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
 
 
 def store(views: Views, outputs: Mapping[str, Any]) -> None:
-    """Write what a component returned; every output must be there and of its shape."""
+    """Write what a component returned.
+
+    Raises RunError if an output is missing or does not have its shape.
+    """
     for port, view in views.items():
         try:
             view[...] = outputs[port]

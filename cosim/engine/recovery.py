@@ -29,7 +29,7 @@ def repair(folder: Path, why: str = "cut short") -> str:
     if not folder.is_dir():
         raise ScenarioError("there is no such run folder", str(folder))
     if is_recording(folder):
-        raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
+        raise ScenarioError("the run is still active; there is nothing to recover", str(folder))
     facts = read_metadata(folder)
     running = facts.get("status", "") == RUNNING
     cut = is_unfinished(folder) or (running and bool(journals(folder)))

@@ -1,4 +1,5 @@
-"""How large the error of a step is, by doing it again in halves.
+"""Estimate of the local error of a step, by repeating it in two halves.
 
-In comes a plan, out come local errors of its continuous components and the step a tolerance wants.
+Input: a plan and a tolerance. Output: local errors of its continuous components, and the step size
+that keeps the tolerance.
 """

@@ -95,7 +95,7 @@ def estimate(make: Callable[[], Plan], samples: int = 40, tolerance: float = 1e-
     """Estimate local errors at up to `samples` points spread over a run of ``make()``.
 
     `make` gives the same plan anew at every call; `tolerance` is relative to the largest value of a
-    signal. Raises CosimError as a run does.
+    signal. Raises RunError unless both numbers are positive, and CosimError as a run does.
     """
     if samples < 1 or not tolerance > 0.0:
         raise RunError(f"{samples} samples and tolerance {tolerance}: expected positive numbers")
@@ -111,7 +111,7 @@ def estimate(make: Callable[[], Plan], samples: int = 40, tolerance: float = 1e-
                 break
             changed = _first_changed(behind.plan, ahead.signals, behind.signals)
             if changed:
-                left_out[changed] = "does not go on as before from a state it saved"
+                left_out[changed] = "does not continue as before from a state that it saved"
                 groups = [_group_without(g, changed) for g in groups]
                 break
             if not _try(ahead, behind, groups, tick):

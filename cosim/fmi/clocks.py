@@ -199,7 +199,7 @@ def check_step(description: Description, h: float, name: str) -> None:
     except ValueError:
         inside = 0.0
     if not inside > 0.0:
-        raise FmuError(f"{name}: fixedInternalStepSize {written!r} is no positive number")
+        raise FmuError(f"{name}: fixedInternalStepSize {written!r} is not a positive number")
     _steps(h, inside, f"{name}: the period")
 
 

@@ -212,10 +212,11 @@ class FmuComponent:
         }  # fmt: skip
 
     def exit_initialization(self) -> dict[str, np.ndarray[Any, Any]]:
-        """Leave Initialization Mode, once; the first step does it if nobody has.
+        """Leave Initialization Mode, once; otherwise the first step does it.
 
-        Returns the outputs as they are then; of those that belong to clocks, what ticked right
-        then. Raises FmuError for parameters and start values that the FMU did not take.
+        Returns the outputs at that moment, each of its declared shape; of clocked outputs, those
+        whose clock ticked. Raises FmuError for parameters and start values that the FMU did not
+        take.
         """
         if self._start is None:
             return {}

@@ -115,7 +115,7 @@ _BOOLEANS = ("true", "false", "1", "0")
 def _positive(text: str) -> float:
     value = float(text)
     if not (isfinite(value) and value > 0.0):
-        raise ValueError(f"stepSize {text!r} is no positive number")
+        raise ValueError(f"stepSize {text!r} is not a positive number")
     return value
 
 

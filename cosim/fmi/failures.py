@@ -41,7 +41,7 @@ def starting(name: str) -> Iterator[None]:
 
 
 def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
-    """Which outputs are no numbers."""
+    """The message that names the outputs that are not finite; `signals` (n,), all of the plan."""
     bad = [
         f"{name} = {value}"
         for slot in slots

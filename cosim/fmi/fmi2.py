@@ -61,22 +61,22 @@ class Instance2(CommonInstance):
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {'; '.join(self.log.tail())}")
 
     def setup(self, t0: float) -> None:
-        """Set up the experiment (§2.1.6 of FMI 2.0.5), without tolerance and stop time."""
+        """Set up the experiment from `t0`, s (§2.1.6 of FMI 2.0.5), without a stop time."""
         setup = self._calls.checked(
             "SetupExperiment", c.c_void_p, c.c_int, c.c_double, c.c_double, c.c_int, c.c_double
         )
         setup(self.handle, 0, 0.0, t0, 0, 0.0)
 
     def enter_initialization(self, t0: float) -> None:
-        """Enter Initialization Mode."""
+        """Enter Initialization Mode (§2.1.6 of FMI 2.0.5); `t0`, s, was given to :meth:`setup`."""
         self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
 
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
-        """FMI 2.0 has no clocks."""
+        """Interval and shift of clocks, s: FMI 2.0 has no clocks. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
     def set_intervals(self, given: Mapping[int, float]) -> None:
-        """FMI 2.0 has no clocks."""
+        """Set intervals of clocks, s: FMI 2.0 has no clocks. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
     def clocked_texts(self) -> dict[str, list[str]]:
@@ -84,11 +84,11 @@ class Instance2(CommonInstance):
         return {}
 
     def take_texts(self, found: Clocked) -> None:
-        """FMI 2.0 has no clocks."""
+        """Take texts of clocked variables: FMI 2.0 has no clocks. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
-        """Leave Initialization Mode; FMI 2.0 has no clocks."""
+        """Leave Initialization Mode; no values of clocked variables, in any unit."""
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
         self._calls.started = True
         return {}
@@ -118,13 +118,13 @@ class Instance2(CommonInstance):
         return self._calls.checked(verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
-        """``fmi2GetReal`` and its sisters."""
+        """Values, in the FMU's units, by ``fmi2GetReal`` or the function of another type."""
         values = (TYPES[kind] * count)()
         self._access("Get", kind)(self.handle, uint32(references), len(references), values)
         return [float(v) for v in values]
 
     def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
-        """``fmi2SetReal`` and its sisters."""
+        """Set values, in the FMU's units, by ``fmi2SetReal`` or the function of another type."""
         convert = float if kind == "Real" else int
         array = array_of(TYPES[kind], [convert(v) for v in values])
         self._access("Set", kind)(self.handle, uint32(references), len(references), array)
@@ -141,7 +141,7 @@ class Instance2(CommonInstance):
         self._access("Set", "String")(self.handle, uint32(references), len(values), array)
 
     def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
-        """FMI 2.0 has no structural parameters."""
+        """Set structural parameters: FMI 2.0 has none. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no structural parameters")
 
     def address(self, suffix: str) -> int:
@@ -149,6 +149,6 @@ class Instance2(CommonInstance):
         return structs.address(self._calls.function(suffix))
 
     def do_step(self, t: float, h: float) -> None:
-        """``fmi2DoStep``."""
+        """``fmi2DoStep`` from `t` over `h`, s (§4.2.2 of FMI 2.0.5)."""
         step = self._calls.checked("DoStep", c.c_void_p, c.c_double, c.c_double, c.c_int)
         step(self.handle, t, h, 0)

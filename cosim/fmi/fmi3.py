@@ -48,10 +48,10 @@ class Instance3(CommonInstance):
             raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
 
     def setup(self, t0: float) -> None:
-        """FMI 3.0 sets up an experiment when it enters Initialization Mode."""
+        """Do nothing: FMI 3.0 is given `t0`, s, when it enters Initialization Mode."""
 
     def enter_initialization(self, t0: float) -> None:
-        """Enter Initialization Mode (§2.3.2 of FMI 3.0.2)."""
+        """Enter Initialization Mode at `t0` s (§2.3.2 of FMI 3.0.2)."""
         enter = self._calls.checked(
             "EnterInitializationMode",
             *(c.c_void_p, c.c_bool, c.c_double, c.c_double, c.c_bool, c.c_double),
@@ -59,15 +59,18 @@ class Instance3(CommonInstance):
         enter(self.handle, False, 0.0, t0, False, 0.0)
 
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
-        """``fmi3GetIntervalDecimal``, ``fmi3GetShiftDecimal``, of periodic clocks."""
+        """(interval, shift) of periodic clocks, s; ``fmi3GetIntervalDecimal``."""
         return intervals(self._calls, self.handle, clocks)
 
     def set_intervals(self, given: Mapping[int, float]) -> None:
-        """``fmi3SetIntervalDecimal``."""
+        """Set intervals of clocks, s: ``fmi3SetIntervalDecimal``."""
         set_intervals(self._calls, self.handle, given)
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
-        """Leave Initialization Mode, and the Event Mode that follows where it is used."""
+        """Leave Initialization Mode, and the Event Mode that follows if it is used.
+
+        Returns the values of clocked variables that ticked then, by name, in the FMU's units.
+        """
         asked = clocks or Clocks()
         self._ticking = ticking = Ticking(self._calls, self.handle, asked)
         ticking.ask((*asked.changing, *asked.countdown))
@@ -85,7 +88,7 @@ class Instance3(CommonInstance):
         return self._ended
 
     def terminated(self) -> float | None:
-        """FMI 3.0 says so with the step itself."""
+        """When the FMU ended, s: None, since in FMI 3.0 ``fmi3DoStep`` returns this itself."""
         return None
 
     @property
@@ -131,14 +134,14 @@ class Instance3(CommonInstance):
         )
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
-        """``fmi3GetFloat64`` and its sisters."""
+        """Values, in the FMU's units, by ``fmi3GetFloat64`` or the function of another type."""
         values = (TYPES[kind] * count)()
         get = self._access("Get", kind)
         get(self.handle, uint32(references), len(references), values, count)
         return [float(v) for v in values]
 
     def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
-        """``fmi3SetFloat64`` and its sisters."""
+        """Set values, in the FMU's units, by ``fmi3SetFloat64`` or the function of another type."""
         convert = float if kind.startswith("Float") else int
         array = array_of(TYPES[kind], [convert(v) for v in values])
         set_ = self._access("Set", kind)
@@ -162,7 +165,10 @@ class Instance3(CommonInstance):
         return [c.string_at(v, n).hex() if v else "" for v, n in zip(values, sizes, strict=True)]
 
     def set_texts(self, kind: str, references: Sequence[int], values: Sequence[str]) -> None:
-        """``fmi3SetString``; ``fmi3SetBinary`` from hexadecimal text."""
+        """``fmi3SetString``; ``fmi3SetBinary`` from hexadecimal text.
+
+        Raises FmuError if a binary value is not hexadecimal text.
+        """
         n, count = len(references), len(values)
         if kind == "Binary":
             try:
@@ -191,7 +197,10 @@ class Instance3(CommonInstance):
         return structs.address(self._calls.function(suffix))
 
     def do_step(self, t: float, h: float) -> None:
-        """``fmi3DoStep``."""
+        """``fmi3DoStep`` from `t` over `h`, s, and the Event Mode that it may ask for.
+
+        Raises FmuError if the FMU returns early: only the engine can continue such a step.
+        """
         step = self._calls.checked(
             "DoStep",
             *(c.c_void_p, c.c_double, c.c_double, c.c_bool),
@@ -203,7 +212,9 @@ class Instance3(CommonInstance):
         event, ended, early = (flag.value for flag in flags)
         self._ended = ended
         if early and not ended:
-            raise FmuError(f"{self._calls.name}: returned early; only the engine can go on")
+            raise FmuError(
+                f"{self._calls.name}: returned early; only the engine can continue such a step"
+            )
         if event and self._event_mode and not ended:
             self._calls.checked("EnterEventMode", c.c_void_p)(self.handle)
             self._leave_event_mode()

@@ -90,10 +90,11 @@ class InstanceStart:
                 one.set(x)
 
     def leave(self, clocks: Clocks) -> dict[str, list[float]]:
-        """Leave Initialization Mode; returns what clocks gave that ticked then, by name.
+        """Leave Initialization Mode; returns values of clocked variables that ticked then, by name.
 
-        Start values are compared just before, since an event may change them afterwards;
-        parameters after it. Raises FmuError that names all that the FMU did not take.
+        Values are in the FMU's units. Start values are compared just before, since an event may
+        change them afterwards; parameters after it. Raises FmuError that names all that the FMU did
+        not take.
         """
         exact = [one for one in self._given if one.exact]
         self._check([one for one in exact if not one.is_parameter])
@@ -105,8 +106,8 @@ class InstanceStart:
         lines = list(_differences(self._x, given))
         if lines:
             raise FmuError(
-                f"{self._name}: the FMU does not take what was set: {'; '.join(lines)}; set what "
-                "it has, or leave it out"
+                f"{self._name}: the FMU did not accept these values: {'; '.join(lines)}; "
+                "set a value that it accepts, or leave it out"
             )
 
 

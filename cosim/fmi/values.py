@@ -71,7 +71,10 @@ def _numbers(group: VariableGroup) -> tuple[float, ...]:
 
 
 def check_range(group: VariableGroup, values: Sequence[float]) -> None:
-    """Refuse a value outside of min and max, or that the type has not. Raises FmuError."""
+    """Refuse a value outside of min and max, or of the range of the type. Raises FmuError.
+
+    Values and limits are in the unit of the variable.
+    """
     low, high = _RANGES.get(group.first.type, (float("-inf"), float("inf")))
     least, most = group.first.limits
     whole = group.first.type not in ("Real", "Float64", "Float32")

@@ -114,7 +114,7 @@ def _variable(
             raise ValueError(f"variable {name!r}: {word!r} is none of {', '.join(known)}")
     reference = int(element.attrib["valueReference"])
     if not 0 <= reference < 2**32:
-        raise ValueError(f"variable {name!r}: valueReference {reference} is no 32-bit number")
+        raise ValueError(f"variable {name!r}: valueReference {reference} is not a 32-bit number")
     if prod(found["shape"]) > LARGEST:
         raise ValueError(f"variable {name!r} has more than {LARGEST} entries: {found['shape']}")
     return FmuVariable(
@@ -177,7 +177,10 @@ def _checked(name: str, kind: str, start: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def number(text: str) -> float:
-    """A value as the model description writes it: ``"true"`` is 1. Raises ValueError."""
+    """A value as the model description writes it, in its unit: ``"true"`` is 1.
+
+    Raises ValueError.
+    """
     words = {"true": 1.0, "false": 0.0}
     return words[text] if text in words else float(text)
 

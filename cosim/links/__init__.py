@@ -11,11 +11,11 @@ which it is built up::
     losses      which packets never arrive: independent, Gilbert–Elliott, on top of any law
     outages     losses in seconds: now and then nothing arrives for a while
     grid        when it is sent and looked at, in ticks
-    semantics   what the receiver makes of it: signal, three packet rules, playout
+    semantics   which sample the receiver uses: signal, three packet rules, playout
     table       LinkSpec -> stream of rows, with the facts an engine must know beforehand
     storage     tables as Parquet files, and their replay
     statistics  age of what was held, how often it was held, how often it went back in time
-    spec        the structs a scenario decodes, and the sentences that refuse them
+    spec        the structs a scenario decodes, and the error messages for bad values
     netem       a law and a loss as arguments of tc netem, and what netem does otherwise
 
 and, for networks of robots, which edges are there when::
@@ -25,6 +25,6 @@ and, for networks of robots, which edges are there when::
     switching   which graph when: always one, at random, by a schedule
     topology    the weights of each receiver's edges as a stream of rows
 
-Nothing here knows an engine, a component or a clock; everything is a pure function of a seed or
-of a file, streamed in chunks whose sizes do not matter.
+Nothing here depends on an engine, a component or a clock; everything is a pure function of a seed
+or of a file, streamed in chunks whose sizes do not matter.
 """

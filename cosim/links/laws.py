@@ -67,7 +67,7 @@ class Law(Protocol):
 
 
 def decimal_fraction(seconds: float) -> Fraction:
-    """The decimal number that was written down, not its binary neighbour: 0.03 is 3/100."""
+    """A time, s, as the decimal number that was written, not the nearest binary: 0.03 is 3/100."""
     return Fraction(repr(float(seconds)))
 
 

@@ -172,7 +172,7 @@ def link_table(
         if isinstance(spec, TableDelay):
             if loss is not None:
                 raise ScenarioError(
-                    'delay.law = "table" replays what was lost as well; expected no loss beside it'
+                    'delay.law = "table" replays losses as well; expected no key loss'
                 )
             table = open_table(folder / spec.file, name=name, grid=grid)
         else:

@@ -30,7 +30,7 @@ GROUP = 1 << 18  # rows of a row group
 
 
 def load_table(path: str | Path) -> tuple[dict[str, Any], NDArray[np.int32]]:
-    """The facts and all rows of a stored table. Raises ScenarioError naming the file."""
+    """The facts and all rows (n,) of a stored table. Raises ScenarioError naming the file."""
     path = Path(path)
     facts, _ = read_facts(path)
     groups = list(table_groups(path))
@@ -134,7 +134,10 @@ class _StoredRows:
 
 
 def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:
-    """The rows, one row group after the other; empty ones are left out."""
+    """The rows, one group (k,) after the other; empty groups are left out.
+
+    Raises ScenarioError, naming the file, if a group cannot be read.
+    """
     if path.suffix == ROWS:
         yield from _rows_of_unfinished(path)
         return

@@ -80,7 +80,7 @@ class Topology:
         if missed:
             roots = ", ".join(map(str, sorted(self.roots))) or "none: there is no spanning tree"
             raise ScenarioError(
-                f"what robot {robot} knows does not reach {', '.join(map(str, missed))}; expected"
+                f"signals of robot {robot} do not reach {', '.join(map(str, missed))}; expected"
                 f" a root of the union of the graphs ({roots})"
             )
 

@@ -74,9 +74,9 @@ def convert(rows: Path, path: Path) -> None:
 
 
 def write_groups(path: Path, facts: Mapping[str, Any], groups: Iterable[NDArray[np.int32]]) -> None:
-    """Write the Parquet file of a table, a row group each; it is there when it is complete.
+    """Write the Parquet file of a table, one row group for each of `groups` (k,).
 
-    Raises OSError.
+    The file appears once it is complete. Raises OSError.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

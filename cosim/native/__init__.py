@@ -1,1 +1,1 @@
-"""The C engine (``cosim/c``) as ctypes sees it: structs, functions, and what FMUs log."""
+"""The C engine (``cosim/c``) through ctypes: structs, functions, and what FMUs log."""

@@ -1,17 +1,17 @@
-"""The run folder: what a run leaves behind, written while it runs and read back afterwards.
+"""The run folder: the files of a run, written during the run and read back afterwards.
 
 ``runs/<scenario>-<date>-<time>/`` holds
 
-* ``trajectories.parquet``: column ``t`` (s) and one float64 column a recorded scalar, its unit in
+* ``trajectories.parquet``: column ``t`` (s) and one float64 column per recorded scalar, its unit in
   the field's metadata;
 * ``run.json``: scenario, seeds, versions, results;
 * ``links/<name>.parquet``: the table of sent samples of each link;
 * ``SHA256SUMS``: the sums of all these files, written last;
 * ``last.parquet``: the last ticks of *all* signals, only after a run that had to stop;
-* while the run goes on, ``trajectories.parquet.part``, ``trajectories.live`` and
+* during the run, ``trajectories.parquet.part``, ``trajectories.live`` and
   ``links/<name>.rows`` in place of what is complete only at the end.
 
-This package knows columns and rows; it does not know what the signals mean.
+This package handles columns and rows, whatever the signals mean.
 """
 
 from cosim.record.folder import claim_folder, link_file, read_metadata, write_metadata

@@ -79,7 +79,8 @@ def reason(error: BaseException) -> str:
 def link_file(folder: str | Path, name: str) -> Path:
     """File for the table of link `name` in `folder`; creates ``links/``.
 
-    Names may hold any character: what a file name cannot hold is percent-encoded.
+    Names may hold any character: what a file name cannot hold is percent-encoded. Raises RunError
+    if the folder cannot be created.
     """
     links = Path(folder) / LINKS
     try:

@@ -91,7 +91,7 @@ def complete(folder: Path) -> None:
     import pyarrow as pa
 
     if is_recording(folder):
-        raise ScenarioError("the run still goes on; nothing is to be recovered", str(folder))
+        raise ScenarioError("the run is still active; there is nothing to recover", str(folder))
     if journals(folder):
         _complete_nodes(folder)
         return

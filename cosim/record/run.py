@@ -75,7 +75,7 @@ class Run:
     def _recovered(cls, path: Path) -> Run:
         """A run that was cut short, as far as it was recorded; a warning says so."""
         run = cls(path, in_memory(path.parent))
-        what = "still goes on" if is_recording(path.parent) else "was cut short"
+        what = "is still active" if is_recording(path.parent) else "was cut short"
         until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "recorded nothing"
         warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)
         return run

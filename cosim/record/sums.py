@@ -55,12 +55,13 @@ def verify(folder: str | Path) -> None:
             found = _sum(path)
         except OSError as error:
             raise ScenarioError(
-                f"cannot be read: {reason(error)}; {SUMS} lists it (--no-verify goes on)", str(path)
+                f"cannot be read: {reason(error)}; {SUMS} lists it (use --no-verify to continue)",
+                str(path),
             ) from error
         if found != expected:
             raise ScenarioError(
                 f"was altered after the run: SHA-256 {found[:12]}..., expected {expected[:12]}... "
-                "(--no-verify goes on)",
+                "(use --no-verify to continue)",
                 str(path),
             )
 
@@ -86,7 +87,11 @@ def _read(folder: Path) -> dict[str, str]:
     try:
         text = path.read_bytes().decode()
     except (OSError, ValueError) as error:
-        raise ScenarioError(f"cannot be read: {error} (--no-verify goes on)", str(path)) from error
+        raise ScenarioError(
+            f"cannot be read: {error} (use --no-verify to continue)", str(path)
+        ) from error
     if _LINE.sub("", text):
-        raise ScenarioError("was altered: not a list of sums (--no-verify goes on)", str(path))
+        raise ScenarioError(
+            "was altered: it is not a list of sums (use --no-verify to continue)", str(path)
+        )
     return {name: found for found, name in _LINE.findall(text)}

@@ -1,4 +1,4 @@
 """Figures of a run and of an analysis.
 
-In come a run folder or an analysis, out come PNG files.
+Input: a run folder or an analysis. Output: PNG files.
 """

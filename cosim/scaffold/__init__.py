@@ -1,4 +1,4 @@
-"""What a new project starts with: a controller, a scenario and a test that work at once."""
+"""Templates for a new project: a controller, a scenario and a test that work at once."""
 
 from cosim.scaffold.controller import write_controller
 

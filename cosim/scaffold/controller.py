@@ -95,7 +95,9 @@ def write_controller(name: str, folder: Path) -> tuple[Path, Path, Path]:
     Raises ScenarioError for a name that is no module's, and where one of the files exists.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
-        raise ScenarioError(f"{name!r} is no name of a Python module; expected e.g. my_law")
+        raise ScenarioError(
+            f"{name!r} is not a valid name of a Python module; expected e.g. my_law"
+        )
     cls = "".join(part[:1].upper() + part[1:] for part in name.split("_")) or "Controller"
     if cls[0].isdigit():
         cls = f"C{cls}"

@@ -1,5 +1,5 @@
 """A scenario: TOML read into frozen structs, and assembled into a plan.
 
-In come files and settings, out come components, connections and a plan; every error names its
-place.
+Input: files and settings. Output: components, connections and a plan. Every error names its place
+in the file.
 """

@@ -50,7 +50,7 @@ class ScenarioComponents:
         """The slot an endpoint names. Raises ScenarioError at `place`."""
         match = _ENDPOINT.match(text)
         if match is None:
-            raise ScenarioError(f"{text!r} is no endpoint; expected 'component.port'", place)
+            raise ScenarioError(f"{text!r} is not an endpoint; expected 'component.port'", place)
         name, port, index = match[1], match[2], match[3]
         if name not in self.steps:
             raise ScenarioError(unknown(name, self.steps, "component"), place)
@@ -72,7 +72,7 @@ class ScenarioComponents:
         return _part(slot, index, place) if index else slot
 
     def scalar_input(self, text: str, place: str) -> Slot:
-        """An endpoint that is one number."""
+        """An input that is one number. Raises ScenarioError if it has several entries."""
         slot = self.endpoint(text, "input", place)
         if slot.size != 1:
             raise ScenarioError(f"{slot.name} has {slot.size} entries; expected one", place)
@@ -145,7 +145,7 @@ def _unit(parts: ScenarioComponents, slot: Slot) -> str | Unit:
 
 
 def links(parts: ScenarioComponents) -> list[Link]:
-    """What [[links]] says."""
+    """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
     found: dict[str, Link] = {}
     for i, spec in enumerate(parts.scenario.links):
         link = _link(parts, spec, parts.scenario.place("links", i))
@@ -250,7 +250,10 @@ def topology(scenario: Scenario) -> Topology | None:
 
 
 def players(parts: ScenarioComponents) -> list[Player]:
-    """What [topology.weights] says: an input, and the edge whose weight it gets."""
+    """The players of the table [topology.weights]: an input, and the edge whose weight it gets.
+
+    Raises ScenarioError for an edge of a robot that does not exist.
+    """
     found = topology(parts.scenario)
     if found is None or parts.scenario.topology is None:
         return []
@@ -275,7 +278,7 @@ def check_single_sources(
     links: Sequence[Link],
     players: Sequence[Player],
 ) -> None:
-    """Refuse an input that two feed, or one that is fed and given a start value."""
+    """Raise ScenarioError for an input with two sources, or with a source and a start value."""
     fed = [(w.target, w.source.name) for w in wires]
     fed += [(x.target, x.source.name) for x in links]
     fed += [(x.age, f"the age of {x.name}") for x in links if x.age is not None]

@@ -88,7 +88,7 @@ def _fmu(
 def _module(name: str, place: str) -> ModuleType:
     try:
         if not all(part.isidentifier() for part in name.split(".")):
-            raise ImportError("that is no name of a module")
+            raise ImportError("that is not a valid name of a module")
         return importlib.import_module(name)
     except ImportError as error:
         raise ScenarioError(

@@ -1,5 +1,5 @@
-"""Who steps when: components and connections become a plan, an array of operations.
+"""The schedule: components and connections become a plan, an array of operations.
 
-In come components, wires and links, out comes a :class:`~cosim.schedule.plan.Plan` that the
-engine, a node or a study executes.
+Input: components, wires and links. Output: a :class:`~cosim.schedule.plan.Plan` that the engine, a
+node or a study executes.
 """

@@ -91,7 +91,7 @@ class ValueStream(Protocol):
     """Values in order, in chunks whose sizes do not change them."""
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next `n` values."""
+        """The next values, (n,)."""
 
 
 class ValueSource(Protocol):

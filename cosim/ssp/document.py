@@ -44,7 +44,10 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
 
 
 def document(path: str | Path) -> dict[str, Any]:
-    """What an SSP says, in the words of a scenario; `run` may lack step and stop."""
+    """An SSP as the document of a scenario; `run` may lack step and stop.
+
+    Raises ScenarioError if the SSP cannot be read or does not start at 0 s.
+    """
     path = Path(path)
     folder = unpack(path)
     structure = read(folder, str(path))

@@ -256,7 +256,7 @@ def _parameters(element: Element, step: Step, fmu: FmuComponent, texts: Mapping[
 
 
 def literal(group: VariableGroup, value: float) -> str:
-    """A value as the type of a signal is written."""
+    """A value, in the unit of its variable, written as the type of the variable requires."""
     kind = _type(group)
     if kind == "Real":
         return repr(float(value))

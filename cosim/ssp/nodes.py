@@ -54,7 +54,7 @@ class XmlNode:
         return self.get(name)
 
     def number(self, name: str, default: float | None = None) -> float:
-        """An attribute that is a finite number. Raises ScenarioError."""
+        """An attribute that is a finite number, in the unit SSP gives it. Raises ScenarioError."""
         if default is not None and not self.get(name):
             return default
         text = self.need(name)

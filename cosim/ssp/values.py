@@ -154,7 +154,10 @@ def linear(node: XmlNode) -> tuple[float, float, bool]:
 
 
 def transformed(value: SspValue, entry: XmlNode) -> SspValue:
-    """A value after the transformation of a mapping entry, if it has one."""
+    """A value after the transformation of a mapping entry, if it has one.
+
+    Raises ScenarioError if the mapping has no entry for the value.
+    """
     for child in entry.children():
         if child.tag.endswith("MappingTransformation"):
             table = {m.need("source"): m.need("target") for m in child.children("MapEntry")}

@@ -1,11 +1,11 @@
-"""Many runs of one scenario: what varies is data, what comes out is one table::
+"""Parameter sweeps: many runs of one scenario, described by a file, with one table as the result::
 
     axes       what one axis of a study does to a scenario: listed values, cases, random laws
     spec       what a study file (TOML) may contain
     study      a study as read and checked, every error with its place
     design     axes -> points: grid, Latin hypercube, Monte Carlo; the identity of each run
     memory     a run's signals in memory, no more of them than its metrics need
-    perform    one point -> one row, whatever happens
+    perform    one point -> one row, also if the run fails
     workers    points spread over processes, threads, or a cluster
     store      the folder: a journal, Parquet parts, nothing lost and nothing done twice
     drive      all of it
@@ -13,5 +13,5 @@
     summary    the table as lines and as files
     figures    maps, lines and points over the axes
 
-Nothing here knows a robot; a scenario is changed by ``--set`` paths and nothing else.
+Nothing here depends on robots; a scenario is changed by ``--set`` paths and nothing else.
 """

@@ -111,7 +111,8 @@ def shares(method: Method, count: int, seed: int, name: str) -> np.ndarray[Any, 
 def spaced(low: float, high: float, count: int, scale: Literal["linear", "log"]) -> list[float]:
     """`count` numbers from `low` to `high`, both included, evenly spaced (on a log scale).
 
-    Rounded to 12 digits: 0.3 rather than 0.30000000000000004.
+    All are in the unit of the value that is varied, rounded to 12 digits: 0.3 rather than
+    0.30000000000000004.
     """
     if scale == "log":
         values = np.exp(np.linspace(log(low), log(high), count))

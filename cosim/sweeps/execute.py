@@ -183,7 +183,9 @@ def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force:
             f"the folder holds {present[0]} but no sweep; expected an empty one", str(folder)
         )
     if state and not resume:
-        raise ScenarioError("there is a sweep already; --resume to go on with it", str(folder))
+        raise ScenarioError(
+            "the folder already contains a sweep; use --resume to continue it", str(folder)
+        )
     if state and state.get("fingerprint") != fingerprint and not force:
         raise ScenarioError(
             f"{study.scenario}, or an FMU of it, is not what the runs in here were made from; "

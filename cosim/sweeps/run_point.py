@@ -90,7 +90,8 @@ def scenario_of(job: StudySetup, settings: Sequence[str]) -> Scenario:
 def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     """The plan of a point, and the unit of each measure by its name; nothing runs.
 
-    Raises CosimError where it could not run, or a metric or a bound of `stable` makes no sense.
+    Raises CosimError if it could not run, ScenarioError for a metric or a bound of `stable` that
+    has no meaning.
     """
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)

@@ -134,9 +134,9 @@ def _paths(spec: AxisSpec, kind: str, place: str) -> tuple[str, ...]:
     paths = (*((spec.path,) if spec.path else ()), *spec.paths)
     if kind == "cases":
         if paths:
-            raise ScenarioError("cases name their own paths; found 'path' besides", place)
+            raise ScenarioError("cases name their own paths; expected no key 'path'", place)
     elif not paths:
-        raise ScenarioError("what does it vary? expected 'path' or 'paths'", place)
+        raise ScenarioError("missing key 'path' or 'paths' (the value to vary)", place)
     if kind != "values" and spec.labels:
         raise ScenarioError("labels are for values", f"{place}.labels")
     if kind != "range" and (spec.count is not None or spec.scale != "linear"):
@@ -184,7 +184,7 @@ def _cell(value: Any) -> str:
 def _range(name: str, paths: tuple[str, ...], spec: AxisSpec, place: str) -> Listed:
     low, high = spec.range or (0.0, 0.0)
     if spec.count is None:
-        raise ScenarioError("how many? expected 'count'", place)
+        raise ScenarioError("missing key 'count' (number of points)", place)
     if not (isfinite(low) and isfinite(high)) or (spec.scale == "log" and min(low, high) <= 0):
         expected = "two numbers above 0" if spec.scale == "log" else "two finite numbers"
         raise ScenarioError(f"found [{low:g}, {high:g}], expected {expected}", f"{place}.range")
@@ -212,7 +212,7 @@ def _check(study: Study) -> None:
     drawn = [axis.name for axis in study.axes if isinstance(axis, Drawn)]
     if drawn and study.sample is None:
         raise ScenarioError(
-            f"{', '.join(drawn)} to be drawn, but how often? expected [sample] with count",
+            f"{', '.join(drawn)} to be drawn; missing key 'count' of [sample] (number of points)",
             str(study.path),
         )
     if study.sample is not None and not drawn:

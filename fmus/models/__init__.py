@@ -1,7 +1,8 @@
-"""One file a model: its declaration ``model(**sizes)`` and its ``law``; the C file is in fmus/c.
+"""One file per model: its declaration ``model(**sizes)`` and its ``law``; the C file is in fmus/c.
 
-From both :func:`fmus.reference.derive` makes what scenarios name: ``fmu(version, **sizes)``,
-``kernel(**sizes)`` and the NumPy reference, which has a name of its own (``Xi``).
+From both, :func:`fmus.reference.derive` makes the functions that scenarios use:
+``fmu(version, **sizes)``, ``kernel(**sizes)`` and the NumPy reference, which has a name of its own
+(``Xi``).
 
 Shared by several: ``start`` (values on the way in and out), ``dynamics`` (M, C, g and Y),
 ``arm`` and ``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose

@@ -30,7 +30,7 @@ GAMMA = Variable("Gamma", "parameter", (3,), "kg.m2.s2/rad2", 1.0, "Adaptation g
 
 
 def gain(name: str, unit: str, start: float, description: str, minimum: float = 0.0) -> Variable:
-    """A gain of each joint, (2,)."""
+    """A gain of each joint, (2,), in `unit`."""
     return Variable(name, "parameter", (2,), unit, start, description, minimum=minimum)
 
 

@@ -115,7 +115,8 @@ def controls(
 ) -> dict[str, dict[str, Any]]:
     """The two controllers as components of a scenario, called like their arms and ``_control``.
 
-    The component of an arm takes its torque from the output ``tau`` of its controller.
+    The component of an arm takes its torque from the output ``tau`` of its controller. `period` is
+    in s, or a text with a unit.
     """
     return {
         f"{arm}_control": {

@@ -51,7 +51,7 @@ def model() -> Model:
 
 
 def feedback(x: Values, q: Array, dq: Array, r_j: Array) -> Feedback:
-    """The equations above."""
+    """The equations above for m joints: `q`, `dq` (m,) rad, rad/s; `r_j` (m,) rad/s, received."""
     r = dq + x["lambda"] * q
     return Feedback(r, -x["lambda"] * q, -x["lambda"] * dq, x["K"] * (r_j - r))
 

@@ -53,7 +53,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array) -> Values:
-    """The equation above."""
+    """The equation above: tau (m,) N.m of `q`, `dq` (m,) rad, rad/s; `t`, `h` in s are not used."""
     return {"tau": -x["d"] * dq + gravity(x["theta_g"], q)}
 
 

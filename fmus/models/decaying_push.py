@@ -48,7 +48,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float) -> Values:
-    """The equations above. Raises RunError before t = -T."""
+    """The equations above: tau_h (m,) N.m and f, N, at `t` (s). Raises RunError before t = -T."""
     slow = t / x["T"] + 1.0
     if not slow > 0.0:
         raise RunError(f"the time is {t:g} s, expected more than -T = {-x['T']:g} s", time=t)

@@ -50,7 +50,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float) -> Values:
-    """The equation above."""
+    """The equation above: grip, 0 or 1, at `t` (s); times up to 1e-6 `h` later count as reached."""
     changes = np.count_nonzero(t + 1e-6 * h >= x["times"])
     return {"grip": np.array(1.0 - (x["released"] + changes) % 2)}
 

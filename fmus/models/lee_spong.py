@@ -52,7 +52,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Values:
-    """The equation above, limited."""
+    """The equation above, limited: tau (m,) N.m; `q`, `q_j` (m,) rad; `dq`, `dq_j` (m,) rad/s."""
     coupling = -x["K_v"] * (dq - dq_j) - x["K_p"] * (q - q_j)
     wanted = coupling - (x["K_d"] + x["P_eps"]) * dq
     return {"tau": np.clip(wanted, -x["tau_max"], x["tau_max"])}

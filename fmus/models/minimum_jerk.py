@@ -52,7 +52,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float) -> Values:
-    """The equations above."""
+    """The equations above at `t` (s): q_h, rad, x_h, m, and their rates, 1/s; each (m,) or (2,)."""
     p = np.clip((t - x["t_0"]) / x["T"], 0.0, 1.0)
     part, speed = 10 * p**3 - 15 * p**4 + 6 * p**5, 30 * p**2 * (1 - p) ** 2 / x["T"]
     way_q, way_x = x["q_f"] - x["q_0"], x["x_f"] - x["x_0"]

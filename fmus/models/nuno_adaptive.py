@@ -61,7 +61,7 @@ def model() -> Model:
 
 
 def feedback(x: Values, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Feedback:
-    """The equations above."""
+    """The equations above: `q`, `dq` (m,) rad, rad/s; `q_j`, `dq_j` (m,) alike, as received."""
     e, de = q - q_j, dq - dq_j
     epsilon = dq + x["lambda"] * e
     return Feedback(epsilon, -x["lambda"] * e, -x["lambda"] * de, -x["K"] * epsilon - x["B"] * de)

@@ -44,7 +44,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array) -> Values:
-    """The equation above."""
+    """The equation above: tau_h (m,) N.m of `q`, `dq` (m,) rad, rad/s."""
     return {"tau_h": -x["k_d"] * dq - x["k_p"] * (q - x["q_h"])}
 
 

@@ -56,7 +56,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array, q_j: Array) -> Values:
-    """The equation above, limited."""
+    """The equation above, limited: tau (m,) N.m; `q`, `q_j` (m,) rad; `dq` (m,) rad/s."""
     wanted = -x["K"] * (q - q_j) - x["B"] * dq
     return {"tau": np.clip(wanted, -x["tau_max"], x["tau_max"])}
 

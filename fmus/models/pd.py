@@ -51,7 +51,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Values:
-    """The equation above, limited."""
+    """The equation above, limited: tau (m,) N.m; `q`, `q_j` (m,) rad; `dq`, `dq_j` (m,) rad/s."""
     wanted = -x["K_p"] * (q - q_j) - x["K_d"] * (dq - dq_j)
     return {"tau": np.clip(wanted, -x["tau_max"], x["tau_max"])}
 

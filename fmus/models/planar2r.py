@@ -138,7 +138,10 @@ def model() -> Model:
 def law(
     x: Values, t: float, h: float, tau: Array, tau_ext: Array, q_h: Array, grip: Array
 ) -> Values:
-    """The motion over [t, t + h) with the inputs held; tau_h and tau_e at its end."""
+    """The motion over [t, t + h), s, with the inputs held; tau_h and tau_e (2,) N.m at its end.
+
+    `tau`, `tau_ext` (2,) N.m; `q_h` (2,) rad; `grip` scalar, 0 to 1.
+    """
     substeps = int(x["substeps"])
     q, dq = x["q"], x["dq"]
 
@@ -151,7 +154,10 @@ def law(
 
 
 def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Values:
-    """Outputs at the start. Raises ScenarioError where M is not positive definite."""
+    """Outputs at the start; the inputs have the shapes and units of :func:`law`.
+
+    Raises ScenarioError if M is not positive definite.
+    """
     theta1, theta2, theta3 = x["theta"]
     if theta3 <= 0 or theta1 * theta3 - theta3**2 - theta2**2 <= 0:
         raise ScenarioError(

@@ -51,7 +51,7 @@ def model() -> Model:
 
 
 def exponential(z: float) -> tuple[float, float, float]:
-    """(exp z, φ1, φ2) for z <= 0, without cancellation.
+    """(exp z, φ1, φ2) for z <= 0, dimensionless, without cancellation.
 
     A series where |z| <= 1/2; from there by doubling, φ2(2z) = φ1²/4 + φ2/2,
     φ1(2z) = φ1 (1 + exp z)/2.
@@ -73,7 +73,10 @@ def exponential(z: float) -> tuple[float, float, float]:
 
 
 def law(x: Values, t: float, h: float, f: Array, b_add: Array) -> Values:
-    """The closed form above. Raises RunError where b is negative or b h / m too large a number."""
+    """The closed form above: x, m, and dx, m/s, after `h` s under `f`, N; all are scalar.
+
+    Raises RunError if b + `b_add` (N.s/m) is negative, or b h / m is too large a number.
+    """
     b = x["b"] + b_add
     if b < 0.0:
         raise RunError(f"b + b_add is {b:g} N.s/m, expected at least 0", time=t)
@@ -87,7 +90,10 @@ def law(x: Values, t: float, h: float, f: Array, b_add: Array) -> Values:
 
 
 def start(x: Values, f: Array, b_add: Array) -> Values:
-    """Outputs at the start; they do not depend on the inputs. Raises ScenarioError where m is 0."""
+    """Outputs at the start, scalar; they do not depend on the inputs.
+
+    Raises ScenarioError if m is 0.
+    """
     if x["m"] <= 0:
         raise ScenarioError("m is 0, expected more than 0", "pointmass.m")
     return {"x": x["x"], "dx": x["dx"]}

@@ -48,7 +48,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float) -> Values:
-    """The equations above."""
+    """The equations above: tau_h (m,) N.m and f, N, at `t` (s)."""
     on = float(x["t_0"] <= t + 1e-6 * h < x["t_1"])
     return {"tau_h": on * x["tau_p"], "f": on * x["f_p"]}
 

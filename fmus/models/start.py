@@ -72,7 +72,10 @@ def initial_input(port: Port) -> Array:
 
 
 def checked_outputs(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:
-    """The outputs as they are. Raises RunError where one is not finite: something diverged."""
+    """The outputs unchanged, each of its own shape. Raises RunError if one is not finite.
+
+    `t`: the time for the message, s.
+    """
     for name, value in outputs.items():
         if not np.isfinite(value).all():
             raise RunError(f"output {name} is {value.tolist()}: it diverged", time=t)
@@ -80,7 +83,10 @@ def checked_outputs(outputs: dict[str, Array], t: float = nan) -> dict[str, Arra
 
 
 def copy_state(state: object) -> dict[str, Array]:
-    """A copy of the values a reference model keeps by name. Raises RunError for anything else."""
+    """A copy of the values that a reference model keeps by name; shapes are kept.
+
+    Raises RunError for anything else.
+    """
     if not isinstance(state, dict):
         raise RunError(f"state is a {type(state).__name__}, expected what get_state gave")
     return {name: value.copy() for name, value in state.items()}

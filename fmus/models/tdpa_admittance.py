@@ -114,7 +114,10 @@ def model() -> Model:
 def law(
     x: Values, t: float, h: float, q: Array, dq: Array, v_j: Array, E_j: Array, q_j: Array
 ) -> Values:
-    """The equations above; q_d and the energies advance to t + h."""
+    """The equations above; q_d and the energies advance to t + h, s.
+
+    All are (m,): `q`, `q_j` rad; `dq`, `v_j` rad/s; `E_j` J; the torques tau and f N.m.
+    """
     q_d, E = x["q_d_next"], x["E_next"]
     w = v_j + x["k_c"] * (q_j - q_d)
     a = x["K_p"] * (q_d - q) - x["K_d"] * dq
@@ -142,7 +145,7 @@ def _affordable(wanted: Array, a: Array, room: Array, tau_max: Array) -> Array:
 
 
 def start(x: Values, q: Array, dq: Array, v_j: Array, E_j: Array, q_j: Array) -> Values:
-    """Outputs at the start, where q_d is q; the count of energies begins here."""
+    """Outputs at the start, where q_d is q and all energies are 0; shapes as in :func:`law`."""
     none = np.zeros_like(q)
     outputs = {"tau": none, "f": none, "E": none, "W": x["E_0"] + E_j, "q_d": q}
     return outputs | {"q_d_next": q, "E_next": none, "E_seen": E_j, "E_out": none, "E_pc": none}

@@ -89,7 +89,10 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array, f_j: Array, E_j: Array) -> Values:
-    """The equations above; `tau`, `q_last` and `f_last` in `x` are of the step before."""
+    """The equations above; `tau`, `q_last` and `f_last` in `x` are of the step before.
+
+    All are (m,): `q` rad; `dq` and v rad/s; `f_j` and tau N.m; `E_j` J. `h` is in s.
+    """
     passed = q - x["q_last"]
     work = x["f_last"] * passed
     E, E_out = x["E"] + np.maximum(work, 0.0), x["E_out"] - np.minimum(work, 0.0)
@@ -111,7 +114,7 @@ def _damping(a_max: Array, W: Array, dq: Array, h: float) -> Array:
 
 
 def start(x: Values, q: Array, dq: Array, f_j: Array, E_j: Array) -> Values:
-    """Outputs at the start; the count of energies begins here."""
+    """Outputs at the start, where all energies of this end are 0; shapes as in :func:`law`."""
     none = np.zeros_like(q)
     tau = np.clip(-f_j, -x["tau_max"], x["tau_max"])
     state = {"E_seen": E_j, "E_out": none, "E_pc": none, "q_last": q, "f_last": f_j}

@@ -101,9 +101,10 @@ def model(neighbours: int = 1, gravity: bool = False) -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> Values:
-    """Eqs (76)-(81); z and theta_hat advance to t + h.
+    """Eqs (76)-(81); z and theta_hat advance to t + h, s.
 
-    `network`: xi_in (n, 2), w (n,) and age (n,) of n neighbours, or nothing.
+    `q`, `dq` (2,) rad, rad/s. `network`: xi_in (n, 2) rad/s, w (n,) without a unit and age (n,) s
+    of n neighbours, or nothing.
     """
     z, theta_hat, alpha, lambda_c = x["z_next"], x["theta_hat_next"], x["alpha"], x["lambda_c"]
     xi = dq + alpha * q

@@ -54,7 +54,7 @@ def model() -> Model:
 
 
 def feedback(x: Values, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Feedback:
-    """The equations above."""
+    """The equations above: `q`, `dq` (m,) rad, rad/s; `q_j`, `dq_j` (m,) alike, as received."""
     z, dz = -x["lambda"] * (q - q_j), -x["lambda"] * (dq - dq_j)
     s = dq - z
     return Feedback(s, z, dz, -x["K"] * s)

@@ -63,7 +63,10 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, u: Array, q: Array, dq: Array) -> Values:
-    """The equations above; q_d advances to t + h."""
+    """The equations above; q_d advances to t + h, s.
+
+    All are (m,): `u`, v and tau N.m; `q` and q_d rad; `dq` rad/s.
+    """
     q_d, b, K_d = x["q_d_next"], x["b"], x["K_d"]
     spring = x["K_p"] * (q_d - q)
     dq_d = (u - spring + K_d * dq) / (b + K_d)
@@ -72,7 +75,7 @@ def law(x: Values, t: float, h: float, u: Array, q: Array, dq: Array) -> Values:
 
 
 def start(x: Values, u: Array, q: Array, dq: Array) -> Values:
-    """At the start q_d is q."""
+    """At the start q_d is q; shapes as in :func:`law`."""
     return {"q_d_next": q}
 
 

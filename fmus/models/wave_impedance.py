@@ -65,7 +65,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, dq: Array, v: Array) -> Values:
-    """The equations above."""
+    """The equations above: tau and u (m,) N.m of `dq` (m,) rad/s and the received `v` (m,) N.m."""
     F = np.clip(x["b"] * dq - v, -x["tau_max"], x["tau_max"])
     return {"tau": -F, "u": v + 2 * F}
 

@@ -37,7 +37,7 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array) -> Values:
-    """The equation above."""
+    """The equation above: xi (m,) rad/s of `q`, `dq` (m,) rad, rad/s."""
     return {"xi": dq + x["alpha"] * q}
 
 

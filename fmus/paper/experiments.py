@@ -85,9 +85,9 @@ def single(
 ) -> Document:
     """One arm under eqs (29)-(32), held by the operator; Sec. VII-A with `lambda_M` = 6.
 
-    `gains` change the controller's K, Gamma, alpha, lambda_M, theta_hat, ... from Sec. VII-A's;
-    `grip` = {} lets go of the arm; `arm_values` are further values of the arm; every
-    `every`-th row is recorded.
+    `stop` and `period` are in s. `gains` change the controller's K, Gamma, alpha, lambda_M,
+    theta_hat, ... from Sec. VII-A's; `grip` = {} lets go of the arm; `arm_values` are further
+    values of the arm; every `every`-th row is recorded.
     """
     values = {"K": 16.0, "Gamma": 8.0, "alpha": 2.0, "lambda_M": 6.0, **gains}
     components = {

@@ -20,7 +20,7 @@ def load_module(path: Path) -> ModuleType:
         raise ScenarioError("no such file; expected a Python file that declares a model", str(path))
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise ScenarioError("is no Python file; expected .py", str(path))
+        raise ScenarioError("is not a Python file; expected .py", str(path))
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

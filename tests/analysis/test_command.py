@@ -68,7 +68,7 @@ def test_a_run_whose_scenario_is_lost_still_has_its_numbers(cosim: Command) -> N
     done = cosim("analyze", "run", "--port", "master", "--no-plot", "--no-verify")
     assert done.code == 0 and "effort ‖f‖₂" in done.out
     assert "note: no closed forms, no test forces: the run's metadata holds no scenario" in done.out
-    assert "which port?" in cosim.refused("analyze", "run", "--no-verify")
+    assert "the port is not defined" in cosim.refused("analyze", "run", "--no-verify")
 
 
 def test_another_port_may_be_looked_into(cosim: Command) -> None:

@@ -73,7 +73,7 @@ WRONG = [
     ('links.0.to="master_control.xi_in[0]"', "is fed twice: by "),
     # the setting itself
     ("nothing", "--set 'nothing': expected path=value"),
-    ("links.7.semantics=fifo", "'7' is no index below 2"),
+    ("links.7.semantics=fifo", "'7' is not a valid index; expected an integer below 2"),
     ("run.step.more=1", "--set 'run.step.more=1': run.step is not a table"),
 ]
 

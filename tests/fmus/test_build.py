@@ -270,8 +270,8 @@ def port(name: str, **options) -> Variable:
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (replace(HAND, identifier="two words"), "'two words' is no C name"),
-        (replace(HAND, variables=(port("x y"),)), "'x y' is no C name"),
+        (replace(HAND, identifier="two words"), "'two words' is not a valid C name"),
+        (replace(HAND, variables=(port("x y"),)), "'x y' is not a valid C name"),
         (replace(HAND, variables=(port("y"), port("y"))), r"operator\.y: declared twice"),
         (replace(HAND, variables=(port("time"),)), "'time' is there already"),
         (

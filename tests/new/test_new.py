@@ -50,7 +50,7 @@ def test_its_test_passes_in_a_new_interpreter(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["2nd", "my-law", "class", "", "a/b"])
 def test_what_is_no_module_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ScenarioError, match="is no name of a Python module"):
+    with pytest.raises(ScenarioError, match="is not a valid name of a Python module"):
         write_controller(name, tmp_path)
     assert not list(tmp_path.iterdir())
 

@@ -213,7 +213,7 @@ def test_what_is_not_given_comes_from_python_cans_environment(monkeypatch):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (CanBusSpec("left", "pcann"), 'bus left: .*"pcann".*python-can knows .*socketcan'),
+        (CanBusSpec("left", "pcann"), 'bus left: .*"pcann".*python-can supports .*socketcan'),
         (CanBusSpec("left", "socketcan"), "expected one like"),
         (CanBusSpec("left", "slcan", "/dev/nowhere"), r"bus left \(slcan\): "),
         (CanBusSpec("left", "udp_multicast", "ff15::1"), "IPv6 group does not stay"),

@@ -110,7 +110,7 @@ def test_a_listener_is_not_taken_for_the_peer_that_a_node_waits_for(
         reached(listener, lambda: listener.there("slave"))
         assert "slave there" in view(listener, monotonic_ns()).line
         master._options = replace(master._options, wait=0.5)
-        with pytest.raises(BusError, match=r"^nobody listens to teleoperation/master"):
+        with pytest.raises(BusError, match=r"^no node listens to teleoperation/master"):
             master.wait_for_peers()
         followed(listener, master, system)  # it runs all the same, say: then it is listened to
         assert listener.nets["net"].session.info.peers_zid()

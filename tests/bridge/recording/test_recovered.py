@@ -108,9 +108,9 @@ def test_killed_between_its_trajectories_and_its_tables(cut: Path, whole: Run) -
 
 def test_nobody_recovers_what_is_still_being_written(cut: Path) -> None:
     with Journal.create(cut / "nodes" / "late.journal", np.dtype([("slot", "<i8")]), 4):
-        with pytest.raises(ScenarioError, match="the run still goes on"):
+        with pytest.raises(ScenarioError, match="the run is still active"):
             repair(cut)
-        with pytest.warns(CutShort, match="the run still goes on; it is recorded until"):
+        with pytest.warns(CutShort, match="the run is still active; it is recorded until"):
             Run.open(cut)
 
 

@@ -167,7 +167,7 @@ def test_there_must_be_one_file_beside_a_scenario(tmp_path: Path) -> None:
     (tmp_path / "compare").mkdir()
     for name in ("a.toml", "b.toml"):
         written(tmp_path / "compare", SMALL, name)
-    with pytest.raises(ScenarioError, match=r"found a.toml, b.toml; say which with --variants"):
+    with pytest.raises(ScenarioError, match=r"found a.toml, b.toml; choose one with --variants"):
         variants_path(scenario)
 
 

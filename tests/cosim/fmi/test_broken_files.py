@@ -50,8 +50,8 @@ BROKEN3: tuple[tuple[Change, str], ...] = (
     (replaced('name="u_Int8"', 'name="u_Float64"'), "'u_Float64' is declared twice"),
     (replaced('name="u_Int8"', ""), "a variable has no 'name'"),
     (replaced('valueReference="102"', ""), "a variable has no 'valueReference'"),
-    (replaced('valueReference="102"', 'valueReference="-1"'), "is no 32-bit number"),
-    (replaced('valueReference="102"', 'valueReference="99999999999"'), "is no 32-bit number"),
+    (replaced('valueReference="102"', 'valueReference="-1"'), "is not a 32-bit number"),
+    (replaced('valueReference="102"', 'valueReference="99999999999"'), "is not a 32-bit number"),
     (replaced('valueReference="102"', 'valueReference="one"'), "invalid literal"),
     (replaced("<Int8 name", "<Complex name"), "of the unknown type 'Complex'"),
     (replaced('causality="input"', 'causality="sideways"'), "'sideways' is none of parameter"),
@@ -72,7 +72,7 @@ BROKEN3: tuple[tuple[Change, str], ...] = (
     (replaced('factor="6.283185307179586"', 'factor="0"'), "unit 'turns': factor 0"),
     (replaced('factor="6.283185307179586"', 'factor="inf"'), "unit 'turns': factor inf"),
     (replaced("<ModelVariables>", '<DefaultExperiment stepSize="-1"/><ModelVariables>'),
-     "stepSize '-1' is no positive number"),
+     "stepSize '-1' is not a positive number"),
 )  # fmt: skip
 
 

@@ -92,8 +92,8 @@ def test_a_parameter_that_is_not_taken_is_named_with_both_values(fmus, fmi, isol
     with pytest.raises(CosimError) as caught:
         run(plan_that(fmus[fmi], IGNORES, gain=5.0, isolate=isolate))
     assert str(caught.value) == (
-        "x does not start: the FMU does not take what was set: parameter gain was set to 5, after "
-        "initialization it is 2; set what it has, or leave it out"
+        "x does not start: the FMU did not accept these values: parameter gain was set to 5, after "
+        "initialization it is 2; set a value that it accepts, or leave it out"
     )
 
 

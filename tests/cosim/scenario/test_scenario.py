@@ -74,8 +74,8 @@ def test_settings_change_one_value(file, setting, read, value):
         ("components.pant.period=1", "no 'pant' in components; it has control, plant"),
         ("run.seeds=1", "at run: Object contains unknown field `seeds`"),
         ("run.seed='x'", "at run.seed: Expected `int`, got `str`"),
-        ("links.3.name='x'", "'3' is no index below 1"),
-        ("links.x=3", "'x' is no index below 1"),
+        ("links.3.name='x'", "'3' is not a valid index; expected an integer below 1"),
+        ("links.x=3", "'x' is not a valid index; expected an integer below 1"),
         ("run.step.x=1", "run.step is not a table"),
         (
             "components.plant.kind=both",

@@ -110,7 +110,9 @@ def test_a_study_grows_and_what_is_there_stays(cosim: Command, tmp_path: Path) -
     flags = ("--workers", "threads", "--out", "here", "--no-plot")
     assert "5 points; 2 to run" in cosim("sweep", "study.toml", *flags, "--limit", 2).out
     first = dataset(tmp_path / "here")
-    assert "there is a sweep already; --resume" in cosim.refused("sweep", "study.toml", *flags)
+    assert "the folder already contains a sweep; use --resume" in cosim.refused(
+        "sweep", "study.toml", *flags
+    )
     done = cosim("sweep", "study.toml", *flags, "--resume")
     assert "5 points; 2 there already; 3 to run" in done.out
     written(tmp_path, GRID.replace("[1, 10,", "[10, 20, 30,"))

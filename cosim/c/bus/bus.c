@@ -74,6 +74,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
     b->set = *set;
     b->n = set->n_nodes;
     b->next_request = NEVER;
+    b->deaf = !(set->record >> EVENT_RECEIVED & 1u);
     for (int32_t i = 0; i < set->n_filters; i++)
         b->filters[i] = set->filters[i];
     for (int32_t i = 0; i < set->n_scripts; i++)
@@ -85,6 +86,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
         n->slot = NO_SLOT;
+        b->deaf &= n->set.receive_length == 0;
         for (int32_t j = 0; j < n->set.queue_length; j++)
             n->spare[j] = (uint16_t)(n->set.queue_length - 1 - j);
         b->next_at[i] = b->ready[i] = NEVER;

@@ -117,7 +117,8 @@ static int32_t arbitrate(const bus_t *b, int64_t t, int32_t *tie)
     return winner;
 }
 
-/* The transmission of the winner at t will be undisturbed. */
+/* The transmission of the winner at t will be undisturbed. (A node that suspends its transmission
+ * meanwhile need not be told: its eight bits are over before the frame is.) */
 static void launch(bus_t *b, int64_t t)
 {
     b->in_flight = 1;
@@ -131,9 +132,6 @@ static void launch(bus_t *b, int64_t t)
         if (b->ready[i] <= t) {
             n->slot = n->order[0];
             event_at_bit(b, i, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
-        } else if (n->earliest > t) {           /* suspended: it receives now */
-            n->earliest = 0;
-            refresh(b, i);
         }
     }
 }
@@ -211,6 +209,8 @@ static void finish(bus_t *b)
     line_pass(b, b->bits.nominal + b->bits.data);
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
+        if (i != b->winner && b->deaf && !b->off)
+            continue;
         if (i == b->winner) {
             node_sent(b, i, n->slot);
             n->sender = 1;
@@ -232,10 +232,16 @@ static int32_t flight_step(bus_t *b, int64_t until)
     int64_t t = losing ? b->lost[b->lost_done].time : b->end;
     if (t > until || !drain(b, t - 1) || !has_room(b))
         return 0;
-    if (losing)
-        lose(b, &b->lost[b->lost_done++]);
-    else
+    if (!losing) {
         finish(b);
+        return 1;
+    }
+    do {
+        lose(b, &b->lost[b->lost_done++]);
+        if (b->lost_done == b->n_lost)
+            break;
+        t = b->lost[b->lost_done].time;
+    } while (t <= until && t <= b->next_request);
     return 1;
 }
 

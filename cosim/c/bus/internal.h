@@ -91,6 +91,7 @@ struct bus {
     lost_t *lost;                   /* of the transmission in flight, by time */
     int32_t n_lost, lost_done;
     int32_t n, off, counting;       /* nodes; of them off; with REC > 0 and on the bus */
+    int32_t deaf;                   /* nobody notices what is received */
     int32_t asked;                  /* an abort or a reset waits for the next advance */
     int64_t now, free, next_request, numbers;
     /* clean path: the transmission in flight */

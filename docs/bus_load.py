@@ -49,9 +49,9 @@ priorities decide who waits. The tables below are written from the DBC files in 
 intermission. Stuff bits and CRC-15 are those of the frame's own bits, so a frame that is known has
 an exact time. FD frames are those of ISO 11898-1:2015: dynamic stuff bits to the end of the data,
 then a CRC field with fixed stuff bits and the stuff count; with BRS, ESI to CRC delimiter have the
-data bit rate. Both switches are at a sample point: with equal sample points in both phases the sum
-is exact, else it is off by less than one nominal bit. The worst case has a stuff bit after the
-first five stuffed bits and after every four more (55 + 10 n bits of a classic frame with n bytes
+data bit rate. Both switches are at a sample point; the sum of BRS and CRC delimiter is one bit at
+each rate whatever the sample points, so that the time of the frame is exact. The worst case
+has a stuff bit after the first five stuffed bits and after every four more (55 + 10 n bits of a classic frame with n bytes
 and an 11-bit identifier); no data exceeds it, most stays a few bits below. The mean is over
 random data. The counts agree with a frame built bit by bit, with `canbusload -e` for classic data
 frames, and between Python, NumPy and C.
@@ -66,7 +66,7 @@ same message, jitter and, if asked for, errors (Davis, Burns, Bril, Lukkien, Rea
 2007). In the tests no simulated bus exceeds it, and the critical instant reaches it. It holds for
 nodes that send their most urgent frame first. A node that sends in the order of queueing, as the
 default queue of Linux and many USB adapters do, can take longer; `cosim/bus/arbitration.py`
-simulates both.
+orders both. [The simulated bus](bus.md) does so with errors, queues and fault confinement.
 
 **The check** (`bridge/preflight/bus_checks.py`) refuses more than 100 % in the worst case, one
 identifier from two nodes, frames that the bus or CAN does not have, messages more frequent than

@@ -2,13 +2,16 @@
 
 What decides is the bits as they are sent: a dominant one wins. A node takes part with its most
 urgent frame, or (``fifo``) with the one it was handed first, as the default queue of Linux and many
-USB adapters have it. :func:`arbitrate` is the test oracle of the response times.
+USB adapters have it. :func:`arbitrate` is the test oracle of the response times: without errors,
+with queues that are never full.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+from cosim.bus.timing import TimingError
 
 
 def rank(identifier: int, extended: bool = False, remote: bool = False) -> int:
@@ -34,7 +37,10 @@ class PendingFrame:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """A request, when its frame began, and when the next could begin, ns."""
+    """A request, when its frame began, and when the next could begin, ns.
+
+    Receivers have the frame three bits before `end`, at the end of EOF.
+    """
 
     request: PendingFrame
     start: int
@@ -42,7 +48,11 @@ class Sent:
 
 
 def arbitrate(requests: Iterable[PendingFrame], *, fifo: bool = False) -> list[Sent]:
-    """All of them in the order of sending. Equals: who waited longer, then who was named first."""
+    """All of them in the order of sending; of equal ranks of one node, the one that waited longer.
+
+    Raises TimingError where frames of equal rank of two nodes meet: on a bus they collide with bit
+    errors, which `cosim.bus.simulation` simulates.
+    """
     coming = sorted(requests, key=lambda r: r.at)
     waiting: list[PendingFrame] = []
     sent: list[Sent] = []
@@ -51,7 +61,12 @@ def arbitrate(requests: Iterable[PendingFrame], *, fifo: bool = False) -> list[S
         now = max(now, waiting[0].at if waiting else coming[0].at)
         while coming and coming[0].at <= now:
             waiting.append(coming.pop(0))
-        first = min(_heads(waiting) if fifo else waiting, key=lambda r: r.rank)
+        heads = _heads(waiting) if fifo else waiting
+        first = min(heads, key=lambda r: r.rank)
+        if any(r.rank == first.rank and r.node != first.node for r in heads):
+            raise TimingError(
+                f"found rank {first.rank} at two nodes at {now} ns, expected one node"
+            )
         waiting.remove(first)
         sent.append(Sent(first, now, now + first.duration))
         now += first.duration

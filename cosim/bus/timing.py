@@ -15,9 +15,14 @@ FD, tail              1 CRC delimiter; 12 nominal: ACK, ACK delimiter, end, inte
 ====================  ==========================  ==================================
 
 With BRS all from ESI to the CRC delimiter has the data bit rate. In truth both switches are at a
-sample point: with the same sample point in both phases the sum is the one given here, else it
-differs by less than a nominal bit. Worst case of classic frames: Davis, Burns, Bril, Lukkien, 2007,
-Real-Time Systems 35, eq. (1): 55 + 10 n and 80 + 10 n bits.
+sample point: BRS takes a share of a nominal and of a data bit, the CRC delimiter the other shares.
+Together they are one nominal and one data bit whatever the sample points, so that the sum is exact.
+
+Receivers have a frame, and its sender's confirmation is due, at the end of EOF: 3 nominal bits, the
+intermission, before the end of the time given here.
+
+Worst case of classic frames: Davis, Burns, Bril, Lukkien, 2007, Real-Time Systems 35, eq. (1):
+55 + 10 n and 80 + 10 n bits.
 """
 
 from __future__ import annotations
@@ -85,7 +90,10 @@ class BusTiming:
                 raise TimingError(f"found a bit rate of {rate} bit/s, expected 1 to 1e9")
 
     def time_ns(self, bits: Bits) -> int:
-        """How long so many bits take, ns, to the nearest."""
+        """How long so many bits take, ns, to the nearest.
+
+        Do not add these up over a run: count bits, or ps as `cosim.bus.simulation` does.
+        """
         data_rate = self.data_bitrate or self.bitrate
         return int(bits.nominal * 1e9 / self.bitrate + bits.data * 1e9 / data_rate + 0.5)
 

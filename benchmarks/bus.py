@@ -1,0 +1,90 @@
+"""How many frames a second the simulated CAN bus makes: ``python -m benchmarks.bus``.
+
+Sixteen nodes with sorted queues, random 11-bit identifiers of which no two nodes share one, 8
+random bytes, exact stuffing, at 1 Mbit/s. `burst`: 512 requests of each node at once, so that
+sixteen arbitrate for each frame. `load 60 %`: requests at random times. Measured is the processor
+time of this process in `request_many` and `advance`, the best of several repetitions (the machine
+is shared); preparing the random requests is not part of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.tables import machine
+from cosim.bus.frames import REQUEST, BusEvent
+from cosim.bus.settings import BusNodeSettings, ErrorRate
+from cosim.bus.simulation import SimulatedBus
+from cosim.bus.timing import BusTiming
+
+NODES, BIT_PS, MEAN_BITS = 16, 1_000_000, 114.3
+CHUNK = 8192
+
+
+def requests(count: int, load: float | None, seed: int = 1) -> NDArray[np.void]:
+    """Random requests, shape (count,); `load`: share of the bus they ask for, None: at once."""
+    random = np.random.default_rng(seed)
+    rows = np.zeros(count, REQUEST)
+    if load is not None:
+        gaps = random.exponential(MEAN_BITS * BIT_PS / load, count)
+        rows["at"] = np.cumsum(gaps).astype(np.int64)
+    rows["node"] = np.arange(count) % NODES
+    rows["frame"]["id"] = random.integers(0, 1 << 7, count) << 4 | rows["node"]
+    rows["frame"]["length"] = 8
+    rows["frame"]["data"][:, :8] = random.integers(0, 256, (count, 8))
+    return rows
+
+
+def nanoseconds(rows: NDArray[np.void], record: Sequence[BusEvent], rate: float = 0.0) -> float:
+    """Processor time of a frame, ns."""
+    nodes = [
+        BusNodeSettings(f"n{i}", queue_length=2 * CHUNK // NODES, inbox=CHUNK) for i in range(NODES)
+    ]
+    noise = [ErrorRate(rate)] if rate else []
+    bus = SimulatedBus(BusTiming(1e6), nodes, record=record, disturbances=noise, seed=1)
+    begin = time.process_time_ns()
+    for first in range(0, len(rows), CHUNK):
+        part = rows[first : first + CHUNK]
+        part["at"] = np.maximum(part["at"], bus.now_ps)
+        bus.request_many(part)
+        burst = bus.now_ps + 120 * BIT_PS * len(part)
+        bus.advance(max(int(part["at"][-1]), burst if part["at"][0] == part["at"][-1] else 0))
+    while any(bus.state(i).pending for i in range(NODES)):
+        bus.advance(bus.now_ps + 100_000 * BIT_PS)
+    taken = time.process_time_ns() - begin
+    done = sum(bus.totals)
+    assert done >= len(rows)
+    return taken / len(rows)
+
+
+def main() -> None:
+    """Print the table of docs/bus.md."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=400_000)
+    parser.add_argument("--repeat", type=int, default=5)
+    given = parser.parse_args()
+    print(machine())
+    print("| traffic | events | ns per frame | frames/s |")
+    print("|---|---|---|---|")
+    sent, all_kinds = [BusEvent.SENT], list(BusEvent)
+    cases = (
+        ("load 60 %", 0.6, sent, 0.0),
+        ("burst", None, sent, 0.0),
+        ("load 60 %", 0.6, all_kinds, 0.0),
+        ("burst", None, all_kinds, 0.0),
+        ("load 60 %, bit error rate 1e-5", 0.6, sent, 1e-5),
+    )
+    for name, load, record, rate in cases:
+        rows = requests(given.frames, load)
+        ns = min(nanoseconds(rows.copy(), record, rate) for _ in range(given.repeat))
+        kinds = "SENT" if record is sent else "all"
+        print(f"| {name} | {kinds} | {ns:.0f} | {1e9 / ns / 1e6:.2f} M |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

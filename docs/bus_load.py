@@ -50,9 +50,9 @@ intermission. Stuff bits and CRC-15 are those of the frame's own bits, so a fram
 an exact time. FD frames are those of ISO 11898-1:2015: dynamic stuff bits to the end of the data,
 then a CRC field with fixed stuff bits and the stuff count; with BRS, ESI to CRC delimiter have the
 data bit rate. Both switches are at a sample point; the sum of BRS and CRC delimiter is one bit at
-each rate whatever the sample points, so that the time of the frame is exact. The worst case
-has a stuff bit after the first five stuffed bits and after every four more (55 + 10 n bits of a classic frame with n bytes
-and an 11-bit identifier); no data exceeds it, most stays a few bits below. The mean is over
+each rate whatever the sample points, so that the time of the frame is exact. The worst case has a
+stuff bit after the first five stuffed bits and after every four more (55 + 10 n bits of a classic
+frame with n bytes and an 11-bit identifier); no data exceeds it, most stays a few bits below. The mean is over
 random data. The counts agree with a frame built bit by bit, with `canbusload -e` for classic data
 frames, and between Python, NumPy and C.
 

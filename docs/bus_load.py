@@ -52,9 +52,9 @@ then a CRC field with fixed stuff bits and the stuff count; with BRS, ESI to CRC
 data bit rate. Both switches are at a sample point; the sum of BRS and CRC delimiter is one bit at
 each rate whatever the sample points, so that the time of the frame is exact. The worst case has a
 stuff bit after the first five stuffed bits and after every four more (55 + 10 n bits of a classic
-frame with n bytes and an 11-bit identifier); no data exceeds it, most stays a few bits
-below. The mean is over random data. The counts agree with a frame built bit by bit, with `canbusload -e` for classic data
-frames, and between Python, NumPy and C.
+frame with n bytes and an 11-bit identifier); no data exceeds it, most stays a few bits below. The
+mean is over random data. The counts agree with a frame built bit by bit, with `canbusload -e` for
+classic data frames, and between Python, NumPy and C.
 
 **Load** (`bridge/can/load.py`) is frame time over period, summed. Of a log it is the time the bus
 was busy in a window, for the busiest window wherever it begins. More than 100 % cannot be: the log

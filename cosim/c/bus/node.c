@@ -67,7 +67,7 @@ void node_begin(bus_t *b, int32_t node, int32_t after_start)
     n->n_wire = wire_bits(&f, n->wire);
     n->position = after_start;
     n->sender = 1;
-    enter(n, PHASE_FRAME, 0);
+    enter(n, PHASE_FRAME, after_start);         /* counts who joined: wire.c, join */
     parser_begin(&n->parser);
     event_at_bit(b, node, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
 }

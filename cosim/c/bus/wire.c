@@ -90,7 +90,7 @@ static void join(bus_t *b)
     int32_t first = -1;
     for (int32_t i = 0; i < b->n; i++) {
         const node_t *n = &b->nodes[i];
-        if (n->phase == PHASE_FRAME && n->sender && n->position == 1
+        if (n->phase == PHASE_FRAME && n->sender && n->count && n->position == 1
             && (first < 0 || sent_rank(n) < sent_rank(&b->nodes[first])))
             first = i;
     }

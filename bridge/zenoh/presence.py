@@ -65,7 +65,7 @@ class Presence:
         absent = sorted(set(peers) - self._there)
         unheard = [key for key, p in publishers.items() if not _matching(p)]
         said = [f"not {self._what}: {', '.join(absent)}"] if absent else []
-        return said + ([f"nobody listens to {', '.join(unheard)}"] if unheard else [])
+        return said + ([f"no node listens to {', '.join(unheard)}"] if unheard else [])
 
 
 def present_nodes(session: zenoh.Session, names: Names) -> frozenset[str]:

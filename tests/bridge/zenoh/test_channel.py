@@ -188,7 +188,7 @@ def test_a_peer_that_is_there_but_silent_is_heard_on_a_session_opened_anew(tmp_p
 
 def test_a_peer_that_does_not_come_is_named(tmp_path: Path):
     alone = opened("a", "b", wait=0.05, listen=(endpoint(tmp_path),))
-    with pytest.raises(BusError, match=r"not there: b; nobody listens to test/a/component/m100"):
+    with pytest.raises(BusError, match=r"not there: b; no node listens to test/a/component/m100"):
         alone.wait_for_peers()
     alone.close()
 

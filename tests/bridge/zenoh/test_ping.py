@@ -74,7 +74,7 @@ def test_there_and_back(tmp_path: Path):
     assert (back > 0).all() and abs(found.offset) < back.min()  # both clocks are one
     echo.close()
     near.put("test/a/ping", b"no ping of ours")
-    with pytest.raises(RunError, match=r"nobody listens to test/c/ping after 0.05 s"):
+    with pytest.raises(RunError, match=r"no node listens to test/c/ping after 0.05 s"):
         ping(near, NAMES, "c", "b", n=1, patience=0.05)
     near.close()
     far.close()

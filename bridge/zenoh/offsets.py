@@ -33,7 +33,7 @@ class Offset:
     """A node's date less ours: `seconds`, to within +- `bound` s.
 
     `shared`: the same host, or a time server keeps the date of both; only then the date counts.
-    `said`: what it answered. `running`: it is in a run.
+    `answer`: what it answered. `running`: it is in a run.
     """
 
     node: str

@@ -17,6 +17,8 @@ from fmus.source import scalars
 
 #: Limits that are out of reach by default.
 WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0), "age_fade": (0.1, 1.0)}
+#: Entries beside a diagonal, small enough for a positive definite matrix.
+OFF_DIAGONAL = {"K_off": 0.1, "Gamma_off": 0.001}
 #: A small change, and one that crosses a limit.
 CHANGES = {"real": (0.01, 0.95), "integer": (1.0,), "boolean": ()}
 POINTS = 40
@@ -63,6 +65,8 @@ class Probe:
                 near = low * (high / low) ** more
             if v.name == "q_w":
                 near -= 2.0  # so that the arm is in the wall
+            if v.name in OFF_DIAGONAL:
+                near = OFF_DIAGONAL[v.name] * more
             still = v.type != "real" or (v.causality == "parameter" and rng.random() < 0.4)
             values.append(start if still else near)
         return np.concatenate(values)

@@ -166,7 +166,11 @@ def pair(request: pytest.FixtureRequest, version: Version, tmp_path: Path) -> It
 
 
 def drawn(component: Component, rng: np.random.Generator) -> Values:
-    return {port.name: rng.uniform(-3, 3, port.shape) for port in component.inputs}
+    """Inputs by chance; friction that is added to a mass is not negative."""
+    return {
+        port.name: rng.uniform(0 if port.name == "b_add" else -3, 3, port.shape)
+        for port in component.inputs
+    }
 
 
 def same(a: object, b: Values) -> bool:

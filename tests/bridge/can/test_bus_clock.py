@@ -51,7 +51,7 @@ path, before, *stalls = sys.argv[1:]
 lib = ctypes.CDLL(path)
 ctypes.c_int.in_dll(lib, "before").value = int(before)
 here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-bus = Bus.of_socket(here.fileno())
+bus = Bus.from_socket(here.fileno())
 for n in stalls:
     ctypes.c_int.in_dll(lib, "stalls").value = int(n)
     sent = monotonic_ns()

@@ -68,7 +68,7 @@ from bridge.native.journal import Journal
 from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Frame, Ring, frame_dtype
 log = Journal.create(sys.argv[1], frame_dtype(), 1 << 16)
-bus = Bus.of_rings(Ring(2), Ring(2), log=log, kind=BusKind.MEMORY)
+bus = Bus.from_rings(Ring(2), Ring(2), log=log, kind=BusKind.MEMORY)
 frame, n = Frame.of(1, bytes(8)), 0
 while True:
     bus.tx.get(Frame())

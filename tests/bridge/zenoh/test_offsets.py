@@ -92,7 +92,7 @@ def test_the_origin_of_a_run_is_measured_where_it_is_known_well_enough(
 ):
     """t = 0 was 10 s ago, by a clock that is 100 s ahead."""
     said = {"running": running, "run": 9, "origin_ns": realtime_ns() + 90_000_000_000}
-    there = Offset("slave", 100.0, bound, same=False, shared=False, said=said)
+    there = Offset("slave", 100.0, bound, same=False, shared=False, answer=said)
     monkeypatch.setattr(offsets, "present_nodes", lambda *_: frozenset({"slave", "operator"}))
     monkeypatch.setattr(offsets, "measure", lambda *_: there)
     system = load_system(CONFIGS / "teleoperation.toml", "zenoh")

@@ -304,7 +304,7 @@ def test_a_folder_that_does_not_say_what_ran(run, text):
     (run / "rehearsal.json").unlink()
     if text is not None:
         (run / "rehearsal.json").write_text(text)
-    with pytest.raises(ScenarioError, match="says nothing of a rehearsal"):
+    with pytest.raises(ScenarioError, match="has no data of a rehearsal"):
         LiveRun.open(run)
     if text is None:
         (run / "run.json").write_text("{}")

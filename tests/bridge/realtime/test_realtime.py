@@ -234,5 +234,5 @@ def test_a_node_that_wakes_too_late_is_not_armed() -> None:
     bad = lateness([0, 1000, 2000], [0, 1000, 2201], 1000)
     assert warm_up_warning(good, "enforce") == warm_up_warning(good, "ask") == ""
     assert "20 % of the period" in warm_up_warning(bad, "ask")
-    with pytest.raises(RealtimeError, match="refused to arm: warm-up of 3 slots"):
+    with pytest.raises(RealtimeError, match="did not arm: warm-up of 3 slots"):
         warm_up_warning(bad, "enforce")

@@ -80,7 +80,7 @@ def test_who_cannot_go_back_is_named_with_the_reason():
     }
     found, by = of(components)
     assert "no get_state and no set_state" in found.left_out["stateless"]
-    assert "does not go on as before" in found.left_out["forgetful"]
+    assert "does not continue as before" in found.left_out["forgetful"]
     assert set(by) == {"x", "v"}
     assert found.samples == 1  # from the second point on it is another trajectory
 

@@ -240,7 +240,7 @@ def test_edges_that_never_are_there_reach_nobody() -> None:
     links = teleoperator()
     links["components"]["slave_control"]["start"]["w"] = 0.0
     (said,) = tripped(links, "root")
-    assert "never gets to slave_control" in said.reason
+    assert "never reaches slave_control" in said.reason
 
 
 # ---- as a whole ---------------------------------------------------------------------------------

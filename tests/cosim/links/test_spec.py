@@ -134,7 +134,7 @@ def test_a_loss_contradicts_what_cannot_lose(name):
 def test_a_stored_table_takes_no_loss(tmp_path):
     save_table(tmp_path / "t.parquet", table(CONSTANT), 100)
     text = 'delay = { law = "table", file = "t.parquet" }\nloss = { law = "independent", p = 0.1 }'
-    with pytest.raises(ScenarioError, match="replays what was lost as well; expected no loss"):
+    with pytest.raises(ScenarioError, match="replays losses as well; expected no key loss"):
         table(text, folder=tmp_path)
 
 

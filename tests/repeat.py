@@ -5,11 +5,11 @@
     python -m tests.repeat --together 6 [PYTEST ARGUMENTS ...]    6 pytest processes at once
 
 Prints one line a test: how often it passed, failed and was inconclusive (skipped, with its reason),
-on the idle machine and next to a process that computes without a pause. With `--together`, the
-rounds run side by side and are each other's load: one column, and on two cores the fastest way to
-bring a race to light. The exit code is 1 if any test failed once; a round in which pytest itself
-died counts as failed for all of its tests. The output of failed rounds stays in the folder that is
-named at the end.
+on the idle machine and next to a process that computes without a pause. With `--together N`, N
+rounds run side by side and are each other's load: that is never easier than one at a time, and
+takes an Nth of the time where the tests mostly wait. The exit code is 1 if any test failed once; a
+round in which pytest itself died counts as failed for all of its tests. The output of failed rounds
+stays in the folder that is named at the end.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def one_round(tests: list[str], folder: Path, number: int) -> list[tuple[str, st
     return found
 
 
-def repeat(times: int, tests: list[str], folder: Path, busy: int, together: int = 1) -> Counts:
+def repeat(times: int, tests: list[str], folder: Path, busy: int, together: int) -> Counts:
     """Run the tests so often, beside `busy` processes, `together` at once; see `one_round`."""
     folder.mkdir()
     counts: Counts = defaultdict(Counter)
@@ -108,16 +108,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--times", type=int, default=50, help="rounds of each kind (50)")
     parser.add_argument("--only", choices=("idle", "busy"), help="one of the two kinds")
-    parser.add_argument("--together", type=int, default=0, help="rounds at once, in place of both")
+    parser.add_argument("--together", type=int, default=1, help="rounds at once (1)")
     options, selection = parser.parse_known_args()
     folder = Path(tempfile.mkdtemp(prefix="repeat-"))
     run = partial(repeat, options.times, collected(selection or ["-m", "live"]))
-    if options.together:
-        columns = {"together": run(folder / "together", 0, options.together)}
-    else:
-        kinds = {"idle": 0, "busy": 1}
-        chosen = [options.only] if options.only else [*kinds]
-        columns = {kind: run(folder / kind, kinds[kind]) for kind in chosen}
+    kinds = {"idle": 0, "busy": 1}
+    chosen = [options.only] if options.only else [*kinds]
+    columns = {kind: run(folder / kind, kinds[kind], options.together) for kind in chosen}
     print(table(columns))
     failed = sum(c["failed"] for counts in columns.values() for c in counts.values())
     print(f"{failed} failures" + (f"; their output is in {folder}" if failed else ""))

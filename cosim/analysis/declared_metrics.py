@@ -20,6 +20,7 @@ def metrics(scenario: Scenario) -> list[Metric]:
                 target=spec.target,
                 within=spec.within,
                 window=seconds,
+                contact=spec.contact,
                 norm=spec.norm,
                 label=spec.label,
                 place=scenario.place("metrics", name),

@@ -8,8 +8,8 @@ difference.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import exp, inf, log, sqrt
 
 import numpy as np
@@ -42,13 +42,15 @@ RESOLVED = 0.5
 class Bench:
     """The port of a system, put on the bench at position `q` (m,).
 
-    `known`: M_hat = M in every controller, and not adapted.
+    `known`: M_hat = M in every controller, and not adapted; `held`: further values by component,
+    such as an environment at the far arm.
     """
 
     system: AnalyzedSystem
     port: PortSignals
     q: Vector
     known: bool = False
+    held: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
     @property
     def arm(self) -> Arm | None:
@@ -106,7 +108,7 @@ class Bench:
             if self.known:
                 given |= {law.estimate: self._true(name, law), law.adaptation: (0.0,)}
             change = change.merged(**{name: given})
-        return change
+        return change.merged(**self.held)
 
     def _silenced(self) -> dict[str, Array]:
         """No torque on every arm's external input that anything feeds, by its name."""

@@ -11,6 +11,7 @@ rms            sqrt(∫ |x|² dt / (t_n - t_0))
 tail_mean      mean of |x| over the rows of the last `window` seconds
 peak           max over time and entries of |x_i|
 final          x(t_n); |x(t_n)| for more than one entry
+rms_free       and ``rms_contact``, ``energy``: see :mod:`cosim.analysis.contact_metrics`
 =============  ===================================================================
 
 |x| is the Euclidean norm of x(t). Integrals are trapezoids over the recorded rows, so what is
@@ -21,42 +22,28 @@ that is not finite) is NaN with a sentence; a metric that makes no sense raises 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from math import inf, isfinite, isnan, nan, sqrt
+from dataclasses import dataclass
+from math import inf, isfinite, nan, sqrt
 from typing import Literal, cast, get_args
 
 import numpy as np
 
+from cosim.analysis.contact_metrics import Phase, PhaseError, PortEnergy
+from cosim.analysis.metric_result import MetricResult as MetricResult
+from cosim.analysis.metric_result import integral, length, over, root_mean_square, times
 from cosim.analysis.signals import Array, Signals, Stack, stack
 from cosim.base.errors import ScenarioError
 
 Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "peak", "final"]
 Distance = Literal["max", "euclidean"]
 
-_KINDS = ("error", *get_args(Kind))
-
-
-@dataclass(frozen=True, slots=True)
-class MetricResult:
-    """What a metric says: `value` in `unit`, the rest in words and, by name, as numbers.
-
-    `parts` are in `unit`, or in s where the name ends in ``_s``.
-    """
-
-    name: str
-    label: str
-    value: float
-    unit: str
-    detail: str = ""
-    parts: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def text(self) -> str:
-        """Value, unit and detail on one line."""
-        if isnan(self.value):
-            return f"no number: {self.detail}"
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.value:.4g}{unit} {self.detail}".rstrip()
+_PHASES = get_args(Phase)
+_KINDS = ("error", *get_args(Kind), *_PHASES, "energy")
+#: Keys that a kind needs, and that it takes besides.
+_NEEDS = {
+    "error": ("target",), "tail_mean": ("window",), **dict.fromkeys(_PHASES, ("target", "contact")),
+}  # fmt: skip
+_TAKES = {**_NEEDS, "error": ("target", "within")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +77,10 @@ class Error:
         target = self._target(each, place)
         if whole.flaw:
             return MetricResult(self.name, self.label or self.name, nan, whole.unit, whole.flaw)
-        distance = _largest if self.norm == "max" else _length
+        distance = _largest if self.norm == "max" else length
         t = whole.t
         E = np.max([distance(x - target) for x in each[: len(self.of)]], axis=0)
-        worst, rmse = int(np.argmax(E)), _root_mean_square(E, whole.t)
+        worst, rmse = int(np.argmax(E)), root_mean_square(E, whole.t)
         parts = {"final": E[-1], "rmse": rmse, "max": E[worst], "max_at_s": t[worst]}
         words = f"at {t[-1]:.4g} s; RMSE {rmse:.3g}; max {E[worst]:.3g} at {t[worst]:.4g} s"
         if self.within is not None:
@@ -144,7 +131,7 @@ class Measure:
     def evaluate(self, signals: Signals) -> MetricResult:
         """The number, over all that was recorded."""
         s = stack(signals, self.of, f"metrics.{self.name}")
-        unit = _times(s.unit, {"norm": "√s", "integral_abs": "s"}.get(self.kind, ""))
+        unit = times(s.unit, {"norm": "√s", "integral_abs": "s"}.get(self.kind, ""))
         if s.flaw:
             return MetricResult(self.name, self.label or self.name, nan, unit, s.flaw)
         value, words, parts = _MEASURES[self.kind](s, self.window)
@@ -152,7 +139,7 @@ class Measure:
         return MetricResult(self.name, self.label or self.name, float(value), unit, words, parts)
 
 
-Metric = Error | Measure
+Metric = Error | Measure | PhaseError | PortEnergy
 
 
 def evaluate(metrics: Iterable[Metric], signals: Signals) -> tuple[MetricResult, ...]:
@@ -168,6 +155,7 @@ def metric(
     target: Sequence[float] | str | None = None,
     within: float | None = None,
     window: float | None = None,
+    contact: Sequence[str] | None = None,
     norm: Distance = "max",
     label: str = "",
     place: str = "",
@@ -181,19 +169,22 @@ def metric(
         raise ScenarioError(f"unknown kind {kind!r}; expected one of {', '.join(_KINDS)}", place)
     if not of:
         raise ScenarioError("'of' names no signal", place)
-    needs = {"error": ("target",), "tail_mean": ("window",)}.get(kind, ())
-    takes = {"error": ("target", "within"), "tail_mean": ("window",)}.get(kind, ())
-    for key, value in (("target", target), ("within", within), ("window", window)):
-        if value is None and key in needs:
+    keys = {"target": target, "within": within, "window": window, "contact": contact or None}
+    for key, value in keys.items():
+        if value is None and key in _NEEDS.get(kind, ()):
             raise ScenarioError(f"kind {kind!r} needs {key!r}", place)
-        if value is not None and key not in takes:
+        if value is not None and key not in _TAKES.get(kind, ()):
             raise ScenarioError(f"kind {kind!r} takes no {key!r}", place)
         if isinstance(value, int | float) and not (isfinite(value) and value > 0):
             raise ScenarioError(f"found {value:g}, expected a number above 0", f"{place}.{key}")
-    if kind != "error":
-        return Measure(name, cast(Kind, kind), tuple(of), window or 0.0, label)
     fixed = target if isinstance(target, str) else tuple(float(x) for x in target or ())
-    return Error(name, tuple(of), fixed, within, norm, label)
+    if kind == "error":
+        return Error(name, tuple(of), fixed, within, norm, label)
+    if kind in _PHASES:
+        return PhaseError(name, cast(Phase, kind), tuple(of), fixed, tuple(contact or ()), label)
+    if kind == "energy":
+        return PortEnergy(name, tuple(of), label)
+    return Measure(name, cast(Kind, kind), tuple(of), window or 0.0, label)
 
 
 def settle_time(E: Array, t: Array, within: float) -> float:
@@ -214,23 +205,23 @@ _Measured = tuple[float, str, Mapping[str, float]]
 
 
 def _norm(s: Stack, _: float) -> _Measured:
-    return sqrt(_integral(_length(s.x) ** 2, s.t)), _over(s.t), {}
+    return sqrt(integral(length(s.x) ** 2, s.t)), over(s.t), {}
 
 
 def _integral_abs(s: Stack, _: float) -> _Measured:
-    return _integral(_length(s.x), s.t), _over(s.t), {}
+    return integral(length(s.x), s.t), over(s.t), {}
 
 
 def _rms(s: Stack, _: float) -> _Measured:
-    return _root_mean_square(_length(s.x), s.t), _over(s.t), {}
+    return root_mean_square(length(s.x), s.t), over(s.t), {}
 
 
 def _tail_mean(s: Stack, window: float) -> _Measured:
     tail = s.t >= s.t[-1] - window * (1 + 1e-9)
     words = f"over the last {window:.4g} s"
     if s.t[-1] - s.t[0] < window * (1 - 1e-9):
-        words = f"{_over(s.t)}, which is all there is"
-    return float(_length(s.x[tail]).mean()), words, {}
+        words = f"{over(s.t)}, which is all there is"
+    return float(length(s.x[tail]).mean()), words, {}
 
 
 def _peak(s: Stack, _: float) -> _Measured:
@@ -245,7 +236,7 @@ def _final(s: Stack, _: float) -> _Measured:
     if len(last) == 1:
         return float(last[0]), f"at {s.t[-1]:.4g} s", parts
     entries = ", ".join(f"{x:.4g}" for x in last)
-    return float(_length(s.x[-1:])[0]), f"at {s.t[-1]:.4g} s, length of ({entries})", parts
+    return float(length(s.x[-1:])[0]), f"at {s.t[-1]:.4g} s, length of ({entries})", parts
 
 
 _MEASURES: Mapping[Kind, Callable[[Stack, float], _Measured]] = {
@@ -264,28 +255,3 @@ def _largest(x: Array) -> Array:
     for entry in np.abs(x).T:  # max(axis=1) of few columns takes ten times as long
         np.maximum(largest, entry, out=largest)
     return largest
-
-
-def _length(x: Array) -> Array:
-    """|x| of each row; (n, m) -> (n,)."""
-    return np.asarray(np.sqrt(np.einsum("ij,ij->i", x, x)))
-
-
-def _integral(y: Array, t: Array) -> float:
-    """∫ y dt by trapezoids; y, t (n,)."""
-    return float(0.5 * np.sum(np.diff(t) * (y[1:] + y[:-1])))
-
-
-def _root_mean_square(y: Array, t: Array) -> float:
-    duration = float(t[-1] - t[0])
-    return sqrt(_integral(y**2, t) / duration) if duration > 0 else float(abs(y[-1]))
-
-
-def _over(t: Array) -> str:
-    return f"over {t[-1] - t[0]:.4g} s"
-
-
-def _times(unit: str, factor: str) -> str:
-    if not factor:
-        return unit
-    return factor if unit in ("", "1") else f"{unit}.{factor}"

@@ -10,6 +10,7 @@ import numpy as np
 from cosim.analysis.system import AnalyzedSystem, age
 from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
+from cosim.links.bursts import ParetoBursts
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
@@ -54,7 +55,7 @@ def _gap(link: Link) -> float:
     if not table.law.loses_packets:
         return 0.0
     loss = table.law.loss if isinstance(table.law, Lossy) else None
-    if isinstance(loss, Independent | GilbertElliott):
+    if isinstance(loss, Independent | GilbertElliott | ParetoBursts):
         return loss.burst * table.grid.n_s * table.grid.h
     return inf
 

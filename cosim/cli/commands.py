@@ -50,6 +50,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "cosim.cli.compare",
         "Compare controllers: run each with every operator and link law, and print one table.",
     ),
+    "delays": (
+        "cosim.cli.delays",
+        "List delays by name: presets of networks, and frozen traces with their SHA-256 sums.",
+    ),
     "sweep": (
         "cosim.cli.sweep",
         "Run a parameter study: simulate every point; write a table and figures. Resumable.",

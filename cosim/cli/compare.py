@@ -14,7 +14,7 @@ from cosim.cli.options import Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
-    from cosim.comparison.variants import ComparisonSelection, Variants
+    from cosim.comparison.variants import ComparisonSelection, MetricColumn, Variants
 
 
 def compare(
@@ -26,6 +26,7 @@ def compare(
         str, typer.Option(metavar="LIST", help="Names of operators; or all.")
     ] = "",
     links: Annotated[str, typer.Option(metavar="LIST", help="Names of link laws; or all.")] = "",
+    columns: Annotated[str, typer.Option(metavar="LIST", help="Names of columns; or all.")] = "",
     variants: Annotated[
         Path | None,
         typer.Option(
@@ -68,6 +69,7 @@ def compare(
     if list_:
         typer.echo("\n".join(_listing(known)))
         return
+    known = known.with_columns(_names(columns))
     chosen = known.select(*(_names(text) for text in (controllers, operators, links)))
     base = read_base(scenario, known, set_ or ())
     folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
@@ -127,4 +129,11 @@ def _listing(known: Variants) -> list[str]:
     lines += ["", "controllers", *aligned(shown)]
     for title, names in (("operators", known.operators), ("links", known.links)):
         lines += ["", title, *aligned([[name, x.title] for name, x in names.items()])]
-    return lines
+    shown = [[x.name, x.label, _said(x, known)] for x in known.columns]
+    return [*lines, "", "columns (* shown by default)", *aligned(shown)]
+
+
+def _said(column: MetricColumn, known: Variants) -> str:
+    """Where a column comes from, and whether it is one of the default ones."""
+    kind = getattr(column.metric, "kind", "error")
+    return f"{kind}{' *' if column.name in known.default_columns else ''}"

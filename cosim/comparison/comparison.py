@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
 from cosim.comparison.documents import Base, Case, scenario
 from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
 from cosim.comparison.pool import spread
+from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
 from cosim.comparison.same_links import Tables
-from cosim.comparison.variants import ComparisonSelection, Variants
+from cosim.comparison.variants import ComparisonSelection, MetricColumn, PortMeasure, Variants
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,18 +60,21 @@ def compare(
     What fails is an outcome with its reason: what cannot be assembled at all is found beforehand by
     :func:`cosim.comparison.documents.check`. `progress` is called with (done, all) runs.
     """
+    of_runs = [c for c in variants.columns if not isinstance(c.metric, PortMeasure)]
     tasks = [
         Task(
             case,
             scenario(base, variants, case),
-            tuple(c for c in variants.columns if c.applies(variants.operators[case.operator])),
+            tuple(c for c in of_runs if c.applies(variants.operators[case.operator])),
             variants.stability,
             variants.picture,
             None if keep is None else keep / case.name,
         )
         for case in cases(chosen, seeds)
     ]
+    ports = _port_tasks(base, variants, chosen, seeds)
     tables, found, told = Tables(), dict[Case, CaseOutcome](), 0
+    total = len(tasks) + len(ports)
     for task, result in spread(run_case, tasks, jobs):
         found[task.case] = result or failed_case(task.case, "its process died: a component crashed")
         while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
@@ -78,6 +82,37 @@ def compare(
             tables.add(outcome.case, outcome.tables)
             found[outcome.case] = outcome.without_tables()
             told += 1
-        progress(len(found), len(tasks))
+        progress(len(found), total)
+    for done, (port, measured) in enumerate(spread(run_port, ports, jobs), len(found) + 1):
+        _add(found, port, measured or PortOutcome(reason="its process died: a component crashed"))
+        progress(done, total)
     outcomes = tuple(found[task.case] for task in tasks)
     return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)
+
+
+def _port_tasks(
+    base: Base, variants: Variants, chosen: ComparisonSelection, seeds: Sequence[int]
+) -> list[PortTask]:
+    """A test for each controller, link law and seed: at a port the operator makes no difference."""
+    columns: tuple[MetricColumn, ...] = tuple(
+        c for c in variants.columns if isinstance(c.metric, PortMeasure)
+    )
+    if not columns or variants.port is None:
+        return []
+    first = replace(chosen, operators=chosen.operators[:1])
+    return [
+        PortTask(case, scenario(base, variants, case), variants.port, columns)
+        for case in cases(first, seeds)
+    ]
+
+
+def _add(found: dict[Case, CaseOutcome], task: PortTask, measured: PortOutcome) -> None:
+    """Give what was measured of a port to the cases of every operator."""
+    for case, outcome in found.items():
+        if replace(case, operator=task.case.operator) == task.case:
+            found[case] = replace(
+                outcome,
+                numbers={**outcome.numbers, **measured.numbers},
+                errors={**outcome.errors, **measured.errors},
+                remark=measured.reason,
+            )

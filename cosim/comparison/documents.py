@@ -189,7 +189,7 @@ def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Doc
                 "to": f"{variants.roles[here].controller}.{port}",
                 "channel": f"{there}->{here}",
             }
-            made.append({**ends, **_link_options(law.options, variants.path.parent)})
+            made.append({**ends, **_link_options(law.received_by(here), variants.path.parent)})
     return made
 
 

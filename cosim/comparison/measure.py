@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cosim.analysis.metrics import MetricResult
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.documents import Case
-from cosim.comparison.variants import MetricColumn, Picture, Stability
+from cosim.comparison.variants import MetricColumn, Picture, PortMeasure, Stability
 from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
 from cosim.links.grid import Grid
@@ -78,13 +78,19 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class CaseOutcome:
-    """What became of a case: numbers by column, each (value, unit); NaN where there is none."""
+    """What became of a case: numbers by column, each (value, unit); NaN where there is none.
+
+    `errors`: two standard deviations of those that were estimated, in their units; `remark`: why
+    numbers of the port are missing.
+    """
 
     case: Case
     verdict: RunVerdict
     numbers: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
     tables: tuple[RecordedTable, ...] = ()
     curves: tuple[Curve, ...] = ()
+    remark: str = ""
 
     def without_tables(self) -> CaseOutcome:
         """The same, but for its tables."""
@@ -123,16 +129,20 @@ def _measured(task: Task, run: Run, failure: RunError | None) -> CaseOutcome:
     verdict = judge(run, task.stability, failure)
     numbers = {}
     if verdict.ended:
-        numbers = {c.name: _number(c.metric.evaluate(run), c.part) for c in task.columns}
+        numbers = {
+            c.name: _number(c.metric.evaluate(run), c.part)
+            for c in task.columns
+            if not isinstance(c.metric, PortMeasure)
+        }
     curves = _curves(run, task.picture)
-    return CaseOutcome(task.case, verdict, numbers, _tables(run), curves)
+    return CaseOutcome(task.case, verdict, numbers, tables=_tables(run), curves=curves)
 
 
 def _number(result: MetricResult, part: str) -> tuple[float, str]:
     """The value of a metric, or the named part of it."""
     if not part:
         return result.value, result.unit
-    return result.parts.get(part, nan), "s" if part.endswith("_s") else result.unit
+    return result.parts.get(part, nan), result.unit_of(part)
 
 
 def _curves(run: Run, picture: Picture) -> tuple[Curve, ...]:

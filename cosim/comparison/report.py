@@ -94,7 +94,7 @@ def _line(cells: Sequence[str]) -> str:
 def table_csv(comparison: Comparison) -> str:
     """One line a run; numbers read back exactly, what is not there is empty."""
     shown, found = columns(comparison), runs_as_data(comparison)
-    fixed = [key for key in found[0] if key != "numbers"]
+    fixed = [key for key in found[0] if key not in ("numbers", "uncertainties")]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*fixed, *(f"{c.name} [{unit}]" for c, unit in shown)])

@@ -1,6 +1,7 @@
 """A comparison as rows of texts: what the terminal, Markdown and CSV show, and JSON holds.
 
-With several seeds a number is the median, with the least and the largest behind it.
+With several seeds a number is the median, with the least and the largest behind it. Of one seed, a
+number that is estimated has two standard deviations behind it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.measure import CaseOutcome
-from cosim.comparison.variants import MetricColumn
+from cosim.comparison.variants import MetricColumn, PortMeasure
 
 #: What stands where there is no number.
 NOTHING = "–"
@@ -21,6 +22,8 @@ NOTHING = "–"
 MARK = "†"
 #: Numbers below are shown as being so; times are told apart by 0.1 s.
 SMALL = 1e-3
+#: An uncertainty below this share of its number is not shown: the digits shown do not tell it.
+VISIBLE = 2e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +42,12 @@ class ComparisonRow:
         return f"{self.controller} {MARK}" if self.marked else self.controller
 
     def values(self, column: MetricColumn) -> list[float]:
-        """The numbers of a column in its unit, one for each seed; empty if a run has none."""
-        if not all(o.verdict.ended for o in self.outcomes):
+        """The numbers of a column in its unit, one for each seed; empty if a run has none.
+
+        Numbers of the port are there whatever became of the run.
+        """
+        of_run = not isinstance(column.metric, PortMeasure)
+        if of_run and not all(o.verdict.ended for o in self.outcomes):
             return []
         values = [o.numbers.get(column.name, (nan, ""))[0] for o in self.outcomes]
         return [] if any(isnan(v) for v in values) else values
@@ -51,6 +58,9 @@ class ComparisonRow:
         if not values:
             return NOTHING
         middle, low, high = (format_number(f(values), unit) for f in (median, min, max))
+        error = self.outcomes[0].errors.get(column.name, 0.0)
+        if len(values) == 1 and error > VISIBLE * abs(values[0]):
+            return f"{middle} ± {error:.2g}"
         return middle if low == high else f"{middle} [{low}, {high}]"
 
     @property
@@ -108,6 +118,8 @@ def notes(comparison: Comparison) -> list[str]:
         reasons = [o.verdict.reason for o in row.outcomes if o.verdict.reason]
         if reasons:
             lines.append(f"{row.controller}, {row.operator}, {row.link}: {reasons[0]}")
+        if row.outcomes[0].remark and row.operator == comparison.chosen.operators[0]:
+            lines.append(f"{row.controller}, {row.link}: {row.outcomes[0].remark}")
     return lines
 
 
@@ -123,6 +135,7 @@ def runs_as_data(comparison: Comparison) -> list[dict[str, Any]]:
                 "stable": v.stable, "verdict": v.kind, "ended_at_s": _plain(v.time),
                 "speed_rad_s": _plain(v.speed), "reason": v.reason,
                 "numbers": {name: _plain(x) for name, (x, _) in o.numbers.items()},
+                "uncertainties": {name: _plain(x) for name, x in o.errors.items()},
             }
         )  # fmt: skip
     return found

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from cosim.analysis.metrics import Metric
 from cosim.base.errors import ScenarioError
 from cosim.scenario.connect import unknown
+
+PortKind = Literal["transparency", "z_width", "free_impedance", "passivity"]
+Environment = Literal["free", "spring", "rigid"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,21 +66,54 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class LinkLaw:
-    """What a scenario says of a link: delay, semantics, loss; the same both ways."""
+    """What a scenario says of a link: delay, semantics, loss; `sides`: what differs by receiver."""
 
     name: str
     title: str
     options: Mapping[str, Any]
+    sides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def received_by(self, role: str) -> dict[str, Any]:
+        """The options of the way on which `role` receives."""
+        return {**self.options, **self.sides.get(role, {})}
+
+
+@dataclass(frozen=True, slots=True)
+class PortBench:
+    """How ports are tested: arms of `operator` and `environment`, SI; see ``port_columns``.
+
+    `q` (m,) rad; `band` (lowest, highest) rad/s; `spring` and `rigid`: stiffness and damping.
+    """
+
+    operator: str
+    environment: str
+    q: tuple[float, ...]
+    band: tuple[float, float]
+    spring: tuple[float, float]
+    rigid: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PortMeasure:
+    """A number of the operator's port, with an `environment` at the other side."""
+
+    kind: PortKind
+    environment: Environment = "free"
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """It reads no recorded signals."""
+        return ()
 
 
 @dataclass(frozen=True, slots=True)
 class MetricColumn:
-    """A metric, or the number `part` of it; `only` for some operators."""
+    """A metric, or the number `part` of it, or a measure of the port; `only` for some operators."""
 
     name: str
     label: str
     part: str
-    metric: Metric
+    metric: Metric | PortMeasure
     only: tuple[str, ...]
 
     def applies(self, operator: Operator) -> bool:
@@ -130,6 +166,14 @@ class Variants:
     stability: Stability
     picture: Picture
     default: ComparisonSelection
+    default_columns: tuple[str, ...] = ()
+    port: PortBench | None = None
+
+    def with_columns(self, names: Sequence[str]) -> Variants:
+        """Only these columns, in their order; none: the default ones. Raises ScenarioError."""
+        known = {column.name: column for column in self.columns}
+        chosen = choose(names, known, self.default_columns or tuple(known), "column")
+        return replace(self, columns=tuple(known[name] for name in chosen))
 
     def select(
         self, controllers: Sequence[str], operators: Sequence[str], links: Sequence[str]

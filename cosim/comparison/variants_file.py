@@ -25,10 +25,12 @@
     [links.constant]                        # both ways, each way one channel
     delay = { law = "constant", delay = "750 ms" }
 
+    [links.wifi.slave]                      # what differs on the way on which a role receives
     [columns.effort]                        # a metric (cosim.analysis.metrics), or a part of one
     kind = "norm"
     of = ["master.tau_h"]
 
+    [port]                                  # see cosim.comparison.port_columns
     [stable]                                # see cosim.comparison.verdict
     [figure]                                # see cosim.comparison.figure
     [default]                               # what is compared if nobody says
@@ -44,6 +46,7 @@ from typing import Any, cast, get_args
 from cosim.analysis.metrics import Distance, metric
 from cosim.base import toml
 from cosim.base.errors import ScenarioError
+from cosim.comparison.port_columns import port_bench, port_measure
 from cosim.comparison.toml import Section
 from cosim.comparison.variants import (
     ComparisonSelection,
@@ -53,6 +56,8 @@ from cosim.comparison.variants import (
     MetricColumn,
     Operator,
     Picture,
+    PortBench,
+    PortMeasure,
     Role,
     Stability,
     Variants,
@@ -63,11 +68,11 @@ from cosim.scenario.connect import unknown
 _NAME = re.compile(r"[\w.+-]+$")
 _ENDPOINT = re.compile(r"(arm|controller)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
 _TOP = ("title", "set", "roles", "wiring", "controllers", "operators", "links", "columns",
-        "stable", "figure", "default")  # fmt: skip
+        "stable", "figure", "port", "default")  # fmt: skip
 _COMPONENT = ("model", "fmi", "sizes", "preset", "period", "parameters", "start")
 _WIRING = ("inputs", "drives", "receives")
 _LINK = ("delay", "semantics", "playout", "loss")
-_METRIC = ("kind", "of", "target", "within", "window", "norm", "label")
+_METRIC = ("kind", "of", "target", "within", "window", "contact", "norm", "label")
 
 
 def variants_path(scenario: str | Path) -> Path:
@@ -95,11 +100,13 @@ def read(path: str | Path) -> Variants:
     roles = _roles(top)
     controllers = {name: _controller(name, t, top, roles) for name, t in top.tables("controllers")}
     operators = {name: _operator(name, t, roles) for name, t in top.tables("operators")}
-    links = {name: _link(name, t) for name, t in top.tables("links")}
+    links = {name: _link(name, t, roles) for name, t in top.tables("links")}
+    bench = port_bench(top.table("port"), {name: role.arm for name, role in roles.items()})
     columns = tuple(_column(name, t, operators) for name, t in top.tables("columns"))
     _check_without(top, operators, columns)
+    _check_port(top, columns, bench)
     given = top.table("default")
-    given.only("controllers", "operators", "links")
+    given.only("controllers", "operators", "links", "columns")
     default = ComparisonSelection(
         _known_names(given, "controllers", controllers, "controller"),
         _known_names(given, "operators", operators, "operator"),
@@ -108,6 +115,7 @@ def read(path: str | Path) -> Variants:
     return Variants(
         path, top.text("title", path.stem), top.texts("set", ()), roles, controllers, operators,
         links, columns, _stability(top.table("stable")), _picture(top.table("figure")), default,
+        _known_names(given, "columns", {c.name: c for c in columns}, "column"), bench,
     )  # fmt: skip
 
 
@@ -182,17 +190,25 @@ def _operator(name: str, table: Section, roles: Mapping[str, Role]) -> Operator:
     return Operator(name, table.text("title", name), values, table.texts("without", ()))
 
 
-def _link(name: str, table: Section) -> LinkLaw:
-    table.only("title", *_LINK)
-    if "delay" not in table:
+def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
+    table.only("title", *_LINK, *roles)
+    sides = {role: table.table(role) for role in roles if role in table}
+    for side in sides.values():
+        side.only(*_LINK)
+    if "delay" not in table and not all("delay" in sides.get(role, ()) for role in roles):
         raise ScenarioError("no 'delay' here", table.place())
-    options = {key: table.data[key] for key in _LINK if key in table}
-    return LinkLaw(name, table.text("title", name), options)
+    options, *own = (
+        {key: x.data[key] for key in _LINK if key in x} for x in (table, *sides.values())
+    )
+    return LinkLaw(name, table.text("title", name), options, dict(zip(sides, own, strict=True)))
 
 
 def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> MetricColumn:
-    table.only("part", "only", *_METRIC)
     label = table.text("label", name)
+    measure = port_measure(table.text("kind"), table)
+    if measure is not None:
+        return MetricColumn(name, label, "", measure, ())
+    table.only("part", "only", *_METRIC)
     found = metric(
         name,
         table.text("kind"),
@@ -200,6 +216,7 @@ def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> Met
         target=_target(table),
         within=None if "within" not in table else table.quantity("within", "1"),
         window=None if "window" not in table else table.quantity("window", "s"),
+        contact=table.texts("contact", ()),
         norm=_norm(table),
         label=label,
         place=table.place(),
@@ -250,6 +267,15 @@ def _check_without(
             if name not in names:
                 place = top.place("operators", operator.name, "without")
                 raise ScenarioError(unknown(name, names, "column"), place)
+
+
+def _check_port(top: Section, columns: Sequence[MetricColumn], bench: PortBench | None) -> None:
+    for column in columns:
+        if isinstance(column.metric, PortMeasure) and bench is None:
+            kind = column.metric.kind
+            raise ScenarioError(
+                f"kind {kind!r} needs a table [port]", top.place("columns", column.name)
+            )
 
 
 def _known_names(table: Section, key: str, known: Mapping[str, Any], what: str) -> tuple[str, ...]:

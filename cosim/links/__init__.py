@@ -6,16 +6,22 @@ which it is built up::
 
     laws        how late a sample is: constant, uniform redrawn every hold
     skewed      delays with a long tail: shifted gamma and lognormal, cut at a maximum
+    mixtures    normal and hyperexponential delays, and sums of laws
     markov      delays that stay on a level for a while
     traces      delays that were measured, from CSV or Parquet
     losses      which packets never arrive: independent, Gilbert–Elliott, on top of any law
     outages     losses in seconds: now and then nothing arrives for a while
+    bursts      losses in bursts of Pareto length
+    presets     delay and loss of networks and of published studies, by name
+    frozen      delay traces that are the same bytes everywhere; frozen_traces: which there are
     grid        when it is sent and looked at, in ticks
     semantics   which sample the receiver uses: signal, three packet rules, playout
     table       LinkSpec -> stream of rows, with the facts an engine must know beforehand
     storage     tables as Parquet files, and their replay
     statistics  age of what was held, how often it was held, how often it went back in time
-    spec        the structs a scenario decodes, and the error messages for bad values
+    keys        the structs a scenario decodes
+    spec        laws and models of these structs, and the error messages for bad values
+    preset_statistics  quantiles of presets and frozen traces, and what they lose
     netem       a law and a loss as arguments of tc netem, and what netem does otherwise
 
 and, for networks of robots, which edges are there when::

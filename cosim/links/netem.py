@@ -24,6 +24,7 @@ from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant, FloatArray, Law, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
+from cosim.links.mixtures import Hyperexponential, Normal, Sum
 from cosim.links.outages import Outage, RandomOutage
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.table import generator
@@ -37,6 +38,8 @@ ENTRIES = 4096  # of a distribution table
 DRAWS = 1 << 18  # of which its quantiles are taken
 
 PERIOD = Fraction(1, 100)  # s, at which a trace is looked up for them
+
+_HELD = (Gamma, Lognormal, Normal, Hyperexponential)
 
 Parts = tuple[list[str], list[str]]  # arguments, remarks
 
@@ -88,7 +91,7 @@ def _quantiles(law: Law, share: FloatArray) -> FloatArray:
         reached = np.cumsum(law.shares[order])[:-1]
         levels: FloatArray = np.array(law.levels)[order][np.searchsorted(reached, share)]
         return levels
-    if isinstance(law, Gamma | Lognormal):
+    if isinstance(law, _HELD):
         law = replace(law, hold=None)
     limit = law.limit(PERIOD)
     T = law.stream(PERIOD, generator(0, "netem")).take(DRAWS if limit is None else limit)
@@ -108,7 +111,11 @@ def _delay(law: Law) -> Parts:
         remarks.append(f"netem cuts a jitter of {_time(jitter)} to {_time(JITTER_MAXIMUM)}")
     match law:
         case Uniform(hold=float(hold)) | Gamma(hold=float(hold)) | Lognormal(hold=float(hold)):
-            remarks.append(f"netem draws for every packet; this law keeps a draw for {_time(hold)}")
+            remarks.append(_kept(hold))
+        case Normal(hold=float(hold)) | Hyperexponential(hold=float(hold)):
+            remarks.append(_kept(hold))
+        case Sum():
+            remarks.append("netem keeps how often each delay of the sum occurs, not their order")
         case Markov():
             remarks.append(
                 "netem keeps how often each level occurs, not how long it lasts: it has no chain"
@@ -118,6 +125,10 @@ def _delay(law: Law) -> Parts:
         case _:
             pass
     return arguments, remarks
+
+
+def _kept(hold: float) -> str:
+    return f"netem draws for every packet; this law keeps a draw for {_time(hold)}"
 
 
 def _distribution(law: Law) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf, isfinite
@@ -108,20 +109,29 @@ class RandomOutage:
                 f"length = {self.length:g} s, rate = {self.rate:g} 1/s; expected at most 10000"
                 f" outages in a sampling period of {float(period):g} s"
             )
-        return _RandomOutage(self, period, rng)
+
+        def draw(n: int) -> tuple[FloatArray, FloatArray]:
+            return rng.exponential(1 / self.rate, n), np.full(n, self.length)
+
+        return _Alternating(draw, period)
 
     def facts(self) -> dict[str, Any]:
         """Name, length (s), rate (1/s)."""
         return facts_of("outage", self)
 
 
-class _RandomOutage:
-    """Carry: the outages that are not over. Always drawn in the same portions."""
+class _Alternating:
+    """Up and down in turn. Carry: the outages that are not over. Drawn in the same portions.
 
-    def __init__(self, model: RandomOutage, period: Fraction, rng: Generator) -> None:
-        self._model, self._period, self._rng = model, float(period), rng
+    `draw(n)`: the next n times up and the lengths of the outages after them, (n,) each, s.
+    """
+
+    def __init__(
+        self, draw: Callable[[int], tuple[FloatArray, FloatArray]], period: Fraction
+    ) -> None:
+        self._draw, self._period = draw, float(period)
         self._sample = 0
-        self._starts = np.empty(0)  # (outages,), s
+        self._starts, self._ends = np.empty(0), np.empty(0)  # (outages,), s
         self._end = 0.0  # of the last outage drawn, s
 
     def take(self, n: int) -> BoolArray:
@@ -129,18 +139,68 @@ class _RandomOutage:
         self._sample += n
         if not n:
             return np.empty(0, bool)
-        drawn = [self._starts]
+        starts, ends = [self._starts], [self._ends]
         while self._end <= t[-1]:
-            up = self._rng.exponential(1 / self._model.rate, AHEAD)  # s
-            ends: FloatArray = np.cumsum(up + self._model.length)
-            ends += self._end
-            self._end = float(ends[-1])
-            drawn.append(ends - self._model.length)
-        starts = np.concatenate(drawn)
-        last = np.searchsorted(starts, t, side="right") - 1  # the last that began, -1: none
-        self._starts = starts[max(0, last[-1]) :]
-        lost: BoolArray = (last >= 0) & (t < starts[np.maximum(last, 0)] + self._model.length)
+            up, length = self._draw(AHEAD)
+            drawn: FloatArray = np.cumsum(up + length)
+            drawn += self._end
+            self._end = float(drawn[-1])
+            ends.append(drawn)
+            starts.append(drawn - length)
+        begun, over = np.concatenate(starts), np.concatenate(ends)
+        last = np.searchsorted(begun, t, side="right") - 1  # the last that began, -1: none
+        kept = slice(max(0, last[-1]), None)
+        self._starts, self._ends = begun[kept], over[kept]
+        lost: BoolArray = (last >= 0) & (t < over[np.maximum(last, 0)])
         return lost
+
+
+@dataclass(frozen=True, slots=True)
+class UniformOutage:
+    """Outages of random length, U[shortest, longest] (s), `pause` (s) from one to the next.
+
+    The link starts up, for `pause`.
+    """
+
+    shortest: float
+    longest: float
+    pause: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no length or no pause. Raises ScenarioError."""
+        _check_length(self.longest)
+        if not 0 <= self.shortest <= self.longest:
+            raise ScenarioError(
+                f"length = {self.shortest:g} s; expected from 0 to longest = {self.longest:g} s"
+            )
+        if not (isfinite(self.pause) and self.pause > 0):
+            raise ScenarioError(f"pause = {self.pause:g} s; expected a time greater than 0")
+
+    @property
+    def share(self) -> float:
+        """E L/(E L + pause), E L = (shortest + longest)/2."""
+        mean = 0.5 * (self.shortest + self.longest)
+        return mean / (mean + self.pause)
+
+    def stream(self, period: Fraction, rng: Generator) -> Losses:
+        """One draw an outage. Raises ScenarioError for more than 10000 of them a sample."""
+        if float(period) > 10**4 * self.pause:
+            raise ScenarioError(
+                f"pause = {self.pause:g} s; expected at most 10000 outages in a sampling period of"
+                f" {float(period):g} s"
+            )
+
+        def draw(n: int) -> tuple[FloatArray, FloatArray]:
+            length = self.shortest + (self.longest - self.shortest) * rng.random(n)
+            return np.full(n, self.pause), length
+
+        return _Alternating(draw, period)
+
+    def facts(self) -> dict[str, Any]:
+        """Name, length, longest, pause (s)."""
+        return {
+            "law": "outage", "length": self.shortest, "longest": self.longest, "pause": self.pause,
+        }  # fmt: skip
 
 
 def _check_length(length: float) -> None:

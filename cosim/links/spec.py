@@ -7,11 +7,19 @@
     delay = { law = "gamma", shift = "20 ms", shape = 2, scale = "5 ms", maximum = "200 ms" }
     delay = { law = "lognormal", shift = "20 ms", median = "8 ms", sigma = 0.8, maximum = 0.2 }
     delay = { law = "markov", levels = [0.05, 0.2], dwell = [2.0, 0.5], step = "10 ms" }
+    delay = { law = "normal", mean = "100 ms", sd = "25 ms", maximum = "250 ms" }
+    delay = { law = "hyperexponential", shift = 0.07, weights = [0.7, 0.3],
+              means = ["37 ms", "12 ms"], maximum = 1.0 }
+    delay = { law = "sum", of = [{ law = "constant", delay = 0.02 }, { law = "gamma", … }] }
     delay = { law = "trace", file = "wifi.csv", lookup = "time", repeat = false }
+    delay = { law = "preset", name = "wifi6" }                           # with its losses
+    delay = { law = "frozen", name = "lte-up", repeat = false }          # a trace with a sum
     delay = { law = "table", file = "links/master-slave.parquet" }       # replay
     loss = { law = "independent", p = "1 %" }                            # beside any but "table"
     loss = { law = "gilbert-elliott", p = 0.01, r = 0.1, 1-h = 0.7, 1-k = 0.001 }
     loss = { law = "outage", length = 0.3, every = 5.0, start = 2.0 }    # or rate = "0.2 Hz"
+    loss = { law = "outage", length = 0, longest = 3.0, pause = 8.5 }
+    loss = { law = "pareto-bursts", stay = [0.95, 0.9], shape = [4.4, 5.0], scale = [1.6, 0.3] }
     semantics = "signal" | "last-arrival" | "newest-stamp" | "fifo" | "playout"
     playout = 1.2                                                       # buffer, for playout only
 
@@ -23,13 +31,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.units import quantity
 from cosim.links.grid import Grid
+from cosim.links.keys import (
+    ConstantDelay,
+    FrozenDelay,
+    GammaDelay,
+    GilbertElliottLoss,
+    HyperexponentialDelay,
+    IndependentLoss,
+    LognormalDelay,
+    MarkovDelay,
+    NormalDelay,
+    Number,
+    OutageLoss,
+    ParetoBurstLoss,
+    PresetDelay,
+    Seconds,
+    SumDelay,
+    TableDelay,
+    TraceDelay,
+    UniformDelay,
+)
+from cosim.links.keys import DelaySpec as DelaySpec
+from cosim.links.keys import LossSpec as LossSpec
 from cosim.links.laws import Constant, Law, Uniform
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.semantics_names import Semantics as Semantics
@@ -38,108 +68,6 @@ from cosim.links.table import DrawnTable, TableSpec
 
 if TYPE_CHECKING:
     from cosim.links.losses import Loss
-
-Seconds = int | float | str
-Number = int | float | str  # without a dimension, or with the one that is said
-
-
-class _Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law"):
-    """One of several, told apart by `law`; strict about keys."""
-
-
-class ConstantDelay(_Law, frozen=True, tag="constant"):
-    """T = delay."""
-
-    delay: Seconds
-
-
-class UniformDelay(_Law, frozen=True, tag="uniform"):
-    """T ~ U[low, high], drawn every `hold`, or for every sample."""
-
-    low: Seconds
-    high: Seconds
-    hold: Seconds | None = None
-
-
-class GammaDelay(_Law, frozen=True, tag="gamma"):
-    """T = min(shift + scale·g, maximum), g ~ Gamma(shape), drawn every `hold`."""
-
-    shift: Seconds
-    shape: Number
-    scale: Seconds
-    maximum: Seconds
-    hold: Seconds | None = None
-
-
-class LognormalDelay(_Law, frozen=True, tag="lognormal"):
-    """T = min(shift + median·exp(sigma·g), maximum), g ~ N(0, 1), drawn every `hold`."""
-
-    shift: Seconds
-    median: Seconds
-    sigma: Number
-    maximum: Seconds
-    hold: Seconds | None = None
-
-
-class MarkovDelay(_Law, frozen=True, tag="markov"):
-    """T jumps between levels every `step`, by probabilities or by mean times on each level."""
-
-    levels: tuple[Seconds, ...]
-    step: Seconds
-    transitions: tuple[tuple[float, ...], ...] | None = None
-    dwell: Seconds | tuple[Seconds, ...] | None = None
-
-
-class TraceDelay(_Law, frozen=True, tag="trace"):
-    """T from a file of measured delays (CSV or Parquet: t_send, delay)."""
-
-    file: str
-    lookup: Literal["time", "index"] = "time"
-    repeat: bool = False
-
-
-class TableDelay(_Law, frozen=True, tag="table"):
-    """The stored table of a link; what semantics says is in it already."""
-
-    file: str
-
-
-class IndependentLoss(_Law, frozen=True, tag="independent"):
-    """Each packet is lost with probability p."""
-
-    p: Number
-
-
-class GilbertElliottLoss(
-    _Law, frozen=True, tag="gilbert-elliott", rename={"bad": "1-h", "good": "1-k"}
-):
-    """netem's ``loss gemodel p [r [1-h [1-k]]]``, with its defaults: r = 1 - p, 1, 0."""
-
-    p: Number
-    r: Number | None = None
-    bad: Number = 1
-    good: Number = 0
-
-
-class OutageLoss(_Law, frozen=True, tag="outage"):
-    """Outages of `length`: one `every` so often (first at `start`), or at random with `rate`."""
-
-    length: Seconds
-    every: Seconds | None = None
-    start: Seconds | None = None
-    rate: Number | None = None
-
-
-DelaySpec = (
-    ConstantDelay
-    | UniformDelay
-    | GammaDelay
-    | LognormalDelay
-    | MarkovDelay
-    | TraceDelay
-    | TableDelay
-)
-LossSpec = IndependentLoss | GilbertElliottLoss | OutageLoss
 
 
 def link_table(
@@ -178,15 +106,21 @@ def link_table(
         else:
             law = delay_law(spec, folder)
             if loss is not None:
-                from cosim.links.losses import Lossy
-
-                law = Lossy(law, loss_model(loss))
+                law = _lossy(law, loss)
             table = DrawnTable(name, grid, law, _rule(semantics, playout), seed)
         if ticks is not None:
             table.check(-(-ticks // receiver_period))
     except CosimError as error:
         raise ScenarioError(str(error), place) from None
     return table
+
+
+def _lossy(law: Law, loss: LossSpec | Mapping[str, Any]) -> Law:
+    from cosim.links.losses import Lossy
+
+    if isinstance(law, Lossy):
+        raise ScenarioError("the preset has losses of its own; expected no key loss")
+    return Lossy(law, loss_model(loss))
 
 
 def _decode(value: Any, kind: Any, key: str) -> Any:
@@ -221,12 +155,37 @@ def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:
             return Lognormal(shift, median, sigma, maximum, _optional(d.hold, "hold"))
         case MarkovDelay() as d:
             return _markov(d)
+        case NormalDelay() | HyperexponentialDelay() | SumDelay() as d:
+            return _mixture(d, folder)
+        case PresetDelay() as d:
+            from cosim.links.presets import preset
+
+            found = preset(d.name)
+            law = delay_law(found.delay, folder)
+            return law if found.loss is None else _lossy(law, found.loss)
         case TraceDelay() as d:
             from cosim.links.traces import read_trace
 
             return read_trace(folder / d.file, lookup=d.lookup, repeat=d.repeat)
+        case FrozenDelay() as d:
+            from cosim.links.frozen_traces import frozen
+
+            return frozen(d.name).trace(lookup=d.lookup, repeat=d.repeat)
         case TableDelay():
             raise ScenarioError('delay.law = "table" is a table already, not a law')
+
+
+def _mixture(d: NormalDelay | HyperexponentialDelay | SumDelay, folder: Path) -> Law:
+    from cosim.links.mixtures import Hyperexponential, Normal, Sum
+
+    if isinstance(d, SumDelay):
+        return Sum(tuple(delay_law(each, folder) for each in d.of))
+    maximum, hold = si(d.maximum, "maximum"), _optional(d.hold, "hold")
+    if isinstance(d, NormalDelay):
+        mean, sd, minimum = si(d.mean, "mean"), si(d.sd, "sd"), si(d.minimum, "minimum")
+        return Normal(mean, sd, minimum, maximum, hold)
+    means = tuple(si(x, f"means[{i}]") for i, x in enumerate(d.means))
+    return Hyperexponential(si(d.shift, "shift"), d.weights, means, maximum, hold)
 
 
 def _markov(d: MarkovDelay) -> Law:
@@ -256,16 +215,26 @@ def loss_model(loss: LossSpec | Mapping[str, Any]) -> Loss:
             return GilbertElliott(p, r, si(d.bad, "1-h", "1"), si(d.good, "1-k", "1"))
         case OutageLoss() as d:
             return _outage(d)
+        case ParetoBurstLoss() as d:
+            from cosim.links.bursts import ParetoBursts
+
+            return ParetoBursts(d.stay, d.shape, d.scale)
 
 
 def _outage(d: OutageLoss) -> Loss:
-    from cosim.links.outages import Outage, RandomOutage
+    from cosim.links.outages import Outage, RandomOutage, UniformOutage
 
     length = si(d.length, "length")
-    if d.rate is not None and d.every is None and d.start is None:
+    keys = ("every", "start", "rate", "longest", "pause")
+    given = {key for key in keys if getattr(d, key) is not None}
+    if d.longest is not None and d.pause is not None and given <= {"longest", "pause"}:
+        return UniformOutage(length, si(d.longest, "longest"), si(d.pause, "pause"))
+    if d.rate is not None and given <= {"rate"}:
         return RandomOutage(length, si(d.rate, "rate", "1/s"))
-    if d.every is None or d.rate is not None:
-        raise ScenarioError('loss.law = "outage" needs either every (and start) or rate')
+    if d.every is None or not given <= {"every", "start"}:
+        raise ScenarioError(
+            'loss.law = "outage" needs either every (and start) or rate, or longest and pause'
+        )
     every = si(d.every, "every")
     return Outage(length, every, every if d.start is None else si(d.start, "start"))
 

@@ -6,14 +6,14 @@ the scenario.
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
 from cosim.fmi.components import is_text, unit_of
 from cosim.scenario.spec import LinkSpec, Scenario, WireSpec
@@ -77,14 +77,6 @@ class ScenarioComponents:
         if slot.size != 1:
             raise ScenarioError(f"{slot.name} has {slot.size} entries; expected one", place)
         return slot
-
-
-def unknown(name: str, known: Iterable[str], what: str) -> str:
-    """The sentence for a name that is not there, with the nearest that is."""
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, 1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"no {what} {name!r}{hint} (there are: {', '.join(names) or 'none'})"
 
 
 def _part(slot: Slot, index: str, place: str) -> Slot:

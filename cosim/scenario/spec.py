@@ -120,6 +120,7 @@ class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     target: str | tuple[float, ...] | None = None
     within: float | None = None
     window: Number | None = None
+    contact: tuple[str, ...] = ()
     norm: Literal["max", "euclidean"] = "max"
     label: str = ""
 

@@ -170,4 +170,4 @@ def _named(result: MetricResult) -> list[tuple[str, float]]:
 
 
 def _unit(result: MetricResult, name: str) -> str:
-    return "s" if name != result.name and name.endswith("_s") else result.unit
+    return result.unit if name == result.name else result.unit_of(name)

@@ -120,5 +120,5 @@ def compared(
 
 def loaded(path: Path, settings: Sequence[str] = ()) -> tuple[Variants, Base]:
     """A variants file, and CONFIG changed by it."""
-    variants = read(path)
+    variants = read(path).with_columns(())
     return variants, read_base(CONFIG, variants, settings)

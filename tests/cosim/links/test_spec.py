@@ -171,7 +171,7 @@ def test_playout_has_its_buffer():
         ('delay = { law = "constant", delay = true }', r"delay.delay: Expected `int \| float"),
         ('delay = { law = "constant" }', "delay: Object missing required field `delay`"),
         ('delay = { law = "constant", delay = 1, hold = 1 }', "unknown field `hold`"),
-        ('delay = { law = "normal", mean = 1 }', "delay.law: Invalid value 'normal'"),
+        ('delay = { law = "weibull", mean = 1 }', "delay.law: Invalid value 'weibull'"),
         ("delay = { delay = 1 }", "missing required field `law`"),
         ('delay = { law = "uniform", low = 2, high = 1 }', "high = 1 s is less than low = 2 s"),
         ('delay = { law = "uniform", low = 0, high = 1, hold = 0 }', "hold = 0 s; expected a time"),

@@ -1,0 +1,66 @@
+"""What a metric says, and the integrals that metrics take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isnan, sqrt
+
+import numpy as np
+
+from cosim.analysis.signals import Array
+
+
+@dataclass(frozen=True, slots=True)
+class MetricResult:
+    """What a metric says: `value` in `unit`, the rest in words and, by name, as numbers.
+
+    `parts` are in `unit`, or in s where the name ends in ``_s``, or pure numbers (``_share``).
+    """
+
+    name: str
+    label: str
+    value: float
+    unit: str
+    detail: str = ""
+    parts: Mapping[str, float] = field(default_factory=dict)
+
+    def unit_of(self, part: str) -> str:
+        """The unit of a part."""
+        return "s" if part.endswith("_s") else "1" if part.endswith("_share") else self.unit
+
+    @property
+    def text(self) -> str:
+        """Value, unit and detail on one line."""
+        if isnan(self.value):
+            return f"no number: {self.detail}"
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.value:.4g}{unit} {self.detail}".rstrip()
+
+
+def length(x: Array) -> Array:
+    """|x| of each row; (n, m) -> (n,)."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", x, x)))
+
+
+def integral(y: Array, t: Array) -> float:
+    """∫ y dt by trapezoids; y, t (n,), s."""
+    return float(0.5 * np.sum(np.diff(t) * (y[1:] + y[:-1])))
+
+
+def root_mean_square(y: Array, t: Array) -> float:
+    """sqrt(∫ y² dt / (t_n - t_0)), in the unit of `y`; y, t (n,), s."""
+    duration = float(t[-1] - t[0])
+    return sqrt(integral(y**2, t) / duration) if duration > 0 else float(abs(y[-1]))
+
+
+def over(t: Array) -> str:
+    """``over 60 s``; t (n,) s."""
+    return f"over {t[-1] - t[0]:.4g} s"
+
+
+def times(unit: str, factor: str) -> str:
+    """The unit of a product."""
+    if not factor:
+        return unit
+    return factor if unit in ("", "1") else f"{unit}.{factor}"

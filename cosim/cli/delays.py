@@ -1,0 +1,109 @@
+"""``cosim delays``: networks by name, and frozen traces: listed, written and verified."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from cosim.links.preset_statistics import DelayFigures
+
+
+def delays(
+    name: Annotated[
+        str, typer.Argument(help="A preset or trace: print what it is, as a link takes it.")
+    ] = "",
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Compute every frozen trace, and check its sum.")
+    ] = False,
+    write: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write the frozen traces as CSV, with SHA256SUMS."),
+    ] = None,
+) -> None:
+    """List delays by name: presets of networks, and frozen traces with their SHA-256 sums."""
+    if write is not None:
+        typer.echo(f"{_write(write)} traces written to {write}")
+    elif verify:
+        typer.echo(f"{_verify()} traces have their SHA-256 sums")
+    elif name:
+        typer.echo("\n".join(_described(name)))
+    else:
+        typer.echo("\n".join(_listing()))
+
+
+def _verify() -> int:
+    """The number of traces; ScenarioError for one that has not its sum."""
+    from cosim.links.frozen_traces import TRACES
+
+    for trace in TRACES.values():
+        trace.text()
+    return len(TRACES)
+
+
+def _write(folder: Path) -> int:
+    from cosim.links.frozen_traces import write_traces
+
+    return write_traces(folder)
+
+
+_HEAD = ["", "mean", "p50", "p95", "p99", "max", "lost", "burst"]
+
+
+def _listing() -> list[str]:
+    from cosim.cli.show import aligned
+    from cosim.links.frozen_traces import TRACES
+    from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+    from cosim.links.presets import PRESETS
+
+    presets = [
+        [n, *_numbers(figures_of_preset(n)), f"{p.title}; {p.source}"] for n, p in PRESETS.items()
+    ]
+    traces = [
+        [n, *_numbers(figures_of_trace(n)), f"{t.title}; sha256 {t.sha256[:16]}…"]
+        for n, t in TRACES.items()
+    ]
+    return [
+        'networks, one direction each: delay = { law = "preset", name = "…" }',
+        *aligned([[*_HEAD, "what; source"], *presets]),
+        "",
+        'frozen traces, 120 s, a packet every 5 ms: delay = { law = "frozen", name = "…" }',
+        *aligned([[*_HEAD, "what; sum of the CSV text"], *traces]),
+        "",
+        "delays in ms; lost: % of the packets; burst: mean number of packets lost in a row",
+    ]
+
+
+def _numbers(f: DelayFigures) -> list[str]:
+    times = [f"{1e3 * x:.3g}" for x in (f.mean, f.p50, f.p95, f.p99, f.maximum)]
+    return [*times, f"{100 * f.lost:.2g}", f"{f.burst:.3g}" if f.lost else "-"]
+
+
+def _described(name: str) -> list[str]:
+    from cosim.base.errors import ScenarioError
+    from cosim.base.names import unknown
+    from cosim.cli.show import aligned
+    from cosim.links.frozen_traces import TRACES
+    from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+    from cosim.links.presets import PRESETS
+
+    rows = []
+    if name in PRESETS:
+        p = PRESETS[name]
+        rows += [["preset", p.title], ["source", p.source], ["delay", str(dict(p.delay))]]
+        rows += [["loss", str(dict(p.loss)) if p.loss else "none"]]
+        rows += [["of draws", _said(figures_of_preset(name))]]
+    if name in TRACES:
+        t = TRACES[name]
+        rows += [["frozen trace", t.title], ["sha256", t.sha256]]
+        rows += [["of its rows", _said(figures_of_trace(name))]]
+    if not rows:
+        raise ScenarioError(unknown(name, [*PRESETS, *TRACES], "preset or frozen trace"))
+    return [line[2:] for line in aligned(rows)]
+
+
+def _said(f: DelayFigures) -> str:
+    numbers = zip(_HEAD[1:], _numbers(f), strict=True)
+    return ", ".join(f"{head} {number}" for head, number in numbers) + " (ms; lost in %)"

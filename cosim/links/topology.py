@@ -19,8 +19,8 @@ from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.links.adjacency import read_graphs
 from cosim.links.graphs import PRESETS, Graph, check_robot, union
 from cosim.links.grid import Grid
-from cosim.links.laws import FloatArray
 from cosim.links.keys import Seconds
+from cosim.links.laws import FloatArray
 from cosim.links.spec import si
 from cosim.links.switching import Choices, Random, Schedule, Static, Switching
 from cosim.links.table import INDEX_MAXIMUM, generator

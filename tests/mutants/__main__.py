@@ -1,11 +1,11 @@
 """``python -m tests.mutants [--count N] [--seed S] [--least SHARE] [--only TEXT] [GROUP ...]``.
 
 In a copy of the checkout, one small change after the other is made in the sources of a group, what
-it reaches is built again, and the tests of the group run until one fails: those first that noticed
-changes of the same file before. A mutant that no test notices has *survived*: its line is printed,
-and a test is missing there, or the change makes no difference and belongs in
-``tests/mutants/equivalent.toml``. Exits with 1 where fewer than ``--least`` of the mutants of a
-group were noticed.
+it reaches is built again, and tests run until one fails: those that execute the changed block of C
+code (:mod:`tests.mutants.choice`), as many as the budget of time allows. A mutant that no test
+notices has *survived*: its line is printed, and a test is missing there, or the change makes no
+difference and belongs in ``tests/mutants/equivalent.toml``. Exits with 1 where fewer than
+``--least`` of the mutants of a group were noticed.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 from tests.mutants.changes import Mutant, equivalent
 from tests.mutants.groups import GROUPS
@@ -41,13 +42,12 @@ def chosen(name: str, count: int, seed: int, only: str) -> list[Mutant]:
 
 
 def tried(
-    name: str, tests: Sequence[str], copy: Path, tasks: Sequence[tuple[int, Mutant]]
+    name: str, asked: Mapping[str, Any], copy: Path, tasks: Sequence[tuple[int, Mutant]]
 ) -> list[tuple[int, str]]:
     """Try mutants in a copy of the checkout; the number of each, and what noticed it or ``""``."""
     shutil.copytree(ROOT, copy, ignore=LEFT_OUT)
     words = [(n, (str(m.file), *astuple(m)[1:])) for n, m in tasks]
-    asked = json.dumps({"tests": tests, "mutants": words})
-    (copy / "mutants.json").write_text(asked, encoding="utf-8")
+    (copy / "mutants.json").write_text(json.dumps({**asked, "mutants": words}), encoding="utf-8")
     command = [sys.executable, "-m", "tests.mutants.worker", name, "mutants.json"]
     own = {"PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(copy / "mutants.cache"), **THREADS}
     found, said = [], {number: mutant.said(ROOT) for number, mutant in tasks}
@@ -58,7 +58,8 @@ def tried(
                 print(f"{name}: {event['said']}", flush=True)
                 continue
             number, failed = event["number"], event["failed"]
-            by = f"noticed by {failed}" if failed else "SURVIVED"
+            chosen, executing = event["tests"]
+            by = f"noticed by {failed}" if failed else f"SURVIVED {chosen} of {executing} tests"
             wall, cpu = event["took"]
             took = f"{cpu:.1f} s of processor time in {wall:.1f} s"
             print(f"{name} {number}: {said[number]}\n    {by}, {took}", flush=True)
@@ -69,14 +70,14 @@ def tried(
 
 
 def survivors(
-    name: str, tests: Sequence[str], mutants: Sequence[Mutant], parallel: int
+    name: str, asked: Mapping[str, Any], mutants: Sequence[Mutant], parallel: int
 ) -> list[Mutant]:
     """Those of the mutants that nothing noticed; `parallel` of them are tried at a time."""
     numbered = list(enumerate(mutants, 1))
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
         with ThreadPoolExecutor(parallel) as pool:
             jobs = [
-                pool.submit(tried, name, tests, Path(scratch, str(n)), numbered[n::parallel])
+                pool.submit(tried, name, asked, Path(scratch, str(n)), numbered[n::parallel])
                 for n in range(min(parallel, len(numbered)))
             ]
         found = sorted(result for job in jobs for result in job.result())
@@ -92,6 +93,9 @@ def main() -> int:
     parser.add_argument("--least", type=float, default=0.75, help="share to be noticed (0.75)")
     parser.add_argument("--only", default="", help="only mutants whose line contains this text")
     parser.add_argument("--parallel", type=int, default=1, help="mutants tried at a time (1)")
+    parser.add_argument(
+        "--budget", type=float, default=20, help="s of processor time of the tests of a mutant (20)"
+    )
     parser.add_argument("--tests", nargs="+", help="only these (all of the group)")
     options = parser.parse_args()
     for name in options.groups:
@@ -101,7 +105,8 @@ def main() -> int:
     for name in options.groups:
         mutants = chosen(name, options.count, options.seed, options.only)
         tests = options.tests or GROUPS[name].tests
-        alive = survivors(name, tests, mutants, max(1, options.parallel))
+        asked = {"tests": tests, "budget": options.budget, "checkout": str(ROOT)}
+        alive = survivors(name, asked, mutants, max(1, options.parallel))
         made = len(mutants)
         share = 1 - len(alive) / made if made else 1.0
         few |= share < options.least

@@ -70,11 +70,14 @@ class Mutant:
         return f"{self.file}:{line}: {change} in: {there}"
 
 
+def masked(text: str) -> str:
+    """The text with zeros in place of comments, texts and directives; each offset stays."""
+    return _CODE.sub(lambda found: re.sub(r"[^\n]", "\0", found[0]), text)
+
+
 def mutants(file: Path, root: Path) -> Iterator[Mutant]:
     """All of a file, in the order of their places; none in comments, texts and directives."""
-    text = file.read_text(encoding="utf-8")
-    code = _CODE.sub(lambda found: re.sub(r"[^\n]", "\0", found[0]), text)
-    for found in _SWAP.finditer(code):
+    for found in _SWAP.finditer(masked(file.read_text(encoding="utf-8"))):
         yield Mutant(file.relative_to(root), found.start(), found[0], SWAPS[found[0]])
 
 

@@ -31,13 +31,18 @@ class Group:
 _BRIDGE = ("native", "can", "safety", "faults", "drives", "replay", "deployment", "node")
 GROUPS = {
     "bridge": Group(
-        ("bridge/c/*.c",), tuple(f"tests/bridge/{room}" for room in _BRIDGE), ("bridge", "fmus")
+        ("bridge/c/*.c", "bridge/c/*.h"),
+        tuple(f"tests/bridge/{room}" for room in _BRIDGE),
+        ("bridge", "fmus"),
     ),
+    "bus": Group(("cosim/c/bus/*.c", "cosim/c/bus/*.h"), ("tests/cosim/bus",), ("cosim", "fmus")),
     "engine": Group(
         ("cosim/c/*.c", "cosim/c/*.h"),
         ("tests/cosim/engine", "tests/cosim/fmi", "tests/system"),
         ("cosim", "fmus"),
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
-    "kernels": Group(("fmus/c/*.c",), ("tests/fmus", "tests/cosim/fmi"), ("cosim", "fmus")),
+    "kernels": Group(
+        ("fmus/c/*.c", "fmus/c/*.h"), ("tests/fmus", "tests/cosim/fmi"), ("cosim", "fmus")
+    ),
 }

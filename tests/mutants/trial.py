@@ -1,7 +1,8 @@
 """One run of the tests in a process forked from one that has imported what they import.
 
-The child writes each event as a line to a pipe: which test begins, how long it took, which failed.
-So the parent knows the test at which a child crashed or stood still.
+The child writes each event as a line to a pipe: which test begins, how long it took, which failed,
+which blocks of C code were executed. So the parent knows the test at which a child crashed or stood
+still.
 """
 
 from __future__ import annotations
@@ -19,25 +20,41 @@ from typing import Any
 
 import pytest
 
+from tests.mutants.blocks import Marks
+
 #: A test may take this many times what it took in the unchanged program, and this many s more.
 TIMES, MORE = 5.0, 5.0
 
 
 @dataclass(slots=True)
 class Outcome:
-    """What one run told: the failed test or ``""``, and of each test (wall time, CPU time) in s."""
+    """What one run told.
 
-    failed: str = ""
+    `failures`: the failed tests, the first one first; `seconds`: of each test (wall time, processor
+    time), s; `executed`: of each test the numbers of the blocks, ``""`` for those before all tests.
+    """
+
+    failures: list[str] = field(default_factory=list)
     seconds: dict[str, tuple[float, float]] = field(default_factory=dict)
+    executed: dict[str, list[int]] = field(default_factory=dict)
+
+    def blocks(self) -> set[int]:
+        """The blocks that any of the tests executes, or what they import."""
+        return {number for numbers in self.executed.values() for number in numbers}
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which tests run and in which order: `rank` of a test, `left_out`, wall times known, s."""
+    """Which tests run, and in which order.
 
-    rank: Callable[[str], Any]
-    left_out: frozenset[str]
-    known: Mapping[str, tuple[float, float]]
+    `rank` orders them; `kept`: those that run, or None for all; `known`: (wall time, processor
+    time) of each, s; `marks` says which blocks a test executes.
+    """
+
+    rank: Callable[[str], Any] = lambda test: 0
+    kept: frozenset[str] | None = None
+    known: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    marks: Marks | None = None
 
 
 class Reporter:
@@ -49,14 +66,20 @@ class Reporter:
     def say(self, event: str, test: str, *numbers: float) -> None:
         os.write(self._pipe, (json.dumps([event, test, *numbers]) + "\n").encode())
 
+    def executed(self, test: str) -> None:
+        if self._selection.marks is not None:
+            self.say("executed", test, *self._selection.marks.take())
+
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         chosen = self._selection
-        items[:] = [item for item in items if item.nodeid not in chosen.left_out]
+        if chosen.kept is not None:
+            items[:] = [item for item in items if item.nodeid in chosen.kept]
         items.sort(key=lambda item: chosen.rank(item.nodeid))
         for item in items:
             if item.nodeid in chosen.known:
                 limit = MORE + TIMES * chosen.known[item.nodeid][0]
                 item.add_marker(pytest.mark.timeout(limit), append=False)
+        self.executed("")
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
@@ -64,18 +87,26 @@ class Reporter:
         wall, cpu = time.monotonic(), sum(os.times()[:4])
         done = yield
         self.say("took", item.nodeid, time.monotonic() - wall, sum(os.times()[:4]) - cpu)
+        self.executed(item.nodeid)
         return done
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        if report.failed:
+            self.say("failed", report.nodeid)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
             self.say("failed", report.nodeid)
 
 
-def run(tests: Sequence[str], selection: Selection, log: Path, limit: float) -> Outcome:
-    """Run the tests until one fails; a run that lasts longer than `limit` s is ended and failed."""
+def run(
+    tests: Sequence[str], selection: Selection, log: Path, limit: float, *, to_the_end: bool = False
+) -> Outcome:
+    """Run the tests until one fails, or `to_the_end`; at most `limit` s, or they have failed."""
 
     def child(pipe: int) -> int:
-        words = ["-x", "-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]
+        words = ["-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]
+        words += [] if to_the_end else ["-x"]
         return int(pytest.main(words, plugins=[Reporter(pipe, selection)]))
 
     code, lines = forked(child, log, limit)
@@ -85,10 +116,14 @@ def run(tests: Sequence[str], selection: Selection, log: Path, limit: float) -> 
             current = test
         elif event == "took":
             outcome.seconds[test] = (numbers[0], numbers[1])
-        else:
-            outcome.failed = outcome.failed or test
-    if code and code != pytest.ExitCode.NO_TESTS_COLLECTED and not outcome.failed:
-        outcome.failed = f"{current} (no end)" if code < 0 else current
+        elif event == "executed":
+            outcome.executed[test] = numbers
+        elif test not in outcome.failures:
+            outcome.failures.append(test)
+    if code < 0:
+        outcome.failures.append(f"{current} (no end)")
+    elif code and code != pytest.ExitCode.NO_TESTS_COLLECTED and not outcome.failures:
+        outcome.failures.append(current)
     return outcome
 
 

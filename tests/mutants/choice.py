@@ -1,0 +1,104 @@
+"""Which tests are asked about a change, and in which order: as many as a budget of time allows.
+
+Asked are the files of tests that execute the block of C code in which the change lies, every file
+of the group where it lies in none (Python code, a constant). Of these the tests come first that
+execute the block themselves; among them those that noticed changes of the same source before, then
+the fastest ones.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from tests.mutants.blocks import Block, block_of
+from tests.mutants.changes import Mutant
+from tests.mutants.trial import Outcome
+
+#: Tests that take more processor time or wall time than this, s, are left out.
+CPU, WALL = 3.0, 20.0
+#: So many files of tests, which fit a source best, are asked before the others.
+FIRST = 3
+#: A test that takes this many times its processor time, and 0.5 s more, waits for a clock.
+WAITS = 3.0
+
+
+class Choice:
+    """Chooses the tests for changes; learns from what they noticed.
+
+    `measured`: of each file of tests what it does in the unchanged program; `budget`: processor
+    time of the tests of one change, s.
+    """
+
+    def __init__(
+        self, measured: Mapping[str, Outcome], blocks: Sequence[Block], budget: float
+    ) -> None:
+        self._measured, self._blocks, self._budget = measured, blocks, budget
+        self._noticed: Counter[tuple[str, str]] = Counter()
+        self.seconds = {test: s for known in measured.values() for test, s in known.seconds.items()}
+        failed = {test for known in measured.values() for test in known.failures}
+        slow = {test for test, (wall, cpu) in self.seconds.items() if cpu > CPU or wall > WALL}
+        self._left_out = {test: "fails without a change" for test in failed}
+        self._left_out |= {test: "takes too long" for test in slow - failed}
+
+    def said(self) -> str:
+        """How many tests there are, how long they take, and which are left out."""
+        kept = [s for test, s in self.seconds.items() if test not in self._left_out]
+        cpu = sum(s for _, s in kept)
+        names = "".join(f"\n    {why}: {test}" for test, why in sorted(self._left_out.items()))
+        return f"{len(kept)} tests, {cpu:.0f} s of processor time{names}"
+
+    def executing(self, mutant: Mutant) -> list[str]:
+        """The files of tests that execute the block of a change, in the order of their fitness."""
+        number = block_of(self._blocks, mutant.file, mutant.at)
+        source = str(mutant.file)
+        own = {block.number for block in self._blocks if block.file == mutant.file}
+        ranks: dict[str, tuple[float, ...]] = {}
+        for name, known in self._measured.items():
+            executed = known.blocks()
+            if number is None or number in executed:
+                share = len(executed & own) / max(1, len(executed))
+                cost = sum(cpu for _, cpu in known.seconds.values())
+                ranks[name] = (-self._noticed[source, name], -share, cost)
+        return sorted(ranks, key=lambda name: (ranks[name], name))
+
+    def tests(self, mutant: Mutant) -> tuple[list[str], int]:
+        """The tests to ask about a change, in order, and how many there are without a budget."""
+        number = block_of(self._blocks, mutant.file, mutant.at)
+        source = str(mutant.file)
+        ranks: dict[str, tuple[float, ...]] = {}
+        for name in self.executing(mutant):
+            known = self._measured[name]
+            for test, (_, cpu) in known.seconds.items():
+                if test not in self._left_out:
+                    indirect = number is not None and number not in known.executed.get(test, ())
+                    ranks[test] = (indirect, -self._noticed[source, test], cpu)
+        chosen, left = [], self._budget
+        for test in sorted(ranks, key=lambda test: ranks[test]):
+            left -= self.seconds[test][1]
+            if left < 0 and chosen:
+                break
+            chosen.append(test)
+        return chosen, len(ranks)
+
+    def rounds(self, mutant: Mutant, tests: Sequence[str]) -> Iterator[list[str]]:
+        """The files of these tests, in order: first the best few, then the others."""
+        there = {file_of(test) for test in tests}
+        files = [name for name in self.executing(mutant) if name in there]
+        yield from (part for part in (files[:FIRST], files[FIRST:]) if part)
+
+    def waits(self, test: str) -> bool:
+        """Whether a test depends on the wall clock, so that a busy machine can make it fail."""
+        wall, cpu = self.seconds.get(test, (0.0, 0.0))
+        return wall > 0.5 + WAITS * cpu
+
+    def noticed(self, source: Path, test: str) -> None:
+        """Remember which test noticed a change of a source."""
+        self._noticed[str(source), test] += 1
+        self._noticed[str(source), file_of(test)] += 1
+
+
+def file_of(test: str) -> str:
+    """The file of a test."""
+    return test.partition("::")[0]

@@ -3,8 +3,10 @@
 import gc
 import os
 import signal
+from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 # A loaded machine is slow, and slowness is measured elsewhere.
@@ -29,6 +31,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Python would look for garbage among thousands of collected tests every 700 new objects, which
 # takes a tenth of all processor time.
 gc.set_threshold(50_000)
+
+
+@pytest.fixture(scope="session")
+def objects(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder where tests of this run keep what they have compiled; its processes share it."""
+    folder = tmp_path_factory.getbasetemp()
+    return (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "objects"
+
+
+@pytest.fixture
+def compiled_once(objects: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What any test with this fixture has compiled is not compiled again, for the same sources."""
+    from tests.objects import keep
+
+    keep(objects, monkeypatch.setattr)
 
 
 def pytest_configure() -> None:

@@ -40,31 +40,34 @@ class Measurement:
         names = test_files(self._root, tests)
         missing = [name for name in names if not self._place(name).is_file()]
         if missing:
-            found = self._with_marks(missing)
-            for name in missing:
-                if found[name].failures:  # because of the marks, or anyway
-                    again = self._run(name, None)
-                    found[name].failures, found[name].seconds = again.failures, again.seconds
-                self._known.mkdir(exist_ok=True)
-                self._place(name).write_text(json.dumps(asdict(found[name])), encoding="utf-8")
+            for name in self._with_marks(missing):  # those fail because of the marks, or anyway
+                known = self._read(name)
+                again = self._run(name, None)
+                known.failures, known.seconds = again.failures, again.seconds
+                self._write(name, known)
         compiled(self._root, self._log)
-        return {name: Outcome(**json.loads(self._place(name).read_text())) for name in names}
+        return {name: self._read(name) for name in names}
 
-    def _with_marks(self, names: Iterable[str]) -> dict[str, Outcome]:
-        """Run files of tests while the sources set their marks."""
+    def _with_marks(self, names: Iterable[str]) -> list[str]:
+        """Run files of tests while the sources set their marks; those that fail."""
         marks = Marks(self._root / "mutants.marks", len(self.blocks))
         before = {file: (self._root / file).read_text(encoding="utf-8") for file in self._sources}
+        failed = []
         try:
             for file, text in before.items():
                 own = [block for block in self.blocks if block.file == file]
                 if own:
                     (self._root / file).write_text(instrumented(text, own, marks), encoding="utf-8")
             compiled(self._root, self._log)
-            return {name: self._run(name, marks) for name in names}
+            for name in names:
+                found = self._run(name, marks)
+                self._write(name, found)
+                failed += [name] if found.failures else []
         finally:
             for file, text in before.items():
                 (self._root / file).write_text(text, encoding="utf-8")
             compiled(self._root, self._log)
+        return failed
 
     def _run(self, name: str, marks: Marks | None) -> Outcome:
         return run([name], Selection(marks=marks), self._log, PATIENCE, to_the_end=True)
@@ -73,6 +76,13 @@ class Measurement:
         digest = hashlib.sha256(f"{self._digest}{name}".encode())
         digest.update((self._root / name).read_bytes())
         return self._known / f"{digest.hexdigest()[:32]}.json"
+
+    def _read(self, name: str) -> Outcome:
+        return Outcome(**json.loads(self._place(name).read_text(encoding="utf-8")))
+
+    def _write(self, name: str, found: Outcome) -> None:
+        self._known.mkdir(exist_ok=True)
+        self._place(name).write_text(json.dumps(asdict(found)), encoding="utf-8")
 
 
 def compiled(root: Path, log: Path) -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants.build import texts
+from fmus import toolchain
 from tests.mutants.trial import Selection, forked, run
+from tests.objects import keep, texts
 
 NOTHING = Selection()
 
@@ -24,6 +25,31 @@ def test_an_object_depends_on_the_headers_that_headers_include(tmp_path: Path) -
     assert len(before) == 3
     (tmp_path / "c.h").write_text("changed\n")
     assert texts(tmp_path / "a.c", [tmp_path]) != before
+
+
+def test_only_what_is_new_is_compiled_and_linked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    real = toolchain._run
+    monkeypatch.setattr(
+        toolchain, "_run", lambda command, what: (calls.append(what), real(command, what))
+    )
+    keep(tmp_path / "objects", monkeypatch.setattr)
+    sources = [tmp_path / "a.c", tmp_path / "b.c"]
+    sources[0].write_text('#include "c.h"\nint a = C;\n')
+    sources[1].write_text("int b;\n")
+    new = []
+    for value in (1, 2, 1, 1):
+        (tmp_path / "c.h").write_text(f"#define C {value}\n")
+        toolchain.compile_shared(sources, tmp_path / f"{len(new)}" / "x.so", flags=["-DA"])
+        new.append(sorted(call.split()[0] for call in calls))
+        calls.clear()
+    assert new == [["a.c", "b.c", "x.so"], ["a.c", "x.so"], [], []]
+    toolchain.compile_shared(sources, tmp_path / "x.so", flags=["-DB"])
+    assert len(calls) == 3
+    first, second, third = ((tmp_path / f"{n}/x.so").read_bytes() for n in range(3))
+    assert first == third != second
 
 
 @pytest.mark.parametrize(

@@ -17,12 +17,12 @@ import sys
 import time
 from pathlib import Path
 
-from tests.mutants.build import keep
 from tests.mutants.changes import Mutant
 from tests.mutants.choice import Choice, file_of
 from tests.mutants.groups import GROUPS
 from tests.mutants.measure import Measurement, compiled
 from tests.mutants.trial import Outcome, Selection, run
+from tests.objects import keep
 
 #: Imported by many tests, changed by none.
 OUTSIDE = ("hypothesis", "numpy", "pyarrow", "pyarrow.parquet", "msgspec", "msgspec.toml")

@@ -124,6 +124,9 @@ def _broken_invariants(
         yield f"a torque of {judged.torque:.3g} times its limit"
     if not judged.exact:
         yield f"replay: {judged.replay}"
+    for fault in outcome.faults:
+        if fault.verdict == "unseen":
+            yield f"no report shows fault {fault.index}: {fault.text()}"
     missing = {node for node in system.nodes if not lives_of(outcome.rows, node)}
     missing |= {
         f for f in ("run.json", "trajectories.parquet") if not (outcome.folder / f).is_file()

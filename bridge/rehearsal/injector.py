@@ -61,9 +61,10 @@ def _event_action(
             return lambda r: r.thaw(target)
         case "clock-jump":
             return lambda r: r.current[target].tell("jump", by_ns=round(event.by * 1e9))
-        case "bus-down" | "bus-up":
-            state = event.action.removeprefix("bus-")
-            return lambda r: set_link(system, target, state)
+        case "bus-down":
+            return lambda r: take_down(r, system, target)
+        case "bus-up":
+            return lambda r: set_link(system, target, "up")
         case "babble":
             return lambda r: babblers[target, event.index].begin()
         case "hush":
@@ -108,6 +109,14 @@ class _Links:
             for spec in wrong.values():
                 whole |= spec
             self._network.set(link, **whole)
+
+
+def take_down(rehearsal: Rehearsal, system: System, bus: str) -> None:
+    """Set a SocketCAN bus down; it is up again when the rehearsal is left, even if that is before
+    the script sets it up. Raises RunError where it fails.
+    """
+    rehearsal.closing(lambda: set_link(system, bus, "up"))
+    set_link(system, bus, "down")
 
 
 def set_link(system: System, bus: str, state: str) -> None:

@@ -17,13 +17,13 @@ Inside = Callable[[str], AbstractContextManager[None]]
 
 @dataclass(frozen=True, slots=True)
 class ScheduledEvent:
-    """Something done at `t` (s): `do` is called with the Rehearsal that runs.
+    """Something done at `t` (s): `action` is called with the Rehearsal that runs.
 
     `what`: for its notes, see :mod:`bridge.faults.load`.
 
-    `revives`: it starts a node again, for which a run waits of which nobody is left. `prepare`:
-    starts, while the nodes start, what takes a while to begin; what it returns waits until that is
-    ready.
+    `restarts_node`: it starts a node again, so that a run in which no node is left waits for it.
+    `prepare`: starts, while the nodes start, what takes a while to begin; the function it returns
+    waits until that is ready.
     """
 
     t: float
@@ -31,6 +31,13 @@ class ScheduledEvent:
     action: Callable[[Any], None]
     restarts_node: bool = False
     prepare: Callable[[Any], Callable[[], None]] | None = None
+
+    @property
+    def sets_interface(self) -> bool:
+        """Whether another process carries it out, which takes a while on a busy machine: it has
+        happened when `action` returns, not when `action` is called.
+        """
+        return isinstance(self.what, FaultEvent) and self.what.action in ("bus-down", "bus-up")
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,8 +180,10 @@ class Rehearsal:
         while any(p.code is None for p in self.current.values()) or _will_restart(events, length):
             while events and events[0].t <= self.t:
                 event = events.pop(0)
-                self.ended.notes.append(record_note(event.what, self.t))
+                begun = self.t
                 event.action(self)
+                done = self.t if event.sets_interface else begun
+                self.ended.notes.append(record_note(event.what, done))
                 late = self.t - event.t
                 if late > LATE:  # what is to last keeps its length
                     events = [replace(e, t=e.t + late) for e in events]

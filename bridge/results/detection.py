@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 from bridge.can.codec import Codec
 from bridge.deployment.carried import Subscription
 from bridge.deployment.system import System
-from bridge.faults.script import HOSTILE, KINDS, OF_LINKS, FaultEvent, FaultScript, FrameFault
+from bridge.faults.script import (
+    HOSTILE,
+    KINDS,
+    OF_BUSES,
+    OF_LINKS,
+    FaultEvent,
+    FaultScript,
+    FrameFault,
+)
 from bridge.native.message import COUNTERS
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
@@ -215,8 +223,11 @@ def _kind(events: Sequence[FaultEvent]) -> str:
 def _of_events(
     events: Sequence[FaultEvent], shown: FinishedRun, network: RecordedNetwork | None
 ) -> Iterator[Place]:
-    """A place each target whose beginning the run has noted, unless its node was over by then."""
+    """A place each target whose beginning the run has noted, unless its node, or for a bus the run,
+    was over by then.
+    """
     first, last = events[0], events[-1]
+    end = shown.system.plan.ticks * shown.system.plan.h
     done = {
         (n.action, n.target): n.t
         for n in shown.notes
@@ -225,6 +236,8 @@ def _of_events(
     for target in sorted({e.target for e in events}):
         begun = done.get((first.action, target))
         if begun is None or (target in shown.system.nodes and shown.over(target, begun)):
+            continue
+        if first.action in OF_BUSES and begun >= end:
             continue
         actual = replace(first, t=begun)  # when it was done, which a busy machine does later
         over = done.get((last.action, target), last.t)

@@ -17,6 +17,7 @@ from bridge.native.journal import Journal
 from bridge.native.safety import Why
 from bridge.records.lives import ByLife, Life
 from bridge.replay.replay import ReplayReport
+from bridge.results.findings import Evidence, Place, Sign
 from bridge.wiring.wiring import heard_dtype, row_dtype
 from tests.bridge.faulty import report
 from tests.bridge.rehearsing import COSIM, NAMESPACE, ROOT, environment, possible
@@ -55,7 +56,7 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
     ]
     return SimpleNamespace(
         folder=folder, rows=rows, reports=reports, replay_error="",
-        replayed=ReplayReport({}, 0.0, None, ()), finished=end == "finished",
+        replayed=ReplayReport({}, 0.0, None, ()), finished=end == "finished", faults=(),
     )  # fmt: skip
 
 
@@ -130,6 +131,18 @@ def test_what_must_never_be(system, tmp_path):
     said = "; ".join(judgement.judge(system, SPEC, found).failures)
     for part in ("times its limit", "replay: slot 3 waits", "not in the run folder: run.json"):
         assert part in said
+
+
+@pytest.mark.parametrize(("signs", "failures"), [((), 1), ((Sign(what="health"),), 0)])
+def test_a_fault_that_no_report_shows_fails_the_run(system, tmp_path, signs, failures):
+    found = outcome(system, tmp_path)
+    place = Place(target="right", message="", done=1, signs=signs)
+    found.faults = [
+        Evidence(index=3, kind="bus-down", targets=["right"], t0=1.0, t1=1.3, places=[place])
+    ]
+    said = judgement.judge(system, SPEC, found).failures
+    assert len(said) == failures
+    assert all(s.startswith("no report shows fault 3: bus-down on right") for s in said)
 
 
 def test_a_table_is_markdown(system, tmp_path):

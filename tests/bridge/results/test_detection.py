@@ -343,6 +343,16 @@ def test_a_bus_that_was_down_twice_has_to_come_back_twice(tmp_path, health, verd
     assert [evidence.verdict for evidence in found] == [verdict] * 2
 
 
+def test_a_bus_that_went_down_behind_the_end_of_the_run_had_nothing_to_act_on(tmp_path):
+    system = load_system(SCENARIO, "can", ["run.step='5 ms'", "run.stop='10 s'"])
+    down = script({"kind": "bus-down", "bus": "right", "for": 0.3, "at": 9.9})
+    for begun, verdict in ((9.9, "unseen"), (10.05, "idle")):
+        run = shown(system, tmp_path, notes=[done(begun, "bus-down", "right")])
+        run = replace(run, reports=[report(Life("slave"), buses={"right": {}})])
+        (found,) = find(down, run)
+        assert found.verdict == verdict
+
+
 BABBLE = {"kind": "babble", "bus": "right", "id": 0x21, "rate": 100, "from": 1, "to": 2}
 
 

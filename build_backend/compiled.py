@@ -51,8 +51,9 @@ def _bridge() -> list[Path]:
     from fmus.toolchain import shared_suffix
 
     folder = ROOT / "bridge" / "c"
-    sources = sorted([*folder.glob("*.c"), *(ROOT / "cosim" / "c").glob("*.h")])
-    made_from = [*sources, *folder.glob("*.h")]
+    length = ROOT / "cosim" / "c" / "bus" / "length.c"
+    sources = sorted([*folder.glob("*.c"), length, *(ROOT / "cosim" / "c").glob("*.h")])
+    made_from = [*sources, *folder.glob("*.h"), length.with_suffix(".h")]
     output = ROOT / "bridge" / f"_bridge{shared_suffix()}"
     return _library(output, [s for s in sources if s.suffix == ".c"], made_from, folder)
 

@@ -91,7 +91,8 @@ def probe(
     lines += [f'    printf("N {name} %lld\\n", (long long)({name}));' for name in names]
     source, program = scratch / "probe.c", scratch / "probe"
     source.write_text("\n".join([*lines, "    return 0;", "}"]) + "\n", encoding="utf-8")
-    include = [f"-I{folder}" for folder in {header.parent for header in headers}]
+    shared = Path(__file__).parents[1] / "cosim/c"  # headers of the bridge include some of its
+    include = [f"-I{folder}" for folder in {shared, *(header.parent for header in headers)}]
     command = [*compiler(), "-std=c11", "-w", *include, str(source), "-o", str(program)]
     subprocess.run(command, check=True)
     said = subprocess.run([program], check=True, capture_output=True, text=True).stdout

@@ -22,7 +22,7 @@ HISTORY_S = 10
 """How long the wire remembers when it was busy, s."""
 INTERMISSION = 3
 _AFTER_ERROR = 6 + 8 + INTERMISSION
-"""Bits from the detection of an error to the end of the intermission: flag, delimiter."""
+"""Least bits from the detection of an error to the end of the intermission: flag, delimiter."""
 _STEP = 16
 """Bits to go on while a frame waits and none is on the wire; shorter than any frame."""
 
@@ -75,6 +75,7 @@ class CanWire:
         self._requests: dict[int, tuple[WireNode, BusFrame]] = {}
         self._ends: dict[WireNode, tuple[int, BusFrame]] = {}
         self._free_ps = 0
+        self._troubled = False
         self._began_ps: int | None = None
         self._busy: deque[tuple[int, int]] = deque()
 
@@ -165,7 +166,7 @@ class CanWire:
         """Make the bus anew with the nodes there are now, if nothing is on the wire."""
         if not self._stale:
             return True
-        if self._ends or self.now_ps < self._free_ps:
+        if self._ends or self._troubled or self.now_ps < self._free_ps:
             return False
         self.count()
         waiting = [*self._requests.values(), *self._early]
@@ -206,11 +207,16 @@ class CanWire:
             return []
         events = self._bus.advance(self.now_ps - self._start_ps)
         rows = events.tolist()
-        found = [self._read(*row[:10]) for row in rows]
-        for place, happening in enumerate(found):
-            if rows[place][2] >= 0 and happening.frame and happening.frame.format.fd:
+        found = []
+        for place, row in enumerate(rows):
+            if row[7] == BusEvent.FREE:
+                self._free_ps, self._troubled = row[0] + self._start_ps, False
+                continue
+            happening = self._read(*row[:10])
+            if row[2] >= 0 and happening.frame and happening.frame.format.fd:
                 sent = self._bus.frame(events[place])  # with the ESI of its sender
-                found[place] = happening._replace(frame=sent)
+                happening = happening._replace(frame=sent)
+            found.append(happening)
         for row in rows:
             if row[7] in (BusEvent.SENT, BusEvent.DROPPED):
                 self._requests.pop(row[1], None)
@@ -255,14 +261,16 @@ class CanWire:
             for _, frame in self._ends.values():
                 self._disturbances.attempted(frame)
             self._ends.clear()
-            after = INTERMISSION if event == BusEvent.SENT else _AFTER_ERROR
+            self._troubled |= event != BusEvent.SENT
+            after = _AFTER_ERROR if self._troubled else INTERMISSION
             self._free_ps = time_ps + after * self._bit_ps
 
     def _current(self) -> list[tuple[int, int]]:
         """The transmission that began last, as far as it is known."""
         if self._began_ps is None:
             return []
-        return [(self._began_ps, self.now_ps if self._ends else self._free_ps)]
+        under_way = self._ends or self._troubled
+        return [(self._began_ps, self.now_ps if under_way else self._free_ps)]
 
     def _length_ps(self, frame: BusFrame) -> int:
         """From the start of frame to the end of its last bit, ps."""

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import ctypes as c
 from functools import lru_cache
-from typing import final
 
 from bridge.native.frame import Frame
 from bridge.native.library import library
+from cosim.bus.structs import FrameBitsStruct
 from cosim.bus.timing import BusTiming
-
-
-@final
-class BitsStruct(c.Structure):
-    """Bit times at the nominal and the data bit rate (`bits_t`)."""
-
-    _fields_ = (("nominal", c.c_int32), ("data", c.c_int32))
 
 
 def frame_bits_exact(frame: Frame) -> tuple[int, int]:
     """Bit times (nominal, data) from start of frame to intermission; (0, 0): no CAN frame."""
-    bits = BitsStruct()
+    bits = FrameBitsStruct()
     _declared().frame_bits_exact(c.byref(frame), c.byref(bits))
     return bits.nominal, bits.data
 
@@ -35,7 +28,7 @@ def frame_time_ns(frame: Frame, timing: BusTiming) -> int:
 def _declared() -> c.CDLL:
     lib = library()
     frame = c.POINTER(Frame)
-    lib.frame_bits_exact.argtypes = (frame, c.POINTER(BitsStruct))
+    lib.frame_bits_exact.argtypes = (frame, c.POINTER(FrameBitsStruct))
     lib.frame_bits_exact.restype = None
     lib.frame_time_ns.argtypes = (frame, c.c_double, c.c_double)
     lib.frame_time_ns.restype = c.c_int64

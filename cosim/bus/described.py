@@ -98,6 +98,9 @@ def _nodes(nodes: Sequence[BusNodeSettings]) -> Any:
                 inbox=node.inbox,
                 tec=node.tec,
                 rec=node.rec,
+                clock_ppb=round(node.clock_ppm * 1000),
+                sample_point=round(node.sample_point * 1000),
+                sjw=round(node.sjw * 1000),
             )
         )
         first += len(node.filters)

@@ -42,6 +42,7 @@ class BusEvent(IntEnum):
     An event has the time of the end of the bit in which the node saw it. STARTED: the begin of the
     start of frame. SENT and RECEIVED: the end of the last bit of the frame (EOF), which is three
     bits before the next frame can start. `bit` counts from the start of frame (0), with stuff bits.
+    FREE has no node (-1): after error or overload flags, all nodes are idle or bus-off again.
     """
 
     STARTED = 0
@@ -53,6 +54,7 @@ class BusEvent(IntEnum):
     DROPPED = 6
     RECOVERED = 7
     OVERLOAD = 8
+    FREE = 9
 
 
 class ErrorCode(IntEnum):

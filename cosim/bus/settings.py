@@ -53,6 +53,9 @@ class BusNodeSettings:
     receive FIFO, 0: RECEIVED events only. `recovers`: goes back on the bus after bus-off by itself,
     otherwise after `SimulatedBus.reset`. `inbox`: requests that may lie in the future at a time.
     `tec`, `rec`: the error counters at time 0; a TEC of 256 means bus-off, from time 0 on.
+    `clock_ppm`: how much faster than nominal the node's clock is, parts per million; the node that
+    transmits times the bus, and a receiver follows as far as its bit timing allows: `sample_point`,
+    and `sjw` (synchronisation jump width: the most that one edge corrects), as shares of a bit.
     """
 
     name: str
@@ -65,8 +68,18 @@ class BusNodeSettings:
     inbox: int = 1024
     tec: int = 0
     rec: int = 0
+    clock_ppm: float = 0.0
+    sample_point: float = 0.875
+    sjw: float = 0.125
 
     def __post_init__(self) -> None:
+        bounds = (("clock_ppm", -200_000, 200_000), ("sample_point", 0.01, 0.99), ("sjw", 0, 0.5))
+        for name, low, high in bounds:
+            if not low <= getattr(self, name) <= high:
+                raise TimingError(
+                    f"node {self.name}: found {name} = {getattr(self, name)},"
+                    f" expected {low} to {high}"
+                )
         for name, most in (("tec", 256), ("rec", 255)):
             if not 0 <= getattr(self, name) <= most:
                 raise TimingError(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cosim.base.errors import CosimError
 
-ABI = 2
+ABI = 3
 
 
 class NodeSettingsStruct(c.Structure):
@@ -26,7 +26,9 @@ class NodeSettingsStruct(c.Structure):
         ("inbox", c.c_int32),
         ("tec", c.c_int32),
         ("rec", c.c_int32),
-        ("reserved", c.c_int32),
+        ("clock_ppb", c.c_int32),
+        ("sample_point", c.c_int32),
+        ("sjw", c.c_int32),
     )
 
 

@@ -11,7 +11,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,14 +103,32 @@ def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
         raise ScenarioError("a figure needs a panel or more", f"figure {spec.title!r}")
     content = [_lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
                for i, panel in enumerate(spec.panels)]  # fmt: skip
+    return draw_styled(lambda: _render(spec, run, content), path)
+
+
+def draw_styled(render: Callable[[], bytes], path: str | Path) -> Path:
+    """Write what `render` draws in the style of these figures to the PNG `path`, in one step.
+
+    Raises RunError with the path if it cannot be written.
+    """
     load()
     import matplotlib
 
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
-        image = _render(spec, run, content)
+        image = render()
     return _write(image, Path(path))
+
+
+def png(figure: Sheet) -> bytes:
+    """A figure as a PNG that does not depend on the version of matplotlib or the date."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)  # partly untyped
+    buffer = io.BytesIO()
+    canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return buffer.getvalue()
 
 
 def load(*, lean: bool = False) -> None:
@@ -203,9 +221,7 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
     axes[-1].set_xlabel("time [s]")
     legend = max(_legend_width(ax, canvas) for ax in axes)
     _arrange(figure, axes, spec, legend)
-    buffer = io.BytesIO()
-    canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
-    return buffer.getvalue()
+    return png(figure)
 
 
 def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> None:

@@ -33,8 +33,9 @@ def missing() -> str:
 def library() -> Path:
     """The library, compiled where the sources are not those of last time."""
     folders = (ROOT / "bridge" / "c", ROOT / "cosim" / "c")
-    sources = sorted(folders[0].glob("*.c"))
-    headers = sorted(p for folder in folders for p in folder.glob("*.h"))
+    length = ROOT / "cosim" / "c" / "bus" / "length.c"
+    sources = sorted([*folders[0].glob("*.c"), length])
+    headers = sorted(p for folder in (*folders, length.parent) for p in folder.glob("*.h"))
     parts = [p.read_bytes() for p in (*sources, *headers)] + [" ".join(FLAGS).encode()]
     digest = hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
     output = Path(tempfile.gettempdir()) / f"cosim-fuzz-{os.getuid()}" / f"{digest}.so"

@@ -92,6 +92,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
         b->next_at[i] = b->ready[i] = NEVER;
     }
     line_create(b);
+    clock_create(b);
     count_at_start(b);
     return b;
 }

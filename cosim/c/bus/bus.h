@@ -22,7 +22,7 @@
 #define BUS_API __attribute__((visibility("default")))
 #endif
 
-enum { BUS_ABI = 2 };
+enum { BUS_ABI = 3 };
 
 /* Transmit queues: order of requests; by arbitration, equals by age; as sorted, but a newer frame
  * replaces the pending one of the same identifier. */
@@ -40,7 +40,8 @@ enum {
     EVENT_STATE,                    /* code: STATE_ */
     EVENT_DROPPED,                  /* a frame will not be sent (or not be kept); code: DROP_ */
     EVENT_RECOVERED,                /* back on the bus after bus-off or a reset */
-    EVENT_OVERLOAD                  /* the node begins an overload flag in the next bit */
+    EVENT_OVERLOAD,                 /* the node begins an overload flag in the next bit */
+    EVENT_FREE                      /* node -1: after error or overload flags, all nodes are idle */
 };
 enum { ERROR_BIT = 1, ERROR_STUFF, ERROR_FORM, ERROR_CRC, ERROR_ACK };
 /* PRIMARY: no other node sent an active error flag in that bit. SENDER: by the transmitter. */
@@ -84,7 +85,8 @@ typedef struct {
     int32_t one_shot, recovers;     /* recovers: without a reset by the host */
     int32_t inbox;                  /* requests that may lie in the future */
     int32_t tec, rec;               /* error counters at time 0; TEC above 255: bus-off since then */
-    int32_t reserved;
+    int32_t clock_ppb;              /* its clock is faster than nominal, parts per 10^9 */
+    int32_t sample_point, sjw;      /* 1/1000 of its bit; sjw: most that one edge corrects */
 } bus_node_settings_t;
 
 /* Bits of the nth attempt of an identifier. */

@@ -95,7 +95,7 @@ static void find_losers(bus_t *b, int64_t t)
         stuffed_before(best, at, most);
     for (int32_t i = 0; i < b->n_lost; i++) {
         b->lost[i].bit = at[b->lost[i].bit];
-        b->lost[i].time = t + (b->lost[i].bit + 1) * b->set.bit;
+        b->lost[i].time = t + (b->lost[i].bit + 1) * b->bit_ps;
     }
 }
 
@@ -123,7 +123,7 @@ static void launch(bus_t *b, int64_t t)
 {
     b->in_flight = 1;
     b->sof = t;
-    b->end = b->next - 3 * b->set.bit;
+    b->end = b->next - 3 * b->bit_ps;
     b->stamp = t;
     b->totals.clean++;
     find_losers(b, t);
@@ -148,8 +148,9 @@ static void start(bus_t *b, int64_t t)
         can_frame_t f = node_frame(n, n->order[0]);
         b->bits = can_bits(f.id, f.flags, f.length, f.data);
     }
-    b->next = t + b->bits.nominal * b->set.bit + b->bits.data * b->set.data_bit;
-    if (tie || scripted || b->counting || b->n - b->off < 2
+    clock_lead(b, winner);
+    b->next = t + b->bits.nominal * b->bit_ps + b->bits.data * b->data_bit_ps;
+    if (tie || scripted || b->counting || b->n - b->off < 2 || !clock_in_step(b, winner, &slot->frame)
         || !line_calm(b, t, b->next, b->bits.nominal + b->bits.data)) {
         b->known_attempt = 1;
         wire_enter(b, t);

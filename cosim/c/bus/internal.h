@@ -59,6 +59,10 @@ typedef struct {
     int32_t reset;                  /* asked for */
     int64_t quiet_from;             /* while off, on the clean path: where the sequence began */
     int64_t earliest;               /* may not start before (suspend transmission) */
+    int64_t bit, data_bit;          /* ps, of its own clock */
+    int64_t late;                   /* how much later than nominal it samples, ps */
+    int32_t seen;                   /* the level before, for edges */
+    int32_t flagging;               /* sends an active error flag in this bit */
     int32_t position, n_wire;       /* of the bits below */
     uint8_t wire[WIRE_BITS];
     parser_t parser;
@@ -92,6 +96,8 @@ struct bus {
     int32_t n_lost, lost_done;
     int32_t n, off, counting;       /* nodes; of them off; with REC > 0 and on the bus */
     int32_t deaf;                   /* nobody notices what is received */
+    int32_t drifting;               /* not all clocks are equal */
+    int64_t bit_ps, data_bit_ps;    /* of the node that began the last transmission */
     int32_t asked;                  /* an abort or a reset waits for the next advance */
     int64_t now, free, next_request, numbers;
     /* clean path: the transmission in flight */
@@ -99,7 +105,8 @@ struct bus {
     int64_t sof, end, next;
     bits_t bits;
     /* bit path */
-    int32_t bitwise, sampling, level, known_attempt, flags, joined;
+    int32_t bitwise, sampling, level, known_attempt, flags, joined, fast;
+    int32_t troubled;               /* an error or overload flag since all nodes were idle */
     int32_t bit;                    /* since the last start of frame */
     int64_t t, t_end, on_air;       /* this bit; the request that is being sent */
     int64_t muted_until;            /* events before were written already */
@@ -157,6 +164,13 @@ can_frame_t node_frame(const node_t *node, int32_t slot);   /* as sent: with its
 void node_begin(bus_t *b, int32_t node, int32_t after_start);
 int32_t node_drive(bus_t *b, int32_t node);
 void node_sample(bus_t *b, int32_t node, int32_t bit);
+
+/* clock.c: nodes whose clocks differ */
+void clock_create(bus_t *b);
+void clock_lead(bus_t *b, int32_t node);    /* the node's clock times the bus from here on */
+int32_t clock_in_step(const bus_t *b, int32_t sender, const can_frame_t *frame);
+void clock_align(node_t *node);
+int32_t clock_samples(bus_t *b, int32_t node, int32_t level);   /* how many in this bit: 0 to 2 */
 
 /* clean.c, wire.c: go on a little; 0: nothing more to do until `until` (or the output is full). */
 int32_t clean_step(bus_t *b, int64_t until);

@@ -22,7 +22,7 @@ static void count_more(bus_t *b, int32_t node)
 static void fail(bus_t *b, int32_t node, int32_t code, int32_t count)
 {
     node_t *n = &b->nodes[node];
-    int32_t passive = node_passive(n), others = b->flags - (n->phase == PHASE_ACTIVE_FLAG);
+    int32_t passive = node_passive(n), others = b->flags - n->flagging;
     int32_t role = (others ? 0 : ROLE_PRIMARY) | (n->sender ? ROLE_SENDER : 0);
     int64_t request = n->slot == NO_SLOT ? b->on_air : n->slots[n->slot].request;
     if (n->sender)
@@ -32,6 +32,7 @@ static void fail(bus_t *b, int32_t node, int32_t code, int32_t count)
     event_at_bit(b, node, EVENT_ERROR, code, request, role, b->bit);
     node_failed(b, node);
     node_confine(b, node);
+    b->troubled = 1;
     if (n->phase == PHASE_OFF)
         return;
     n->phase = passive ? PHASE_PASSIVE_FLAG : PHASE_ACTIVE_FLAG;
@@ -47,6 +48,7 @@ static void overload(bus_t *b, int32_t node)
     n->phase = PHASE_OVERLOAD_FLAG;
     n->count = 0;
     n->after_error = 0;
+    b->troubled = 1;
     event_at_bit(b, node, EVENT_OVERLOAD, 0, -1, 0, b->bit);
 }
 
@@ -67,6 +69,7 @@ void node_begin(bus_t *b, int32_t node, int32_t after_start)
     n->n_wire = wire_bits(&f, n->wire);
     n->position = after_start;
     n->sender = 1;
+    clock_align(n);
     enter(n, PHASE_FRAME, after_start);         /* counts who joined: wire.c, join */
     parser_begin(&n->parser);
     event_at_bit(b, node, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
@@ -77,6 +80,7 @@ static void listen(bus_t *b, int32_t node)
     node_t *n = &b->nodes[node];
     n->sender = 0;
     n->earliest = 0;
+    clock_align(n);
     refresh(b, node);
     enter(n, PHASE_FRAME, 0);
     parser_begin(&n->parser);

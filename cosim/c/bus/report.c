@@ -14,7 +14,7 @@ int32_t has_room(bus_t *b)
 static void write(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t request, int32_t frame,
                   int32_t role, int32_t bit)
 {
-    const node_t *n = &b->nodes[node];
+    const node_t *n = node < 0 ? NULL : &b->nodes[node];
     bus_event_t *e;
     if (!(b->set.record >> kind & 1u) || b->stamp < b->muted_until)
         return;
@@ -24,8 +24,8 @@ static void write(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t re
     e->frame = frame;
     e->bit = (int16_t)(bit > INT16_MAX ? INT16_MAX : bit);
     e->node = (int16_t)node;
-    e->tec = (int16_t)n->tec;
-    e->rec = (int16_t)n->rec;
+    e->tec = n ? (int16_t)n->tec : 0;
+    e->rec = n ? (int16_t)n->rec : 0;
     e->kind = (uint8_t)kind;
     e->code = (uint8_t)code;
     e->role = (uint8_t)role;

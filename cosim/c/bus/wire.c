@@ -32,6 +32,7 @@ static void leave(bus_t *b)
 /* An attempt begins: of the identifier with the highest priority of those that start. */
 static void attempt(bus_t *b, int32_t first)
 {
+    clock_lead(b, first);
     if (!b->known_attempt) {
         can_frame_t *f = &b->nodes[first].slots[b->nodes[first].slot].frame;
         line_attempt(b, f);
@@ -72,7 +73,8 @@ static void drive(bus_t *b)
         node_t *n = &b->nodes[i];
         if (line_connected(b, i))
             b->level &= node_drive(b, i);
-        b->flags += n->phase == PHASE_ACTIVE_FLAG;
+        n->flagging = n->phase == PHASE_ACTIVE_FLAG;
+        b->flags += n->flagging;
         dominant |= n->phase == PHASE_ACTIVE_FLAG || n->phase == PHASE_OVERLOAD_FLAG;
         if (n->phase == PHASE_FRAME && n->sender) {
             fast |= n->wire[n->position] & WIRE_DATA_RATE;
@@ -80,7 +82,8 @@ static void drive(bus_t *b)
                 b->on_air = n->slots[n->slot].request;
         }
     }
-    b->t_end = b->t + (fast && !dominant ? b->set.data_bit : b->set.bit);
+    b->fast = fast && !dominant;
+    b->t_end = b->t + (b->fast ? b->data_bit_ps : b->bit_ps);
     b->sampling = 1;
     b->totals.bitwise++;
 }
@@ -107,7 +110,11 @@ static void sample(bus_t *b)
     b->stamp = b->t_end;
     for (int32_t i = 0; i < b->n; i++) {
         int32_t seen = line_node(b, i, level);
-        node_sample(b, i, seen);
+        int32_t before = b->nodes[i].seen, times = clock_samples(b, i, seen);
+        if (times > 1)
+            node_sample(b, i, before);
+        if (times > 0)
+            node_sample(b, i, seen);
         idle &= b->nodes[i].phase == PHASE_IDLE || b->nodes[i].phase == PHASE_OFF;
     }
     if (b->joined)
@@ -115,6 +122,10 @@ static void sample(bus_t *b)
     b->t = b->t_end;
     b->bit++;
     b->sampling = 0;
+    if (idle && b->troubled) {
+        b->troubled = 0;
+        event(b, -1, EVENT_FREE, 0, -1, -1, 0);
+    }
     if (idle && !line_busy(b))
         leave(b);
 }

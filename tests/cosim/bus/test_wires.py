@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.bus.frames import BusEvent, BusFrame
-from cosim.bus.settings import BusNodeSettings, Interruption, LineLevel, ScriptedError
+from cosim.bus.settings import BusNodeSettings, ErrorRate, Interruption, LineLevel, ScriptedError
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming, FrameFormat
 from tests.cosim.bus.wires import Wires
@@ -40,6 +40,23 @@ def disturbances(random: np.random.Generator, end: int, nodes: int, per_frame: f
         identifier, bit = int(random.integers(0, names)), int(random.integers(0, 150))
         attempt = int(random.integers(0, 4)) if random.random() < 0.3 else 1
         yield ScriptedError(identifier, bit, attempt, int(random.integers(1, 4)), False, node)
+    for _ in range(random.poisson(0.5)):
+        node = None if random.random() < 0.5 else int(random.integers(0, nodes))
+        yield ErrorRate(float(random.choice([1e-4, 1e-3, 1e-2])), int(random.choice([1, 5])), node)
+
+
+def clocks(random: np.random.Generator, nodes: int) -> list[dict[str, float]]:
+    """Equal clocks, or some that are off by up to what no receiver follows."""
+    if random.random() < 0.6:
+        return [{}] * nodes
+    return [
+        {
+            "clock_ppm": float(random.choice([0, 0, -100, 100, -5e3, 5e3, -2e4, 2e4, 6e4])),
+            "sample_point": float(random.choice([0.8, 0.875, 0.5])),
+            "sjw": float(random.choice([0.05, 0.125, 0.2])),
+        }
+        for _ in range(nodes)
+    ]
 
 
 def compare(seed: int, requests: int) -> int:
@@ -51,11 +68,11 @@ def compare(seed: int, requests: int) -> int:
     end = int((requests + 20) * gap * 1.3)
     disturbed = [*disturbances(random, end, nodes, random.choice([0, 0.03, 0.3, 1]), names)]
     settings = [
-        BusNodeSettings(f"n{i}", one_shot=shot, queue_length=4000, inbox=4000)
-        for i, shot in enumerate(shots)
+        BusNodeSettings(f"n{i}", one_shot=shot, queue_length=4000, inbox=4000, **clock)
+        for i, (shot, clock) in enumerate(zip(shots, clocks(random, nodes), strict=True))
     ]
-    bus = SimulatedBus(TIMING, settings, disturbances=disturbed)
-    wires = Wires(NOMINAL, DATA, shots, disturbed)
+    bus = SimulatedBus(TIMING, settings, disturbances=disturbed, seed=seed)
+    wires = Wires(NOMINAL, DATA, settings, disturbed, seed)
     at = 0
     for _ in range(requests):
         if random.random() < 0.7:  # else at the same time as the last

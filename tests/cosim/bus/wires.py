@@ -7,16 +7,26 @@ gets the level that it samples. Nothing is computed as a whole but the jump over
 from __future__ import annotations
 
 from collections.abc import Generator
+from functools import cache
 from typing import NamedTuple
 
 from cosim.bus.frames import BusFrame
-from cosim.bus.settings import Interruption, LineLevel, ScriptedError
+from cosim.bus.settings import (
+    BusNodeSettings,
+    Disturbance,
+    ErrorRate,
+    Interruption,
+    LineLevel,
+    ScriptedError,
+)
 from tests.bridge.can import naive
 
-STARTED, SENT, RECEIVED, LOST, ERROR, STATE, DROPPED, RECOVERED, OVERLOAD = range(9)
+STARTED, SENT, RECEIVED, LOST, ERROR, STATE, DROPPED, RECOVERED, OVERLOAD, FREE = range(10)
 BIT_ERROR, STUFF_ERROR, FORM_ERROR, CRC_ERROR, ACK_ERROR = range(1, 6)
 ACTIVE, WARNING, PASSIVE, OFF = range(4)
 ONE_SHOT = 3
+
+MASK = (1 << 64) - 1
 
 Bits = Generator[int | None, int, object]
 
@@ -66,6 +76,13 @@ class SentBit(NamedTuple):
     ack: bool = False
 
 
+@cache
+def remainder(bits: str, polynomial: int, width: int, first: str = "0") -> str:
+    """All who read a frame, and its sender, compute the same CRC: once is enough."""
+    return naive.remainder(bits, polynomial, width, first=first)
+
+
+@cache
 def bits_to_send(frame: BusFrame, passive: bool) -> list[SentBit]:
     """Start of frame to end of frame."""
     f = frame.format
@@ -152,7 +169,7 @@ class Reader:
         return (yield 1) == 0
 
     def crc(self) -> Generator[int, int, bool]:
-        expected = naive.remainder(self.plain, 0x4599, 15)
+        expected = remainder(self.plain, 0x4599, 15)
         found = yield from self.take(15)
         yield from self.unstuff()
         return found == expected
@@ -169,13 +186,55 @@ class Reader:
             got += last
         tally = naive.GRAY[self.stuffed % 8]
         tally += str(tally.count("1") % 2)
-        crc = naive.remainder(self.raw + got[:4], polynomial, width, first="1")
+        crc = remainder(self.raw + got[:4], polynomial, width, "1")
         return got == tally + crc
 
 
+class Noise:
+    """Random errors of a rate: the number of bits before each is drawn, binary digit by digit."""
+
+    def __init__(self, rate: ErrorRate, number: int, seed: int) -> None:
+        self.rate, self.state = rate, seed + (number + 1) * 0xD1B54A32D192ED03
+        chance = 1 - rate.rate
+        self.chances = []
+        for _ in range(48):
+            self.chances.append(chance / (1 + chance))
+            chance *= chance
+        self.left, self.before = 0, self.draw()
+
+    def random(self) -> int:
+        """The next 53 bits of splitmix64."""
+        self.state = self.state + 0x9E3779B97F4A7C15 & MASK
+        z = (self.state ^ self.state >> 30) * 0xBF58476D1CE4E5B9 & MASK
+        z = (z ^ z >> 27) * 0x94D049BB133111EB & MASK
+        return (z ^ z >> 31) >> 11
+
+    def draw(self) -> int:
+        return sum((self.random() < int(c * 2**53)) << j for j, c in enumerate(self.chances))
+
+    def strikes(self) -> bool:
+        """Whether it inverts this bit."""
+        if self.left == 0 and self.before > 0:
+            self.before -= 1
+            return False
+        if self.left == 0:
+            self.left, self.before = self.rate.length, self.draw()
+        self.left -= 1
+        return True
+
+
+def clocked(bit: int, settings: BusNodeSettings) -> int:
+    """A bit of the node's own clock, ps."""
+    return int(bit / (1 + round(settings.clock_ppm * 1000) * 1e-9) + 0.5)
+
+
 class Node:
-    def __init__(self, bus: Wires, number: int, one_shot: bool) -> None:
-        self.bus, self.number, self.one_shot = bus, number, one_shot
+    def __init__(self, bus: Wires, number: int, settings: BusNodeSettings) -> None:
+        self.bus, self.number, self.one_shot = bus, number, settings.one_shot
+        self.bits = clocked(bus.nominal, settings), clocked(bus.data, settings)
+        self.jump, self.point = round(settings.sjw * 1000), round(settings.sample_point * 1000)
+        self.late = self.before = self.driven = 0  # late: its sample, behind that of the bus
+        self.missed = self.again = False
         self.coming: list[Pending] = []  # by time
         self.waiting: list[Pending] = []
         self.tec = self.rec = self.earliest = 0
@@ -227,6 +286,7 @@ class Node:
     def error(self, code: int, count: int) -> None:
         was_passive = self.passive()
         self.count(**{"tec" if self.sender else "rec": count})
+        self.bus.troubled = True
         alone = not any(n.shown == "active" for n in self.bus.nodes if n is not self)
         request = self.sends.number if self.sends else self.bus.on_air
         self.says(ERROR, request, code, self.bus.bit, alone | self.sender << 1)
@@ -261,7 +321,8 @@ class Node:
         self.idling = True
         while True:
             yield None
-            starts = self.first() if self.earliest <= self.bus.t else None
+            may = self.earliest <= self.bus.t and not self.again
+            starts = self.first() if may else None
             if starts:
                 self.begin(starts)
             level = yield 0 if starts else 1
@@ -277,10 +338,49 @@ class Node:
         self.idling = False
         self.sends, self.sender = pending, True
         self.says(STARTED, pending.number, bit=0)
-        self.bus.starters.append(pending)
+        self.bus.starters.append((pending, self))
+        self.late = self.before = 0
 
     def hear(self) -> None:
         self.sender, self.earliest = False, 0
+        self.late = self.before = 0
+
+    def drive(self) -> int:
+        """The level that it drives; the same once more if it missed to sample the last bit."""
+        if not self.missed:
+            self.driven = self.life.send(None) or 0
+        return self.driven
+
+    def sample(self, level: int) -> None:
+        """Sample a bit: once, or by a clock that is too slow not at all, or too fast twice."""
+        times = self.samples(level)
+        self.missed = not times
+        for i, seen in enumerate(times):
+            self.again = i > 0
+            if self.again:
+                self.life.send(None)
+            self.life.send(seen)
+        self.again = False
+
+    def samples(self, level: int) -> list[int]:
+        if not self.bus.drifting:
+            return [level]
+        bit = self.bits[self.bus.fast]
+        before, self.before = self.before, level
+        if self.idling or self.off or self.sends:
+            self.late = 0
+            return [level]
+        self.late += bit - (self.bus.clock - self.bus.t)
+        if before == 1 and level == 0:
+            most = bit * self.jump // 1000
+            self.late -= max(-most, min(most, self.late))
+        if self.late > bit * (1000 - self.point) // 1000:
+            self.late -= bit
+            return []
+        if self.late < -(bit * self.point // 1000):
+            self.late += bit
+            return [before, level]
+        return [level]
 
     def frame(self, starts: Pending | None) -> Bits:
         self.reader = Reader()
@@ -341,6 +441,7 @@ class Node:
         while True:
             if overload:
                 self.says(OVERLOAD, bit=self.bus.bit)
+                self.bus.troubled = True
                 self.flag = "overload"
                 for _ in range(6):
                     if (yield from self.one(0)):
@@ -411,27 +512,33 @@ class Node:
 
 
 class Wires:
-    """The bus: `nominal` and `data` ps for a bit; a node is one-shot or not."""
+    """The bus: `nominal` and `data` ps for a bit."""
 
     def __init__(
         self,
         nominal: int,
         data: int,
-        one_shot: list[bool],
-        disturbances: list[ScriptedError | Interruption],
+        nodes: list[BusNodeSettings],
+        disturbances: list[Disturbance],
+        seed: int = 0,
     ) -> None:
         self.nominal, self.data = nominal, data
+        self.bits = nominal, data  # of the clock of the last transmitter
+        self.fast = self.troubled = False
+        rates = [d for d in disturbances if isinstance(d, ErrorRate)]
+        self.noises = [Noise(rate, i, seed) for i, rate in enumerate(rates)]
         self.scripts = [d for d in disturbances if isinstance(d, ScriptedError)]
         self.counts = [0] * len(self.scripts)
         self.acting: list[ScriptedError] = []
-        self.now: list[ScriptedError | Interruption] = []
+        self.now: list[tuple[int | None, LineLevel]] = []
         self.interruptions = [d for d in disturbances if isinstance(d, Interruption)]
         self.happened: list[Happened] = []
         self.read: list[tuple[int, int]] = []
-        self.starters: list[Pending] = []
+        self.starters: list[tuple[Pending, Node]] = []
         self.t = self.clock = self.bit = 0
         self.on_air = -1
-        self.nodes = [Node(self, i, shot) for i, shot in enumerate(one_shot)]
+        self.nodes = [Node(self, i, settings) for i, settings in enumerate(nodes)]
+        self.drifting = any(settings.clock_ppm for settings in nodes)
 
     def ask(self, node: int, at: int, number: int, frame: BusFrame) -> None:
         """Make a frame pending from `at` ps on."""
@@ -439,14 +546,18 @@ class Wires:
 
     def run(self, end: int) -> None:
         while True:
-            if all(n.idling or n.off for n in self.nodes) and not self.outstanding():
+            counting = False
+            if self.idle() and not self.outstanding():
                 t = self.next_start()
                 counting = any(n.off for n in self.nodes) and t - self.t >= self.nominal
                 if not counting:
                     self.t, self.bit = t, 0
             if self.t >= end:
                 return
-            self.step()
+            self.step(counting)
+
+    def idle(self) -> bool:
+        return all(n.idling or n.off for n in self.nodes)
 
     def outstanding(self) -> bool:
         return any(self.bit < s.bit + s.length for s in self.acting)
@@ -467,7 +578,8 @@ class Wires:
         return min(times, default=1 << 62)
 
     def attempt(self) -> None:
-        first = min(self.starters, key=lambda p: p.priority)
+        first, node = min(self.starters, key=lambda s: s[0].priority)
+        self.bits = node.bits
         name = first.frame.identifier, first.frame.format.extended
         self.acting = []
         for i, s in enumerate(self.scripts):
@@ -478,38 +590,46 @@ class Wires:
         self.starters = []
 
     def disturbed(self, node: int | None, level: int) -> int:
-        for d in self.now:
-            if d.node == node:
-                level = (1 - level, 0, 1, 1)[d.level]
+        for where, change in self.now:
+            if where == node:
+                level = (1 - level, 0, 1, 1)[change]
         return level
 
     def connected(self, node: int) -> bool:
-        return not any(d.level == LineLevel.DISCONNECTED and d.node == node for d in self.now)
+        return (node, LineLevel.DISCONNECTED) not in self.now
 
-    def step(self) -> None:
-        """One bit."""
+    def step(self, counting: bool) -> None:
+        """One bit; `counting`: an idle one, of which only nodes that are off take notice."""
         self.interruptions = [x for x in self.interruptions if x.end_ps > self.t]
         self.clock = self.t
         for n in self.nodes:
             n.shown = n.flag
-        levels = [n.life.send(None) for n in self.nodes]
+        levels = [n.drive() for n in self.nodes]
         if self.starters:
             self.bit = 0
             self.attempt()
         sending = [n for n in self.nodes if n.sends]
+        scripts = [s for s in self.acting if s.bit <= self.bit < s.bit + s.length]
+        timed = [x for x in self.interruptions if x.start_ps <= self.t < x.end_ps]
+        struck = [] if counting else [n.rate for n in self.noises if n.strikes()]
         self.now = [
-            *(s for s in self.acting if s.bit <= self.bit < s.bit + s.length),
-            *(x for x in self.interruptions if x.start_ps <= self.t < x.end_ps),
+            *((s.node, s.level) for s in scripts),
+            *((r.node, LineLevel.INVERTED) for r in struck),
+            *((x.node, x.level) for x in timed),
         ]
         self.on_air = sending[0].sends.number if sending and sending[0].sends else -1
         fast = any(n.sent_bit.fast for n in sending) and not any(n.shown for n in self.nodes)
-        self.clock = self.t + (self.data if fast else self.nominal)
+        self.fast = fast
+        self.clock = self.t + (self.nominal if counting else self.bits[fast])
         level = min((x for i, x in enumerate(levels) if self.connected(i)), default=1)
         level = self.disturbed(None, level)
         for n in self.nodes:
-            n.life.send(self.disturbed(n.number, level))
+            n.sample(self.disturbed(n.number, level))
         if self.starters:
             self.attempt()
             self.bit = 0
+        if self.idle() and self.troubled:
+            self.troubled = False
+            self.happened.append(Happened(self.clock, FREE, -1, -1, 0, 0, 0, -1, 0))
         self.t = self.clock
         self.bit += 1

@@ -63,6 +63,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "tdpa_admittance": ({},),
     "endpoint_operator": ({},),
     "minimum_jerk": ({},),
+    "reaction": ({},),
     "push": ({},),
     "decaying_push": ({},),
     "grasp": ({},),

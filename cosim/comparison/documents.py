@@ -98,7 +98,7 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     signals = sorted({signal for signal, _ in signals_read(variants)})
     document["run"] |= {"seed": case.seed, "record": {"signals": signals}}
     controller = variants.controllers[case.controller]
-    _hold(document, variants.operators[case.operator], variants.roles)
+    _hold(document, variants.operators[case.operator], variants)
     _control(document, controller, variants)
     replaced = tuple(f"{role.controller}." for role in variants.roles.values())
     kept = [x for x in document.get("links", []) if not _touches(x, replaced)]
@@ -155,13 +155,34 @@ def _assembled(base: Base, variants: Variants, case: Case, name: str) -> Plan:
 # ---- what is replaced ---------------------------------------------------------------------------
 
 
-def _hold(document: Document, operator: Operator, roles: Mapping[str, Role]) -> None:
-    """Give the arms the operator's values, whichever table of theirs has had them before."""
+def _hold(document: Document, operator: Operator, variants: Variants) -> None:
+    """Give the arms the operator's values, whichever table of theirs has had them before.
+
+    Its components come in as well. Raises ScenarioError where the scenario has one of that name.
+    """
+    roles, components = variants.roles, document["components"]
     for name, values in operator.values.items():
-        arm = document["components"][roles[name].arm]
+        arm = components[roles[name].arm]
         for table in ("parameters", "start"):
             arm[table] = {k: v for k, v in arm.get(table, {}).items() if k not in values}
         arm["parameters"] |= values
+    for name, given in operator.components.items():
+        if name in components:
+            place = f"{variants.path} at operators.{operator.name}.components"
+            raise ScenarioError(f"the scenario has a component {name!r} already", place)
+        inputs = {port: _arm_of(end, roles) for port, end in given.get("inputs", {}).items()}
+        model = _model(str(given.get("model", "")), variants.path.parent)
+        components[name] = {**given, "model": model, "inputs": inputs}
+    for name, fed in operator.feeds.items():
+        arm = components[roles[name].arm]
+        arm["inputs"] = {**arm.get("inputs", {}), **fed}
+        arm["start"] = {k: v for k, v in arm.get("start", {}).items() if k not in fed}
+
+
+def _arm_of(end: Any, roles: Mapping[str, Role]) -> Any:
+    """``ROLE.port`` as the port of that role's arm; any other end as it is."""
+    name, dot, port = str(end).partition(".")
+    return f"{roles[name].arm}.{port}" if dot and name in roles else end
 
 
 def _control(document: Document, controller: Controller, variants: Variants) -> None:

@@ -56,12 +56,18 @@ class Controller:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Values of the arms by role, and the columns that say nothing then."""
+    """Values of the arms by role, and the columns that say nothing then.
+
+    `components`: further components by name, as a scenario has them; `feeds`: inputs of the arms
+    by role, and the output of a component that feeds each.
+    """
 
     name: str
     title: str
     values: Mapping[str, Mapping[str, Any]]
     without: tuple[str, ...]
+    components: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    feeds: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,9 @@
 
     [operators.tight]                       # values of a role's arm
     master = { k_p = 200.0, k_d = 2.0 }
+    [operators.person.components.intent]    # a component besides; a role in `inputs` is its arm
+    [operators.person.feeds]                # inputs of arms that it feeds
+    master = { q_h = "intent.q_h" }
 
     [links.constant]                        # both ways, each way one channel
     delay = { law = "constant", delay = "750 ms" }
@@ -185,9 +188,13 @@ def _wires(table: Section) -> dict[str, tuple[str, str]]:
 
 
 def _operator(name: str, table: Section, roles: Mapping[str, Role]) -> Operator:
-    table.only("title", "without", *roles)
+    table.only("title", "without", "components", "feeds", *roles)
     values = {role: table.mapping(role) for role in roles if role in table}
-    return Operator(name, table.text("title", name), values, table.texts("without", ()))
+    fed = table.table("feeds")
+    fed.only(*roles)
+    feeds = {role: fed.mapping(role) for role in roles if role in fed}
+    title, without = table.text("title", name), table.texts("without", ())
+    return Operator(name, title, values, without, table.mapping("components"), feeds)
 
 
 def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:

@@ -1,0 +1,95 @@
+"""Intent of a person who reacts late: moves where the hand wants to be towards a goal.
+
+The arm's grip is the passive impedance of hand and arm, about the place q_h; this is the person
+who moves q_h, by what was seen and felt a reaction time τ ago, at no more than v_max::
+
+    dp/dt = ω_c (q_g - q(t - τ)), each joint limited to ±v_max        p(0) = q(0)
+    q_h   = p + a sin(2π f t)
+
+With a grip that is stiff enough q follows q_h, and the loop is ω_c exp(-jωτ)/(jω): the crossover
+model of McRuer and Jex (IEEE Trans. HFE 8(3), 1967; its form and the values here from memory). It
+is stable for ω_c τ < π/2. a is the amplitude of a tremor, of f = 8 to 10 Hz in people.
+
+Wired to the input q_h of ``planar2r``; the torque on the robot stays tau_h of the grip. τ is
+rounded to whole steps, of which it is at most 63; before τ has passed q(0) is what was seen.
+
+Sampled: q_h of t_k holds to the next step, and dp/dt over it.
+"""
+
+from __future__ import annotations
+
+from cosim.base.errors import RunError
+from fmus.model import Model, Terminal, Variable
+from fmus.models.arm import RATE, Q
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
+
+#: Samples of q that are kept.
+KEPT = 64
+
+#: Reaction times to what is felt, and to what is seen (about 0.15 s and 0.2 s).
+PRESETS: dict[str, dict[str, float]] = {
+    "at once": {"reaction": 0.0},
+    "felt": {"reaction": 0.15},
+    "seen": {"reaction": 0.2},
+}
+
+
+def model() -> Model:
+    """Declare the intent; the defaults are ``felt`` and Sec. VII's q_h as the goal."""
+    return Model(
+        identifier="reaction",
+        description="Intent of a person who reacts late: where the hand wants to be",
+        kind="sampled",
+        variables=(
+            Q,
+            Variable(
+                *("q_h", "output", (2,), "rad"),
+                description="Position the hand wants",
+                start_depends=("q",),
+            ),
+            Variable("q_g", "parameter", (2,), "rad", (3.5, 3.0), "Goal"),
+            Variable("omega_c", "parameter", (), "1/s", 2.0, "Crossover frequency", minimum=0.0),
+            Variable("reaction", "parameter", (), "s", 0.15, "Reaction time τ", minimum=0.0),
+            Variable("v_max", "parameter", (), RATE, 1.0, "Largest speed of q_h", minimum=0.0),
+            Variable("tremor", "parameter", (), "rad", 0.0, "Amplitude a of the tremor"),
+            Variable("f", "parameter", (), "1/s", 9.0, "Frequency of the tremor", minimum=0.0),
+            Variable("p", "local", (2,), "rad", description="Position wanted without tremor"),
+            Variable("past", "local", (2 * KEPT,), "rad", description="Positions seen"),
+            Variable("k", "local", (), "1", description="Steps taken"),
+        ),
+        sources=("reaction.c", "trig.c"),
+        step=5e-3,
+        terminals=(Terminal("intent", ("q", "q_h"), "Position in, position wanted out"),),
+        documentation=__doc__ or "",
+    )
+
+
+def law(x: Values, t: float, h: float, q: Array) -> Values:
+    """q_h (2,) rad at `t` (s), and the state a step `h` (s) later; `q` (2,) rad.
+
+    Raises RunError where the reaction time is too many steps.
+    """
+    k, late = int(x["k"]), _steps(x, h, t)
+    past = x["past"].copy()
+    past[2 * (k % KEPT) : 2 * (k % KEPT) + 2] = q
+    seen = max(k - late, 0) % KEPT
+    wanted = x["omega_c"] * (x["q_g"] - past[2 * seen : 2 * seen + 2])
+    p = x["p"] + h * np.clip(wanted, -x["v_max"], x["v_max"])
+    shake = x["tremor"] * np.sin(2 * np.pi * x["f"] * t)
+    return {"q_h": x["p"] + shake, "p": p, "past": past, "k": np.array(k + 1.0)}
+
+
+def _steps(x: Values, h: float, t: float) -> int:
+    steps = float(x["reaction"]) / h + 0.5
+    if not steps < KEPT:
+        raise RunError(f"the reaction time is more than {KEPT - 1} steps", time=t)
+    return int(steps)
+
+
+def start(x: Values, q: Array) -> Values:
+    """The hand starts where the arm is: `q` (2,) rad, which is all that was seen before."""
+    return {"q_h": q, "p": q, "past": np.tile(q, KEPT), "k": np.array(0.0)}
+
+
+fmu, kernel, Reaction = derive(model, law, start)

@@ -54,7 +54,7 @@ def test_columns_are_metrics_or_parts_of_them(shipped: Variants) -> None:
     assert not reach.applies(shipped.operators["free"])
     reflection = next(c for c in shipped.columns if c.name == "reflection")
     applies = [name for name, o in shipped.operators.items() if reflection.applies(o)]
-    assert applies == ["wall"]
+    assert applies == ["wall", "person-wall"]
 
 
 # ---- selection ---------------------------------------------------------------------------------

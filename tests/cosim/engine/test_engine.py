@@ -237,3 +237,16 @@ def test_a_wrong_topology_is_refused_with_its_place(weights, extra, message):
     with pytest.raises(ScenarioError) as error:
         plan(NETWORK, extra=network(weights, **extra))
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("wrong", [1000, -8])
+def test_a_table_that_names_a_sample_which_the_link_does_not_hold_stops_the_run(wrong):
+    """One that was not sent yet, or so long ago that it is forgotten."""
+    p = plan(LOOP, [{**LINKS[0], "delay": {"law": "constant", "delay": 0.5}}], stop=40.0)
+    with Engine(p) as engine:
+        engine.initialize()
+        engine.run(40)
+        real = engine._streams[0].rows
+        engine._streams[0].rows = lambda n: real(n) + wrong
+        with pytest.raises(RunError, match=r"link control.y->other.u.*: no such sample at tick 4"):
+            engine.run(40)

@@ -56,6 +56,14 @@ def test_a_clock_that_the_fmu_ticks_is_heard_in_its_events(tmp_path: Path, flags
     assert found["bell"] == found["y_bell"]
 
 
+@pytest.mark.parametrize("name", ["u_fast", "u_bell"])
+def test_an_input_that_the_fmu_refuses_stops_the_run(clocked: Path, name: str) -> None:
+    """Whether its clock ticks from outside or is one that the FMU ticks: both are asked for."""
+    too_large = np.where(np.arange(STEPS) < 4, 0.0, 1e7)
+    with pytest.raises(CosimError, match=r"this input is too large.* at tick 4"):
+        run(plan_of(clocked, STEPS), {**FED, name: too_large})
+
+
 @pytest.mark.parametrize("kind", ["fixed", "tunable"])
 @pytest.mark.parametrize("isolate", [False, True])
 def test_an_interval_that_is_not_written_is_asked_for(tmp_path, clocked, kind, isolate) -> None:

@@ -67,6 +67,13 @@ def test_a_countdown_of_nothing_ticks_in_the_same_event(timed: Path) -> None:
     assert found["at_done"] == pytest.approx(held([(0.1 * k, 0.1 * k) for k in ARMED], -1.0))
 
 
+def test_a_countdown_much_shorter_than_a_step_ticks_after_it(timed: Path) -> None:
+    """Two times are one if they are closer than 1e-9 of a step (0.1 ns here); 5 ns are two."""
+    found = outputs(plan_of(timed, STEPS, values={"wait": (5e-9,)}), FED)
+    ticks = [0.1 * k + 5e-9 for k in ARMED]
+    assert found["at_done"] == pytest.approx(held([(t, t) for t in ticks], -1.0), rel=0, abs=1e-9)
+
+
 @pytest.mark.parametrize("isolate", [False, True])
 def test_texts_of_clocks_are_kept_from_their_last_tick(tmp_path: Path, isolate: bool) -> None:
     text = '<String name="said" valueReference="60" causality="output" clocks="4"/>'

@@ -132,6 +132,7 @@ FMI int fmi3SetFloat64(fmu_t *x, const uint32_t *r, size_t n, const double *v, s
     (void)m;
     for (size_t i = 0; i < n; i++) {
         if (!open(x, r[i])) return refuse(x, "set without a clock");
+        if (v[i] > 1e6) return refuse(x, "this input is too large");
         x->u[r[i] - U_FAST] = v[i];
     }
     return 0;

@@ -17,6 +17,8 @@ from fmus.library import compile_model
 from fmus.model import Model
 from fmus.models import operator
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
 HAND = operator.model()
 STEPS = 200
 

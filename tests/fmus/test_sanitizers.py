@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -13,7 +15,7 @@ import pytest
 
 from fmus.model import Model, clocked
 from fmus.models import planar2r, teleoperation, xi
-from fmus.source import c_files, sources
+from fmus.source import sources, units
 
 HOST = Path(__file__).with_name("host.c")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
@@ -41,15 +43,38 @@ def sanitized() -> tuple[str, ...]:
 MODELS = (planar2r.model(), teleoperation.model(2), clocked(xi.model(), 1e-3))
 
 
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of objects: what models share is compiled once."""
+    return tmp_path_factory.mktemp("objects")
+
+
+def compiled(unit: dict[str, str], objects: Path) -> str:
+    """The object of a C file, the first of `unit`, and the headers that it includes."""
+    folder = objects / hashlib.sha256(json.dumps(unit).encode()).hexdigest()
+    source = folder / next(iter(unit))
+    if not folder.exists():
+        folder.mkdir()
+        for name, text in unit.items():
+            (folder / name).write_text(text)
+        run([*sanitized(), *FLAGS, "-c", "-o", str(source.with_suffix(".o")), str(source)])
+    return str(source.with_suffix(".o"))
+
+
+def run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.identifier)
-def test_both_apis_are_clean_under_the_sanitizers(model: Model, tmp_path: Path) -> None:
+def test_both_apis_are_clean_under_the_sanitizers(
+    model: Model, objects: Path, tmp_path: Path
+) -> None:
     for name, text in sources(model).items():
         (tmp_path / name).write_text(text)
     host = tmp_path / "host"
-    files = [str(tmp_path / name) for name in c_files(model)]
-    command = [*sanitized(), *FLAGS, f"-I{tmp_path}", "-o", str(host), str(HOST), *files, "-lm"]
-    built = subprocess.run(command, capture_output=True, text=True)
-    assert built.returncode == 0, built.stderr
+    files = [compiled(unit, objects) for unit in units(model)]
+    run([*sanitized(), *FLAGS, f"-I{tmp_path}", "-o", str(host), str(HOST), *files, "-lm"])
     options = {"ASAN_OPTIONS": "detect_leaks=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
     done = subprocess.run(
         [str(host)], capture_output=True, text=True, env={**os.environ, **options}

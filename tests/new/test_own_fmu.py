@@ -18,6 +18,8 @@ from fmus.build import build as build_fmu
 from fmus.python import build_class, load_module
 from tests.ssp.parts import recorded
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
 PAGE = (Path(__file__).parents[2] / "docs" / "own-component.md").read_text(encoding="utf-8")
 DECLARATION = """\
 from pathlib import Path

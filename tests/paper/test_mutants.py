@@ -9,6 +9,8 @@ import pytest
 from fmus.paper.claims import select
 from tests.paper.mutants import WRONG, WrongLaw, failing
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
 
 @pytest.mark.parametrize("law", WRONG, ids=lambda law: law.name)
 def test_a_wrong_law_is_noticed(law: WrongLaw, tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ from cosim.ssp.export import VALUES, Links, write
 from tests.ssp.parts import recorded
 from tests.system.runs import Document, scenario, teleoperation
 
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
 needs_tbb = pytest.mark.needs_tbb
 STEP = 2.0**-9
 CONSTANT = {"law": "constant", "delay": 25 * STEP}

@@ -3,7 +3,7 @@
 Asked are the files of tests that execute the block of C code in which the change lies, every file
 of the group where it lies in none (Python code, a constant). Of these the tests come first that
 execute the block themselves; among them those that noticed changes of the same source before, then
-the fastest ones.
+those of the files that execute little else, then the fastest ones.
 """
 
 from __future__ import annotations
@@ -68,12 +68,13 @@ class Choice:
         number = block_of(self._blocks, mutant.file, mutant.at)
         source = str(mutant.file)
         ranks: dict[str, tuple[float, ...]] = {}
-        for name in self.executing(mutant):
+        for place, name in enumerate(self.executing(mutant)):
             known = self._measured[name]
             for test, (_, cpu) in known.seconds.items():
                 if test not in self._left_out:
                     indirect = number is not None and number not in known.executed.get(test, ())
-                    ranks[test] = (indirect, -self._noticed[source, test], cpu)
+                    noticed = self._noticed[source, test]
+                    ranks[test] = (indirect, -noticed, place >= FIRST, cpu)
         chosen, left = [], self._budget
         for test in sorted(ranks, key=lambda test: ranks[test]):
             left -= self.seconds[test][1]

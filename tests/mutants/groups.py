@@ -43,6 +43,8 @@ GROUPS = {
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
     "kernels": Group(
-        ("fmus/c/*.c", "fmus/c/*.h"), ("tests/fmus", "tests/cosim/fmi"), ("cosim", "fmus")
+        ("fmus/c/*.c", "fmus/c/*.h"),
+        ("tests/fmus", "tests/cosim/fmi", "tests/ssp"),
+        ("cosim", "fmus"),
     ),
 }

@@ -198,7 +198,6 @@ def on_two_hosts(folder: Path, stop: float) -> Iterator[tuple[ByHand, list[str]]
         yield hand, changes
 
 
-@pytest.mark.live
 def test_over_zenoh_on_two_hosts(tmp_path: Path) -> None:
     """Its clock is not the master's but is measured: nobody keeps the date of either."""
     with on_two_hosts(tmp_path, LONG) as (hand, changes):
@@ -216,7 +215,6 @@ def test_over_zenoh_on_two_hosts_that_share_a_clock_to_the_end(tmp_path: Path) -
         assert rows[Life("slave", 2)]["slot"][-1] == rows[Life("master")]["slot"][-1]
 
 
-@pytest.mark.live
 def test_over_can(tmp_path: Path) -> None:
     """Both on one host; START is a frame without EPOCH before it."""
     from bridge.relay import namespaces

@@ -1,6 +1,8 @@
-"""Closed forms O3 to O6 and O9: what a run, or a test force, must agree with.
+"""Closed forms O3 to O6 and O9, with which a run or a response to a test force must agree.
 
-All of the robots of :mod:`cosim.analysis.network`, linear about rest; SI, no gravity.
+They hold for the robots of :mod:`cosim.analysis.network`, linearised about rest; SI, no gravity.
+
+Source: own construction from the paper's equations; docs/paper.md lists the formulas.
 """
 
 from __future__ import annotations

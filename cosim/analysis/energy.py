@@ -1,12 +1,15 @@
-"""Effort of the operator, and the energy that goes through the two ends.
+"""Effort of the operator, and energy through the two ends of a teleoperator.
 
 The passivity observer of a teleoperator with the hand's torque tau_1 on the master and the slave's
-torque tau_2 on its environment is what went in and has not come out::
+torque tau_2 on its environment is the energy that went in and has not come out::
 
     E(t) = ∫ (tau_1ᵀ dq_1 - tau_2ᵀ dq_2) dt
 
-Whatever is passive between the ends can give back no more than it held at the start: E never falls
-below minus that. A robot alone has no second term.
+A passive system between the ends can return at most the energy it stored at the start, so E never
+falls below the negative of that energy. A single robot has no second term.
+
+Source: B. Hannaford, J.-H. Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans.
+Robotics and Automation 18(1), 2002 (passivity observer).
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
-"""What a hand feels: inertia, damping and stiffness that explain torque by motion, in windows.
+"""Impedance felt by a hand: inertia, damping and stiffness that explain torque by motion.
 
     f = I ddq + D dq + S (q - q_0)
 
-least squares of each joint over each window of a run. What is found is whatever ties force to
-motion: where a spring and damper of the operator made the force from the motion, it is the operator
-that is found (D, S < 0, nothing left over) and not the robot. :func:`is_the_hand` tells.
+The fit is least squares, for each joint over each window of a run. It finds any relation between
+force and motion: if a spring and damper of the operator computed the force from the motion, the fit
+finds the operator (D, S < 0, no residual) instead of the robot. :func:`is_the_hand` detects this.
+
+Source: own construction (linear least squares).
 """
 
 from __future__ import annotations

@@ -1,12 +1,15 @@
-"""M^t as a gain: the most that a force on [0, t] can move a robot, per unit of its L2 norm.
+"""M^t as a gain: the largest response of a robot to a force on [0, t], per unit of its L2 norm.
 
     M^t = sup over f of ‖y‖₂ / ‖f‖₂ on [0, t],   y = G f from rest
 
 The supremum is the largest singular value of the convolution with the impulse response of G(p) on
 [0, t], taken in steps. The response comes from the inverse Laplace transform along Re p > 0; the
 singular value from the power iteration f <- Gᵀ G f, in which Gᵀ is the same convolution backwards
-in time. Each iterate is a lower bound, and they rise. No run of a linear system from rest has a
+in time. The iterates are lower bounds and increase. No run of a linear system from rest has a
 greater ‖y‖₂/‖f‖₂; a constant push of a pure integral reaches π/√12 = 0.907 of the gain.
+
+Source: the paper, Definition 1, for M^t; the numerical method is our own construction from the
+power iteration.
 """
 
 from __future__ import annotations

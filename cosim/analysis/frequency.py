@@ -1,13 +1,16 @@
-"""The port by frequency: a force of many sines, and what the response says about it.
+"""Frequency response of the port, measured with a multisine force.
 
-The force is a sum of cosines whose periods all divide one period T_0, fed in on top of what is, so
-that the transform of the last T_0 separates them exactly. Cosines: their integral has no mean, and
-so no integrator of the robot drifts away. What is transformed is the difference of two runs, with
-and without the force, which are alike in everything else: what moves by itself cancels.
+The force is a sum of cosines whose periods all divide one period T_0, added to the present force,
+so that the transform of the last T_0 separates them exactly. The integral of a cosine has no mean,
+so no integrator of the robot drifts. The transform is applied to the difference of two runs, with
+and without the force, that are equal in everything else: motion without the force cancels.
 
 G(jω) is response over force. With the force held over a step h and the velocity taken as the mean
-over that step, Y = (exp(jωh) - 1)/h G is exactly what has the power f · v: the port is passive
-towards such forces iff Y + Yᴴ is never negative.
+over that step, Y = (exp(jωh) - 1)/h G exactly represents the power f · v: the port is passive under
+such forces iff Y + Yᴴ is never negative.
+
+Source: own construction (multisine excitation, discrete Fourier transform; positive-real condition
+of passivity).
 """
 
 from __future__ import annotations

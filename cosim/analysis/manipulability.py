@@ -1,10 +1,12 @@
-"""Manipulability as observed: how far a force moved the robot, and how that grows.
+"""Observed manipulability: the response of a robot to a force, and its growth over time.
 
     M^t = ‖y‖₂ / ‖f‖₂ over [0, t],   y = response - response(0)
 
-The paper calls a robot manipulable with infinite gain if M^t can grow beyond every bound. How fast
-it does depends on the force as well: the slope d log M^t/d log t is 1 under a constant push, 1/2
-once the hand rests with its force gone, 0 where M^t has a limit. Integrals are trapezoids.
+A robot is infinitely manipulable if M^t can grow beyond every bound. The rate of growth depends on
+the force as well: the slope d log M^t/d log t is 1 under a constant push, 1/2 when the hand has
+come to rest without force, and 0 if M^t has a limit. Integrals use the trapezoidal rule.
+
+Source: the paper, Definition 1.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Robots under dynamic feedback that hear each other, linear about rest.
+"""Coupled robots under dynamic feedback, linearised about rest.
 
 With the estimate at rest, M_hat = M(theta_hat), and delays T_ij, robots i in one posture each
 obey, in the Laplace variable p (matrices over joints, blocks over robots)::
@@ -7,11 +7,13 @@ obey, in the Laplace variable p (matrices over joints, blocks over robots)::
 
     L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
 
-where a delay jumps exp(-p T_ij) is its mean over the distribution of T_ij: what the robots do on
-average, as long as a delay is drawn anew faster than they move. From s = (p + alpha)/(p + lambda_M)
-L q and M p² q = -K s + M_hat p (p q - s) + tau_h. One robot has L = p. For M_hat = M one robot's
-admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)). SI; no gravity; Remark 3 is
-K = lambda_c M_hat.
+If a delay jumps, exp(-p T_ij) is the mean over the distribution of T_ij. This is the average
+behaviour of the robots if a delay is redrawn faster than they move. The equations follow from
+s = (p + alpha)/(p + lambda_M) L q and M p² q = -K s + M_hat p (p q - s) + tau_h. A single robot has
+L = p; for M_hat = M its admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)). SI; no
+gravity; Remark 3 is K = lambda_c M_hat.
+
+Source: own construction, the linearisation of the paper's (42)-(45), (61) and (76)-(81).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What became of requests on a simulated bus: response times, losses, and who caused them."""
+"""Statistics of the requests on a simulated bus: response times, losses and their causes."""
 
 from __future__ import annotations
 

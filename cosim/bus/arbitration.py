@@ -1,9 +1,11 @@
-"""Who sends when on one CAN bus: the most urgent of those waiting, and it is not interrupted.
+"""Arbitration on one CAN bus: the most urgent waiting frame is sent, without interruption.
 
-What decides is the bits as they are sent: a dominant one wins. A node takes part with its most
-urgent frame, or (``fifo``) with the one it was handed first, as the default queue of Linux and many
-USB adapters have it. :func:`arbitrate` is the test oracle of the response times: without errors,
-with queues that are never full.
+The arbitration compares the frames bit by bit, and a dominant bit wins. A node takes part with its
+most urgent frame or (``fifo``) with its oldest request, as with the default queue of Linux and with
+many USB adapters. :func:`arbitrate` is the test oracle of the response times. It assumes that there
+are no errors and that queues are never full.
+
+Source: Bosch, CAN Specification 2.0 (1991), part B, bitwise arbitration; ISO 11898-1:2015.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The settings of a simulated bus as the structs that its C code reads."""
+"""Conversion of the settings of a simulated bus to the structs that its C code reads."""
 
 from __future__ import annotations
 

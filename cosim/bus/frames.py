@@ -1,4 +1,4 @@
-"""Frames, and what happens to them on a simulated bus, as values and as NumPy rows."""
+"""Frames and their events on a simulated bus, as values and as NumPy rows."""
 
 from __future__ import annotations
 

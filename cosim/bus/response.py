@@ -1,19 +1,20 @@
-"""Worst-case response times on a CAN bus: fixed priorities, frames are not interrupted.
+"""Worst-case response times on a CAN bus with fixed priorities and without preemption.
 
-R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
-analysis: Refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272. For message m, with
-C transmission time, T period, J jitter of queueing, B = max C of lower priorities, τ_bit:
+Source: R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN)
+schedulability analysis: Refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272. For
+message m, with C transmission time, T period, J queueing jitter, B = max C of lower priorities and
+τ_bit the bit time:
 
     busy period   t  = B + E(t) + Σ_{hep(m)} ceil((t + J_k) / T_k) C_k        (15), (14)
     instances     Q  = ceil((t + J_m) / T_m)                                  (16)
     queueing      w  = B + E(w + C_m) + q C_m + Σ_{hp(m)} ceil((w + J_k + τ_bit) / T_k) C_k
     response      R  = max_{q < Q} J_m + w(q) - q T_m + C_m                   (20), (21)
 
-E(t) is what errors cost: each an error frame of at most 31 bits and the frame again (section 5).
-Every node is taken to send its most urgent frame first; a node that sends in the order of
-queueing (many USB adapters, the default queue of Linux) can take longer. Instances of a message are
-queued in their order. Offsets are not used: any two messages may be queued at the same instant.
-All numbers are integers, ns.
+E(t) is the time lost to errors: each costs an error frame of at most 31 bits and a repetition of
+the frame (section 5). The analysis assumes that every node sends its most urgent frame first; a
+node that sends in the order of queueing (many USB adapters, the default queue of Linux) can take
+longer. Instances of a message are queued in their order. The analysis does not use offsets: any two
+messages may be queued at the same instant. All numbers are integers in ns.
 """
 
 from __future__ import annotations

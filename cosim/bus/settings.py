@@ -1,4 +1,4 @@
-"""What a simulated bus consists of: its nodes, and what disturbs it."""
+"""Settings of a simulated bus: its nodes and its disturbances."""
 
 from __future__ import annotations
 

@@ -1,12 +1,14 @@
-"""A CAN bus as a simulation: who sends when, exact to the bit, with errors and fault confinement.
+"""Simulation of a CAN bus, exact to the bit: arbitration, errors and fault confinement.
 
     bus = SimulatedBus(BusTiming(500e3), [BusNodeSettings("a"), BusNodeSettings("b")])
     bus.request(0, 0, BusFrame(0x123, b"hello"))
     events = bus.advance(10**9)                       # 1 ms
     frame = bus.frame(events[events["kind"] == BusEvent.RECEIVED][0])
 
-Time is an integer of picoseconds from the start of the simulation. The C code is in
-``cosim/c/bus``; docs/bus.md says what is simulated and what is left out.
+Time is an integer number of picoseconds from the start of the simulation. The C code is in
+``cosim/c/bus``; docs/bus.md lists what is simulated and what is not.
+
+Source: ISO 11898-1:2015; Bosch, CAN Specification 2.0 (1991), part B, section 8 (confinement).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The structs and functions of the simulated bus, as ctypes sees them (``cosim/c/bus/bus.h``)."""
+"""ctypes declarations of the structs and functions of the simulated bus (``cosim/c/bus/bus.h``)."""
 
 from __future__ import annotations
 

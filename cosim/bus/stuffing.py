@@ -1,10 +1,12 @@
-"""Bit stuffing and CRC-15 of CAN as tables: a byte is one look-up.
+"""Bit stuffing and CRC-15 of CAN as tables with one look-up per byte.
 
-After five equal bits a bit of the other value is inserted (ISO 11898-1:2015, 10.5), and counts as
-the first of the next run. The state of a sender is the last value and how often it was sent in a
-row: ten states, ``5 * value + run - 1``. A stuff bit is counted when the bit after it is sent, so
-that a run of five at the end is still there to be looked at: after the CRC of a classic frame it
-is followed by a stuff bit, before the CRC field of an FD frame by the fixed stuff bit alone.
+After five equal bits a bit of the other value is inserted, which counts as the first of the next
+run. The state of a sender is the last value and the number of times it was sent in a row: ten
+states, ``5 * value + run - 1``. A stuff bit is counted when the bit after it is sent, so that a
+run of five at the end remains visible: after the CRC of a classic frame a stuff bit follows it,
+before the CRC field of an FD frame only the fixed stuff bit.
+
+Source: ISO 11898-1:2015, 10.5 (bit stuffing).
 """
 
 from __future__ import annotations

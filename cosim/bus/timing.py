@@ -1,4 +1,4 @@
-"""How long a frame occupies a CAN bus: exact from its bits, worst, best and mean.
+"""Time that a frame occupies a CAN bus: exact from its bits, worst case, best case and mean.
 
 Classic frames (CAN 2.0 A and B, data and remote) and CAN FD frames (ISO 11898-1:2015, with stuff
 count), from start of frame to the end of the intermission of three bits:
@@ -14,15 +14,16 @@ FD, CRC field         6 + 4 + 17 (n <= 16), 7 + 4 + 21: fixed stuff bits, stuff 
 FD, tail              1 CRC delimiter; 12 nominal: ACK, ACK delimiter, end, intermission
 ====================  ==========================  ==================================
 
-With BRS all from ESI to the CRC delimiter has the data bit rate. In truth both switches are at a
-sample point: BRS takes a share of a nominal and of a data bit, the CRC delimiter the other shares.
-Together they are one nominal and one data bit whatever the sample points, so that the sum is exact.
+With BRS everything from ESI to the CRC delimiter has the data bit rate. Strictly, both switches of
+the bit rate are at a sample point: BRS takes part of a nominal and part of a data bit, the CRC
+delimiter the other parts. Together they are one nominal and one data bit for any sample points, so
+the sum is exact.
 
-Receivers have a frame, and its sender's confirmation is due, at the end of EOF: 3 nominal bits, the
-intermission, before the end of the time given here.
+A frame is received, and its sending confirmed, at the end of EOF: 3 nominal bits (the intermission)
+before the end of the time given here.
 
-Worst case of classic frames: Davis, Burns, Bril, Lukkien, 2007, Real-Time Systems 35, eq. (1):
-55 + 10 n and 80 + 10 n bits.
+Source: ISO 11898-1:2015 for the fields. Davis, Burns, Bril, Lukkien, Real-Time Systems 35 (2007),
+eq. (1), for the worst case of classic frames: 55 + 10 n and 80 + 10 n bits.
 """
 
 from __future__ import annotations

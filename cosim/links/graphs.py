@@ -1,8 +1,10 @@
-"""Interaction graphs: who receives from whom, with what weight; and three presets of six robots.
+"""Interaction graphs: weighted directed edges between robots, and three presets of six robots.
 
 An edge (i, j) means that robot i receives from robot j; robots are numbered from 1. Information
-flows against the pair as it is written: from j to i, in the presets "i←j". A root is a robot whose
-information reaches all others (paper, Sec. V: a directed spanning tree exists).
+flows from j to i, which the presets write as "i←j". A root is a robot whose information reaches all
+others; if there is one, a directed spanning tree exists.
+
+Source: the paper, Sec. V, for the definitions; the presets are our own construction.
 """
 
 from __future__ import annotations

@@ -1,13 +1,16 @@
-"""Delay laws: how late is a sample that is sent, or read, at t = 0, period, 2·period and so on.
+"""Delay laws: the delay of each sample that is sent, or read, at t = 0, period, 2·period and so on.
 
-A law is a frozen value with declared facts (`minimum`, `maximum`, `loses`) that hold for every
-delay it ever gives, and the `mean` it tends to. :meth:`Law.stream` starts the delays of one link;
-they are taken in chunks, and the sizes of the chunks do not change the values: the same generator
-state gives the same delays. A lost packet has a delay that is not finite.
+A law is a frozen value. It declares facts (`minimum`, `maximum`, `loses`) that hold for every delay
+it generates, and the long-term `mean`. :meth:`Law.stream` starts the delays of one link. They are
+generated in chunks whose sizes do not change the values: the same generator state gives the same
+delays. A lost packet has a delay that is not finite.
 
-Here are the protocol and the two laws that need no theory. Laws with a long tail are in `skewed`,
-levels in `markov`, delays that were measured in `traces`; `losses` puts a loss model on top of any
-of them. A further law is one more class with these members and one more struct in `spec`.
+This module has the protocol and the two simplest laws. `skewed` has laws with a long tail, `markov`
+a law with levels, and `traces` measured delays; `losses` combines any of them with a loss model. To
+add a law, add a class with these members and a struct in `spec`.
+
+Source: the paper, Sec. VII, for the uniform law that is redrawn at fixed intervals; the interface
+is our own construction.
 """
 
 from __future__ import annotations

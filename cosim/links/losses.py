@@ -1,12 +1,17 @@
-"""Loss: which packets never arrive. Models on top of any delay law, with declared facts.
+"""Loss models, which select the packets that never arrive. Any delay law can be combined with one.
 
-A loss model is a frozen value like a law; :meth:`Loss.stream` starts the losses of one link, taken
-in chunks that do not change them. :class:`Lossy` puts a model on a delay law. Its random numbers
-are its own: with or without loss, the packets that arrive have the same delays.
+A loss model is a frozen value like a law. :meth:`Loss.stream` starts the losses of one link, which
+are generated in chunks whose sizes do not change them. :class:`Lossy` combines a model with a delay
+law and uses separate random numbers: with or without loss, the arriving packets have the same
+delays.
 
-What a lost packet means is the semantics' business: `last-arrival`, `newest-stamp` and `playout`
-hold what they have; `signal` and `fifo` refuse a law that loses, with a sentence. Outages, which
-are given in seconds and not in packets, are in `outages`.
+The semantics of the link define the effect of a lost packet: `last-arrival`, `newest-stamp` and
+`playout` hold the present sample; `signal` and `fifo` reject a law with losses. `outages` has loss
+models that are specified in seconds instead of packets.
+
+Source: E. N. Gilbert, "Capacity of a burst-noise channel", Bell System Technical Journal 39(5),
+1960; E. O. Elliott, "Estimates of error rates for codes on burst-noise channels", Bell System
+Technical Journal 42(5), 1963; parameters as in tc-netem(8).
 """
 
 from __future__ import annotations
@@ -97,7 +102,7 @@ class _Independent:
 
 @dataclass(frozen=True, slots=True)
 class GilbertElliott:
-    """Two states: G -> B with probability p after a packet, B -> G with r; each loses in its way.
+    """Two states with their own loss probabilities; after a packet G -> B with p, B -> G with r.
 
     In B a packet is lost with probability `bad` = 1-h, in G with `good` = 1-k: the names and the
     order of ``tc netem loss gemodel p r 1-h 1-k``. The model starts in its stationary

@@ -1,6 +1,8 @@
-"""Markov chains: delays that stay on a level for a while (route, load, handover), then jump.
+"""Markov chains: delays that stay at a level for a time (route, load, handover), then jump.
 
 The chain itself, :class:`Chain`, also drives the Gilbert–Elliott loss in `losses`.
+
+Source: own construction from a homogeneous Markov chain that starts in its stationary distribution.
 """
 
 from __future__ import annotations

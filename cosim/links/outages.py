@@ -1,4 +1,7 @@
-"""Outages: loss models in seconds. For a while nothing that is sent arrives, at all rates alike."""
+"""Outages: loss models in seconds. During an outage all packets are lost.
+
+Source: own construction; random outages follow each other after exponentially distributed times.
+"""
 
 from __future__ import annotations
 

@@ -1,28 +1,30 @@
-"""Semantics: what the receiver makes of late samples. Five rules over the same delays.
+"""Semantics: five rules by which a receiver selects one of the samples that have arrived.
 
-Sample j is sent at tick n_s·j, the receiver looks at ticks K = n_r·r; T is the delay, h the base
-step. A row of the table is the sample held at a look (-1: none yet). What arrives in a tick is
-there for a look in that same tick.
+Sample j is sent at tick n_s·j and the receiver reads at ticks K = n_r·r; T is the delay and h the
+base step. A row of the table is the sample held at a read (-1: none yet). A sample that arrives in
+a tick is available to a read in the same tick.
 
 ``signal``
     ξ(t - T(t)) of the theory: T at *reception*; the sample that exists and is nearest to t - T.
 ``last-arrival``
     Packets. Sample j arrives at tick n_s·j + ceil(T/h), T at its *sending*. The newest arrival
-    wins even if it is stale; of two that arrive in the same tick the later sent is the later.
-    (The one rule for which a finer base step is another link: it tells two arrivals apart.)
+    is held even if it is stale; of two that arrive in the same tick, the later sent is held.
+    (This is the only rule for which a finer base step changes the link: it separates arrivals.)
 ``newest-stamp``
-    As before, but what was sent no later than what is held is ignored.
+    As before, but a sample sent no later than the held one is ignored.
 ``fifo``
-    In order: nothing arrives before what was sent before it. A lost packet is an error: an
-    ordered stream repeats it, and after which time is not the law's to invent. Give delays that
-    include the repetitions.
+    In order: no sample arrives before the samples sent before it. A lost packet is an error,
+    because an ordered stream repeats it after a time that the law does not define. Use delays
+    that include the repetitions.
 ``playout``
-    Plays the sample sent b ago (the newest at or before K - ceil(b/h)) if it has arrived, else
-    holds. The delay is b throughout where b covers every T.
+    Holds the sample sent b ago (the newest at or before K - ceil(b/h)) if it has arrived;
+    otherwise the held sample does not change. If b is at least every T, the delay is always b.
 
 Rounding: T is rounded **up** to whole ticks for packets and to the **nearest** sample for
-`signal`, where a tie goes to the older sample (so that a constant delay stays constant; halves
-rounded to even would make it dither). 1e-9 of a tick is forgiven: 0.3 s / 5 ms is 60 ticks.
+`signal`, where a tie goes to the older sample (so that a constant delay stays constant; rounding
+halves to even would make it alternate). A tolerance of 1e-9 tick applies: 0.3 s / 5 ms is 60 ticks.
+
+Source: the paper, eq. (61), for `signal`; the rules for packets are our own construction.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
 """Delays with a long tail: shifted gamma and shifted lognormal, cut off at a declared maximum.
 
-A network has a shortest time (the wire) and a tail (the queues). The theory needs bounded delays
-(Theorems 4 and 5), so each law declares its `maximum`: a draw beyond it *is* the maximum. The
-`mean` is that of the cut law, in closed form.
+A network has a shortest transit time (the wire) and a tail (the queues). The theory requires
+bounded delays (Theorems 4 and 5), so each law declares its `maximum`, and a larger draw is replaced
+by it. The `mean` is that of the bounded law, in closed form.
 
-The draws are NumPy's own; another NumPy or another processor may round them differently. What
-replays to the bit is the table that is stored with a run.
+NumPy draws the random numbers; another version of NumPy or another processor may round them
+differently. The table stored with a run replays the delays bit for bit.
+
+Source: own construction from the gamma and lognormal distributions.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""Which of several graphs is there when: always one, a random one every so often, or a schedule.
+"""Switching topologies: a constant graph, random graphs at fixed intervals, or a schedule.
 
-Values like delay laws: frozen, with declared facts, streamed so that chunks change nothing. A
-graph holds from its time on: at a look at t it is the last whose time is not after t. What a graph
-does entirely between two looks is not seen.
+They are values like delay laws: frozen, with declared facts, and streamed in chunks whose sizes
+change nothing. A graph is in effect from its time on: a read at t uses the last graph whose time is
+not after t. A graph that is in effect only between two reads has no effect.
+
+Source: the paper, Sec. V (graphs, union, dwell time) and Sec. VII-B (random switching).
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""Delays that were measured: a law that looks them up, and the files they come in.
+"""Measured delays: a law that looks them up, and the formats of their files.
 
-A trace says what a packet sent at `t_send` (s) suffered, `delay` (s). CSV: one header line that
-names these columns (others are ignored), lines that start with ``#`` are comments. Parquet: two
-columns of these names. An empty, NaN or infinite delay is a lost packet.
+A trace gives the `delay` (s) of a packet sent at `t_send` (s). CSV: one header line names these
+columns (others are ignored), and lines that start with ``#`` are comments. Parquet: two columns of
+these names. An empty, NaN or infinite delay is a lost packet.
+
+Source: own construction.
 """
 
 from __future__ import annotations

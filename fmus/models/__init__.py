@@ -1,10 +1,10 @@
 """One file per model: its declaration ``model(**sizes)`` and its ``law``; the C file is in fmus/c.
 
 From both, :func:`fmus.reference.derive` makes the functions that scenarios use:
-``fmu(version, **sizes)``, ``kernel(**sizes)`` and the NumPy reference, which has a name of its own
-(``Xi``).
+``fmu(version, **sizes)``, ``kernel(**sizes)`` and the class of the NumPy reference (such as
+``Xi``).
 
-Shared by several: ``start`` (values on the way in and out), ``dynamics`` (M, C, g and Y),
+Several models share ``start`` (checks of inputs and outputs), ``dynamics`` (M, C, g and Y),
 ``arm`` and ``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose
 reference follows from the inputs alone).
 """

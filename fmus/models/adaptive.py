@@ -7,8 +7,10 @@ The law of :mod:`fmus.models.teleoperation` without neighbours, Theorem 2::
     tau        = -K s + Y(q, dq, z, dz) theta_hat           (31)
     dtheta_hat = -Gamma Yᵀ(q, dq, z, dz) s                  (32)
 
-with the same options and parameters, and xi = dq + alpha q for whoever listens. alpha = 0 makes the
-velocity the output (Sec. IV-C): ddq = lambda_M s + ds.
+with the same options and parameters. Other components can use the output xi = dq + alpha q. With
+alpha = 0 the velocity is the output (Sec. IV-C): ddq = lambda_M s + ds.
+
+Source: the paper, eqs (29)-(32), Theorem 2, Sec. IV-C.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Variables of the adaptive controller, by its sizes: neighbours n, gravity or not.
 
-What they mean stands in :mod:`fmus.models.teleoperation`.
+:mod:`fmus.models.teleoperation` explains their meaning.
 """
 
 from __future__ import annotations

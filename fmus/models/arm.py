@@ -1,4 +1,4 @@
-"""What the controllers of a planar arm declare in the same words: ports, gains, a model of them."""
+"""Shared declarations of the controllers of a planar arm: ports, gains, and a model of them."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Two arms coupled by a pair of controllers: which models, which values, what each side sends.
+"""Two arms coupled by a pair of controllers: models, values, and the signals that each side sends.
 
-A table of data for whoever compares controllers in one scenario, and the two functions that write
-it as a scenario does: the controllers as components, and what they exchange as links.
+The module has a table of data for comparisons of controllers in one scenario, and two functions
+that express it in the form of a scenario: the controllers as components, their exchange as links.
 
-In a pair's table ``plant`` stands for the arm of the side and ``control`` for its controller; what
-is sent lands at the other side's. The first side is where an operator is.
+In the table of a pair ``plant`` denotes the arm of a side and ``control`` its controller. A sent
+signal is connected to the component of the other side. The operator is at the first side.
 """
 
 from __future__ import annotations

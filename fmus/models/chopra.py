@@ -1,20 +1,20 @@
 """Adaptive synchronisation of r = dq + lambda q, for unknown inertia and a constant delay.
 
-With r_j the other arm's r as it is received (delayed)::
+Let r_j denote the r of the other arm as received (delayed)::
 
     r          = dq + lambda q                                                sent
     tau        = Y(q, dq, -lambda q, -lambda dq) theta_hat + K (r_j - r)
     dtheta_hat = -Gamma Y' r
 
 with the regressor Y of ``dynamics``. Condition: lambda, K, Gamma > 0 and a constant delay,
-whatever its size; the free arms then synchronise. Not for arms with gravity in Y: since the
-estimate drives r itself, not a difference, to zero, the arms are drawn to q = 0.
+of any size; the free arms then synchronise. The law is unsuitable for arms with gravity in Y: the
+estimate drives r itself, not a difference, to zero, so that the arms are drawn to q = 0.
 
 Source: N. Chopra, M. W. Spong, R. Lozano, "Synchronization of bilateral teleoperators with time
 delay", Automatica 44(8), 2008.
 
 Sampled: outputs as of t_k; theta_hat advances by the explicit Euler method. Each joint's torque is
-limited to ±tau_max; while any joint is at its limit theta_hat stands still (anti-windup).
+limited to ±tau_max; while any joint is at its limit theta_hat is not updated (anti-windup).
 """
 
 from __future__ import annotations

@@ -1,18 +1,20 @@
-"""Damping with gravity compensation: the simplest controller an arm can be led by.
+"""Damping with gravity compensation: the simplest controller that lets an operator lead an arm.
 
-Equation (24) of the paper, Theorem 1; the paper calls the damping alpha, which is a rate in 1/s
-everywhere else::
+The paper calls the damping d alpha in this equation; everywhere else its alpha is a rate in 1/s::
 
     tau = -d dq + g(q)
 
-    g = [ γ1 cos q1 + γ2 cos (q1 + q2) ]     theta_g = (γ1, γ2), N.m, as the platform knows it
+    g = [ γ1 cos q1 + γ2 cos (q1 + q2) ]     theta_g = (γ1, γ2), N.m, the controller's values
         [ γ2 cos (q1 + q2)             ]
 
-Where g is the arm's own gravity, M ddq + C dq = -d dq + tau_h: a constant push on an arm that need
-not turn ends in the velocity tau_h / d, and the L2 norm of dq is at most that of tau_h divided by
-the least d. From tau_h to q there is one pure integral more: infinitely manipulable, degree one.
+If g is the true gravity of the arm, M ddq + C dq = -d dq + tau_h. Under a constant push the
+velocity of a joint tends to tau_h / d, and the L2 norm of dq is at most that of tau_h divided by
+the least d. From tau_h to q there is one more pure integral, so the arm is infinitely manipulable
+with degree one.
 
-Sampled: read at t_k, held to the next step.
+Source: the paper, eq. (24), Theorem 1.
+
+Sampled: inputs are read at t_k, outputs are held to the next step.
 """
 
 from __future__ import annotations

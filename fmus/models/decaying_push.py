@@ -1,15 +1,16 @@
-"""A push that decays so slowly that it can move an arm for ever, as a torque and as a force.
+"""A slowly decaying push whose integral is unbounded, as a torque and as a force.
 
-The paper's example (Sec. III) of an input that is square-integrable while its integral is not
-bounded, f = 1 / (t + 1)::
+The paper's example, f = 1 / (t + 1), is square-integrable while its integral is unbounded::
 
     tau_h = tau_0 / (t / T + 1)      on an arm
     f     = f_0 / (t / T + 1)        on a point mass
 
-Its norm is finite, ∫ f² dt = f_0² T, its integral f_0 T ln (t / T + 1) is not: a system whose
-output holds the integral of the input goes wherever one likes, at an effort that is bounded.
+Its norm is finite, ∫ f² dt = f_0² T, and its integral f_0 T ln (t / T + 1) grows without bound. A
+bounded effort therefore moves a system whose output contains the integral of the input anywhere.
 
-Sampled: the push of t_k holds to the next step. Outputs at the start are those of t = 0.
+Source: the paper, Sec. III and Remark 5 (f = 1 / (t + 1)).
+
+Sampled: the push of t_k is held to the next step. Outputs at the start are those of t = 0.
 """
 
 from __future__ import annotations

@@ -1,17 +1,19 @@
-"""A link as a component of a system: what other masters need to see its latency.
+"""A link as a component of a system, so that other co-simulation masters simulate its latency too.
 
-The samples u_k of each step are kept, and the table of the link says which of them is there::
+The samples u_k of each step are stored, and the table of the link selects the one that is held::
 
     y_(k+1) = u_(held_(k+1))        held_(k+1) >= 0
     y_(k+1) = y_0                   held_(k+1) = -1: nothing has arrived yet
 
-y_0 = u_0 is what the sender gives at the start, unless the link has values of its own for that.
-A constant delay of d steps is held_k = k - d and has no end; any other table is compiled in, and
-after its last row the age of what is held stays.
+y_0 = u_0 is the sender's output at the start, unless the link declares start values. A constant
+delay of d steps is held_k = k - d for every k. Any other table is compiled into the model; after
+its last row the age of the held sample stays constant.
 
-Continuous: the input is that of t_k, the output that of t_k + h, which a master that shows
-everybody the last step (Jacobi) hands on at t_(k+1): as late as the link is, and not a step later.
-The delay is counted in steps, so the step must be the one it was made for.
+Continuous: the input is that of t_k and the output that of t_k + h. A Jacobi master passes this
+output on at t_(k+1), so that it adds no step to the delay of the link. The delay is counted in
+steps, so the communication step must be the one that the model was built for.
+
+Source: own construction; docs/network.md describes the table of a link.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Dynamics of the planar arm with two revolute joints: M, C, g, and the regressor Y.
 
-For any parameters theta (3,), kg.m2, and theta_g (2,), N.m, and any z (2,), dz (2,), Property 3 of
-the paper::
+For any parameters theta (3,), kg.m2, and theta_g (2,), N.m, and any z (2,), dz (2,)::
 
     M(q) dz + C(q, dq) z + g(q) = Y(q, dq, z, dz) theta + G(q) theta_g
 
@@ -12,6 +11,9 @@ the paper::
         [ 0    c12 ]
 
 g is the gradient of theta_g1 sin q1 + theta_g2 sin (q1 + q2), the potential energy.
+
+Source: the paper, eq. (1) and Property 3 (linearity in the parameters); M, C and g are those of
+``planar2r``.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Operator at the endpoint: a hand that holds the tip of the arm with a spring and a damper.
 
-With the links' lengths l = (l1, l2) and the target x_h of the hand, in the plane of the arm::
+The links have the lengths l = (l1, l2); x_h is the target of the hand in the plane of the arm::
 
     x     = [ l1 c1 + l2 c12 ]      J = dx/dq = [ -l1 s1 - l2 s12   -l2 s12 ]
             [ l1 s1 + l2 s12 ]                  [  l1 c1 + l2 c12    l2 c12 ]
@@ -8,11 +8,14 @@ With the links' lengths l = (l1, l2) and the target x_h of the hand, in the plan
     f     = K_h (x_h - x) + B_h (dx_h - J dq)       force of the hand on the tip
     tau_h = J' f
 
-K_h of 50 N/m (relaxed) to 500 N/m (tight), B_h of 5 to 20 N.s/m are a human hand's. Its mass, 0.5
-to 1.5 kg, is not in here: it moves with the tip, and belongs into the arm's inertia theta.
+Typical values of a human hand are K_h from 50 N/m (relaxed) to 500 N/m (tight) and B_h from 5 to
+20 N.s/m. The mass of the hand, 0.5 to 1.5 kg, is not part of this model: it moves with the tip and
+must be included in the inertia theta of the arm.
 
-Sampled: read at t_k, held to the next step. x_h is where the hand wants the tip, (0, 1) m where
-nothing is wired to it.
+Source: own construction, the PD operator of the paper (Sec. VII) in Cartesian coordinates, with the
+forward kinematics and the transposed Jacobian of an arm with two revolute joints.
+
+Sampled: inputs are read at t_k, outputs are held to the next step. An unconnected x_h is (0, 1) m.
 """
 
 from __future__ import annotations

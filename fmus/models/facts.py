@@ -1,7 +1,7 @@
-"""Facts of the models: what is predicted of them, or checked, without a run.
+"""Facts of the models, from which predictions and checks are computed without a run.
 
-The table :data:`FACTS` has a function for each model that has something to say, by the name of its
-module; see :mod:`cosim.analysis.facts` for what it is given and what comes back.
+The table :data:`FACTS` maps the name of a model's module to its function of facts, for each model
+that has one; :mod:`cosim.analysis.facts` describes the argument and the result.
 """
 
 from __future__ import annotations

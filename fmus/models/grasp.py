@@ -1,12 +1,14 @@
-"""When a hand holds the arm and when not: a signal of 0 and 1 that changes at up to eight times::
+"""Schedule of a grip: a signal of 0 (released) and 1 (grasped) that changes at up to eight times::
 
     grip = 1 (or 0 if `released`) before all times; at each time it changes
 
-For events of release and grasp: wired to a grip it takes the hand from the arm and puts it back.
-Times that come to the same instant undo each other in pairs; those far off never come.
+Wired to the input `grip` of an arm, the signal simulates that the operator releases and grasps the
+arm. Two equal times cancel each other; a time beyond the end of the run has no effect.
 
-Sampled: the signal of t_k holds to the next step; a step that begins less than a millionth of its
-length before a time counts as beginning then. The output at the start is that of t = 0.
+Source: own construction.
+
+Sampled: the signal of t_k is held to the next step; a step that begins less than a millionth of its
+length before a time counts as beginning at that time. The output at the start is that of t = 0.
 """
 
 from __future__ import annotations

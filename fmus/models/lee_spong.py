@@ -1,20 +1,21 @@
-"""PD with dissipation: a spring and a damper to where the other arm was, and damping for the delay.
+"""PD with dissipation: spring and damper to the delayed other arm, and damping for the delay.
 
-Of each joint, with the other arm's motion as it is received (delayed)::
+For each joint, with the motion q_j, dq_j of the other arm as received (delayed)::
 
     tau = -K_v (dq - dq_j) - (K_d + P_eps) dq - K_p (q - q_j)
 
-Condition, for a constant delay of at most T_rt there and back::
+Condition, for a constant delay of at most T_rt round trip::
 
     K_d >= (T_rt / 2) K_p,   P_eps > 0
 
-Then the coupling and the links are passive together, whatever the surroundings: K_d pays for the
-delayed spring, the first term for itself, and P_eps is what is left over.
+Then the coupling and the links together are passive in any environment: K_d dissipates the energy
+of the delayed spring, the delayed damper is passive by itself, and P_eps is the passivity margin.
 
 Source: D. Lee, M. W. Spong, "Passive bilateral teleoperation with constant time delay", IEEE
 Trans. Robotics 22(2), 2006.
 
-Sampled: read at t_k, held to the next step. Each joint's torque is limited to ±tau_max.
+Sampled: inputs are read at t_k, outputs are held to the next step. Each joint's torque is limited
+to ±tau_max.
 """
 
 from __future__ import annotations

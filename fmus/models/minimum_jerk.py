@@ -1,18 +1,18 @@
-"""A target that a hand wants to follow: from one place to another with the least jerk.
+"""Target of a hand that moves from one position to another with minimum jerk.
 
-For the joints q_h from q_0 to q_f, and for the endpoint x_h from x_0 to x_f likewise::
+For the joints q_h moves from q_0 to q_f, and for the endpoint x_h likewise from x_0 to x_f::
 
     q_h  = q_0 + (q_f - q_0) (10 p³ - 15 p⁴ + 6 p⁵)      p = (t - t_0) / T, from 0 to 1
     dq_h = (q_f - q_0) 30 p² (1 - p)² / T
 
-The path of fifth order that starts and ends at rest, without acceleration, and has the least
-∫ |d³q/dt³|² dt of all such. A target does nothing by itself: wired to ``pd`` (as q_j, dq_j), to the
-grip inside ``planar2r`` (as q_h) or to ``endpoint_operator`` it moves the arm.
+This polynomial of degree five starts and ends at rest and without acceleration, and has the least
+∫ |d³q/dt³|² dt of all such paths. A target exerts no torque. It moves an arm when it is wired to
+``pd`` (as q_j, dq_j), to the grip inside ``planar2r`` (as q_h) or to ``endpoint_operator``.
 
 Source: T. Flash, N. Hogan, "The coordination of arm movements: an experimentally confirmed
 mathematical model", J. Neuroscience 5(7), 1985.
 
-Sampled: the target of t_k holds to the next step. Outputs at the start are those of t = 0.
+Sampled: the target of t_k is held to the next step. Outputs at the start are those of t = 0.
 """
 
 from __future__ import annotations

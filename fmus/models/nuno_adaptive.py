@@ -1,6 +1,6 @@
 """Adaptive synchronisation of positions, for unknown inertia and a constant delay.
 
-With the other arm's motion as it is received (delayed)::
+With the motion q_j, dq_j of the other arm as received (delayed)::
 
     e          = q - q_j,   de = dq - dq_j
     epsilon    = dq + lambda e
@@ -8,14 +8,14 @@ With the other arm's motion as it is received (delayed)::
     dtheta_hat = -Gamma Y' epsilon
 
 with the regressor Y of ``dynamics``. Condition: lambda, K, B, Gamma > 0 and a constant delay
-(which may be unknown and different each way); the free arms then synchronise whatever the delay
-is. With a delay that varies, dq_j is no longer the derivative of q_j.
+(which may be unknown and different in each direction); the free arms then synchronise for any
+delay. If the delay varies, dq_j is not the derivative of q_j.
 
 Source: E. Nuño, R. Ortega, L. Basañez, "An adaptive controller for nonlinear teleoperators",
 Automatica 46(1), 2010.
 
 Sampled: outputs as of t_k; theta_hat advances by the explicit Euler method. Each joint's torque is
-limited to ±tau_max; while any joint is at its limit theta_hat stands still (anti-windup).
+limited to ±tau_max; while any joint is at its limit theta_hat is not updated (anti-windup).
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
 """Operator: a hand that holds the robot with a spring and a damper.
 
-The standard PD action of the paper's Sec. VII, torque on the robot, of each joint::
+The torque of the operator on the robot is a PD action, for each joint::
 
     tau_h = -k_d dq - k_p (q - q_h)
 
-Sampled: read at t_k, held to the next step. The same law is inside ``planar2r``, solved at the rate
-of its integrator, for grips too stiff for the communication step.
+Source: the paper, Sec. VII (standard PD action).
+
+Sampled: inputs are read at t_k, outputs are held to the next step. ``planar2r`` contains the same
+law, evaluated at every stage of its integrator, for grips too stiff for the communication step.
 """
 
 from __future__ import annotations

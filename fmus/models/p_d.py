@@ -1,6 +1,6 @@
-"""P+d: a spring to where the other arm was, a damper to the ground.
+"""P+d: a spring to the delayed position of the other arm and a damper to the ground.
 
-Of each joint, with the other arm's position as it is received (delayed)::
+For each joint, with the position q_j of the other arm as received (delayed)::
 
     tau = -K (q - q_j) - B dq
 
@@ -8,16 +8,17 @@ Condition, for arms l and r and delays of at most T_l, T_r, which may vary::
 
     4 B_l B_r > (T_l + T_r)^2 K_l K_r
 
-Then velocities and position error stay bounded, and with passive surroundings the free arms
-synchronise. It follows from V = sum over the arms of dq' M dq / (2 K_i), plus |q_l - q_r|^2 / 2:
-what the delayed spring adds to dV/dt is at most what the dampers take away.
+Then velocities and position error stay bounded, and in a passive environment the free arms
+synchronise. The proof uses V = |q_l - q_r|^2 / 2 plus the sum over the arms of dq' M dq / (2 K_i):
+the contribution of the delayed spring to dV/dt is at most the dissipation of the dampers.
 
 Source: E. Nuño, R. Ortega, N. Barabanov, L. Basañez, "A globally stable PD controller for
 bilateral teleoperators", IEEE Trans. Robotics 24(3), 2008; E. Nuño, L. Basañez, R. Ortega,
 M. Spong, "Position tracking for non-linear teleoperators with variable time delay", Int. J.
 Robotics Research 28(7), 2009.
 
-Sampled: read at t_k, held to the next step. Each joint's torque is limited to ±tau_max.
+Sampled: inputs are read at t_k, outputs are held to the next step. Each joint's torque is limited
+to ±tau_max.
 """
 
 from __future__ import annotations

@@ -1,19 +1,23 @@
-"""Plain PD: a spring and a damper to where the other arm was.
+"""Plain PD: a spring and a damper to the delayed motion of the other arm.
 
-Of each joint, with the other arm's motion as it is received (delayed)::
+For each joint, with the motion q_j, dq_j of the other arm as received (delayed)::
 
     tau = -K_p (q - q_j) - K_d (dq - dq_j)
 
-Condition: none that holds with delay. Without delay any K_p, K_d > 0 synchronise; the delayed
-spring and damper create energy, and nothing here takes it away. The law is the position-position
-coupling of most leader-follower rigs, and the uncompensated case that Lee and Spong (2006) and
-Nuño, Basañez and Ortega (2011) start from.
+Condition: no condition guarantees stability with delay. Without delay any K_p, K_d > 0
+synchronise the arms. The delayed spring and damper generate energy that the law does not dissipate.
 
-By its parameters also two controls of a comparison: K_p = K_d = 0 lets both arms be (zero force),
-and gains on one side only make that side copy the other (unilateral). Wired to a target that moves
-(``minimum_jerk``) instead of another arm it is an operator's arm.
+Two settings serve as baselines of a comparison: K_p = K_d = 0 leaves both arms free (zero force),
+and gains on one side only make that side follow the other (unilateral). Wired to a moving target
+(``minimum_jerk``) instead of another arm, the model is the arm of an operator.
 
-Sampled: read at t_k, held to the next step. Each joint's torque is limited to ±tau_max.
+Source: the position-position coupling of most leader-follower systems; the uncompensated case from
+which D. Lee, M. W. Spong, "Passive bilateral teleoperation with constant time delay", IEEE Trans.
+Robotics 22(2), 2006, and E. Nuño, L. Basañez, R. Ortega, "Passivity-based control for bilateral
+teleoperation: a tutorial", Automatica 47(3), 2011, start.
+
+Sampled: inputs are read at t_k, outputs are held to the next step. Each joint's torque is limited
+to ±tau_max.
 """
 
 from __future__ import annotations

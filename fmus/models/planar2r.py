@@ -1,7 +1,7 @@
 """Planar arm with two revolute joints, without friction; horizontal, or with gravity.
 
-Equation of motion (the paper's (1)), three lumped parameters theta = (θ1, θ2, θ3) and two of
-gravity theta_g = (γ1, γ2), by default zero: the plane is horizontal::
+The equation of motion has three lumped parameters theta = (θ1, θ2, θ3) and two of gravity,
+theta_g = (γ1, γ2). theta_g is zero by default, which means a horizontal plane::
 
     M(q) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e
 
@@ -13,27 +13,30 @@ gravity theta_g = (γ1, γ2), by default zero: the plane is horizontal::
 
     c2 = cos q2, s2 = sin q2;   θ1 = m1 lc1² + I1 + m2 (l1² + lc2²) + I2,  θ2 = m2 l1 lc2,
     θ3 = m2 lc2² + I2;   M - positive definite iff θ3 > 0 and θ1 θ3 - θ3² - θ2² > 0;
-    γ1 = (m1 lc1 + m2 l1) 9.81 m/s²,  γ2 = m2 lc2 9.81 m/s²;   q = 0 lies level, q1 = π/2 upright
+    γ1 = (m1 lc1 + m2 l1) 9.81 m/s²,  γ2 = m2 lc2 9.81 m/s²;   q = 0 is level, q1 = π/2 upright
 
-Two parts of the surroundings may be solved inside the arm, at the rate of the integrator, so that
-a stiff grip or contact is not limited by the communication step. Both are off by default. The
-operator's torque on the robot, of each joint; the inputs `q_h` and `grip` move the hand and let go
-(0) or grasp (1)::
+The arm can include two parts of its environment, evaluated at the rate of the integrator, so that
+the communication step does not limit the stiffness of a grip or contact. Both are off by default.
+The first is the operator's torque on the robot, for each joint. The input `q_h` is the position of
+the hand, and the input `grip` releases (0) or grasps (1) the arm::
 
     tau_h = grip (-k_d dq - k_p (q - q_h))
 
-The robot's torque on its environment, of each joint, at the depth x = q - q_w beyond the wall, by
-`contact`; 0 for x <= 0, and no wall ever pulls::
+The second is the robot's torque on its environment, for each joint, at the depth x = q - q_w beyond
+the wall. The parameter `contact` selects the law; the torque is 0 for x <= 0 and never negative::
 
     0   tau_e = max(0, k_w x + b_w dq)              spring and damper
     1   tau_e = max(0, x (k_w + b_w dq))            Hunt and Crossley, exponent 1
     2   tau_e = max(0, x^1.5 (k_w + b_w dq))        Hunt and Crossley, exponent 1.5
 
 The damping of Hunt and Crossley grows with the depth, so that a contact begins and ends without a
-jump. k_w and b_w are in N.m/rad^n and N.m.s/rad^(n+1) there.
+jump. In their laws k_w and b_w are in N.m/rad^n and N.m.s/rad^(n+1), n being the exponent.
 
-Integrated by the classical Runge-Kutta method of order 4 with `substeps` equal substeps in a
-communication step. The inputs are held over the step; tau_h and tau_e are evaluated at every
+Source: the paper, eqs (1), (74), (75); K. H. Hunt, F. R. E. Crossley, "Coefficient of restitution
+interpreted as damping in vibroimpact", J. Applied Mechanics 42(2), 1975.
+
+The classical Runge-Kutta method of order 4 integrates the equation with `substeps` equal substeps
+in a communication step. The inputs are held over the step; tau_h and tau_e are evaluated at every
 stage, and as outputs at the end of the step.
 """
 

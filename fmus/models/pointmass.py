@@ -1,17 +1,19 @@
-"""Point mass on a line with viscous friction: what manipulability is, in one coordinate.
+"""Point mass on a line with viscous friction: the paper's introductory example of manipulability.
 
-Section III of the paper, (17): the damping action is the control, f the force of a subject::
+The damping action is the control, and f is the force of a subject::
 
     m ddx + b dx = f          1 / (m p² + b p) from f to x
 
-b > 0: one pure integral, infinitely manipulable with degree one. A constant force ends in the
-velocity f / b, and f = 1 / (t + 1), of finite L2 norm, moves the mass beyond every bound. b = 0:
-two integrals, degree two.
+For b > 0 there is one pure integral, and the mass is infinitely manipulable with degree one: under
+a constant force the velocity tends to f / b, and f = 1 / (t + 1), of finite L2 norm, moves the mass
+beyond every bound. For b = 0 there are two integrals, and the degree is two.
 
-The input `b_add` is added to b and may change with time, as long as the sum is not negative: the
-time-varying damping of Sec. III. Left open it is 0.
+The input `b_add` is added to b and may change with time, as long as the sum is not negative. It
+models the time-varying damping of Sec. III. An unconnected `b_add` is 0.
 
-Continuous, and exact: force and friction are held over the step h, and with z = -b h / m::
+Source: the paper, Sec. III, eqs (17), (18).
+
+Continuous. The solution is exact for force and friction held over the step h, with z = -b h / m::
 
     x(t + h)  = x + h φ1 dx + h² φ2 f / m       φ1 = (exp z - 1) / z,   φ1 = 1    for b = 0
     dx(t + h) = exp(z) dx + h φ1 f / m          φ2 = (φ1 - 1) / z,      φ2 = 1/2

@@ -3,11 +3,13 @@
     tau_h = tau_p,   f = f_p    for t_0 <= t < t_1
     tau_h = 0,       f = 0      otherwise
 
-The input of the closed forms: an arm under the paper's law drifts at lambda_M tau_p / (K alpha), a
-pair of them at lambda_M tau_p / (K alpha (2 + lambda (T_12 + T_21))).
+The closed forms assume this input: an arm under the paper's law drifts at lambda_M tau_p /
+(K alpha), and a pair of arms at lambda_M tau_p / (K alpha (2 + lambda (T_12 + T_21))).
 
-Sampled: the push of t_k holds to the next step; a step that begins less than a millionth of its
-length before t_0 or t_1 counts as beginning then. Outputs at the start are those of t = 0.
+Source: own construction; the velocities are the closed form O4 of docs/paper.md.
+
+Sampled: the push of t_k is held to the next step; a step that begins less than a millionth of its
+length before t_0 or t_1 counts as beginning at that time. Outputs at the start are those of t = 0.
 """
 
 from __future__ import annotations

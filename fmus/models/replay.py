@@ -1,12 +1,14 @@
-"""A recording played back: what was measured or simulated once becomes the input of another run.
+"""Playback of a recording: measured or simulated signals become the inputs of another run.
 
-Each output holds, from a row's time on, what the row says (zero-order hold); before the first row
-it is the first, after the last the last::
+From the time of a row on, each output holds the row's value (zero-order hold). Before the first row
+it holds the first value, and after the last row the last value::
 
     y(t) = row i,   t_i <= t < t_i+1
 
-Sampled, and in Python only: a file has no place in a kernel. A scenario names a function that takes
-nothing and makes it, in a module of one's own::
+Source: own construction.
+
+Sampled. The model exists in Python only, because a kernel reads no files. A scenario names a
+function without arguments, in a module of the user, that creates the model::
 
     def operator():
         return Replay("session.parquet", {"tau_h": "master.tau_h"})
@@ -14,9 +16,9 @@ nothing and makes it, in a module of one's own::
     [components.hand]
     model = "my_module:operator"
 
-Recordings are run folders, Parquet files with a column ``t`` (units in the columns' metadata), or
-CSV files whose first line names the columns, ``t`` (s) among them, such as a run writes. Entries of
-a vector are columns ``name[0]``, ``name[1]``.
+A recording is a run folder, a Parquet file with a column ``t`` (units in the columns' metadata), or
+a CSV file as a run writes it, whose first line names the columns, including ``t`` (s). The entries
+of a vector are the columns ``name[0]``, ``name[1]``.
 """
 
 from __future__ import annotations

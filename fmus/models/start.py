@@ -1,4 +1,4 @@
-"""What the reference models share: values checked on the way in and on the way out."""
+"""Functions shared by the reference models: checks of their inputs and outputs."""
 
 from __future__ import annotations
 

@@ -1,12 +1,15 @@
-"""What adaptive laws with static feedback share, in NumPy: the reference of ``static_feedback.h``.
+"""Shared part of adaptive laws with static feedback in NumPy: reference of ``static_feedback.h``.
 
-The reference velocity z follows from what is measured and received::
+The reference velocity z is a function of the measured and received signals::
 
     tau        = Y(q, dq, z, dz) theta_hat + feedback
     dtheta_hat = -Gamma Y' s,   s = dq - z
 
 with the regressor Y of ``dynamics``. Outputs are as of t_k; theta_hat advances by the explicit
-Euler method, and stands still while a torque is at its limit (anti-windup).
+Euler method, and is not updated while a torque is at its limit (anti-windup).
+
+Source: the passivity-based adaptive controller of J.-J. E. Slotine, W. Li, "On the adaptive control
+of robot manipulators", Int. J. Robotics Research 6(3), 1987; each law gives the source of its z.
 """
 
 from __future__ import annotations

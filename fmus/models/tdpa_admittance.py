@@ -1,32 +1,34 @@
-"""The end of a line that takes torque and gives motion to follow, kept passive in the time domain.
+"""Admittance end of a line with time-domain passivity control: torque in, desired motion out.
 
-With v_j the other end's velocity, E_j the energy it put into the line and q_j its position, all as
-received (delayed), of each joint::
+Let v_j be the velocity of the other end, E_j the energy it put into the line and q_j its position,
+all as received (delayed). For each joint::
 
-    w     = v_j + k_c (q_j - q_d)                         what the line wants
+    w     = v_j + k_c (q_j - q_d)                         velocity demanded by the line
     tau   = f = K_p (q_d - q) + K_d (dq_d - dq)           spring and damper pull the arm to q_d
-    dq_d  = w - B f                                       what the passivity controller lets through
+    dq_d  = w - B f                                       velocity after the passivity controller
 
-    E     = sum of the work f w h where that is negative  into the line; sent with f
-    E_out = sum of it where it is positive                out of the line
-    E_pc  = sum of B f^2 h                                taken by the passivity controller
-    W     = E_0 + max E_j - E_out + E_pc                  what the line may still give
+    E     = sum of the work f w h where it is negative    into the line; sent with f
+    E_out = sum of the work where it is positive          out of the line
+    E_pc  = sum of B f^2 h                                dissipated by the passivity controller
+    W     = E_0 + max E_j - E_out + E_pc                  energy that the line may still deliver
 
-B is the least B >= 0 with h f dq_d <= W in the step ahead, or that with the least f dq_d where none
-is enough. f depends on dq_d: with a = K_p (q_d - q) - K_d dq the work is f dq_d = f (f - a) / K_d,
-and f is found between 0 and what w alone would give. The line gives no more than it was given, and
-E_0, whatever delays and losses are; ``tdpa_impedance``, the other end, says more, and has the
-sources. E_0 is what the line holds at the start: without any, no torque is given that the other end
-could put energy in against, and nothing ever moves.
+B is the least B >= 0 with h f dq_d <= W in the next step; if no B suffices, it is the one with the
+least f dq_d. f depends on dq_d: with a = K_p (q_d - q) - K_d dq the work is f dq_d = f (f - a) /
+K_d, and f is found between 0 and its value for dq_d = w. For any delays and losses, the line
+delivers at most its input energy plus E_0; ``tdpa_impedance``, the other end, explains this. E_0 is
+the energy of the line at the start. With E_0 = 0 no torque appears against which the other end
+could do work, and the arms never move.
 
-What the passivity controller takes from dq_d is lost as position (drift). With k_c > 0 the line
-wants the position back too, as fast as the energy in it allows: the compensation of J. Artigas,
-J.-H. Ryu, C. Preusche, "Position drift compensation in time domain passivity based teleoperation",
-IROS 2010, put inside of the observed port. k_c = 0 is the plain scheme, and q_j is not used.
+The passivity controller reduces dq_d, which causes a position error (drift). With k_c > 0 the line
+also demands the lost position, as fast as its energy allows. This drift compensation is applied
+inside the observed port. With k_c = 0 the scheme is the plain one, and q_j is not used.
+
+Source: those of ``tdpa_impedance``; for k_c, J. Artigas, J.-H. Ryu, C. Preusche, "Position drift
+compensation in time domain passivity based teleoperation", IROS 2010.
 
 Sampled: outputs as of t_k; q_d, which is q at the start, and the energies advance to t_k + h. Each
-joint's torque is limited to ±tau_max, by means of dq_d: q_d does not run away from an arm that
-cannot follow.
+joint's torque is limited to ±tau_max by a limit of dq_d, so that q_d does not run away from an arm
+that cannot follow.
 """
 
 from __future__ import annotations

@@ -1,29 +1,28 @@
-"""The end of a line that takes velocity and gives back torque, kept passive in the time domain.
+"""Impedance end of a line with time-domain passivity control: velocity in, torque out.
 
-A passivity observer counts what the line was given and what it gave, and a passivity controller
-takes back by damping what it gave too much. With f_j the other end's torque and E_j the energy it
-put into the line, both as received (delayed), of each joint::
+A passivity observer integrates the energy that enters and leaves the line, and a passivity
+controller dissipates any excess by damping. Let f_j be the torque of the other end and E_j the
+energy it put into the line, both as received (delayed). For each joint::
 
     E     = sum of the work f_j dq h where that is positive     into the line; sent with dq
-    E_out = sum of it where it is negative                      out of the line
-    W     = max E_j - E_out + E_pc                              what it may still give
+    E_out = sum of the work where it is negative                out of the line
+    W     = max E_j - E_out + E_pc                              energy it may still deliver
     f     = f_j + a dq,   a = min(-W / (h dq^2), a_max) if W < 0, else 0
     tau   = -f,           E_pc = sum of the work (f - f_j) dq h
 
-max E_j is the most that has been received: energies only grow, and a packet that comes late takes
-nothing back. W falls below zero only by what a_max leaves to later steps, so the line gives no more
-than it was given, whatever delays and losses are: no condition on the gains of the line. E_j must
-travel in the packets that f_j travels in (links of one ``channel``). The work is counted exactly:
-torques are held, and dq h is the angle that was passed. v = dq is what the other end is to follow.
-The other end is ``tdpa_admittance``.
+max E_j is the largest received value: energies never decrease, so a late packet changes nothing. W
+falls below zero only by the amount that a_max defers to later steps. For any delays and losses, the
+line therefore delivers at most its input energy, without a condition on the gains. E_j and f_j must
+travel in the same packets (links of one ``channel``). The work is exact, because torques are held
+and dq h is the angle of the step. The other end, ``tdpa_admittance``, follows v = dq.
 
 Source: B. Hannaford, J.-H. Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans.
 Robotics and Automation 18(1), 2002; J.-H. Ryu, J. Artigas, C. Preusche, "A passive bilateral
 control scheme for a teleoperator with time-varying communication delay", Mechatronics 20(7), 2010.
 
-Sampled: outputs as of t_k. a_max keeps the damper within what the step allows: h a_max must be well
-below the arm's inertia. Each joint's torque is limited to ±tau_max; what that changes of the work
-is in E_pc.
+Sampled: outputs as of t_k. a_max keeps the damper stable at the step h: h a_max must be well below
+the arm's inertia. Each joint's torque is limited to ±tau_max; E_pc includes the work that the limit
+changes.
 """
 
 from __future__ import annotations

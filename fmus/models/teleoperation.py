@@ -1,6 +1,6 @@
 """Adaptive controller with dynamic feedback: for one arm, a teleoperator or a network of arms.
 
-One law serves the whole paper, for one arm and its n neighbours j::
+The same law covers all cases of the paper, for one arm and its n neighbours j::
 
     xi         = dq + alpha q                                                  sent, (47)
     dz         = -alpha dq + lambda_M (dq - z) - lambda Σ_j w_j (xi - xi_in_j)
@@ -15,47 +15,51 @@ One law serves the whole paper, for one arm and its n neighbours j::
     lambda = 1, w_ij in w           (42)-(45), Theorem 3; with delayed xi_in (61), Theorem 4
     n = 1, w = 1                    (76)-(81), Theorem 5
 
+Source: the paper, eqs (29)-(32), (42)-(45), (47), (61), (76)-(81), Remark 3, Theorems 2 to 5. The
+options `theta_min`, `theta_max`, `age` and `tau_max` are our own additions.
+
 Sampled: the step at t_k reads its inputs, gives xi, s, z, theta_hat and tau as of t_k, and advances
-z and theta_hat by one step of the explicit Euler method to t_k + h. `lambda` carries the unit 1/s,
-`w` is a pure number: the paper's w_ij is their product. K and Gamma are symmetric: `K` and `Gamma`
-are their diagonals, an entry for each joint and each parameter; `K_off` and `Gamma_off` what stands
-right of them, row by row, 0 by default. With entries there both must be positive definite.
-alpha = 0 is for one arm alone: its velocity is the output then (Sec. IV-C); with neighbours
-alpha > 0 is needed, or velocities would agree and positions not.
+z and theta_hat by one step of the explicit Euler method to t_k + h. `lambda` has the unit 1/s and
+`w` is dimensionless; the paper's w_ij is their product. K and Gamma are symmetric. `K` and `Gamma`
+are their diagonals, with an entry for each joint and each parameter; `K_off` and `Gamma_off` are
+the entries above the diagonal, row by row, 0 by default. With nonzero entries K and Gamma must be
+positive definite. alpha = 0 is for a single arm, whose velocity then is the output (Sec. IV-C).
+With neighbours alpha > 0 is required; otherwise only the velocities would agree, not the positions.
 
-Options, all of them off by default:
+All options are off by default:
 
-tau_max: each joint's torque is limited to ±tau_max; while any joint is at its limit z and theta_hat
-stand still (anti-windup).
+tau_max: each joint's torque is limited to ±tau_max; while any joint is at its limit, z and
+theta_hat are not updated (anti-windup).
 
-theta_min, theta_max: theta_hat is clipped to these bounds after each Euler step. Where the true
-theta lies between them this takes nothing from dV/dt <= -sᵀ K s: with a diagonal Gamma clipping an
-entry only shrinks its term (theta_hat_i - theta_i)² / (2 Gamma_i) of V. That is not so with entries
-in Gamma_off, and bounds are refused beside them.
+theta_min, theta_max: theta_hat is clipped to these bounds after each Euler step. If the true theta
+lies between them, dV/dt <= -sᵀ K s still holds: with a diagonal Gamma, clipping an entry only
+reduces its term (theta_hat_i - theta_i)² / (2 Gamma_i) of V. With entries in Gamma_off this is not
+true, and the bounds are rejected.
 
-age, age_max, age_fade: an edge with w_j > 0 whose signal is older than age_max is stale. While
-there is one theta_hat stands still, and its weight falls linearly, from w_j at age_max to 0 at
-age_max + age_fade (at once with age_fade = 0); z goes on, so the arm stays manipulable.
+age, age_max, age_fade: an edge with w_j > 0 whose signal is older than age_max is stale. While an
+edge is stale, theta_hat is not updated, and the weight of the edge falls linearly from w_j at
+age_max to 0 at age_max + age_fade (immediately with age_fade = 0). z is still updated, so that the
+arm stays manipulable.
 
-lambda_c > 0 (Remark 3): K = lambda_c M_hat(q), the inertia as estimated; K itself is not used.
-That is one regressor, in torque and adaptation::
+lambda_c > 0 (Remark 3): K = lambda_c M_hat(q), with the estimated inertia; the parameter K is not
+used. Torque and adaptation then share one regressor::
 
     tau = Y* theta_hat,   dtheta_hat = -Gamma Y*ᵀ s,   Y* = Y(q, dq, z, dz - lambda_c s)
 
-so that dV/dt = -lambda_c sᵀ M s + sᵀ tau_h. theta_hat = 0 gives no feedback at all: start from an
-estimate, and keep it an inertia by theta_min.
+so that dV/dt = -lambda_c sᵀ M s + sᵀ tau_h. theta_hat = 0 gives no feedback: start from a nonzero
+estimate, and use theta_min to keep M_hat positive definite.
 
-Gravity (models built with `gravity`): theta_hat has two more entries, G theirs in Y, and
-`gravity` says what becomes of g(q) = G(q) theta_g::
+Gravity (models built with `gravity`): theta_hat has two more entries, with the columns G in Y, and
+the parameter `gravity` selects the treatment of g(q) = G(q) theta_g::
 
-    G = [ cos q1   cos (q1 + q2) ]     0  none         nothing is said about gravity
-        [ 0        cos (q1 + q2) ]     1  compensated  tau += G theta_g; theta_hat[3:] stands still
+    G = [ cos q1   cos (q1 + q2) ]     0  none         gravity is ignored
+        [ 0        cos (q1 + q2) ]     1  compensated  tau += G theta_g; theta_hat[3:] is constant
                                        2  adapted      Y = [Y G], theta_hat[3:] adapts
 
-The default is 1, with what the platform knows in theta_g, because adapting gravity takes away what
-the law is for: theta_hat integrates Gᵀ s, and any constant push ends up in the estimate,
-G (theta_hat[3:] - theta_g) = -tau_h with s = 0. The arm stops although it is pushed, and the torque
-that a teleoperator reflects decays. (The paper's bounds "<= ∞" stay true; its Sec. VII has g = 0.)
+The default is 1, with the known values in theta_g, because adapting gravity removes the purpose of
+the law: theta_hat integrates Gᵀ s, so that the estimate absorbs any constant push,
+G (theta_hat[3:] - theta_g) = -tau_h with s = 0. The arm stops under a constant push, and the torque
+that a teleoperator reflects decays. (The paper's bounds "<= ∞" remain true; Sec. VII has g = 0.)
 """
 
 from __future__ import annotations

@@ -1,23 +1,23 @@
 """Adaptive consensus with static feedback, for unknown inertia and a constant delay.
 
-With the other arm's motion as it is received (delayed)::
+With the motion q_j, dq_j of the other arm as received (delayed)::
 
     z          = -lambda (q - q_j),   dz = -lambda (dq - dq_j)
     s          = dq - z
     tau        = -K s + Y(q, dq, z, dz) theta_hat
     dtheta_hat = -Gamma Y' s
 
-with the regressor Y of ``dynamics``; `lambda` is the weight w_ij of the one edge. The
-reference z is static in what is measured and received, where the paper's is the state of a
-dynamic feedback: an arm that is held keeps pulling at the hand, which has to hold on. Condition:
-lambda, K, Gamma > 0 and a constant delay, whatever its size (for a network: a directed spanning
-tree). It is ``nuno_adaptive`` with B = 0.
+with the regressor Y of ``dynamics``; `lambda` is the weight w_ij of the only edge. The reference z
+is a static function of the measured and received signals, whereas the z of ``teleoperation`` is the
+state of a dynamic feedback. A displaced arm therefore pulls at the hand as long as it is displaced.
+Condition: lambda, K, Gamma > 0 and a constant delay of any size (for a network: a directed spanning
+tree). The law equals ``nuno_adaptive`` with B = 0.
 
 Source: H. Wang, "Consensus of networked mechanical systems with communication delays: a unified
 framework", IEEE Trans. Automatic Control 59(6), 2014.
 
 Sampled: outputs as of t_k; theta_hat advances by the explicit Euler method. Each joint's torque is
-limited to ±tau_max; while any joint is at its limit theta_hat stands still (anti-windup).
+limited to ±tau_max; while any joint is at its limit theta_hat is not updated (anti-windup).
 """
 
 from __future__ import annotations

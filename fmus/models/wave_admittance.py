@@ -1,17 +1,20 @@
-"""The end of a wave line that takes torque and gives the velocity an arm is to follow.
+"""Admittance end of a wave-variable line: torque in, desired velocity of the arm out.
 
-With u the wave that arrives over the line (delayed), of each joint::
+Let u be the wave that arrives over the line (delayed). For each joint::
 
     tau    = F = K_p (q_d - q) + K_d (dq_d - dq)      spring and damper pull the arm to q_d
-    b dq_d = u - F                                    what the wave and the torque leave
-    v      = b dq_d - F                               sent: the wave that goes back
+    b dq_d = u - F                                    desired velocity from wave and torque
+    v      = b dq_d - F                               sent: the returning wave
 
-The first two are one linear equation, solved as dq_d = (u - K_p (q_d - q) + K_d dq) / (b + K_d).
-At the start q_d is where the arm is. Waves, condition and sources: ``wave_impedance``, the other
-end. K_d = b matches the line: a quick change is then not reflected.
+The first two lines are one linear equation, with the solution dq_d = (u - K_p (q_d - q) + K_d dq) /
+(b + K_d). At the start q_d is the position of the arm. ``wave_impedance``, the other end, explains
+the waves and the condition. K_d = b matches the impedance of the line, so that fast changes are not
+reflected.
+
+Source: that of ``wave_impedance``.
 
 Sampled: outputs as of t_k; q_d advances by the explicit Euler method. Each joint's torque is
-limited to ±tau_max; v = u - 2 F then tells the line what was given, and the port stays passive.
+limited to ±tau_max; v = u - 2 F then contains the limited torque, and the port stays passive.
 """
 
 from __future__ import annotations

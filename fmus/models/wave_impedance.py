@@ -1,26 +1,26 @@
-"""The end of a wave line that takes the arm's velocity and gives back torque.
+"""Impedance end of a wave-variable line: velocity of the arm in, torque out.
 
-With v the wave that comes back over the line (delayed), of each joint::
+Let v be the wave that returns over the line (delayed). For each joint::
 
     F   = b dq - v          torque of the arm on the line
     tau = -F
-    u   = b dq + F          sent: the wave that goes out
+    u   = b dq + F          sent: the outgoing wave
 
 u and v are Niemeyer and Slotine's waves times sqrt(2 b), so that they are torques; b must be the
-same at both ends. The power into the line is dq' F = sum of (u^2 - v^2) / (4 b): a line that
-delays both waves by constant times only stores energy, so it is passive whatever the delay is.
-Anderson and Spong's scattering with the scale n is the same law with b = n^2.
+same at both ends. The power into the line is dq' F = sum of (u^2 - v^2) / (4 b). A line that
+delays both waves by constant times only stores energy, so it is passive for any delay. Anderson and
+Spong's scattering with the scale n is the same law with b = n^2.
 
-Condition: b > 0 and constant delays (a link with ``semantics = "playout"`` makes them so); a wave
-held or repeated by a varying delay creates energy. Waves carry velocities: what the arms differ by
-at the start, or by lost waves, they differ by for ever. The other end is ``wave_admittance``.
+Condition: b > 0 and constant delays (a link with ``semantics = "playout"`` provides these); a wave
+held or repeated by a varying delay generates energy. Waves transmit velocities, so a position
+difference at the start, or from lost waves, is permanent. The other end is ``wave_admittance``.
 
 Source: G. Niemeyer, J.-J. E. Slotine, "Stable adaptive teleoperation", IEEE J. Oceanic Engineering
 16(1), 1991; R. J. Anderson, M. W. Spong, "Bilateral control of teleoperators with time delay", IEEE
 Trans. Automatic Control 34(5), 1989.
 
-Sampled: read at t_k, held to the next step. Each joint's torque is limited to ±tau_max; the wave
-u = v + 2 F then tells the line what was given, and the port stays passive.
+Sampled: inputs are read at t_k, outputs are held to the next step. Each joint's torque is limited
+to ±tau_max; the wave u = v + 2 F then contains the limited torque, and the port stays passive.
 """
 
 from __future__ import annotations

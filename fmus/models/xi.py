@@ -1,12 +1,14 @@
-"""The signal on the link, computed next to the robot.
+"""The signal that the controllers exchange, computed next to the robot.
 
-Equation (47) of the paper, of each joint::
+For each joint::
 
     xi = dq + alpha q
 
-Sampled: read at t_k, held to the next step. ``teleoperation`` gives the same signal; taken from
-here instead, two controllers may exchange it without delay and without a loop between them,
-since this component depends on the robot only. `alpha` must be the controller's.
+Source: the paper, eq. (47).
+
+Sampled: inputs are read at t_k, outputs are held to the next step. ``teleoperation`` has the same
+output. This component depends on the robot only, so that two controllers can exchange its signal
+without delay and without an algebraic loop. `alpha` must equal that of the controller.
 """
 
 from __future__ import annotations

@@ -1,11 +1,13 @@
-"""One scalar agent of a linear network with delays: what Lemmas 1 and 3 are about.
+"""One scalar agent of a linear network with delays, the subject of Lemmas 1 and 3.
 
 ::
 
     dx/dt = F + u,   F = -rate (x - x_in)
 
-with x_in the neighbour's x as the link brings it. Sampled: outputs as of t_k; exact for inputs that
-are held over the step.
+with x_in the neighbour's x at the output of the link. Sampled: outputs as of t_k; exact for inputs
+that are held over the step.
+
+Source: the paper, Lemmas 1 and 3.
 """
 
 from __future__ import annotations

@@ -3,7 +3,9 @@
 All for the horizontal arm (no gravity), K = K I a scalar, PD operator (k_p, k_d, q_h), coupling
 lambda with weights 1. SI throughout; positions and torques may be arrays, one entry a joint.
 p is the Laplace variable. Derivations: at rest, or in steady drift, every derivative in the
-closed loop is constant and the integral of s grows linearly, which leaves algebra.
+closed loop is constant and the integral of s grows linearly, so that only algebra remains.
+
+Source: own construction from the paper's equations; docs/paper.md lists the formulas.
 """
 
 from __future__ import annotations

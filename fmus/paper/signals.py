@@ -1,4 +1,4 @@
-"""Inputs of the experiments that no model of :mod:`fmus.models` gives, as Python components.
+"""Inputs of the experiments that :mod:`fmus.models` does not provide, as Python components.
 
 A scenario names the function and gives its values as options::
 
@@ -6,7 +6,9 @@ A scenario names the function and gives its values as options::
     model = "fmus.paper.signals:sine"
     options = { amplitude = [1.0, 0.0], rate = 20.0 }
 
-Sampled: the value of t_k holds to the next step.
+Source: own construction.
+
+Sampled: the value of t_k is held to the next step.
 """
 
 from __future__ import annotations

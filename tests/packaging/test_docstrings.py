@@ -1,4 +1,4 @@
-"""Docstrings of public functions say what a caller cannot see: shapes, units and errors."""
+"""Docstrings of public functions give shapes, units and errors; modules of laws their source."""
 
 from __future__ import annotations
 
@@ -141,3 +141,64 @@ def test_docstrings_give_units_shapes_and_errors(folder: str) -> None:
 def test_the_check_finds_what_is_missing(text: str, lacks: str) -> None:
     found = [what for function, doc in public(ast.parse(text)) for what in missing(function, doc)]
     assert (found == []) if not lacks else (len(found) == 1 and found[0].startswith(lacks))
+
+
+#: Folders of laws and controllers, and their modules that contain none.
+LAWS = {
+    "fmus/models": {"__init__", "adaptive_variables", "arm", "bilateral", "facts", "start"},
+    "cosim/links": {
+        *("__init__", "adjacency", "grid", "netem", "reachability", "semantics_names", "spec"),
+        *("statistics", "storage", "table", "topology", "writer"),
+    },
+    "cosim/bus": {"__init__", "accounting", "described", "frames", "settings", "structs"},
+}
+#: Single modules of laws in folders of other modules.
+LAW_MODULES = [
+    *("cosim/analysis/closed_form.py", "cosim/analysis/energy.py", "cosim/analysis/finite_gain.py"),
+    *("cosim/analysis/frequency.py", "cosim/analysis/manipulability.py"),
+    *("cosim/analysis/felt_impedance.py", "cosim/analysis/network.py"),
+    *("fmus/paper/agents.py", "fmus/paper/oracles.py", "fmus/paper/signals.py"),
+]
+#: A paragraph that names an equation, a publication, a clause of a standard or our own work.
+SOURCE = re.compile(
+    r"^Source: [^\n]*(?:(?:\n(?!\n)[^\n]*)*?)"
+    r"(?:the paper, |own construction|ISO \d|Bosch, CAN|that of ``|those of ``|\b(?:19|20)\d\d\b)",
+    re.MULTILINE,
+)
+
+
+def without_source(folder: str) -> list[str]:
+    """The modules of laws in a folder whose docstring gives no source."""
+    texts = {path.stem: path.read_text("utf-8") for path in (ROOT / folder).glob("*.py")}
+    assert not LAWS[folder] - set(texts), f"{folder}: a listed module is not there"
+    return [
+        name
+        for name, text in sorted(texts.items())
+        if name not in LAWS[folder] and not SOURCE.search(ast.get_docstring(ast.parse(text)) or "")
+    ]
+
+
+@pytest.mark.parametrize("folder", LAWS)
+def test_laws_give_their_source(folder: str) -> None:
+    assert without_source(folder) == [], f"{folder}: expected a paragraph 'Source: ...'"
+
+
+@pytest.mark.parametrize("file", LAW_MODULES)
+def test_a_module_of_laws_gives_its_source(file: str) -> None:
+    assert SOURCE.search(ast.get_docstring(ast.parse((ROOT / file).read_text("utf-8"))) or "")
+
+
+@pytest.mark.parametrize(
+    ("text", "given"),
+    [
+        ("A law.\n\nSource: the paper, eq. (24).", True),
+        ('A law.\n\nSource: D. Lee, M. W. Spong, "Passive\nteleoperation", 22(2), 2006.', True),
+        ("A law.\n\nSource: own construction.", True),
+        ("A law.", False),
+        ("A law.\n\nSource: unknown.", False),
+        ("A law.\n\nSource: unknown.\n\nSampled, since 1999.", False),
+        ("A law, see the paper, eq. (24).", False),
+    ],
+)
+def test_a_source_is_a_paragraph_that_names_one(text: str, given: bool) -> None:
+    assert bool(SOURCE.search(text)) == given

@@ -1,11 +1,13 @@
-"""Loss in bursts of Pareto length, as NetFI draws it (arXiv 2603.06824).
+"""Loss in bursts of Pareto length.
 
-Two states take turns packet by packet: a state is kept with probability ``stay[state]``. Where no
-burst is under way, the packet begins one of L packets with::
+A chain of two states advances with each packet and keeps its state with probability
+``stay[state]``. A packet outside of a burst begins a burst of L packets with::
 
     L = floor(scale·((1 - u)^(-1/shape) - 1)),  u ~ U[0, 1)        P(L ≥ k) = (1 + k/scale)^(-shape)
 
 shape and scale of its state; for L = 0 the packet arrives. One packet arrives after each burst.
+
+Source: NetFI, arXiv 2603.06824.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Frozen delay traces: delays whose bytes are the same on every machine, for ever.
+"""Frozen delay traces: delays whose bytes are the same on every machine and in every version.
 
-Somebody else can compare with a published table only over the very same delays. A law and a seed
-do not give that: another NumPy, or another processor, may round a logarithm differently. These
-traces are therefore computed in integers alone, by the recipe below, which any language can
-repeat; and each has the SHA-256 sum of its CSV text, which :meth:`FrozenTrace.text` checks.
+A comparison with a published table requires exactly the same delays. A law and a seed do not
+guarantee this, because another version of NumPy or another processor may round a logarithm
+differently. These traces are therefore computed with integers only, by the following algorithm,
+which any language can implement. Each has the SHA-256 sum of its CSV text, which
+:meth:`FrozenTrace.text` checks.
 
 Random numbers: SplitMix64. Word i = 1, 2, … of stream s is, modulo 2^64, with x = seed + (s·2^40 +
 i)·0x9E3779B97F4A7C15::
@@ -18,13 +19,16 @@ Row k = 0, 1, …, 23999 is a packet sent at 5·k ms. Its delay in µs is the su
 * a level, low + floor((high - low)·u/10^6), u of word 1 + floor(k / rows) of stream 1;
 * `spike` µs where k modulo `rows` is in one of the windows.
 
-``queue``: packets leave in order: T_k is at least T_(k-1) - 5000 µs, also of those that are lost.
-Lost is a packet in the bad one of two states. The state, good before the first row, changes before
-row k where u of word 1 + k of stream 2 is below `enter` (in the good state) or `leave`.
+``queue``: packets leave in order: T_k is at least T_(k-1) - 5000 µs, including lost packets. A
+packet is lost in the bad one of two states. The state is good before the first row and changes
+before row k if u of word 1 + k of stream 2 is below `enter` (in the good state) or `leave`.
 
 CSV: UTF-8, lines end with LF; the header ``t_send,delay``; t_send in s with 3 decimals, the delay
-in s with 6, empty where the packet is lost. :func:`cosim.links.traces.read_trace` reads it, and so
-it does Parquet files with the same two columns.
+in s with 6, empty for a lost packet. :func:`cosim.links.traces.read_trace` reads this format, and
+Parquet files with the same two columns.
+
+Source: own construction; SplitMix64 is by G. L. Steele, D. Lea, C. H. Flood, "Fast splittable
+pseudorandom number generators", OOPSLA 2014.
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Delays that published studies use: normal, hyperexponential, and sums of independent laws.
 
-Every law is cut at a declared `maximum`: a draw beyond it *is* the maximum, and the `mean` is that
-of the cut law, in closed form. The draws are NumPy's own, see :mod:`cosim.links.skewed`.
+Every law declares a `maximum`, which replaces any larger draw; the `mean` is that of the bounded
+law, in closed form. NumPy draws the random numbers, see :mod:`cosim.links.skewed`.
+
+Source: own construction from the normal and exponential distributions; `presets` names the studies.
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
 """Networks by name: delay and loss of one direction of published studies and of usual networks.
 
-``delay = { law = "preset", name = "wifi6" }`` in any link; ``cosim delays`` lists them. A preset
-whose `source` begins with "constructed" is a law of this project, made to have the medians, tails
-and bursts that the sources it names report; nobody has published this very law. Where the two
-directions of a network differ there are two presets, NAME-up and NAME-down.
+A link selects one with ``delay = { law = "preset", name = "wifi6" }``; ``cosim delays`` lists them.
+A preset whose `source` begins with "constructed" is a law of this project with the medians, tails
+and bursts that the named sources report; the law itself is unpublished. If the two directions of a
+network differ, there are two presets, NAME-up and NAME-down.
+
+Source: own construction or a publication, in the `source` of each preset.
 """
 
 from __future__ import annotations

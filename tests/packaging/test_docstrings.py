@@ -148,7 +148,8 @@ LAWS = {
     "fmus/models": {"__init__", "adaptive_variables", "arm", "bilateral", "facts", "start"},
     "cosim/links": {
         *("__init__", "adjacency", "grid", "netem", "reachability", "semantics_names", "spec"),
-        *("statistics", "storage", "table", "topology", "writer"),
+        *("frozen_traces", "keys", "preset_statistics", "statistics", "storage", "table"),
+        *("topology", "writer"),
     },
     "cosim/bus": {"__init__", "accounting", "described", "frames", "settings", "structs"},
 }
@@ -162,7 +163,7 @@ LAW_MODULES = [
 #: A paragraph that names an equation, a publication, a clause of a standard or our own work.
 SOURCE = re.compile(
     r"^Source: [^\n]*(?:(?:\n(?!\n)[^\n]*)*?)"
-    r"(?:the paper, |own construction|ISO \d|Bosch, CAN|that of ``|those of ``|\b(?:19|20)\d\d\b)",
+    r"(?:the paper, |own construction|ISO \d|arXiv \d|th(?:at|ose) of ``|\b(?:19|20)\d\d\b)",
     re.MULTILINE,
 )
 

@@ -119,7 +119,7 @@ def losses(
     busy: NDArray[np.void],
     first: int = 0,
 ) -> list[Loss]:
-    """Every request that was dropped, in order, and whose frames were on the bus meanwhile.
+    """List every dropped request of (n,) `requests`, and the frames on the bus during its time.
 
     `requests`, `events`, `first`: as for :func:`accounts`; `busy`: rows of
     ``cosim.bus.transmissions.transmissions``. Frames that a receive FIFO dropped are not requests;

@@ -38,13 +38,13 @@ class TrafficSource(Protocol):
     """Somebody who makes requests."""
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:
-        """The requests from `start_ps` to before `end_ps` (ps), by time; rows of ``REQUEST``."""
+        """Requests from `start_ps` to before `end_ps` (ps), by time: (n,), rows of ``REQUEST``."""
 
 
 def merged(sources: Sequence[TrafficSource], start_ps: int, end_ps: int) -> NDArray[np.void]:
-    """The requests of all sources from `start_ps` to before `end_ps`, by time; rows of ``REQUEST``.
+    """Requests of all sources from `start_ps` to before `end_ps` (ps), by time: (n,).
 
-    Requests of one time keep the order of their sources.
+    The rows are of ``REQUEST``. Requests of one time keep the order of their sources.
     """
     parts = [source.requests(start_ps, end_ps) for source in sources]
     rows = np.concatenate(parts) if parts else np.zeros(0, REQUEST)
@@ -80,7 +80,7 @@ class PeriodicSource:
             )
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:
-        """The requests from `start_ps` to before `end_ps` (ps), by time; rows of ``REQUEST``."""
+        """Requests from `start_ps` to before `end_ps` (ps), by time: (n,), rows of ``REQUEST``."""
         # events before `start_ps`, too: a late one delays those behind it
         low = max(start_ps - 2 * self.jitter_ps, self.start_ps) - self.offset_ps
         high = end_ps if self.end_ps is None else min(end_ps, self.end_ps)
@@ -107,10 +107,13 @@ def babbling(
     end_ps: int | None = None,
     share: float = 1.0,
 ) -> PeriodicSource:
-    """A babbling node: it asks for `share` of the bus with one frame, from `start_ps` to `end_ps`.
+    """A babbling node: it requests `share` of the bus with one frame, from `start_ps` to `end_ps`.
 
-    With `share` 1 it makes a request whenever the last frame could just be over; with a dominant
-    identifier nobody else then sends. What does not fit into its transmit queue is dropped.
+    With `share` 1 it makes a request whenever the last frame can have ended; with a dominant
+    identifier no other node sends then. Requests beyond its transmit queue are dropped.
+
+    Raises:
+        TrafficError: `share` is not positive.
     """
     if not share > 0:
         raise TrafficError(f"found a share of {share}, expected more than 0")
@@ -147,7 +150,7 @@ class RandomSource:
             )
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:
-        """The requests from `start_ps` to before `end_ps` (ps), by time; rows of ``REQUEST``."""
+        """Requests from `start_ps` to before `end_ps` (ps), by time: (n,), rows of ``REQUEST``."""
         blocks = range(start_ps // BLOCK_PS, -(-end_ps // BLOCK_PS))
         rows = np.concatenate([np.zeros(0, REQUEST), *(self._block(n) for n in blocks)])
         return rows[(rows["at"] >= start_ps) & (rows["at"] < end_ps)]
@@ -174,7 +177,11 @@ class RandomSource:
 def random_load(
     share: float, nodes: Sequence[int], timing: BusTiming, seed: int = 0
 ) -> RandomSource:
-    """Random frames of 8 bytes that take `share` (0 to 1) of the bus on average."""
+    """Random frames of 8 bytes that take `share` (0 to 1) of the bus on average.
+
+    Raises:
+        TrafficError: `share` is not between 0 and 1.
+    """
     if not 0 < share < 1:
         raise TrafficError(f"found a load of {share:.0%}, expected more than 0 and less than 100 %")
     rate = share * timing.bitrate / mean(8).nominal
@@ -204,7 +211,7 @@ class LogSource:
         self._rows["node"], self._rows["frame"] = node, frames.astype(FRAME)
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:
-        """The requests from `start_ps` to before `end_ps` (ps), by time; rows of ``REQUEST``."""
+        """Requests from `start_ps` to before `end_ps` (ps), by time: (n,), rows of ``REQUEST``."""
         low, high = np.searchsorted(self._rows["at"], [start_ps, end_ps])
         return self._rows[low:high].copy()
 

@@ -1,19 +1,22 @@
-"""Intent of a person who reacts late: moves where the hand wants to be towards a goal.
+"""Intent of a person who reacts late: moves the target of the hand towards a goal.
 
-The arm's grip is the passive impedance of hand and arm, about the place q_h; this is the person
-who moves q_h, by what was seen and felt a reaction time τ ago, at no more than v_max::
+The grip of the arm is the passive impedance of hand and arm about the position q_h. This model is
+the person who moves q_h, based on the position one reaction time τ ago, at no more than v_max::
 
     dp/dt = ω_c (q_g - q(t - τ)), each joint limited to ±v_max        p(0) = q(0)
     q_h   = p + a sin(2π f t)
 
-With a grip that is stiff enough q follows q_h, and the loop is ω_c exp(-jωτ)/(jω): the crossover
-model of McRuer and Jex (IEEE Trans. HFE 8(3), 1967; its form and the values here from memory). It
-is stable for ω_c τ < π/2. a is the amplitude of a tremor, of f = 8 to 10 Hz in people.
+If the grip is stiff enough, q follows q_h, and the loop is ω_c exp(-jωτ)/(jω), the crossover model.
+It is stable for ω_c τ < π/2. a is the amplitude of a tremor, which has f = 8 to 10 Hz in people.
 
-Wired to the input q_h of ``planar2r``; the torque on the robot stays tau_h of the grip. τ is
-rounded to whole steps, of which it is at most 63; before τ has passed q(0) is what was seen.
+The output is wired to the input q_h of ``planar2r``; the torque on the robot remains the tau_h of
+the grip. τ is rounded to whole steps, at most 63. Until τ has passed, q(0) is the observed
+position.
 
-Sampled: q_h of t_k holds to the next step, and dp/dt over it.
+Source: D. T. McRuer, H. R. Jex, "A review of quasi-linear pilot models", IEEE Trans. Human Factors
+in Electronics 8(3), 1967; the limit, the tremor and the values are our own construction.
+
+Sampled: q_h of t_k and dp/dt are held to the next step.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ NOTHING = "–"
 MARK = "†"
 #: Numbers below are shown as being so; times are told apart by 0.1 s.
 SMALL = 1e-3
-#: An uncertainty below this share of its number is not shown: the digits shown do not tell it.
+#: An uncertainty below this share of its number (or of SMALL) is not shown: it is in no digit.
 VISIBLE = 2e-3
 
 
@@ -59,7 +59,7 @@ class ComparisonRow:
             return NOTHING
         middle, low, high = (format_number(f(values), unit) for f in (median, min, max))
         error = self.outcomes[0].errors.get(column.name, 0.0)
-        if len(values) == 1 and error > VISIBLE * abs(values[0]):
+        if len(values) == 1 and error > VISIBLE * max(abs(values[0]), SMALL):
             return f"{middle} ± {error:.2g}"
         return middle if low == high else f"{middle} [{low}, {high}]"
 

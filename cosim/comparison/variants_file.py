@@ -2,6 +2,7 @@
 
 ::
 
+    extends = "other.toml"                  # see cosim.comparison.extends
     set = ["run.step=5 ms"]                 # changes to the scenario before anything else
 
     [roles.master]                          # two roles: which components of the scenario they are
@@ -47,8 +48,8 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from cosim.analysis.metrics import Distance, metric
-from cosim.base import toml
 from cosim.base.errors import ScenarioError
+from cosim.comparison.extends import document
 from cosim.comparison.port_columns import port_bench, port_measure
 from cosim.comparison.toml import Section
 from cosim.comparison.variants import (
@@ -97,7 +98,7 @@ def variants_path(scenario: str | Path) -> Path:
 def read(path: str | Path) -> Variants:
     """Read a variants file. Raises ScenarioError with the place of what is wrong."""
     path = Path(path)
-    top = Section(toml.read(path, "a variants file"), path)
+    top = Section(document(path), path)
     top.only(*_TOP)
     _check_names(top)
     roles = _roles(top)

@@ -59,7 +59,7 @@ def _gamma(shift: str, mean_s: float, variation: float, maximum: str) -> Table:
 
 
 def _normal(mean: str, sd: str, maximum: str) -> Table:
-    return {"law": "normal", "mean": mean, "sd": sd, "maximum": maximum}
+    return {"law": "normal", "mean": mean, "sd": sd, "minimum": "5 ms", "maximum": maximum}
 
 
 def _hyperexponential(

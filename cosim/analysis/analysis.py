@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from cosim.analysis import closed_form as closed
-from cosim.analysis.conditions import broken
+from cosim.analysis.conditions import unmet_conditions
 from cosim.analysis.contacts import by_grip, by_wall, margin
 from cosim.analysis.experiments import Bench, rest_position
 from cosim.analysis.facts import Array
 from cosim.analysis.force_tests import (
     LOWEST,
-    Swept,
+    PortSweep,
     by_frequency,
     by_push,
     felt_free,
@@ -44,7 +44,7 @@ class Analysis:
     tests: tuple[Quantity, ...]
     recorded: RecordedPort
     bound: Array | None
-    swept: tuple[Swept, ...] = ()
+    swept: tuple[PortSweep, ...] = ()
     remarks: tuple[str, ...] = field(default=())
 
     @property
@@ -65,7 +65,7 @@ class Analysis:
         }
 
 
-def _gain(swept: Swept) -> dict[str, Any]:
+def _gain(swept: PortSweep) -> dict[str, Any]:
     return {
         "title": swept.title,
         "omega": swept.measured.omega.tolist(),
@@ -96,10 +96,10 @@ def analyse(
         hand = known.hand(port.arm) if port.arm in known.arms else None
     if known is not None:
         remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
-    missed = broken(known, net) if known is not None and net is not None else ()
+    missed = unmet_conditions(known, net) if known is not None and net is not None else ()
     if net is not None and len(net.names) > 1 and recorded.mean is None:
         missed += ("recorded positions of all robots",)
-    swept: list[Swept] = []
+    swept: list[PortSweep] = []
     tested: tuple[Quantity, ...] = ()
     if known is not None and tests and not port.inject:
         remarks.append("no test forces: no input for them is named ([analysis] inject)")
@@ -125,7 +125,7 @@ def _bound(net: RobotNetwork | None, recorded: RecordedPort) -> Array | None:
 
 
 def _tests(
-    bench: Bench, lowest: float, swept: list[Swept], progress: Callable[[str], None]
+    bench: Bench, lowest: float, swept: list[PortSweep], progress: Callable[[str], None]
 ) -> Iterator[Quantity]:
     benches = [b for b in (bench, with_known(bench)) if b is not None]
     for b in benches:

@@ -165,7 +165,7 @@ def stiffest_network_grip(
     frequencies, N.m/rad; inf where there is none. One robot, undamped: :func:`stiffest_grip`.
     """
     p = 1j * np.geomspace(0.05, 500.0, count)
-    G = (1 + ratio * p)[:, None, None] * net.at(q, net.known()).gain(p)
+    G = (1 + ratio * p)[:, None, None] * net.at(q, net.true_estimates()).gain(p)
     eigenvalues = np.linalg.eigvals(G)
     least, before = inf, eigenvalues[0]
     for here in eigenvalues[1:]:

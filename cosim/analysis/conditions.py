@@ -12,18 +12,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.inputs import acts
+from cosim.analysis.inputs import is_driven
 from cosim.analysis.network import RobotNetwork
 from cosim.analysis.system import AnalyzedSystem, values_of
 from cosim.scenario.connect import EdgeWeight
 
 
-def broken(system: AnalyzedSystem, net: RobotNetwork) -> tuple[str, ...]:
+def unmet_conditions(system: AnalyzedSystem, net: RobotNetwork) -> tuple[str, ...]:
     """The conditions of O6 that a scenario does not meet, as phrases with what was found."""
-    return tuple(_broken(system, net))
+    return tuple(_unmet_conditions(system, net))
 
 
-def _broken(system: AnalyzedSystem, net: RobotNetwork) -> Iterator[str]:
+def _unmet_conditions(system: AnalyzedSystem, net: RobotNetwork) -> Iterator[str]:
     names = [system.arm_of(law) or "" for law in net.names]
     values = [values_of(system.plan.component(name)) for name in names]
     dq = np.array([v.get(arm.rate, (0.0,)) for v, arm in zip(values, net.arms, strict=True)])
@@ -66,5 +66,5 @@ def _known(arm: Arm, law: DynamicFeedback) -> bool:
 def _pushed(system: AnalyzedSystem, name: str) -> bool:
     """Whether a grip, a wall or another component acts on an arm."""
     arm = system.arms[name]
-    inside = arm.grip.there or any(arm.wall.stiffness) or any(arm.wall.damping)
-    return inside or acts(system.plan, f"{name}.{arm.external}")
+    inside = arm.grip.is_present or any(arm.wall.stiffness) or any(arm.wall.damping)
+    return inside or is_driven(system.plan, f"{name}.{arm.external}")

@@ -60,7 +60,7 @@ class PhaseError:
         x = stack(signals, self.of, place)
         target = self._target(signals, x.x.shape[1], place)
         touched = stack(signals, self.contact, place)
-        flaw = x.flaw or touched.flaw
+        flaw = x.problem or touched.problem
         if flaw:
             return MetricResult(self.name, label, nan, x.unit, flaw)
         square = length(x.x - target) ** 2
@@ -120,7 +120,7 @@ class PortEnergy:
                 place,
             )
         each = [stack(signals, (name,), place) for name in self.of]
-        flaw = next((s.flaw for s in each if s.flaw), "")
+        flaw = next((s.problem for s in each if s.problem), "")
         if flaw:
             return MetricResult(self.name, label, nan, "J", flaw)
         ends: Sequence[tuple[Array, Array]] = [

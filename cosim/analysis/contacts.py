@@ -53,9 +53,9 @@ def by_grip(bench: Bench) -> Iterator[Quantity]:
     label, name = f"stiffest grip, {tag}", f"grip_{'known' if bench.known else 'started'}"
     how = f"k_p by bisection, k_d = 0, {GRIP:g} s each, gripped {apart:g} rad away, not to swing up"
     try:
-        most = bench.resolved(bench.port.arm)
+        most = bench.greatest_stiffness(bench.port.arm)
         found = stiffest(
-            lambda k: bench.stands(bench.grip(k, 0.0, apart, GRIP), (bench.port.rate,)), most
+            lambda k: bench.does_not_grow(bench.grip(k, 0.0, apart, GRIP), (bench.port.rate,)), most
         )
     except CosimError as error:
         yield absent(name, label, "N.m/rad", how, str(error))
@@ -116,9 +116,9 @@ def _z_width(bench: Bench, felt: float) -> Iterator[Quantity]:
     port = bench.port
     how = f"k_w by bisection, {WALL:g} s each: the stiffest wall at the far arm that is at rest"
     try:
-        most = bench.resolved(port.far)
+        most = bench.greatest_stiffness(port.far)
         rates = tuple(name for name in (port.rate, port.far_rate) if name)
-        found = stiffest(lambda k: bench.settles(bench.wall(k, WALL), rates), most)
+        found = stiffest(lambda k: bench.decays(bench.wall(k, WALL), rates), most)
     except CosimError as error:
         yield absent("z_width", "Z-width", "N.m/rad", how, str(error))
         return

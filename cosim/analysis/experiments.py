@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.frequency import MultiSine, PortGain
-from cosim.analysis.inputs import acts
+from cosim.analysis.inputs import is_driven
 from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.port import PortSignals
@@ -103,7 +103,7 @@ class Bench:
             still = {arm.position: q, arm.rate: (0.0,) * m}
             free = {k_p: (0.0,), k_d: (0.0,), k_w: (0.0,), b_w: (0.0,)}
             change = change.merged(**{name: {**still, **free}})
-        for name, law in self.system.of(DynamicFeedback).items():
+        for name, law in self.system.with_facts(DynamicFeedback).items():
             given: dict[str, Sequence[float]] = {"z": (0.0,)}
             if self.known:
                 given |= {law.estimate: self._true(name, law), law.adaptation: (0.0,)}
@@ -115,7 +115,7 @@ class Bench:
         plan = self.system.plan
         slots = plan.slots()
         names = [f"{name}.{arm.external}" for name, arm in self.system.arms.items()]
-        return {name: np.zeros((1, slots[name].size)) for name in names if acts(plan, name)}
+        return {name: np.zeros((1, slots[name].size)) for name in names if is_driven(plan, name)}
 
     def _true(self, name: str, law: DynamicFeedback) -> Vector:
         """What the estimate of a law should be."""
@@ -168,7 +168,7 @@ class Bench:
             mean = each.mean(axis=0)
             columns.append(sines.transform(mean) / step / f)
             deviations.append(sines.deviation(each) / np.abs(step * f))
-            astray = max(astray, sines.astray(mean))
+            astray = max(astray, sines.off_frequency_share(mean))
         sd = np.stack(deviations, axis=2)
         return PortGain(sines.omega, np.stack(columns, axis=2), sines.h, astray, sd)
 
@@ -187,7 +187,8 @@ class Bench:
         G = np.concatenate([slow.G, fast.G[above]])
         assert slow.sd is not None and fast.sd is not None
         sd = np.concatenate([slow.sd, fast.sd[above]])
-        return PortGain(omega, G, self.h, max(slow.astray, fast.astray), sd)
+        share = max(slow.off_frequency_share, fast.off_frequency_share)
+        return PortGain(omega, G, self.h, share, sd)
 
     def averaged(self, sines: MultiSine, periods: int) -> PortGain:
         """G(jω) of one period, or the mean of `periods` where that one is disturbed."""
@@ -231,12 +232,12 @@ class Bench:
             raise ScenarioError(f"{self.port.arm} has no grip or wall that is known")
         return self.arm
 
-    def settles(self, change: Change, rates: Sequence[str]) -> bool:
+    def decays(self, change: Change, rates: Sequence[str]) -> bool:
         """Whether motion dies away: velocities swing less in the last quarter than before it."""
         swings = self._swings(change, rates)
         return swings is not None and (swings[3] < 0.98 * swings[2] or swings[3] < 1e-9)
 
-    def stands(self, change: Change, rates: Sequence[str]) -> bool:
+    def does_not_grow(self, change: Change, rates: Sequence[str]) -> bool:
         """Whether motion does not grow: no more swing in the last quarter than in the second.
 
         Up to a fifth: what hardly decays may beat.
@@ -253,31 +254,31 @@ class Bench:
         quarter = len(x) // 4
         return [sqrt(float((x[i * quarter : (i + 1) * quarter] ** 2).mean())) for i in range(4)]
 
-    def resolved(self, name: str) -> float:
+    def greatest_stiffness(self, name: str) -> float:
         """The stiffest spring that the integrator of an arm follows, N.m/rad."""
         arm = self.system.arms[name]
         h = self.system.period(name) * arm.h_max
         return arm.inertia_range[0] * (RESOLVED / h) ** 2
 
 
-def stiffest(settles: Callable[[float], bool], most: float, least: float = 1.0) -> float:
+def stiffest(accepted: Callable[[float], bool], most: float, least: float = 1.0) -> float:
     """The stiffness up to which all is well, to 5 %: from `least` by threes, then by bisection.
 
     Upwards, because what is not well may be so again where it is stiffer still. inf: all up to
     `most` is; 0: not even `least` is.
     """
-    if not settles(least):
+    if not accepted(least):
         return 0.0
     low, high = log(least), log(least)
     while high < log(most):
         low, high = high, min(high + log(3.0), log(most))
-        if not settles(exp(high)):
+        if not accepted(exp(high)):
             break
     else:
         return inf
     while high - low > 0.05:
         middle = (low + high) / 2
-        low, high = (middle, high) if settles(exp(middle)) else (low, middle)
+        low, high = (middle, high) if accepted(exp(middle)) else (low, middle)
     return exp(low)
 
 

@@ -44,7 +44,7 @@ class Spring:
     names: tuple[str, str, str]
 
     @property
-    def there(self) -> bool:
+    def is_present(self) -> bool:
         """Whether it does anything."""
         return any(self.stiffness) or any(self.damping)
 

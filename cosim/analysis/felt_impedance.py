@@ -4,7 +4,7 @@
 
 The fit is least squares, for each joint over each window of a run. It finds any relation between
 force and motion: if a spring and damper of the operator computed the force from the motion, the fit
-finds the operator (D, S < 0, no residual) instead of the robot. :func:`is_the_hand` detects this.
+finds the operator (D, S < 0, no residual) instead of the robot. :func:`is_operator` detects this.
 
 Source: own construction (linear least squares).
 """
@@ -23,7 +23,7 @@ CONDITION = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class FeltImpedance:
     """Of one joint in the window from `start` to `stop`, s; SI; `residual`: share unexplained."""
 
     joint: int
@@ -35,8 +35,10 @@ class Felt:
     residual: float
 
 
-def felt(t: Array, force: Array, response: Array, rate: Array, window: float) -> tuple[Felt, ...]:
-    """Of each joint and window of `window` s that tells something; all arrays (n, m)."""
+def fit_impedance(
+    t: Array, force: Array, response: Array, rate: Array, window: float
+) -> tuple[FeltImpedance, ...]:
+    """Fit each joint over windows of `window` s that determine it; all arrays (n, m)."""
     found = []
     n = int((t[-1] - t[0]) / window + 1e-9)
     ddq = np.gradient(rate, t, axis=0) if len(t) > 1 else np.zeros_like(rate)
@@ -47,7 +49,7 @@ def felt(t: Array, force: Array, response: Array, rate: Array, window: float) ->
             X = np.column_stack([ddq[rows, j], rate[rows, j], response[rows, j]])
             fitted = _fit(X, force[rows, j])
             if fitted is not None:
-                found.append(Felt(j, start, start + window, *fitted))
+                found.append(FeltImpedance(j, start, start + window, *fitted))
     return tuple(found)
 
 
@@ -67,6 +69,6 @@ def _fit(X: Array, f: Array) -> tuple[float, float, float, float] | None:
     return inertia, damping, stiffness, residual
 
 
-def is_the_hand(found: Felt) -> bool:
+def is_operator(found: FeltImpedance) -> bool:
     """Whether this is the operator's own spring and damper, seen from the robot."""
     return found.damping <= 0 and found.stiffness <= 0 and found.residual < 1e-3

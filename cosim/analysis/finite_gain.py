@@ -76,4 +76,4 @@ def network_gain(net: RobotNetwork, q: Array, t: float) -> float:
     Over `t` s, linear about `q` (m,) rad, from rest with theta known; of the mean graph, and with
     exp(-p T) at its mean over the delays.
     """
-    return finite_gain(net.at(tuple(q), net.known()).mean_gain, t)
+    return finite_gain(net.at(tuple(q), net.true_estimates()).mean_gain, t)

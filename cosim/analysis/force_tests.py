@@ -38,7 +38,7 @@ LOWEST, HIGHEST = 0.03, 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Swept:
+class PortSweep:
     """The port by frequency with the estimate of the `title`: measured, and in closed form.
 
     `closed` is at the frequencies that were measured, `drawn` at more of them.
@@ -50,24 +50,25 @@ class Swept:
     drawn: PortGain | None = None
 
 
-def sweep(bench: Bench, lowest: float = LOWEST) -> Swept:
+def sweep(bench: Bench, lowest: float = LOWEST) -> PortSweep:
     """G(jω) of the bench from `lowest` (rad/s) to HIGHEST, with its closed form.
 
     Raises RunError if a run stops, or if almost nothing of the response is at the frequencies that
     were fed in; ScenarioError if the port has no input for a test force.
     """
     measured = bench.bands(lowest, HIGHEST)
-    if measured.astray > UNSTABLE:
+    if measured.off_frequency_share > UNSTABLE:
         raise RunError(
-            f"{measured.astray * 100:.3g} % of the motion is at frequencies that were not fed in:"
+            f"{measured.off_frequency_share * 100:.3g} % of the motion is at frequencies"
+            " that were not fed in:"
             " let go of, it does not come to rest, or it does not answer linearly"
         )
     net = bench.network
     if net is None:
-        return Swept(title_of(bench), measured, None)
+        return PortSweep(title_of(bench), measured, None)
     ends = measured.omega[0], measured.omega[-1]
     fine = _closed(bench, net, np.geomspace(*ends, 160))
-    return Swept(title_of(bench), measured, _closed(bench, net, measured.omega), fine)
+    return PortSweep(title_of(bench), measured, _closed(bench, net, measured.omega), fine)
 
 
 def title_of(bench: Bench) -> str:
@@ -77,7 +78,7 @@ def title_of(bench: Bench) -> str:
 
 def _closed(bench: Bench, net: RobotNetwork, omega: Array) -> PortGain:
     """The closed form at some frequencies; continuous, so its step is as good as none."""
-    estimates = net.known() if bench.known else net.started()
+    estimates = net.true_estimates() if bench.known else net.initial_estimates()
     return PortGain(omega, net.at(bench.q, estimates).gain(1j * omega), 1e-9)
 
 
@@ -94,7 +95,7 @@ def with_known(bench: Bench) -> Bench | None:
 # ---- by frequency -------------------------------------------------------------------------------
 
 
-def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
+def by_frequency(swept: PortSweep, bench: Bench) -> Iterator[Quantity]:
     """Degree, positive real part, and what is felt slowly and quickly, with uncertainties."""
     gain, form, tag = swept.measured, swept.closed, "known" if bench.known else "started"
     units = bench.units
@@ -117,7 +118,7 @@ def by_frequency(swept: Swept, bench: Bench) -> Iterator[Quantity]:
     yield quantity(
         f"real_part_{tag}", f"min Re Y/|Y|, {title}", share, "1", where,
         expected=form.least()[2] if form else (),
-        formula=unsampled(bench) if form else "",
+        formula=sampling_note(bench) if form else "",
         error=error,
         note=f"{_VERDICT[gain.passive()]}; {said}",
     )  # fmt: skip
@@ -132,7 +133,7 @@ _VERDICT = {
 }
 
 
-def unsampled(bench: Bench) -> str:
+def sampling_note(bench: Bench) -> str:
     """What is said of a closed form that is continuous: by how much sampling moves it, ωT_s/4."""
     system = bench.system
     period = system.period(system.controls.get(bench.port.arm, bench.port.arm))
@@ -147,8 +148,9 @@ def _admittance(units: Mapping[str, str]) -> str:
 
 def _doubts(gain: PortGain, whole: bool) -> str:
     said = [] if whole else ["not whole: take a lower frequency (--lowest)"]
-    if gain.astray > DISTURBED:
-        said.append(f"{gain.astray * 100:.2g} % of the motion is at frequencies not fed in")
+    if gain.off_frequency_share > DISTURBED:
+        off = gain.off_frequency_share * 100
+        said.append(f"{off:.2g} % of the motion is at frequencies not fed in")
     return "; ".join(said)
 
 
@@ -163,7 +165,7 @@ def _bands(gain: PortGain, form: PortGain | None, tag: str, bench: Bench) -> Ite
     ):
         how = f"Z = jωI + D + S/(jω) from {band[0]:.2g} to {band[1]:.2g} rad/s"
         speed = "slowly" if band is low else "quickly"
-        found = gain.felt(*band)
+        found = gain.fitted_impedance(*band)
         value = found[index]
         least = np.maximum(0.05 * np.abs(found[1]) * band[0], 2 * gain.felt_error(*band)[2])
         little = part == "stiffness" and (np.abs(value) < least).all()
@@ -172,8 +174,8 @@ def _bands(gain: PortGain, form: PortGain | None, tag: str, bench: Bench) -> Ite
         yield quantity(
             f"{part}_{speed}_{tag}", f"felt {part}, {speed}, {title}", value, units[part], how,
             error=gain.felt_error(*band)[index],
-            expected=form.felt(*band)[index] if form else (),
-            formula=("closed form" if band is low else unsampled(bench)) if form else "",
+            expected=form.fitted_impedance(*band)[index] if form else (),
+            formula=("closed form" if band is low else sampling_note(bench)) if form else "",
         )  # fmt: skip
 
 

@@ -92,7 +92,7 @@ class MultiSine:
             share = np.pad(variance / np.abs(mean) ** 2, ((1, 1), (0, 0)), mode="edge")
         return np.asarray(np.sqrt((share[:-2] + share[1:-1] + share[2:]) / 3) * np.abs(mean))
 
-    def astray(self, x: Array) -> float:
+    def off_frequency_share(self, x: Array) -> float:
         """Share of the power of the last period of `x` (k, m) that is at other frequencies.
 
         Of what is linear, constant in time and stable nothing is, once it has settled.
@@ -107,14 +107,14 @@ class MultiSine:
 class PortGain:
     """G(jω), (k, m, m), response over force, at `omega` (k,) rad/s, forces held over `h` s.
 
-    `astray`: the greatest share of the response's power that was at other frequencies; `sd`: the
-    standard deviation of G that this means, (k, m, m), None: exact.
+    `off_frequency_share`: the greatest share of the response's power at other frequencies; `sd`:
+    the resulting standard deviation of G, (k, m, m), None: exact.
     """
 
     omega: Array
     G: Complex
     h: float
-    astray: float = 0.0
+    off_frequency_share: float = 0.0
     sd: Array | None = None
 
     @property
@@ -200,7 +200,7 @@ class PortGain:
         found[1] = D
         return found
 
-    def felt(self, low: float, high: float) -> tuple[Array, Array, Array]:
+    def fitted_impedance(self, low: float, high: float) -> tuple[Array, Array, Array]:
         """(I, D, S), (m,) each: Z = jω I + D + S/(jω) fitted from `low` to `high`, rad/s.
 
         Of each joint alone; NaN with fewer than two frequencies in the band. Each frequency weighs

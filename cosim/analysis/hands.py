@@ -9,7 +9,7 @@ import numpy as np
 from cosim.analysis.facts import Hand
 
 
-def together(hands: Sequence[Hand], m: int) -> Hand | None:
+def combined_hand(hands: Sequence[Hand], m: int) -> Hand | None:
     """The hand that acts like all `hands` on an arm of `m` joints; None where none pulls.
 
     Stiffness and damping add up; the place is the mean, weighted by stiffness.

@@ -25,7 +25,7 @@ def feeders(plan: Plan, slot: Slot) -> tuple[Wire | Link | Player, ...]:
     )
 
 
-def acts(plan: Plan, name: str) -> bool:
+def is_driven(plan: Plan, name: str) -> bool:
     """Whether anything feeds the input `name`, or the scenario holds it at other than 0."""
     slot = plan.slots().get(name)
     if slot is None:

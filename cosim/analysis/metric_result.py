@@ -54,7 +54,7 @@ def root_mean_square(y: Array, t: Array) -> float:
     return sqrt(integral(y**2, t) / duration) if duration > 0 else float(abs(y[-1]))
 
 
-def over(t: Array) -> str:
+def interval_text(t: Array) -> str:
     """``over 60 s``; t (n,) s."""
     return f"over {t[-1] - t[0]:.4g} s"
 

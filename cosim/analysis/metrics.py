@@ -30,7 +30,7 @@ import numpy as np
 
 from cosim.analysis.contact_metrics import Phase, PhaseError, PortEnergy
 from cosim.analysis.metric_result import MetricResult as MetricResult
-from cosim.analysis.metric_result import integral, length, over, root_mean_square, times
+from cosim.analysis.metric_result import integral, interval_text, length, root_mean_square, times
 from cosim.analysis.signals import Array, Signals, Stack, stack
 from cosim.base.errors import ScenarioError
 
@@ -75,8 +75,8 @@ class Error:
         ends = np.cumsum([len(signals.entries(name)) for name in self.signals])
         each = np.split(whole.x, ends[:-1], axis=1)  # (n, m) of each signal, the target's last
         target = self._target(each, place)
-        if whole.flaw:
-            return MetricResult(self.name, self.label or self.name, nan, whole.unit, whole.flaw)
+        if whole.problem:
+            return MetricResult(self.name, self.label or self.name, nan, whole.unit, whole.problem)
         distance = _largest if self.norm == "max" else length
         t = whole.t
         E = np.max([distance(x - target) for x in each[: len(self.of)]], axis=0)
@@ -132,8 +132,8 @@ class Measure:
         """The number, over all that was recorded."""
         s = stack(signals, self.of, f"metrics.{self.name}")
         unit = times(s.unit, {"norm": "√s", "integral_abs": "s"}.get(self.kind, ""))
-        if s.flaw:
-            return MetricResult(self.name, self.label or self.name, nan, unit, s.flaw)
+        if s.problem:
+            return MetricResult(self.name, self.label or self.name, nan, unit, s.problem)
         value, words, parts = _MEASURES[self.kind](s, self.window)
         parts = {key: float(part) for key, part in parts.items()}
         return MetricResult(self.name, self.label or self.name, float(value), unit, words, parts)
@@ -205,22 +205,22 @@ _Measured = tuple[float, str, Mapping[str, float]]
 
 
 def _norm(s: Stack, _: float) -> _Measured:
-    return sqrt(integral(length(s.x) ** 2, s.t)), over(s.t), {}
+    return sqrt(integral(length(s.x) ** 2, s.t)), interval_text(s.t), {}
 
 
 def _integral_abs(s: Stack, _: float) -> _Measured:
-    return integral(length(s.x), s.t), over(s.t), {}
+    return integral(length(s.x), s.t), interval_text(s.t), {}
 
 
 def _rms(s: Stack, _: float) -> _Measured:
-    return root_mean_square(length(s.x), s.t), over(s.t), {}
+    return root_mean_square(length(s.x), s.t), interval_text(s.t), {}
 
 
 def _tail_mean(s: Stack, window: float) -> _Measured:
     tail = s.t >= s.t[-1] - window * (1 + 1e-9)
     words = f"over the last {window:.4g} s"
     if s.t[-1] - s.t[0] < window * (1 - 1e-9):
-        words = f"{over(s.t)}, which is all there is"
+        words = f"{interval_text(s.t)}, which is all there is"
     return float(length(s.x[tail]).mean()), words, {}
 
 

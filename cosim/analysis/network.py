@@ -74,11 +74,11 @@ class RobotNetwork:
         ]
         return Linear(self, M, M_hat, np.array(K))
 
-    def known(self) -> tuple[tuple[float, ...], ...]:
+    def true_estimates(self) -> tuple[tuple[float, ...], ...]:
         """The estimates that are right: M_hat = M."""
         return tuple(arm.parameters for arm in self.arms)
 
-    def started(self) -> tuple[tuple[float, ...], ...]:
+    def initial_estimates(self) -> tuple[tuple[float, ...], ...]:
         """The estimates at the start."""
         return tuple(law.theta_hat for law in self.laws)
 
@@ -127,7 +127,7 @@ class Linear:
 
 def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     """The network that the arm `port` is part of; None where its law is not of this kind."""
-    laws = system.of(DynamicFeedback)
+    laws = system.with_facts(DynamicFeedback)
     start = system.controls.get(port, "")
     if start not in laws:
         return None

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from cosim.analysis.facts import Arm
-from cosim.analysis.inputs import acts
+from cosim.analysis.inputs import is_driven
 from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
@@ -107,7 +107,7 @@ def _acting(
     """The input `external` where something feeds it; "" where `given` is a force of its own."""
     if given not in ("", usual):
         return ""
-    there = external in known if system is None else acts(system.plan, external)
+    there = external in known if system is None else is_driven(system.plan, external)
     return external if there else ""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from cosim.analysis.closed_form import manipulability_bound, poles, quasi_static_poles
 from cosim.analysis.energy import effort, observer
 from cosim.analysis.facts import Array, Hand
-from cosim.analysis.felt_impedance import felt, is_the_hand
+from cosim.analysis.felt_impedance import fit_impedance, is_operator
 from cosim.analysis.finite_gain import network_gain
 from cosim.analysis.manipulability import growth, manipulability, running_integral
 from cosim.analysis.network import RobotNetwork
@@ -192,12 +192,12 @@ def _energy(found: RecordedPort) -> Iterator[Quantity]:
 def _felt(found: RecordedPort) -> Iterator[Quantity]:
     assert found.rate is not None
     window = max(float(found.t[-1]) / 12, 2.0)
-    windows = felt(found.t, found.force, found.response, found.rate, window)
+    windows = fit_impedance(found.t, found.force, found.response, found.rate, window)
     label, how = "felt in windows", f"f = I ddq + D dq + S q by least squares, {window:.3g} s each"
     if not windows:
         yield absent("felt", label, "", how, "nothing moves in enough ways to tell")
         return
-    if all(is_the_hand(w) for w in windows):
+    if all(is_operator(w) for w in windows):
         D, S = (np.median([getattr(w, x) for w in windows]) for x in ("damping", "stiffness"))
         why = (
             f"what is found is the hand's own spring and damper (k_d = {-D:.4g}, k_p = {-S:.4g});"
@@ -205,7 +205,7 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
         )
         yield absent("felt", label, "", how, why)
         return
-    windows = tuple(w for w in windows if not is_the_hand(w))
+    windows = tuple(w for w in windows if not is_operator(w))
     rest = max(w.residual for w in windows)
     force, length = found.units
     for name, part, unit in (
@@ -227,7 +227,7 @@ def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
     if np.isnan(rate):
         return absent("approach", label, "1/s", how, "the error does not decay so far")
     ended = bool(found.estimates) and all(found.estimates)
-    estimates = found.estimates if ended else net.started()
+    estimates = found.estimates if ended else net.initial_estimates()
     roots = poles(net, found.response[-1], estimates, hand.stiffness, hand.damping)
     simple = quasi_static_poles(net.law, least_feedback(net), *_softest(hand))[0].real
     o3 = f"; O3 without inertia {simple:.4g}" if len(net.laws) == 1 else ""

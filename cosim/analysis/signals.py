@@ -42,7 +42,7 @@ class Stack:
     names: tuple[str, ...]
 
     @property
-    def flaw(self) -> str:
+    def problem(self) -> str:
         """Why no number can be had from this, as a sentence; empty if one can."""
         if not len(self.t):
             return "nothing was recorded"

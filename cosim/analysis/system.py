@@ -15,8 +15,8 @@ from typing import TypeVar
 import numpy as np
 
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
-from cosim.analysis.hands import together
-from cosim.analysis.inputs import acts, feeders, start_value
+from cosim.analysis.hands import combined_hand
+from cosim.analysis.inputs import feeders, is_driven, start_value
 from cosim.analysis.quantiles import quantiles
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
@@ -79,14 +79,14 @@ class AnalyzedSystem:
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
 
-    def of(self, kind: type[F]) -> dict[str, F]:
+    def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""
         return {name: f for name, f in self.facts.items() if isinstance(f, kind)}
 
     @property
     def arms(self) -> dict[str, Arm]:
         """All arms."""
-        return self.of(Arm)
+        return self.with_facts(Arm)
 
     def arm_of(self, controller: str) -> str | None:
         """The arm that a component controls."""
@@ -105,7 +105,7 @@ class AnalyzedSystem:
         return tuple(
             name
             for name, arm in sorted(self.arms.items())
-            if arm.grip.there or acts(self.plan, f"{name}.{arm.external}")
+            if arm.grip.is_present or is_driven(self.plan, f"{name}.{arm.external}")
         )
 
     def hand(self, name: str) -> Hand | None:
@@ -119,7 +119,7 @@ class AnalyzedSystem:
                            (arm.external, arm.grip.names[2]))  # fmt: skip
         grip = arm.grip
         hands = [Hand(stiffness=grip.stiffness, damping=grip.damping, place=grip.place)]
-        if grip.there and place is not None and feeders(self.plan, place):
+        if grip.is_present and place is not None and feeders(self.plan, place):
             return None
         if external is not None and any(start_value(self.plan.component(name), external)):
             return None
@@ -129,7 +129,7 @@ class AnalyzedSystem:
             if not wired or not isinstance(source, Hand):
                 return None
             hands.append(source)
-        return together(hands, len(arm.q))
+        return combined_hand(hands, len(arm.q))
 
 
 def values_of(step: Step) -> dict[str, tuple[float, ...]]:
@@ -159,7 +159,7 @@ def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
     bare = AnalyzedSystem(scenario, plan, facts, silent)
     controls = dict(_controls(bare))
     known = AnalyzedSystem(scenario, plan, facts, silent, (), controls)
-    edges = tuple(e for name in known.of(DynamicFeedback) for e in _edges(known, name))
+    edges = tuple(e for name in known.with_facts(DynamicFeedback) for e in _edges(known, name))
     return AnalyzedSystem(scenario, plan, facts, silent, edges, controls)
 
 

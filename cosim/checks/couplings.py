@@ -20,7 +20,7 @@ def ground_damping(system: AnalyzedSystem) -> Iterator[Finding]:
     T_rt, the longest delay there and back. Lee and Spong (2006): K_d >= T_rt K_p/2; Nuño et al.
     (2009): 4 B_l B_r > (T_l + T_r)² K_l K_r.
     """
-    springs = system.of(SpringDamper)
+    springs = system.with_facts(SpringDamper)
     for (a, b), (there, back) in sorted(_pairs(system).items()):
         one, other = springs[a], springs[b]
         if not (one.needs_ground or other.needs_ground) or not (
@@ -46,7 +46,7 @@ def ground_damping(system: AnalyzedSystem) -> Iterator[Finding]:
 
 def _pairs(system: AnalyzedSystem) -> Mapping[tuple[str, str], tuple[float, float]]:
     """Longest delay each way of every two coupled controllers, s."""
-    springs = system.of(SpringDamper)
+    springs = system.with_facts(SpringDamper)
     longest: dict[tuple[str, str], float] = {}
     for link in system.plan.links:
         source = system.controls.get(link.source.component, link.source.component)
@@ -84,7 +84,7 @@ def is_constant(link: Link) -> bool:
 
 def constant_delay(system: AnalyzedSystem) -> Iterator[Finding]:
     """Laws that are proved for a constant delay only, on links whose delay varies."""
-    springs = system.of(SpringDamper)
+    springs = system.with_facts(SpringDamper)
     for link in system.plan.links:
         law = springs.get(link.target.component)
         if law is None or not law.constant_delay or is_constant(link):

@@ -196,7 +196,7 @@ def _pole(net: RobotNetwork, where: str) -> Iterator[Finding]:
     if not any(arm.grip.stiffness) or not net.law.lambda_M:
         return
     place = arm.grip.place
-    roots = closed.poles(net, place, net.known(), arm.grip.stiffness, arm.grip.damping)
+    roots = closed.poles(net, place, net.true_estimates(), arm.grip.stiffness, arm.grip.damping)
     if not len(roots) or roots[0].real >= 0:
         return
     rate = float(roots[0].real)

@@ -35,7 +35,7 @@ def reachable_components(system: AnalyzedSystem, start: Sequence[str]) -> frozen
 
 def _has_zero_weight(system: AnalyzedSystem, target: str, source: str) -> bool:
     """Whether a wire only carries rows whose weight is 0 for ever."""
-    law = system.of(DynamicFeedback).get(target)
+    law = system.with_facts(DynamicFeedback).get(target)
     if law is None or not law.received:
         return False
     wires = [w for w in system.plan.wires
@@ -126,7 +126,7 @@ def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
 def unconnected_rows(system: AnalyzedSystem) -> Iterator[Finding]:
     """A row that nothing feeds, with a weight: the controller is tied to the number it holds."""
     for e in system.edges:
-        law = system.of(DynamicFeedback)[e.receiver]
+        law = system.with_facts(DynamicFeedback)[e.receiver]
         if not e.fed and e.recurrent and law.lambda_ > 0:
             yield Finding(
                 rule="unheard",
@@ -144,7 +144,7 @@ def age_limit_without_age(system: AnalyzedSystem) -> Iterator[Finding]:
     """An age limit without an age never finds anything stale."""
     fed = {x.age.name.split("[")[0] for x in system.plan.links if x.age is not None}
     fed |= {w.target.name.split("[")[0] for w in system.plan.wires}
-    for name, law in system.of(DynamicFeedback).items():
+    for name, law in system.with_facts(DynamicFeedback).items():
         age = f"{name}.{law.age}"
         if law.age and law.age_max < 1e8 and age not in fed:
             held_age = values_of(system.plan.component(name)).get(law.age, ())

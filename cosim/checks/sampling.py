@@ -107,7 +107,7 @@ def contact(system: AnalyzedSystem) -> Iterator[Finding]:
         h = system.period(name) * arm.h_max
         least = arm.inertia_range[0]
         for what, spring in (("grip", arm.grip), ("wall", arm.wall)):
-            if not spring.there:
+            if not spring.is_present:
                 continue
             k, b = max(spring.stiffness), max(spring.damping)
             number = max(h * max(k / least, 0.0) ** 0.5, h * b / least)

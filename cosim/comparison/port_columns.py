@@ -140,7 +140,10 @@ class _Port:
             bench = replace(bench, held={spec.environment: held})
         sines = MultiSine.spread(*spec.band, bench.h, FREQUENCIES, FORCE)
         gain = bench.gain(sines, PERIODS)
-        if gain.astray > UNSTABLE or float(log_weights(gain.omega) @ gain.error) > UNKNOWN:
+        if (
+            gain.off_frequency_share > UNSTABLE
+            or float(log_weights(gain.omega) @ gain.error) > UNKNOWN
+        ):
             raise RunError(
                 f"no number of the port with the environment {environment}: the arms do not come to"
                 " rest, or the links disturb their motion too much"

@@ -32,7 +32,7 @@ class Expected:
         return self.low <= value <= self.high
 
 
-def near(value: float, tolerance: float) -> Expected:
+def absolute(value: float, tolerance: float) -> Expected:
     """`value` ± `tolerance`, in the unit of the claim."""
     return Expected(value - tolerance, value + tolerance, f"{value:.5g} ± {tolerance:.2g}")
 

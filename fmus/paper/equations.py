@@ -93,7 +93,7 @@ def _reference(r: Run) -> float:
     x, h = _arm(r), float(r.t[1])
     rate = -ALPHA * x["dq"] + LAMBDA_M * x["s"]
     late = x["z"][1:] - x["z"][:-1] - h * rate[:-1]
-    return max(m.miss(x["s"], x["dq"] - x["z"]), m.miss(late, 0.0))
+    return max(m.largest_error(x["s"], x["dq"] - x["z"]), m.largest_error(late, 0.0))
 
 
 def _torque(feedback: ArrayLike) -> Any:
@@ -105,7 +105,7 @@ def _torque(feedback: ArrayLike) -> Any:
             dz = -ALPHA * x["dq"][k] + LAMBDA_M * x["s"][k]
             Y = regressor(x["q"][k], x["dq"][k], x["z"][k], dz)
             wanted = -np.asarray(feedback) @ x["s"][k] + Y @ x["theta_hat"][k]
-            worst = max(worst, m.miss(x["tau"][k], wanted))
+            worst = max(worst, m.largest_error(x["tau"][k], wanted))
         return worst
 
     return off
@@ -120,7 +120,7 @@ def _adaptation(gain: ArrayLike) -> Any:
             dz = -ALPHA * x["dq"][k] + LAMBDA_M * x["s"][k]
             Y = regressor(x["q"][k], x["dq"][k], x["z"][k], dz)
             step = -h * np.asarray(gain) @ Y.T @ x["s"][k]
-            worst = max(worst, m.miss(x["theta_hat"][k + 1] - x["theta_hat"][k], step))
+            worst = max(worst, m.largest_error(x["theta_hat"][k + 1] - x["theta_hat"][k], step))
         return worst
 
     return off
@@ -134,7 +134,7 @@ def _pair(r: Run) -> float:
         sent = _xi(r, other, 0.5)
         heard = np.vstack([np.repeat(sent[:1], late, axis=0), sent[:-late]])
         rate = -0.5 * dq + 10.0 * s - 2.0 * (dq + 0.5 * q - heard)
-        worst = max(worst, m.miss(z[1:] - z[:-1], PERIOD * rate[:-1]))
+        worst = max(worst, m.largest_error(z[1:] - z[:-1], PERIOD * rate[:-1]))
     return worst
 
 
@@ -146,7 +146,7 @@ def _ring(r: Run) -> float:
         active = (np.arange(len(dq)) % 3 == graph)[:, None]
         apart = _xi(r, f"robot{i}", 1.6) - _xi(r, f"robot{j}", 1.6)
         rate = -1.6 * dq + 10.0 * s - active * apart
-        worst = max(worst, m.miss(z[1:] - z[:-1], PERIOD * rate[:-1]))
+        worst = max(worst, m.largest_error(z[1:] - z[:-1], PERIOD * rate[:-1]))
     return worst
 
 
@@ -158,7 +158,7 @@ def _xi(r: Run, arm: str, alpha: float) -> Array:
 def _sent(r: Run) -> float:
     """How far xi is from (47) at worst, of both arms, rad/s."""
     sides = ("master", "slave")
-    return max(m.miss(_rows(r, f"{x}_control", "xi")[0], _xi(r, x, 0.5)) for x in sides)
+    return max(m.largest_error(_rows(r, f"{x}_control", "xi")[0], _xi(r, x, 0.5)) for x in sides)
 
 
 def _work(r: Run) -> float:
@@ -169,7 +169,7 @@ def _work(r: Run) -> float:
     ]
     tau = r.array("control.tau")[:-1]
     work = np.cumsum(np.einsum("ki,ki->k", tau, np.diff(q, axis=0)))
-    return m.miss(np.array(kinetic[1:]) - kinetic[0], work)
+    return m.largest_error(np.array(kinetic[1:]) - kinetic[0], work)
 
 
 _UNEQUAL, _FULL = ("unequal",), ("full",)

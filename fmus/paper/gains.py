@@ -10,7 +10,7 @@ import numpy as np
 from cosim.record import Run
 from fmus.paper import measure as m
 from fmus.paper import oracles
-from fmus.paper.claim import Claim, at_most, near, relative, within
+from fmus.paper.claim import Claim, absolute, at_most, relative, within
 from fmus.paper.equations import GAMMA, K_OFF, K
 from fmus.paper.experiments import Q_H, THETA, Document, single
 from fmus.paper.hands import held_by, pushing
@@ -155,7 +155,7 @@ def _integrated(r: Run) -> float:
     q, dq, s, z = (r.array(x) for x in ("robot.q", "robot.dq", "control.s", "control.z"))
     psi_0 = q[0] + z[0] / ALPHA
     rise = np.stack([m.integral(column, r.t) for column in s.T], axis=1)
-    return m.miss(dq, -ALPHA * (q - psi_0) + LAMBDA_M * rise + s)
+    return m.largest_error(dq, -ALPHA * (q - psi_0) + LAMBDA_M * rise + s)
 
 
 _PSI_0 = np.array(Z_0) / ALPHA
@@ -166,7 +166,7 @@ _CASCADE = (
           "(37) and (38) added; sampled at 1 ms, |dq| up to 2", ("unequal",), _integrated),
     Claim("thm2-psi0", ("thm2", "o2"), "lambda_M = 0, z(0) = (0.5, -0.25): q is off the rest of "
           "ψ_0 by", "rad", at_most(1e-3), "O2 with ψ_0 = q(0) + z(0)/α in place of q(0)",
-          ("offset",), lambda r: m.miss(m.final(r, "robot.q"), _OFFSET), "lambda_M = 0"),
+          ("offset",), lambda r: m.largest_error(m.final(r, "robot.q"), _OFFSET), "lambda_M = 0"),
 )  # fmt: skip
 
 
@@ -203,7 +203,7 @@ _MATRIX = (
     _push_drift(1, "K with 6 off its diagonal", _FULL, "full-push"),
     Claim("unequal-rest", ("matrix", "o2"), "K = diag(20, 8), lambda_M = 0: rest is off O2 by",
           "rad", at_most(1e-3), "O2 of each joint", ("unequal-rest",),
-          lambda r: m.miss(m.final(r, "robot.q"), _UNEVEN_REST), "lambda_M = 0"),
+          lambda r: m.largest_error(m.final(r, "robot.q"), _UNEVEN_REST), "lambda_M = 0"),
     Claim("full-gain", ("matrix", "o8", "thm2"), "K full: |s|_2/|tau_h|_2 of (0.1, 0.1) N.m",
           "rad/(N.m.s)", relative(float(np.linalg.norm(np.linalg.solve(_FULL, np.ones(2)))) /
                                   hypot(1.0, 1.0), 0.01),
@@ -225,7 +225,7 @@ def _fading(theta: Any) -> Any:
 
 
 def _longer(one: Run, twice: Run) -> float:
-    first, second = (m.settled(r, ["robot.q"], Q_H) for r in (one, twice))
+    first, second = (m.time_to_target(r, ["robot.q"], Q_H) for r in (one, twice))
     return second / first
 
 
@@ -266,9 +266,9 @@ _IV_C = (
           "rad/(N.m.s)", relative(LAMBDA_M / (ALPHA * 16.0), 0.02), "λ_M/(αK): finite", ("push",),
           _velocity_gain),
     Claim("sec4c-finite-slope", ("sec4c",), "alpha = 2: slope of M^t of the velocity", "1",
-          near(0.0, 0.02), "finite: it stops growing", ("push",), _velocity_slope),
+          absolute(0.0, 0.02), "finite: it stops growing", ("push",), _velocity_slope),
     Claim("sec4c-infinite-slope", ("sec4c",), "alpha = 0: slope of M^t of the velocity", "1",
-          near(1.0, 0.1), "one pure integral: dq ~ t", ("velocity",), _velocity_slope),
+          absolute(1.0, 0.1), "one pure integral: dq ~ t", ("velocity",), _velocity_slope),
     Claim("sec4c-let-go", ("sec4c",), "alpha = 2: let go after 5 s, |dq| at 20 s", "rad/s",
           at_most(1e-6), "a velocity must be held by a torque", ("let-go",),
           lambda r: m.length(m.final(r, "robot.dq"))),

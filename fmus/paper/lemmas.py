@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.record import Run
 from fmus.paper import measure as m
-from fmus.paper.claim import Claim, at_least, at_most, near, relative
+from fmus.paper.claim import Claim, absolute, at_least, at_most, relative
 from fmus.paper.experiments import DELAY, Document, document
 
 #: Friction that alternates, N.s/m, and for how long each, s; the mass is 1 kg.
@@ -140,7 +140,7 @@ _SEC_3 = (
     Claim("varying-energy", ("sec3", "varying"), "largest (V + ∫b/2 dx²)/(V(0) + ∫f²/(2b))", "1",
           at_most(1.0), "Sec. III, the inequality integrated", _VARYING, _ratio),
     Claim("varying-degree", ("sec3", "varying"), "slope of M^t of the push, 50 to 100 s", "1",
-          near(1.0, 0.02), "degree one", _VARYING,
+          absolute(1.0, 0.02), "degree one", _VARYING,
           lambda r: m.growth(r, "hand.f", ["mass.x"], 50.0, 100.0)),
     Claim("varying-fading", ("sec3", "varying"), "f = 1/(t + 1): x rises with each ln(t + 1) by",
           "m", relative(_MEAN, 0.02), "the mean velocity of 1 N; without bound",
@@ -198,13 +198,13 @@ _LEMMAS = (
           relative(_STEEP, 0.02), "t/2: not bounded, its integral is", ("lemma2-chirp",),
           _late("hand.u")),
     Claim("lemma2-bounded", ("lemma2",), "b(t): output dx of it, largest of the last 10 s", "m/s",
-          near(1.0, 0.06), "the integral of u, filtered: bounded by 2, and 1 at high rates",
+          absolute(1.0, 0.06), "the integral of u, filtered: bounded by 2, and 1 at high rates",
           ("lemma2-chirp",), _late("mass.dx")),
     Claim("lemma2-square", ("lemma2",), "∫u + c in L_2: ∫dx² dt from 20 to 40 s", "m2/s",
           relative(_FADED, 0.05), "½(1/21 - 1/41), while ∫u² grows", ("lemma2-fading",),
           lambda r: _tail(r, r.array("mass.dx")[:-1, 0])),
     Claim("lemma1-bounded", ("lemma1",), "delays redrawn: |x_1 - x_2| of the same u, last 10 s",
-          "m", near(1.0, 0.3), "bounded: 1 at high rates, and what the network adds",
+          "m", absolute(1.0, 0.3), "bounded: 1 at high rates, and what the network adds",
           ("lemma1-chirp",), lambda r: np.abs(_between(r)[m.row(r, STOP - 10.0):]).max()),
     Claim("lemma1-square", ("lemma1",), "dT/dt = 0, ∫u + c in L_2: ∫(x_1 - x_2)² from 20 to 40 s",
           "m2.s", relative(_FADED, 0.05), "½(1/21 - 1/41)", ("lemma1-fading",),
@@ -222,7 +222,7 @@ _LEMMAS = (
           relative(_STEEP, 0.05), "dx follows u, and is not bounded", ("lemma1-chirp",),
           _late("one.dx")),
     Claim("lemma3-network", ("lemma3",), "but F_D(x) = dx_1 - u: largest of the last 10 s", "m/s",
-          near(RATE, 0.3), "bounded as ∫u is: λ at high rates", ("lemma1-chirp",),
+          absolute(RATE, 0.3), "bounded as ∫u is: λ at high rates", ("lemma1-chirp",),
           _late("one.F")),
 )  # fmt: skip
 

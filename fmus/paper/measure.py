@@ -15,7 +15,9 @@ from cosim.record import Run
 Array = NDArray[np.float64]
 
 
-def settled(run: Run, names: Sequence[str], target: ArrayLike | str, band: float = 0.05) -> float:
+def time_to_target(
+    run: Run, names: Sequence[str], target: ArrayLike | str, band: float = 0.05
+) -> float:
     """Last exit from the band, s: from then on every entry is within `band` of `target`.
 
     `target`: scalar, (m,) with one value an entry, or the name of a signal. `band` has the unit of
@@ -32,7 +34,7 @@ def spread(run: Run, names: Sequence[str]) -> Array:
     return np.asarray((stacked.max(axis=0) - stacked.min(axis=0)).max(axis=1))
 
 
-def agreed(run: Run, names: Sequence[str], band: float = 0.05) -> float:
+def time_to_agreement(run: Run, names: Sequence[str], band: float = 0.05) -> float:
     """Last exit of the consensus error from the band, s; inf if it is outside at the end."""
     return settle_time(spread(run, names), run.t, band)
 
@@ -63,7 +65,7 @@ def at(run: Run, name: str, t: float) -> Array:
     return np.array(run.array(name)[row(run, t)])
 
 
-def miss(found: ArrayLike, expected: ArrayLike) -> float:
+def largest_error(found: ArrayLike, expected: ArrayLike) -> float:
     """The largest |found - expected| of the entries, in their unit; both scalar or (m,)."""
     return float(np.abs(np.asarray(found) - np.asarray(expected)).max())
 
@@ -106,7 +108,7 @@ def decay(run: Run, name: str, target: float, start: float, stop: float) -> floa
     return float(np.polyfit(run.t[rows], np.log(error), 1)[0])
 
 
-def swell(run: Run, name: str, target: ArrayLike) -> float:
+def oscillation_growth(run: Run, name: str, target: ArrayLike) -> float:
     """How fast an oscillation about `target` grows, 1/s; `target` scalar or (m,).
 
     The logarithm of the ratio of the RMS values of the last and of the third quarter, divided by
@@ -118,6 +120,6 @@ def swell(run: Run, name: str, target: ArrayLike) -> float:
     return log(after / before) / (run.t[-1] / 4) if before > 0 else -inf
 
 
-def rises(values: Array) -> float:
+def largest_rise(values: Array) -> float:
     """Largest rise from any row to a later one, as a share of the first value; `values` (n,)."""
     return float((values - np.minimum.accumulate(values)).max() / values[0])

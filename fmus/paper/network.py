@@ -66,11 +66,11 @@ def cases(seed: int) -> dict[str, Document]:
 
 
 def _settled(r: Run) -> float:
-    return m.settled(r, ALL, Q_H)
+    return m.time_to_target(r, ALL, Q_H)
 
 
 def _agreed(r: Run) -> float:
-    return m.agreed(r, ALL)
+    return m.time_to_agreement(r, ALL)
 
 
 def _held(r: Run) -> float:
@@ -125,7 +125,7 @@ _MEAN = oracles.consensus_without_integral(STARTS, 1 / 6, Q_H, K, ALPHA, K_P)
 
 
 def _off_rest(r: Run) -> float:
-    return m.miss(m.final(r, "robot3.q"), _REST)
+    return m.largest_error(m.final(r, "robot3.q"), _REST)
 
 
 _FIGURES_8_9 = (
@@ -135,7 +135,7 @@ _FIGURES_8_9 = (
           "Sec. VII-B: they do not converge to q_h", _RING_0, _settled, _ZERO),
     Claim("fig8-error", _F8, "robot 3 is off q_h at 120 s by", "rad", at_least(2.8),
           "independent simulation: 2.8", _RING_0,
-          lambda r: m.miss(m.final(r, "robot3.q"), Q_H), _ZERO),
+          lambda r: m.largest_error(m.final(r, "robot3.q"), Q_H), _ZERO),
     Claim("fig8-held", _F8, "held for ever: largest |tau_h| at 120 s", "N.m",
           within(27.5, 35.5), _S.format("29 to 33", "28.3 to 34.7"), _RING_0, _held, _ZERO),
     Claim("fig8-slope", _F8, "M^t has stopped growing: slope, 60 to 120 s", "1", at_most(0.15),
@@ -144,13 +144,13 @@ _FIGURES_8_9 = (
           never(), "Theorem 3 needs lambda_M > 0", ("net-0-dense",), _settled, _ZERO),
     Claim("fig8-mean", ("fig8", "fig9"), "theta known, graphs in turn: rest is off O2 by", "rad",
           at_most(0.005), "O2 of the mean graph: (αq̄(0) + γ(k_p/K)q_h)/(α + γk_p/K), γ = 1/6",
-          ("net-0-in-turn",), lambda r: m.miss(m.final(r, "robot3.q"), _MEAN)),
+          ("net-0-in-turn",), lambda r: m.largest_error(m.final(r, "robot3.q"), _MEAN)),
     Claim("o7-rest", ("o7", "thm3"), "lambda_M = 0, tree3: robot 3 is off (2.866, 0.0897) by",
           "rad", at_most(0.005), "O7: the root alone obeys O2", ("net-0-tree3",), _off_rest, _ZERO),
     Claim("o7-rest-other", ("o7", "thm3"), "the same with another seed", "rad", at_most(0.005),
           "O7: whatever the others do", ("net-0-tree3-other",), _off_rest, _ZERO),
     Claim("o7-held", ("o7", "thm3"), "tau_h is off (6.34, 29.10) by", "N.m", at_most(0.05), "O7",
-          ("net-0-tree3",), lambda r: m.miss(m.final(r, TAU_H), _HOLD), _ZERO),
+          ("net-0-tree3",), lambda r: m.largest_error(m.final(r, TAU_H), _HOLD), _ZERO),
 )  # fmt: skip
 
 _FIGURES_10_11 = (
@@ -183,7 +183,7 @@ def _moving(r: Run) -> float:
 
 def _off(r: Run) -> float:
     """Largest distance of any robot from q_h at the end, rad."""
-    return max(m.miss(m.final(r, name), Q_H) for name in ALL)
+    return max(m.largest_error(m.final(r, name), Q_H) for name in ALL)
 
 
 _NO_ROOT, _NO_TREE = "the held robot is no root", "no joint spanning tree"

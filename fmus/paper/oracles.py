@@ -105,18 +105,22 @@ def delayed_pole(
     """
     low, high = delays
 
-    def left(p: float) -> float:
+    def characteristic(p: float) -> float:
         mean = (exp(-p * low) - exp(-p * high)) / (p * (high - low))
         hand = (p + lambda_M) * (k_d * p + k_p) / (K * (p + alpha))
         return (p + lambda_) ** 2 - (lambda_ * mean) ** 2 + (p + lambda_) * hand
 
     grid = -np.geomspace(1e-6, 0.999 * min(alpha, lambda_), 4000)
-    signs = np.sign([left(float(p)) for p in grid])
+    signs = np.sign([characteristic(float(p)) for p in grid])
     k = int(np.argmax(signs != signs[0]))
     stable, slow = float(grid[k]), float(grid[k - 1])
     for _ in range(60):
         middle = (stable + slow) / 2
-        stable, slow = (stable, middle) if left(middle) * left(slow) > 0 else (middle, slow)
+        stable, slow = (
+            (stable, middle)
+            if characteristic(middle) * characteristic(slow) > 0
+            else (middle, slow)
+        )
     return slow
 
 

@@ -84,7 +84,7 @@ def cases(seed: int) -> dict[str, Document]:
 
 
 def _settled(r: Run) -> float:
-    return m.settled(r, ARMS, Q_H)
+    return m.time_to_target(r, ARMS, Q_H)
 
 
 def _arrival(gain: int, name: str, band: Expected, source: str) -> Claim:
@@ -136,7 +136,7 @@ _REMARK_6 = (
     Claim("remark6-six", ("remark6", "thm4"), "six arms, dense, T ~ U[0.3, 5] s: at q_h from",
           "s", within(45.0, 75.0), "Theorem 4; two seeds here: 57.4 and 61.3, no other value",
           ("bounded-six",),
-          lambda r: m.settled(r, SIX, Q_H)),
+          lambda r: m.time_to_target(r, SIX, Q_H)),
     Claim("remark6-slope", ("remark6",), "T ~ U[1, 20] s: steepest rise of the delay", "1",
           at_least(1000.0), "Ṫ ≤ 1 - ε of Lemma 1 and of earlier results does not hold",
           ("bounded-10-20s",), _slope_of_delay),
@@ -146,7 +146,7 @@ _REMARK_6 = (
     Claim("remark6-free", ("remark6", "thm5"), "free, T = 20 s, lambda = 0.1: the arms meet, off "
           "the closed form by", "rad", at_most(0.005),
           "ξ_1 + ξ_2 + λ∫ξ over what is on its way does not change", ("bounded-free",),
-          lambda r: max(m.miss(m.final(r, arm), _MEETING) for arm in ARMS)),
+          lambda r: max(m.largest_error(m.final(r, arm), _MEETING) for arm in ARMS)),
 )  # fmt: skip
 
 
@@ -172,7 +172,7 @@ def _square_of_s(r: Run) -> float:
 
 
 def _apart(t: float) -> Any:
-    return lambda r: m.miss(m.at(r, "master.q", t), m.at(r, "slave.q", t))
+    return lambda r: m.largest_error(m.at(r, "master.q", t), m.at(r, "slave.q", t))
 
 
 def _apart_six(t: float) -> Any:
@@ -211,7 +211,7 @@ _REMARK_5 = (
           ("hand-pair",), lambda r: _climb(r, ARMS)),
     Claim("remark5-pair-place", (*_ABOUT, "thm5"), "master at 600 s is off (30, 11) rad by",
           "rad", at_most(0.6), "what was measured once: no closed form for the start",
-          ("hand-pair",), lambda r: m.miss(m.final(r, "master.q"), (30.0, 11.0))),
+          ("hand-pair",), lambda r: m.largest_error(m.final(r, "master.q"), (30.0, 11.0))),
     Claim("remark5-pair-20", (*_ABOUT, "thm5"), "arms apart at 20 s by", "rad",
           relative(0.34, 0.06), "0.34 once measured; quasi-static: 0.30", ("hand-pair",),
           _apart(20.0)),
@@ -232,7 +232,7 @@ _REMARK_5 = (
           ("hand-six",), _apart_six(_END)),
     Claim("sec8-hand", ("sec8", "thm2"), "Fig. 1: λ_M∫s dt is off α q_h at the end by", "rad/s",
           at_most(1e-3), "eq. (38) at rest: the integral that the loop generates is the move",
-          ("teaching-6",), lambda r: m.miss(
+          ("teaching-6",), lambda r: m.largest_error(
               [6.0 * m.integral(s, r.t)[-1] for s in r.array("control.s").T], 2.0 * np.array(Q_H))),
 )  # fmt: skip
 

@@ -63,7 +63,7 @@ def _stiff(K: float, share: float) -> Document:
 
 
 def _growth(r: Run) -> float:
-    return m.swell(r, "robot.q", HELD)
+    return m.oscillation_growth(r, "robot.q", HELD)
 
 
 def _onset(K: float) -> Claim:
@@ -96,23 +96,24 @@ CLAIMS = (
           _swing, "lambda_M above the limit O9"),
     Claim("tight-1", ("robust",), "the same grip, lambda_M = 1: master at q_h from", "s",
           at_most(12.0), "O9: below the limit", ("tight-1",),
-          lambda r: m.settled(r, ["master.q"], Q_H)),
+          lambda r: m.time_to_target(r, ["master.q"], Q_H)),
     Claim("single-15ms", ("robust",), "one arm sampled at 15 ms: at q_h from", "s",
           relative(5.8, 0.1), _LADDER.format("15 ms"), ("single-15ms",),
-          lambda r: m.settled(r, ["robot.q"], Q_H)),
+          lambda r: m.time_to_target(r, ["robot.q"], Q_H)),
     Claim("single-25ms", ("robust",), "one arm sampled at 25 ms: diverges at", "s",
           at_most(2.0), _LADDER.format("15 ms"), ("single-25ms",), stopped, "T_s too long", True),
     Claim("pair-15ms", ("robust",), "teleoperator sampled at 15 ms: at q_h from", "s",
-          within(11.2, 12.0), "as at 5 ms", ("pair-15ms",), lambda r: m.settled(r, ARMS, Q_H)),
+          within(11.2, 12.0), "as at 5 ms", ("pair-15ms",),
+          lambda r: m.time_to_target(r, ARMS, Q_H)),
     Claim("pair-30ms", ("robust",), "teleoperator sampled at 30 ms: diverges at", "s",
           at_most(3.0), _LADDER.format("20 ms; here 3 of 40 seeds diverge at 20 ms"),
           ("pair-30ms",), stopped, "T_s too long", True),
     Claim("net-6ms", ("robust", "thm4"), "six arms, delays, Gamma = 8, 6 ms: at q_h from", "s",
           within(44.0, 62.0), _LADDER.format("6 ms; 10 seeds here: 52.0 to 56.5 s"), ("net-6ms",),
-          lambda r: m.settled(r, SIX, Q_H)),
+          lambda r: m.time_to_target(r, SIX, Q_H)),
     Claim("net-15ms", ("robust",), "six arms, delays, Gamma = 8, 15 ms: diverge at", "s",
           at_most(3.0), _LADDER.format("6 ms"), ("net-15ms",), stopped, "T_s too long", True),
     Claim("net-10ms-slow", ("robust",), "six arms, delays, Gamma = 1, 10 ms: at q_h from", "s",
           within(44.5, 56.5), _LADDER.format("10 to 12 ms"), ("net-10ms-slow",),
-          lambda r: m.settled(r, SIX, Q_H)),
+          lambda r: m.time_to_target(r, SIX, Q_H)),
 )  # fmt: skip

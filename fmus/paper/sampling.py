@@ -10,7 +10,7 @@ import numpy as np
 from cosim.record import Run
 from fmus.paper import measure as m
 from fmus.paper import oracles
-from fmus.paper.claim import Claim, at_most, near, relative, within
+from fmus.paper.claim import Claim, absolute, at_most, relative, within
 from fmus.paper.experiments import (
     PERIOD,
     Q_H,
@@ -54,7 +54,7 @@ def _every(document: Document) -> Document:
 
 def _beyond(r: Run) -> float:
     """How far the largest |tau| of each joint is from its limit, N.m."""
-    return m.miss(np.abs(r.array("control.tau")).max(axis=0), LIMIT)
+    return m.largest_error(np.abs(r.array("control.tau")).max(axis=0), LIMIT)
 
 
 def _wound(r: Run) -> float:
@@ -77,7 +77,7 @@ def _decayed(r: Run) -> float:
     step = np.eye(2) - PERIOD * K * np.linalg.inv(M)
     dq = r.array("robot.dq")
     powers = np.array([np.linalg.matrix_power(step, n) @ dq[0] for n in range(len(dq))])
-    return m.miss(dq, powers) / m.length(dq[0])
+    return m.largest_error(dq, powers) / m.length(dq[0])
 
 
 def _first(r: Run) -> float:
@@ -97,15 +97,15 @@ CLAIMS = (
           at_most(0.0), "anti-windup: both stand still", _LIMITED, _wound),
     Claim("limit-settled", ("sampling", "limit"), "q within 0.05 rad of q_h from", "s",
           relative(4.37, 0.05), "second simulator: 4.37 s", _LIMITED,
-          lambda r: m.settled(r, ["robot.q"], Q_H)),
+          lambda r: m.time_to_target(r, ["robot.q"], Q_H)),
     Claim("sampled-decay", ("sampling", "o1"), "lambda_M = alpha, no estimate: dq off the power of "
           "I - h M⁻¹K by", "1", at_most(1e-5), "O1 sampled: τ = -K dq held over h",
           ("sampled-decay",), _decayed),
     Claim("first-motion", ("sampling", "thm5"), "T = 50 ms, master pushed at 0: slave moves at",
-          "s", near(LATE + 3 * PERIOD, PERIOD / 4), "ξ of the first sample after, T, then z, then "
-          "τ: T + 3 h", ("first-motion",), _first),
+          "s", absolute(LATE + 3 * PERIOD, PERIOD / 4), "ξ of the first sample after, T, then z, "
+          "then τ: T + 3 h", ("first-motion",), _first),
     Claim("net-0-mean", ("sampling", "thm3", "o2"), "lambda_M = 0, theta known, constant mean "
           "graph: off O2 by", "rad", at_most(1e-4), "(αq̄(0) + γ(k_p/K)q_h)/(α + γk_p/K), γ = 1/6",
-          ("net-0-mean",), lambda r: max(m.miss(m.final(r, x), _MEAN) for x in SIX),
+          ("net-0-mean",), lambda r: max(m.largest_error(m.final(r, x), _MEAN) for x in SIX),
           "lambda_M = 0"),
 )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any
 from cosim.record import Run
 from fmus.paper import measure as m
 from fmus.paper import oracles
-from fmus.paper.claim import Claim, at_least, at_most, near, never, relative, within
+from fmus.paper.claim import Claim, absolute, at_least, at_most, never, relative, within
 from fmus.paper.experiments import DELAY, Q_H, STARTS, Document, Table, teleoperator
 
 K, ALPHA, LAMBDA, K_P = 16.0, 0.5, 2.0, 10.0
@@ -53,11 +53,11 @@ def cases(seed: int) -> dict[str, Document]:
 
 
 def _settled(r: Run) -> float:
-    return m.settled(r, ARMS, Q_H)
+    return m.time_to_target(r, ARMS, Q_H)
 
 
 def _synchronised(r: Run) -> float:
-    return m.settled(r, ["master.q"], "slave.q")
+    return m.time_to_target(r, ["master.q"], "slave.q")
 
 
 def _effort(r: Run) -> float:
@@ -83,7 +83,7 @@ _FIGURES = (
           lambda r: m.peak(r, ["master_control.tau", "slave_control.tau"])),
     Claim("fig12-rest", _F12, "the hand rests: |tau_h| at 60 s", "N.m", at_most(1e-4),
           "Theorem 5", _FAST, lambda r: m.length(m.final(r, TAU_H))),
-    Claim("fig12-slope", _F12, "M^t grows: d log M/d log t, 30 to 60 s", "1", near(0.5, 0.1),
+    Claim("fig12-slope", _F12, "M^t grows: d log M/d log t, 30 to 60 s", "1", absolute(0.5, 0.1),
           "1/2 once the hand rests", _FAST, lambda r: m.growth(r, TAU_H, ARMS, 30.0, 60.0)),
     Claim("fig14-settled", _F14, "lambda_M = 1: both arms within 0.05 rad of q_h from", "s",
           within(19.0, 21.0), _S.format("19.7 to 20.3", "19.2 to 20.8"), _SLOW, _settled),
@@ -154,7 +154,7 @@ def _wall(gain: int) -> tuple[Claim, ...]:
               lambda r: m.final(r, TAU_H)[0]),
         Claim(f"o5-{gain}-reflection", about, "torque on the wall differs from it by", "N.m",
               at_most(1e-3), "Theorem 5: τ_1* = τ_2*", case,
-              lambda r: m.miss(m.final(r, TAU_H), m.final(r, TAU_E))),
+              lambda r: m.largest_error(m.final(r, TAU_H), m.final(r, TAU_E))),
         Claim(f"o5-{gain}-stiffness", about, "felt torque over q_1 - q_2", "N.m/rad",
               relative(kappa, 1e-3), "O5: λαK/λ_M", case, stretched),
     )  # fmt: skip
@@ -180,7 +180,7 @@ _BROKEN = (
           "s", never(), "Theorem 5 needs lambda_M > 0", ("pair-0",), _settled, "lambda_M = 0"),
     Claim("thm5-0-held", ("thm5", "o2"), "lambda_M = 0, T = 0.75 s: rest is off O2 by", "rad",
           at_most(0.005), "O2 of the pair", ("pair-0-constant",),
-          lambda r: max(m.miss(m.final(r, arm), _REST) for arm in ARMS), "lambda_M = 0"),
+          lambda r: max(m.largest_error(m.final(r, arm), _REST) for arm in ARMS), "lambda_M = 0"),
     Claim("thm5-0-slope", ("thm5",), "lambda_M = 0: slope of M^t, 30 to 60 s", "1",
           at_most(0.1), "M^t has a limit", ("pair-0-constant",),
           lambda r: m.growth(r, TAU_H, ARMS, 30.0, 60.0), "lambda_M = 0"),
@@ -189,10 +189,11 @@ _BROKEN = (
           lambda r: m.length(m.final(r, TAU_H)), _SILENCE),
     Claim("thm5-deaf", ("thm5",), "slave does not hear the master: |q_1 - q_2| at 60 s", "rad",
           at_least(0.1), "the slave goes to the last xi", ("pair-deaf",),
-          lambda r: m.miss(m.final(r, "master.q"), m.final(r, "slave.q")), _SILENCE),
+          lambda r: m.largest_error(m.final(r, "master.q"), m.final(r, "slave.q")), _SILENCE),
     Claim("thm5-silent", ("thm5",), "free, both silent: arms within 0.01 rad of each other from",
           "s", never(), "each goes to the last xi of the other", ("pair-silent-free",),
-          lambda r: m.settled(r, ["master.q"], "slave.q", 0.01), "both links are silent from 3 s"),
+          lambda r: m.time_to_target(r, ["master.q"], "slave.q", 0.01),
+          "both links are silent from 3 s"),
 )  # fmt: skip
 
 CLAIMS = (

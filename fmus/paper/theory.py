@@ -10,7 +10,7 @@ import numpy as np
 from cosim.record import Run
 from fmus.paper import measure as m
 from fmus.paper import oracles
-from fmus.paper.claim import Claim, at_least, at_most, near, relative
+from fmus.paper.claim import Claim, absolute, at_least, at_most, relative
 from fmus.paper.experiments import (
     Q_H,
     THETA,
@@ -83,10 +83,10 @@ _POINT_MASS = (
           relative(log(1001.0), 0.002), "m dx = -bx + ln(t + 1)", ("mass",),
           lambda r: m.final(r, "mass.x")[0]),
     Claim("mass-degree-1", ("sec3",), "b > 0: slope of M^t of a push, 100 to 200 s", "1",
-          near(1.0, 0.02), "degree one: x ~ t", ("mass-push",),
+          absolute(1.0, 0.02), "degree one: x ~ t", ("mass-push",),
           lambda r: m.growth(r, "mass.f", ["mass.x"], 100.0, 200.0)),
     Claim("mass-degree-2", ("sec3",), "b = 0: slope of M^t of a push, 100 to 200 s", "1",
-          near(2.0, 0.02), "degree two: x ~ t²", ("mass-push-free",),
+          absolute(2.0, 0.02), "degree two: x ~ t²", ("mass-push-free",),
           lambda r: m.growth(r, "mass.f", ["mass.x"], 100.0, 200.0)),
 )  # fmt: skip
 
@@ -108,7 +108,7 @@ _THEOREM_1 = (
     Claim("thm1-rest", ("thm1",), "in the hand at q_h it rests: |tau_h| at 60 s", "N.m",
           at_most(1e-3), "Theorem 1", ("damped",), lambda r: m.length(m.final(r, TAU_H))),
     Claim("thm1-slope", ("thm1",), "M^t grows: d log M/d log t, 30 to 60 s", "1",
-          near(0.5, 0.05), "1/2 once the hand rests", ("damped",),
+          absolute(0.5, 0.05), "1/2 once the hand rests", ("damped",),
           lambda r: m.growth(r, TAU_H, [Q], 30.0, 60.0)),
     Claim("thm1-wrong-push", ("thm1",), "wrong gravity: the push ends at", "rad/s",
           at_most(1e-3), "the arm rests where gravity balances the push",
@@ -118,7 +118,7 @@ _THEOREM_1 = (
           lambda r: m.length(m.final(r, TAU_H)), _WRONG),
     Claim("thm1-wrong-free", ("thm1",), "wrong gravity: let go at rest, the arm sinks by", "rad",
           at_least(1.0), "to where it hangs, (-π/2, 0)", ("damped-wrong-free",),
-          lambda r: m.miss(m.final(r, Q), r.array(Q)[0]), _WRONG),
+          lambda r: m.largest_error(m.final(r, Q), r.array(Q)[0]), _WRONG),
 )  # fmt: skip
 
 
@@ -127,7 +127,7 @@ _THEOREM_1 = (
 
 def _onset(*runs: Run) -> float:
     """The gain at which the oscillation neither grows nor decays, between those tried, 1/s."""
-    return float(np.interp(0.0, [m.swell(r, Q, HELD) for r in runs], GAINS))
+    return float(np.interp(0.0, [m.oscillation_growth(r, Q, HELD) for r in runs], GAINS))
 
 
 _REMARK_3 = tuple(f"remark3-{gain:g}" for gain in GAINS)
@@ -149,11 +149,11 @@ def _cancelled(r: Run) -> float:
     c1, c12 = np.cos(q[0]), np.cos(q.sum())
     error = theta_hat[3:] - np.array(THETA_G)
     estimated = np.array([c1 * error[0] + c12 * error[1], c12 * error[1]])
-    return m.miss(estimated, [-1.0, 0.0])
+    return m.largest_error(estimated, [-1.0, 0.0])
 
 
 def _unreflected(r: Run) -> float:
-    return m.miss(m.final(r, "master.tau_h"), m.final(r, "slave.tau_e"))
+    return m.largest_error(m.final(r, "master.tau_h"), m.final(r, "slave.tau_e"))
 
 
 def _held(r: Run) -> float:

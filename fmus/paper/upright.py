@@ -96,7 +96,7 @@ def _reflected(r: Run) -> float:
     """How far τ_1* - τ_2* is from -[ĝ_1 - g_1] - [ĝ_2 - g_2], N.m."""
     off = m.final(r, "master.tau_h") - m.final(r, "slave.tau_e")
     known = [_error(r, f"{side}.q", f"{side}_control.theta_hat") for side in ("master", "slave")]
-    return m.miss(off, -known[0] - known[1])
+    return m.largest_error(off, -known[0] - known[1])
 
 
 def _broken(r: Run) -> float:
@@ -127,13 +127,13 @@ _FREE = (
           lambda r: m.length(m.final(r, "control.theta_hat")[3:] - np.array(THETA_G))),
     Claim("upright-one-energy", ("upright", "thm2", "o8"), "largest rise of V, as a share of V(0)",
           "1", at_most(1e-3), "(35) without a hand, gravity in Y; sampled", _ONE,
-          lambda r: m.rises(_stored(r))),
+          lambda r: m.largest_rise(_stored(r))),
     Claim("upright-one-place", ("upright", "thm2"), "it hangs: q is off (-π/2, 0) by", "rad",
           at_most(1e-3), "where g = 0, it sank before anything was learnt", _ONE,
-          lambda r: m.miss(m.final(r, "robot.q"), (-pi / 2, 0.0))),
+          lambda r: m.largest_error(m.final(r, "robot.q"), (-pi / 2, 0.0))),
     Claim("upright-pair-free", ("upright", "thm5"), "teleoperator, the same: arms apart at 60 s",
           "rad", at_most(1e-3), "Theorem 5: synchronisation in free motion", _PAIR,
-          lambda r: m.miss(m.final(r, ARMS[0]), m.final(r, ARMS[1]))),
+          lambda r: m.largest_error(m.final(r, ARMS[0]), m.final(r, ARMS[1]))),
     Claim("upright-pair-rest", ("upright", "thm5"), "and they rest: |dq| at 60 s", "rad/s",
           at_most(1e-4), "Theorem 4", _PAIR,
           lambda r: max(m.length(m.final(r, f"{x}.dq")) for x in ("master", "slave"))),

@@ -38,7 +38,7 @@ def test_o3_of_the_paper(lambda_M: float, slow: float, fast: float) -> None:
 
 def test_poles_with_inertia_are_those_of_the_known_polynomial() -> None:
     net, q = net_of(DOCUMENTS["single-6"]), (3.5, 3.0)
-    found = closed.poles(net, q, net.known(), (10.0, 10.0), (5.0, 5.0))
+    found = closed.poles(net, q, net.true_estimates(), (10.0, 10.0), (5.0, 5.0))
     masses = np.linalg.eigvalsh(net.arms[0].inertia(THETA, q))
     each = np.concatenate([oracles.poles(K, 2.0, 6.0, 10.0, 5.0, m) for m in masses])
     assert found[0].real == pytest.approx(each.max(), rel=1e-6)
@@ -48,8 +48,8 @@ def test_poles_with_inertia_are_those_of_the_known_polynomial() -> None:
 
 def test_poles_of_a_pair_with_delay_solve_its_characteristic_equation() -> None:
     net, q = net_of(DOCUMENTS["pair-10"]), (0.3, 0.2)
-    for p in closed.poles(net, q, net.known(), (10.0,), (5.0,)):
-        A = net.at(q, net.known()).A(p)
+    for p in closed.poles(net, q, net.true_estimates(), (10.0,), (5.0,)):
+        A = net.at(q, net.true_estimates()).A(p)
         A[:2, :2] += (10.0 + 5.0 * p) * np.eye(2)
         assert np.linalg.svd(A, compute_uv=False)[-1] < 1e-6 * np.abs(A).max()
 
@@ -178,14 +178,14 @@ def test_gain_of_one_arm_is_the_admittance_of_the_reading() -> None:
     net, q, p = net_of(DOCUMENTS["single-6"]), (0.3, 0.2), 1.3j
     M = net.arms[0].inertia(THETA, q)
     Y = (p + 6.0) / (p + 2.0) * np.linalg.inv(M * p + K * np.eye(2))
-    assert p * net.at(q, net.known()).gain(p) == pytest.approx(Y)
+    assert p * net.at(q, net.true_estimates()).gain(p) == pytest.approx(Y)
 
 
 def test_with_no_estimate_the_impedance_is_a_mass_and_a_passive_filter() -> None:
     net, q, p = net_of(DOCUMENTS["single-6"]), (0.3, 0.2), 0.7j
     M = net.arms[0].inertia(THETA, q)
     Z = M * p + K * (p + 2.0) / (p + 6.0) * np.eye(2)
-    assert np.linalg.inv(p * net.at(q, net.started()).gain(p)) == pytest.approx(Z)
+    assert np.linalg.inv(p * net.at(q, net.initial_estimates()).gain(p)) == pytest.approx(Z)
 
 
 def test_a_pair_is_two_robots_with_the_delay_of_each_link() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from cosim.analysis.analysis import analyse
 from cosim.analysis.contacts import by_grip
-from cosim.analysis.inputs import RunWithInputs, acts
+from cosim.analysis.inputs import RunWithInputs, is_driven
 from cosim.analysis.memory_run import trace
 from cosim.analysis.subject import of_run, of_scenario
 from cosim.analysis.system import system
@@ -129,7 +129,7 @@ def test_wires_with_a_gain_are_computed_and_links_are_refused() -> None:
     del inputs["tau_ext"]
     linked = document | {"components": parts, "links": [link]}
     plan = assemble(build(linked, Path("test.toml")))
-    assert acts(plan, "robot.tau_ext")
+    assert is_driven(plan, "robot.tau_ext")
     with pytest.raises(ScenarioError, match="a link or a table feeds it"):
         RunWithInputs(trace(plan, ["hand.tau_h"]), plan).array("robot.tau_ext")
 

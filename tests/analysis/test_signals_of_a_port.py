@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.analysis.energy import effort, observer
-from cosim.analysis.felt_impedance import felt, is_the_hand
+from cosim.analysis.felt_impedance import fit_impedance, is_operator
 from cosim.analysis.manipulability import growth, local_growth, manipulability
 from cosim.analysis.recorded_numbers import approach
 
@@ -130,27 +130,29 @@ def test_felt_finds_inertia_damping_and_stiffness(
     seed: int,
 ) -> None:
     t, q, dq, f = motion(inertia, damping, stiffness, seed)
-    found = felt(t, column(f), column(q), column(dq), 10.0)
+    found = fit_impedance(t, column(f), column(q), column(dq), 10.0)
     assert len(found) == 2
     for one in found:
         assert (one.inertia, one.damping, one.stiffness) == pytest.approx(
             (inertia, damping, stiffness), rel=0.02, abs=0.02
         )
-        assert one.residual < 1e-2 and not is_the_hand(one)
+        assert one.residual < 1e-2 and not is_operator(one)
 
 
 def test_the_hand_s_own_law_is_told_from_the_robot() -> None:
     t, q, dq, _ = motion(1.0, 1.0, 1.0, 3)
     f = -10.0 * (q - 3.5) - 5.0 * dq
-    for one in felt(t, column(f), column(q), column(dq), 10.0):
-        assert is_the_hand(one)
+    for one in fit_impedance(t, column(f), column(q), column(dq), 10.0):
+        assert is_operator(one)
         assert (one.damping, one.stiffness) == pytest.approx((-5.0, -10.0), rel=1e-2)
 
 
 def test_a_motion_that_tells_nothing_gives_no_number() -> None:
     t = np.linspace(0.0, 10.0, 1001)
     drift = 0.3 * t
-    assert not felt(t, column(np.ones_like(t)), column(drift), column(np.full_like(t, 0.3)), 5.0)
+    assert not fit_impedance(
+        t, column(np.ones_like(t)), column(drift), column(np.full_like(t, 0.3)), 5.0
+    )
 
 
 # ---- approach -----------------------------------------------------------------------------------

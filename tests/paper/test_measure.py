@@ -55,27 +55,27 @@ def test_decay_finds_the_rate(rate: float, target: float) -> None:
 def test_swell_finds_growth_and_decay_of_an_oscillation(rate: float) -> None:
     t = np.linspace(0.0, 8 * pi, 8001)
     run = Signals(t, x=1.0 + np.exp(rate * t) * np.sin(8 * t))
-    assert m.swell(run, "x", 1.0) == pytest.approx(rate, abs=0.01)
+    assert m.oscillation_growth(run, "x", 1.0) == pytest.approx(rate, abs=0.01)
 
 
 def test_an_oscillation_that_is_not_there_does_not_grow() -> None:
-    assert m.swell(Signals(T, x=np.ones_like(T)), "x", 1.0) == -inf
+    assert m.oscillation_growth(Signals(T, x=np.ones_like(T)), "x", 1.0) == -inf
 
 
 def test_settling_agreeing_and_missing() -> None:
     x = np.exp(-T)
     run = Signals(T, x=np.stack([x, -x], axis=1), y=np.zeros((len(T), 2)))
-    assert m.settled(run, ["x"], (0.0, 0.0)) == pytest.approx(-log(0.05), abs=0.01)
-    assert m.settled(run, ["x", "y"], "y") == m.settled(run, ["x"], (0.0, 0.0))
-    assert m.settled(run, ["x"], (1.0, 0.0)) == inf
-    assert m.agreed(run, ["x", "y"]) == pytest.approx(-log(0.05), abs=0.01)
+    assert m.time_to_target(run, ["x"], (0.0, 0.0)) == pytest.approx(-log(0.05), abs=0.01)
+    assert m.time_to_target(run, ["x", "y"], "y") == m.time_to_target(run, ["x"], (0.0, 0.0))
+    assert m.time_to_target(run, ["x"], (1.0, 0.0)) == inf
+    assert m.time_to_agreement(run, ["x", "y"]) == pytest.approx(-log(0.05), abs=0.01)
     assert m.spread(run, ["x", "y"])[0] == 1.0
-    assert m.miss(m.at(run, "x", 0.0), (0.0, 0.0)) == 1.0
+    assert m.largest_error(m.at(run, "x", 0.0), (0.0, 0.0)) == 1.0
 
 
 def test_norm_velocity_and_rises() -> None:
     run = Signals(T, f=1.0 / (T + 1.0), x=3.0 * T)
     assert m.norm(run, "f") == pytest.approx(sqrt(1 - 1 / 101), rel=1e-5)
     assert m.velocity(run, "x", 10.0) == pytest.approx([3.0])
-    assert m.rises(np.array([4.0, 2.0, 3.0, 1.0])) == pytest.approx(0.25)
-    assert m.rises(np.array([4.0, 2.0, 1.0])) == 0.0
+    assert m.largest_rise(np.array([4.0, 2.0, 3.0, 1.0])) == pytest.approx(0.25)
+    assert m.largest_rise(np.array([4.0, 2.0, 1.0])) == 0.0

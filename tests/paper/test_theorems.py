@@ -53,14 +53,14 @@ def test_theorem_3_needs_a_joint_spanning_tree(evidence: Evidence) -> None:
     ends = [m.final(run, f"robot{i}.q") for i in range(1, 7)]
     for chain in (ends[:3], ends[3:]):
         assert np.ptp(np.array(chain), axis=0).max() < 1e-3
-    assert m.miss(ends[0], ends[3]) > 1.0
+    assert m.largest_error(ends[0], ends[3]) > 1.0
 
 
 def test_an_operator_on_a_leaf_moves_the_leaf_only(evidence: Evidence) -> None:
     run = evidence.run("net-leaf")
     start, end = run.array("robot3.q")[0], m.final(run, "robot3.q")
-    assert m.miss(end, start) < 1e-9  # the root does not hear anybody
-    assert m.settled(run, ["robot5.q"], Q_H) == np.inf
+    assert m.largest_error(end, start) < 1e-9  # the root does not hear anybody
+    assert m.time_to_target(run, ["robot5.q"], Q_H) == np.inf
 
 
 def test_theorem_4_needs_delays_that_are_bounded(evidence: Evidence) -> None:
@@ -73,6 +73,6 @@ def test_theorem_4_needs_delays_that_are_bounded(evidence: Evidence) -> None:
 def test_theorem_5_needs_both_links(evidence: Evidence) -> None:
     """A master that no longer hears is held by the last xi; a slave stays where it last heard."""
     unheard, deaf = evidence.run("pair-unheard"), evidence.run("pair-deaf")
-    assert m.settled(unheard, ["master.q"], Q_H) == np.inf
-    assert m.miss(m.final(unheard, "master.q"), m.final(unheard, "slave.q")) < 0.01
-    assert m.miss(m.final(deaf, "master.q"), m.final(deaf, "slave.q")) > 0.1
+    assert m.time_to_target(unheard, ["master.q"], Q_H) == np.inf
+    assert m.largest_error(m.final(unheard, "master.q"), m.final(unheard, "slave.q")) < 0.01
+    assert m.largest_error(m.final(deaf, "master.q"), m.final(deaf, "slave.q")) > 0.1

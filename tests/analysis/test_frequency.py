@@ -66,7 +66,7 @@ def gains(inertia: float, damping: float, stiffness: float, h: float = 1e-9) -> 
 @settings(max_examples=40)
 @given(I=st.floats(0.1, 10), D=st.floats(0.1, 20), S=st.floats(0.0, 50))
 def test_impedance_is_fitted_in_bands(I: float, D: float, S: float) -> None:  # noqa: E741
-    found = gains(I, D, S).felt(0.1, 10.0)
+    found = gains(I, D, S).fitted_impedance(0.1, 10.0)
     assert [x[0] for x in found] == pytest.approx([I, D, S], rel=1e-3, abs=1e-3)
 
 
@@ -77,7 +77,7 @@ def test_real_part_says_what_is_passive() -> None:
 
 
 def test_a_band_without_frequencies_has_no_impedance() -> None:
-    assert all(np.isnan(x).all() for x in gains(1.0, 1.0, 1.0).felt(60.0, 70.0))
+    assert all(np.isnan(x).all() for x in gains(1.0, 1.0, 1.0).fitted_impedance(60.0, 70.0))
 
 
 def test_admittance_is_the_mean_velocity_of_a_step() -> None:

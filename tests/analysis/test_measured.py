@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from cosim.analysis.analysis import Analysis, analyse
 from cosim.analysis.closed_form import manipulability_bound
-from cosim.analysis.conditions import broken
+from cosim.analysis.conditions import unmet_conditions
 from cosim.analysis.contacts import by_grip
 from cosim.analysis.experiments import stiffest
 from cosim.analysis.force_tests import by_push, sweep
@@ -204,12 +204,12 @@ def test_conditions_of_o6_are_named_one_by_one() -> None:
     scenario = build(single(theta_hat=[3.34, 1.2, 0.97], Gamma=0.0, z=[0.1, 0.0]), Path("t.toml"))
     known, _ = find_port(scenario, assemble(scenario))
     net = network_around(known, "robot")
-    assert net is not None and broken(known, net) == ("dq(0) = z(0) = 0",)
+    assert net is not None and unmet_conditions(known, net) == ("dq(0) = z(0) = 0",)
     jumping = build(teleoperator(slave={"k_w": 5.0}), Path("t.toml"))
     known, _ = find_port(jumping, assemble(jumping))
     net = network_around(known, "master")
     assert net is not None
-    assert {phrase.split(",")[0] for phrase in broken(known, net)} == {
+    assert {phrase.split(",")[0] for phrase in unmet_conditions(known, net)} == {
         "equal ξ_i(0)", "θ known", "no other force", "delays and weights that are constant",
     }  # fmt: skip
 

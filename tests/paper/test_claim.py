@@ -26,7 +26,7 @@ def made(expected: c.Expected, measure: object = lambda: 0.0, **rest: object) ->
 
 @given(numbers, st.floats(1e-6, 1e3))
 def test_a_band_has_its_ends(value: float, tolerance: float) -> None:
-    band = c.near(value, tolerance)
+    band = c.absolute(value, tolerance)
     assert band.holds(value)
     assert band.holds(band.low)
     assert band.holds(band.high)

@@ -57,6 +57,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "nuno_adaptive": ({},),
     "chopra": ({},),
     "wang2014": ({},),
+    "abdessameud2014": ({},),
     "wave_impedance": ({},),
     "wave_admittance": ({},),
     "tdpa_impedance": ({},),

@@ -4,7 +4,9 @@
  *     tau = Y(q, dq, z, dz) theta_hat + feedback,   dtheta_hat = -Gamma Y^T s,   s = dq - z
  *
  * The estimate of t_k + h waits in theta_hat_next; while a torque is at its limit it stands still.
- * A model includes this once, and says `refer` and `sliding`; its step is here.
+ * A model includes this once, and says `refer` and `sliding`; its step is here. With
+ * DYNAMIC_REFERENCE the reference z is a state: `refer` takes it from z_next, and the step advances
+ * it by dz, or leaves it as well while a torque is at its limit.
  */
 #ifndef STATIC_FEEDBACK_H
 #define STATIC_FEEDBACK_H
@@ -54,6 +56,9 @@ static void give(Model *x, const Law *y) {
 
 const char *model_initial(Model *x) {
     Law y;
+#ifdef DYNAMIC_REFERENCE
+    for (int i = 0; i < 2; i++) x->z_next[i] = x->z[i];
+#endif
     const char *why = complete(x, x->theta_hat, &y);
     if (why != NULL) return why;
     give(x, &y);
@@ -73,6 +78,12 @@ const char *model_step(Model *x, double t, double h) {
         x->theta_hat[i] = x->theta_hat_next[i];
         x->theta_hat_next[i] -= advance * x->Gamma[i] * y.Ys[i];
     }
+#ifdef DYNAMIC_REFERENCE
+    for (int i = 0; i < 2; i++) {
+        x->z[i] = y.z[i];
+        x->z_next[i] += advance * y.dz[i];
+    }
+#endif
     return NULL;
 }
 

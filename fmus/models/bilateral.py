@@ -17,6 +17,7 @@ from typing import Any
 
 from fmus.model import Model
 from fmus.models import (
+    abdessameud2014,
     chopra,
     lee_spong,
     nuno_adaptive,
@@ -97,6 +98,14 @@ PAIRS: dict[str, Pair] = {
         constant_delay=True,
     ),
     "wang": _same("Static feedback (Wang 2014)", _side(wang2014, "Wang"), constant_delay=True),
+    "abdessameud": _same(
+        "Reference filter (after Abdessameud, Polushin, Tayebi 2014)",
+        _side(abdessameud2014, "Abdessameud"),
+    ),
+    "abdessameud-violating": _same(
+        "Reference filter, k_d² < 4 k_p: condition violated",
+        _side(abdessameud2014, "Abdessameud violating"),
+    ),
     "wave": _wave("Wave variables, b = 10 (Niemeyer, Slotine 1991)", "wave(b=10)"),
     "scattering": _wave("Scattering, n = 3 (Anderson, Spong 1989)", "scattering(n=3)"),
     "tdpa": _tdpa("Time-domain passivity (Ryu, Artigas, Preusche 2010)", "TDPA"),

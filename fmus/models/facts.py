@@ -182,6 +182,19 @@ def wang2014(values: Values) -> SpringDamper:
     return _proved("static feedback (Wang 2014)", values, values["K"])
 
 
+def abdessameud2014(values: Values) -> SpringDamper:
+    """K s with a filter as reference: at rest a spring k_p K / k_d; any bounded delay."""
+    K, (k_p,), (k_d,) = values["K"], values["k_p"], values["k_d"]
+    return SpringDamper(
+        law="reference filter (Abdessameud)",
+        feedback=K,
+        ground=_zero(K),
+        stiffness=tuple(k * k_p / k_d if k_d > 0 else 0.0 for k in K),
+        needs_ground=False,
+        tau_max=_torque(values),
+    )
+
+
 def wave(values: Values) -> SpringDamper:
     """Either end of a wave line: b, or the damper towards the reference, on the own velocity."""
     return _proved("waves", values, values.get("K_d", values["b"]))
@@ -226,6 +239,7 @@ FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "nuno_adaptive": nuno_adaptive,
     "chopra": chopra,
     "wang2014": wang2014,
+    "abdessameud2014": abdessameud2014,
     "wave_impedance": wave,
     "wave_admittance": wave,
 }

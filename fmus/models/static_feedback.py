@@ -1,6 +1,7 @@
 """Shared part of adaptive laws with static feedback in NumPy: reference of ``static_feedback.h``.
 
-The reference velocity z is a function of the measured and received signals::
+The reference velocity z is a function of the measured and received signals, or a state that they
+drive::
 
     tau        = Y(q, dq, z, dz) theta_hat + feedback
     dtheta_hat = -Gamma Y' s,   s = dq - z
@@ -33,8 +34,13 @@ class Feedback(NamedTuple):
     feedback: Array
 
 
-def adaptive(name: str, feedback: Callable[..., Feedback]) -> tuple[Law, Law]:
-    """Law and start of a controller by its `feedback` of x and the inputs; s is output `name`."""
+def adaptive(
+    name: str, feedback: Callable[..., Feedback], *, dynamic: bool = False
+) -> tuple[Law, Law]:
+    """Law and start of a controller by its `feedback` of x and the inputs; s is output `name`.
+
+    `dynamic`: z is a state, which `feedback` takes from ``z_next``; it stands still with theta_hat.
+    """
 
     def law(x: Values, t: float, h: float, q: Array, dq: Array, *heard: Array) -> Values:
         s, z, dz, wanted = feedback(x, q, dq, *heard)
@@ -44,10 +50,12 @@ def adaptive(name: str, feedback: Callable[..., Feedback]) -> tuple[Law, Law]:
         tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
         limited = (tau != wanted).any()
         adapted = theta_hat if limited else theta_hat - h * x["Gamma"] * (Y.T @ s)
-        return {"tau": tau, name: s, "theta_hat": theta_hat, "theta_hat_next": adapted}
+        now = {"tau": tau, name: s, "theta_hat": theta_hat, "theta_hat_next": adapted}
+        return now | {"z": z, "z_next": z if limited else z + h * dz} if dynamic else now
 
     def start(x: Values, *inputs: Array) -> Values:
-        return {"theta_hat_next": x["theta_hat"]}
+        state = {"theta_hat_next": x["theta_hat"]}
+        return state | {"z_next": x["z"]} if dynamic else state
 
     return law, start
 
@@ -60,8 +68,12 @@ def adaptive_controller(
     coupling: Variable,
     documentation: str | None,
     network: Terminal = NETWORK,
+    more: tuple[Variable, ...] = (),
 ) -> Model:
-    """Such a controller: `signals` are what it receives and gives, `gains` stand before Gamma."""
-    variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, coupling, TAU_MAX)
+    """Such a controller: `signals` are what it receives and gives, `gains` stand before Gamma.
+
+    `more` are gains of the coupling besides `coupling`.
+    """
+    variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, coupling, *more, TAU_MAX)
     sources = ("trig.c", "static_feedback.h", "regressor.h", "limit.h")
     return controller(identifier, description, variables, sources, documentation, network)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from cosim.base.component import Component
 from fmus.models import (
+    abdessameud2014,
     chopra,
     lee_spong,
     nuno_adaptive,
@@ -102,7 +103,27 @@ def test_with_the_true_parameters_the_torque_is_feedforward_and_feedback(
     assert np.allclose(sent["r"], dq - z)
 
 
-@pytest.mark.parametrize("make", [nuno_adaptive.kernel, wang2014.kernel, chopra.kernel])
+def test_the_reference_filter_responds_as_its_closed_form() -> None:
+    """Held at q = 0 with q_j = 1: z = (k_p / k_d) (1 - e^(-k_d t)), so K k_p / k_d at rest."""
+    kernel, h = abdessameud2014.kernel(), 1e-4
+    kernel.initialize({"K": np.array([5.0, 7.0])})
+    u = {"q": np.zeros(2), "dq": np.zeros(2), "q_j": np.ones(2)}
+    kernel.initial(u)
+    for k in range(20_001):
+        y = kernel.step(k * h, h, u)
+    assert np.array(y["z"]) == pytest.approx((1 - np.exp(-2.0 * 2.0)) / 2.0, abs=1e-4)
+    assert np.allclose(y["tau"], np.array([5.0, 7.0]) * y["z"] + feedforward(y, u))
+
+
+def feedforward(y: dict, u: dict) -> np.ndarray:
+    """Y theta_hat of a filter at k_p = 1, k_d = 2, with the joints at rest."""
+    dz = -2.0 * np.array(y["z"]) - (u["q"] - u["q_j"])
+    return inertia(np.array(y["theta_hat"]), u["q"]) @ dz
+
+
+@pytest.mark.parametrize(
+    "make", [nuno_adaptive.kernel, wang2014.kernel, chopra.kernel, abdessameud2014.kernel]
+)
 def test_the_estimate_stands_still_while_a_torque_is_limited(make: Callable[[], Component]) -> None:
     component, rng = make(), np.random.default_rng(1)
     u = {port.name: rng.uniform(1, 3, port.shape) for port in component.inputs}

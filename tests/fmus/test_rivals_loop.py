@@ -128,6 +128,18 @@ def test_adaptive_synchronisation_does_not_depend_on_the_delay(name: str, delay:
     assert end < (0.4 if name == "chopra" else 1e-3) * begin
 
 
+JUMPS = {"law": "uniform", "low": "50 ms", "high": "2000 ms", "hold": "300 ms"}
+
+
+def test_a_reference_filter_needs_no_bound_on_the_delay_if_it_does_not_overshoot() -> None:
+    """k_d² >= 4 k_p: the arms meet over long delays that jump; far below it they do not."""
+    free = run(PAIRS["abdessameud"], stop=120.0, delay=JUMPS)
+    assert free.failure is None
+    assert np.abs(free.apart[-1000:]).max() < 1e-3
+    worse = run(PAIRS["abdessameud-violating"], stop=120.0, delay=JUMPS)
+    assert worse.failure is not None or np.abs(worse.apart[-10_000:]).max() > 3.0
+
+
 # ---- an operator, delays that vary: the table -------------------------------------------------
 
 

@@ -17,6 +17,7 @@ from cosim.base.errors import CosimError
 from fmus import toolchain
 from fmus.library import compile_model
 from fmus.models import (
+    abdessameud2014,
     chopra,
     decaying_push,
     endpoint_operator,
@@ -60,6 +61,7 @@ CASES = [
     Case(nuno_adaptive, nuno_adaptive.NunoAdaptive, True),
     Case(chopra, chopra.Chopra, True),
     Case(wang2014, wang2014.Wang2014, True),
+    Case(abdessameud2014, abdessameud2014.Abdessameud2014, True),
     Case(wave_impedance, wave_impedance.WaveImpedance),
     Case(wave_admittance, wave_admittance.WaveAdmittance, True),
     Case(tdpa_impedance, tdpa_impedance.TdpaImpedance, True),

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
+from cosim.links.losses import Lossy
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.table import generator
 
@@ -57,15 +59,22 @@ class Impairment:
         self.set(spec)
 
     def set(self, spec: RelayLinkSpec) -> None:
-        """Other laws from now on, drawn from their beginning."""
+        """Other laws from now on, drawn from their beginning.
+
+        Raises ScenarioError where `spec` names no laws, or losses twice.
+        """
         self.spec = spec
-        here = Path()
         self._delays = self._losses = None
-        if spec.delay is not None:
-            law = delay_law(spec.delay, here)
+        law = None if spec.delay is None else delay_law(spec.delay, Path())
+        model = None if spec.loss is None else loss_model(spec.loss)
+        if isinstance(law, Lossy):  # a preset of a network
+            if model is not None:
+                raise ScenarioError("the preset has losses of its own; expected no key loss")
+            model = law.loss
+            law = law.delay
+        if law is not None:
             self._delays = law.stream(GRID, generator(self.seed, f"{self.name} delay"))
-        if spec.loss is not None:
-            model = loss_model(spec.loss)
+        if model is not None:
             self._losses = model.stream(GRID, generator(self.seed, f"{self.name} loss"))
         self._drawn = np.empty(0)
         self._lost = np.empty(0, dtype=bool)
@@ -76,6 +85,8 @@ class Impairment:
         if self._is_lost() or self.spec.down:
             return -1, -1
         delay = self._delay(t_ns)
+        if delay < 0:
+            return -1, -1
         leaves = max(t_ns, self._free)
         if self.spec.rate > 0:
             leaves += round(8e9 * length / self.spec.rate)
@@ -87,12 +98,14 @@ class Impairment:
         return delay, leaves
 
     def _delay(self, t_ns: int) -> int:
+        """The delay at `t_ns`, ns; -1 where a trace lost the packet."""
         if self._delays is None:
             return 0
         k = max(0, t_ns - self._start) // round(1e9 * GRID)
         while k >= len(self._drawn):
             self._drawn = np.append(self._drawn, self._delays.take(_CHUNK))
-        return round(1e9 * float(self._drawn[k]))
+        drawn = float(self._drawn[k])
+        return round(1e9 * drawn) if isfinite(drawn) else -1
 
     def _is_lost(self) -> bool:
         if self._losses is None:

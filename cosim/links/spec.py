@@ -170,7 +170,8 @@ def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:
         case FrozenDelay() as d:
             from cosim.links.frozen_traces import frozen
 
-            return frozen(d.name).trace(lookup=d.lookup, repeat=d.repeat)
+            name = f"frozen {d.name}"
+            return frozen(d.name).trace(lookup=d.lookup, repeat=d.repeat, name=name)
         case TableDelay():
             raise ScenarioError('delay.law = "table" is a table already, not a law')
 

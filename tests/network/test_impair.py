@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from bridge.relay.impairment import Impairment, RelayLinkSpec
 from cosim.base.errors import ScenarioError
+from cosim.links.frozen_traces import frozen
+from cosim.links.presets import preset
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.table import generator
 
@@ -40,6 +42,26 @@ def test_losses_are_the_models_by_packet():
     lost = loss_model(BURSTS).stream(Fraction(1, 1000), generator(4, "a>b loss")).take(3000)
     assert [found.schedule_packet(7 * k, 100)[0] < 0 for k in range(3000)] == lost.tolist()
     assert lost.any() and not lost.all()
+
+
+def test_a_preset_brings_its_losses_by_packet():
+    found = link(4, delay={"law": "preset", "name": "wifi5"})
+    own = preset("wifi5").loss
+    assert own is not None
+    lost = loss_model(own).stream(Fraction(1, 1000), generator(4, "a>b loss")).take(3000)
+    assert [found.schedule_packet(7 * k, 100)[0] < 0 for k in range(3000)] == lost.tolist()
+    assert lost.any()
+    with pytest.raises(ScenarioError, match="losses of its own"):
+        link(4, delay={"law": "preset", "name": "wifi5"}, loss=BURSTS)
+
+
+def test_a_trace_loses_what_it_lost():
+    found = link(delay={"law": "frozen", "name": "geo-up", "repeat": True}, ordered=False)
+    T = frozen("geo-up").delays()
+    for k in range(0, 24_000, 7):
+        delay = found.schedule_packet(5 * MS * k, 100)[0]
+        assert delay == (-1 if T[k] < 0 else 1000 * T[k])
+    assert (T[::7] < 0).any()
 
 
 @given(

@@ -1,4 +1,4 @@
-"""What FMI 2.0 and FMI 3.0 say about a model in the same words."""
+"""Attributes of a model that FMI 2.0 and FMI 3.0 express alike."""
 
 from __future__ import annotations
 

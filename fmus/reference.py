@@ -1,4 +1,4 @@
-"""What a model's file leaves out: the FMU, the C kernel and the NumPy reference of a declaration.
+"""Functions derived from a model's declaration: its FMU, C kernel and NumPy reference.
 
 A law is a function of the values `x` of the model by name (parameters, and its state: outputs and
 locals as of the last step), the time t and the step h in s, and the inputs in their order, each of

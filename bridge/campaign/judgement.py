@@ -1,4 +1,4 @@
-"""What came of one run of a campaign, held against what had to come of it.
+"""Comparison of one run of a campaign with its expected outcome.
 
 Whatever a script does: no corrupted frame was accepted, no torque was beyond its limits, the run
 folder is there, and the replay is the run.

@@ -1,4 +1,4 @@
-"""What came of one run of a soak or a campaign: numbers, what had to be otherwise, the verdict."""
+"""Evaluation of one run of a soak test or campaign: numbers, deviations and verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a soak draws its faults from, and what has to hold after each run: ``soak.toml``.
+"""Distributions of faults and invariants of each run of a soak test: ``soak.toml``.
 
 ::
 

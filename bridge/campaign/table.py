@@ -1,4 +1,4 @@
-"""The table of a campaign of many faults: kinds by channel, and what the runs came to."""
+"""The table of a large campaign: faults by kind and channel, and results of the runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the time of a simulated channel moves: with the wall clock, or when everybody waits."""
+"""Progress of a simulated channel's time: with the wall clock, or while all threads wait."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a controller reports besides frames, as error frames of Linux.
+"""Reports of a controller other than data frames, as error frames of Linux.
 
 Source: linux/can/error.h. The identifier has the classes of the error; the eight bytes of data
 hold the details, TEC in byte 6 and REC in byte 7.

@@ -1,4 +1,4 @@
-"""How a bus is: what the tick counted, and what the kernel says of its interface."""
+"""State of a bus: counters of the tick, and the kernel's state of the interface."""
 
 from __future__ import annotations
 

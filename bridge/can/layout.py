@@ -1,4 +1,4 @@
-"""What a message looks like, as data: made of a DBC file (:mod:`bridge.can.dbc`) or of a list."""
+"""The layout of a message as data, from a DBC file (:mod:`bridge.can.dbc`) or from a list."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How busy a CAN bus is: from the messages it is to carry, and from a log of what it carried."""
+"""Load of a CAN bus: planned from its messages, or measured from a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One frame sent again and again: what the emergency stop and a babbling peer have in common."""
+"""Periodic sending of one frame, for the emergency stop and for a babbling peer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim campaign``: fault scripts one after the other, and what came of each."""
+"""``cosim campaign``: rehearsals with fault scripts, one after the other, and their results."""
 
 from __future__ import annotations
 

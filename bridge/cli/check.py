@@ -1,4 +1,4 @@
-"""What a check of buses prints: findings, loads and response times as rows of aligned columns.
+"""Output of a check of buses: findings, loads and response times in aligned columns.
 
 Rows go through ``cosim.cli.show.aligned``; a finding with its advice is a paragraph of
 ``cosim.cli.check``.

@@ -1,4 +1,4 @@
-"""Options that several commands of the bridge share, and what they mean for a deployment."""
+"""Options shared by several commands of the bridge, and their effect on a deployment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim ping``: a network measured by the messages that would be on it, and what it will do."""
+"""``cosim ping``: measure a network with the messages of a deployment, and predict its effect."""
 
 from __future__ import annotations
 

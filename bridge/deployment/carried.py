@@ -1,4 +1,4 @@
-"""A message of a deployment, and what a node listens to on a bus."""
+"""A message of a deployment, and the subscriptions of a node on a bus."""
 
 from __future__ import annotations
 

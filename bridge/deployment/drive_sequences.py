@@ -1,4 +1,4 @@
-"""Drives with protocols of their own: the frames that enable, disable and clear them.
+"""Drives with their own protocols: the frames that enable, disable and clear them.
 
 A node that commands such drives disables them when its torque has ended in FAULT; an emulated drive
 follows the same frames. Both are tables for ``bridge/c/sequence.c``, made here of profiles.

@@ -1,4 +1,4 @@
-"""Messages that gateways forward: what each is made of, who sends it, and which way is refused.
+"""Messages that gateways forward: their content and senders, and checks of their routes.
 
 A message with ``forwards`` is another message once more, on another bus: the node ``by`` sends it
 when that one has come, with the number, time stamp and status its first sender gave it. So a signal

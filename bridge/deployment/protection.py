@@ -1,4 +1,4 @@
-"""What a deployment says of guards, drives and stale inputs, found in a node's plan.
+"""Guards, drives and stale inputs of a deployment, located in a node's plan.
 
 What names nothing is an error here, before a node is made: a guard that guards no message, or a
 drive behind which no torque arrives, would protect nobody without a word.

@@ -1,4 +1,4 @@
-"""Services of a bus: what nodes say there besides the deployment's messages.
+"""Services of a bus: messages of nodes in addition to those of the deployment.
 
 NMT (commands), SYNC, ESTOP (stop, everybody), EPOCH (which run this is, and its t = 0) and
 heartbeats. Each bus has its own: a CAN bus those that its deployment lists, as the messages NMT,

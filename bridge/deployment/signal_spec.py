@@ -1,4 +1,4 @@
-"""What a deployment says of a signal (``[signals]``)."""
+"""Ranges and rates of signals in a deployment (``[signals]``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms that are too far apart to be coupled: positions compared before the start.
+"""Comparison of arm positions before the start: arms too far apart are not coupled.
 
 ``nodes.X.apart = { of = "master.q", other = "slave.q", within = "0.1 rad" }``: both are outputs
 that messages carry; X hears both, and refuses to start (``WHY_APART``) while any entry differs by

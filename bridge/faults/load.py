@@ -1,4 +1,4 @@
-"""Fault scripts: what goes wrong on purpose, when, and to whom. TOML read into frozen structs.
+"""Reading of fault scripts: TOML decoded into frozen structs.
 
 A key that is no field of a kind is an error; every error names the file and the place in it. What
 the kinds mean is in docs/faults.md; what is done with a script, in :mod:`bridge.faults.script`.

@@ -1,4 +1,4 @@
-"""What a fault script says, ready to be done: rules for C, and events for a supervisor.
+"""A fault script prepared for execution: rules for C, and events for a supervisor.
 
 Faults of frames act where a node receives (``bridge/c/faults.h``): :meth:`FaultScript.frames_for`.
 Faults of processes and buses are a list of events that whoever supervises the nodes carries out:

@@ -1,4 +1,4 @@
-"""The tables of a fault script, a struct a kind: what each kind may say (docs/faults.md)."""
+"""The tables of a fault script, one struct per kind, with its keys (docs/faults.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals of nodes on one time axis: what metrics and figures read of a run that goes on.
+"""Signals of nodes on one time axis, for metrics and figures of an active run.
 
 As in a run folder, what a node computed in a slot holds until its next one. Besides the signals
 there are ``lateness of NODE`` and ``age of COMPONENT.PORT`` (of what was held) and

@@ -1,4 +1,4 @@
-"""What the buses of a deployment say of its nodes, to somebody who only listens.
+"""A passive listener: state of a deployment's nodes from the traffic of its buses.
 
 Nothing is sent (a CAN controller still acknowledges frames, unless its interface is set to listen
 only). Heartbeats tell the state of a node; messages tell values, and losses by their counters; on

@@ -1,4 +1,4 @@
-"""What a listener knows, in words."""
+"""The data of a listener as tables of text."""
 
 from __future__ import annotations
 

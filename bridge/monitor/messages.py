@@ -1,4 +1,4 @@
-"""What frames told to somebody who only listens: the last heartbeat of a node, and messages."""
+"""Data that a passive listener has received: last heartbeats of nodes, and messages."""
 
 from __future__ import annotations
 

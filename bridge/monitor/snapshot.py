@@ -1,4 +1,4 @@
-"""What goes on in a rehearsal, as of now: nodes, ages, buses, metrics and signals of a last second.
+"""Present state of a rehearsal: nodes, ages, buses, metrics and signals of the last second.
 
 A snapshot is made of what stands in files (:mod:`bridge.recording.live_run`); it changes nothing
 and needs no memory of an earlier one.

@@ -1,4 +1,4 @@
-"""``bus.h``: a bus as the tick sees it, the state of it, and what was on it in the last second."""
+"""``bus.h``: a bus as the tick uses it, its state, and its traffic in the last second."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``faults.h``: faults on purpose, in frames as they come in. See there for what the kinds do."""
+"""``faults.h``: injection of faults into received frames; the header describes the kinds."""
 
 from __future__ import annotations
 

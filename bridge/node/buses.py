@@ -1,4 +1,4 @@
-"""A node's buses, opened as its deployment says."""
+"""Opening of a node's buses according to its deployment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives with protocols of their own: watchdog written and read back, enabled, at the end disabled.
+"""Drives with their own protocols: watchdog set and read back, enabled, disabled at the end.
 
 What a profile says in raw frames (``configs/drives``), sent by who supervises nodes that move real
 drives. A drive whose watchdog does not read back as written is not enabled, and nothing starts.

@@ -1,4 +1,4 @@
-"""One life of a node, as its supervisor holds it: how it is started, told things and watched."""
+"""One life of a node as its supervisor handles it: start, commands and observation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a node has not heard before its start, and what it hears no more while it runs.
+"""Messages that a node has not received before its start or no longer receives.
 
 A node is ready when it has heard a preview of every message that it needs and a heartbeat of every
 node that it requires: a connection that exists, a subscription that is declared or a token that is

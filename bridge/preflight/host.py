@@ -1,4 +1,4 @@
-"""Whether this host has what a rehearsal on it needs: loopback, and multicast on it.
+"""Checks of this host before a rehearsal: loopback interface, and multicast on it.
 
 Asked before anything starts. Without them, nodes would wait for each other until their patience
 ends, and none could say why.

@@ -1,4 +1,4 @@
-"""Who uses which identifier on a CAN bus: messages, services, and drives, in both directions.
+"""Users of each identifier on a CAN bus: messages, services and drives, in both directions.
 
 A drive has more frames than the messages that a deployment names: those that enable, disable and
 clear it, its registers and their answers, feedback nobody listens to, and what CANopen devices send

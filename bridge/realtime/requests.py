@@ -1,4 +1,4 @@
-"""What the operating system grants a node: priority, memory, timers; and whether that is enough.
+"""Requests of a node to the operating system (priority, memory, timers), and their results.
 
 Each item is asked for on its own, and what was granted, what was not and why is said in one row
 each. `ask` goes on with what there is (rehearsal); `enforce` refuses to start (hardware). The

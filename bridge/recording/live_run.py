@@ -1,4 +1,4 @@
-"""A run folder whose nodes may still be running, read without disturbing them.
+"""A run folder of nodes that may still be running, read without disturbing them.
 
 Everything comes from files: ``rehearsal.json`` (what runs, since when, by whom), the journals and
 bus logs of the nodes, and what they reported at their end.

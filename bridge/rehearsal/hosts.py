@@ -1,4 +1,4 @@
-"""Nodes of a deployment on hosts of their own: network namespaces, with a network between them.
+"""Nodes of a deployment on separate hosts: network namespaces and a network between them.
 
 Nodes that share a CAN bus are on one host; each host is called by the first of its nodes, and so
 are the links between hosts: ``FROM>TO``. A CAN bus stays within its host, over loopback.

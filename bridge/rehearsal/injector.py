@@ -1,4 +1,4 @@
-"""What a fault script does to processes and buses while a rehearsal runs."""
+"""Execution of the process and bus faults of a fault script during a rehearsal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rehearsal is told, and what came of it; :mod:`bridge.rehearsal.supervisor` runs it."""
+"""Settings and results of a rehearsal; :mod:`bridge.rehearsal.supervisor` runs it."""
 
 from __future__ import annotations
 

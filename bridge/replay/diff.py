@@ -1,4 +1,4 @@
-"""Two runs side by side: offline, twin, rehearsal or hardware; how far apart, where, and a verdict.
+"""Comparison of two runs (offline, twin, rehearsal or hardware): differences and a verdict.
 
 Runs are compared on the rows of the one that was recorded more coarsely, over the time both have;
 the other holds its last value. Two runs of one scenario are *equal* where they are no further apart

@@ -1,4 +1,4 @@
-"""Controllers on the frames of a bus log: the torques they would have sent, beside those they sent.
+"""Controllers run on the frames of a bus log; their torques are compared with the sent ones.
 
 No journal is needed, so it works for any run with hardware that somebody logged. Each controller's
 node runs as it is (receivers, delay lines, guard, codec, life cycle) in slots at the times that its

@@ -1,4 +1,4 @@
-"""What was heard, held against what its sender sent: samples by message and number.
+"""Comparison of received with sent samples, by message and number.
 
 A sender's samples are those it computes again in a replay, encoded and decoded as on its bus, and
 passed on as gateways do. A sample that was heard with other values did not come from the recorded

@@ -1,4 +1,4 @@
-"""A recorded run again, offline: every node computes its slots from what its journals say.
+"""Replay of a recorded run: every node computes its slots from its journals.
 
 Nothing but the samples heard, the sequence numbers held and the events of the life cycle is taken
 from the recording: so every signal of every node comes out the same to the last bit, whoever its

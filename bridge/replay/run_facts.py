@@ -1,4 +1,4 @@
-"""What a run folder says of how it was made: scenario, periods, messages, what is internal."""
+"""Facts of a run folder: scenario, periods, messages, and internal signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every fault of a script, held against what the report of the run shows of it.
+"""Comparison of every fault of a script with the evidence in the report of the run.
 
 A fault is *seen* where the report has a sign of it (:data:`SIGNS`), *unseen* where it has none,
 and *idle* where there was nothing to act on: no frame came while it held, or none that another

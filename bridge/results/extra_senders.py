@@ -1,4 +1,4 @@
-"""Who else sends: messages of which a node heard more frames than their sender sent.
+"""Unknown senders: messages of which a node received more frames than their sender sent.
 
 So a flood of valid frames shows, a recording that is played again, and a second sender, whatever
 is in their frames.

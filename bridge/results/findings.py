@@ -1,4 +1,4 @@
-"""What a report shows of faults: typed records; their sentences are made here, for people only."""
+"""Evidence of faults in a report: typed records, and their sentences for readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recorded run as one offline run: no nodes, no buses; its inputs as they were heard.
+"""A recorded run as one offline run: no nodes, no buses, inputs as they were received.
 
 The replay computes every node again; this asks whether the scenario, as one program, gives the
 same. A link whose receiver held what was sent runs over its recorded table. Every other input that

@@ -1,4 +1,4 @@
-"""What a rehearsal was: reports and journals of its nodes, replay, faults."""
+"""The outcome of a rehearsal: reports and journals of its nodes, replay, faults."""
 
 from __future__ import annotations
 

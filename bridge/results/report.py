@@ -1,4 +1,4 @@
-"""What a rehearsal says at its end: lines of text, and the same as data for ``run.json``."""
+"""The report of a rehearsal: lines of text, and the same data for ``run.json``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said of a rehearsal in one word: passed, failed or inconclusive; and why.
+"""The verdict of a rehearsal: passed, failed or inconclusive, with reasons.
 
 *Failed*: a node did not come to the end, the replay is not the run, more samples were heard than
 their senders sent, or others, values were out of their range, or a fault on purpose is not in the

@@ -1,4 +1,4 @@
-"""Safety of a node: what its deployment says, the C structs made of it, and reasons in words.
+"""Safety settings of a node from its deployment, their C structs, and texts of reasons.
 
 The rules themselves are C (``bridge/c/guard.h``) and described in ``docs/safety.md``. Values are
 SI floats or texts with a unit (``"5 ms"``). Errors are ScenarioError with the place.

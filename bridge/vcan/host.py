@@ -1,4 +1,4 @@
-"""One command on the host's own kernel, in a network of its own with vcan interfaces."""
+"""One command on the host's kernel, in a separate network namespace with vcan interfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a node hears, as C takes it: receptions of messages, and the inlets behind them."""
+"""Inlets of a node for C: subscribed messages, and the inputs that they feed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a node sends, as C takes it: outlets of its components, and messages it forwards."""
+"""Outlets of a node for C: messages of its components, and messages it forwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may publish what, from the deployment: a node its own keys, everybody may listen.
+"""Permissions to publish, derived from the deployment: a node has its own keys; all receive.
 
 Subjects are the common names of certificates, which are the names of the nodes. The rules are in
 every listener, and in a router; what is not allowed is denied.

@@ -1,4 +1,4 @@
-"""Somebody who only listens on a Zenoh bus: publishes nothing, has no token, answers nothing.
+"""A passive listener on a Zenoh bus: it publishes nothing, has no token and answers no query.
 
 A node is ready once somebody subscribes to each of its messages, and anybody counts. So at first
 only tokens and heartbeats are listened to: a node that sends heartbeats waits no more, and its

@@ -1,4 +1,4 @@
-"""Peers that are heard no more: what a session does not notice, or cannot mend, by itself.
+"""Peers whose messages no longer arrive although the session exists, and their recovery.
 
 After a partition that only one end of a connection has noticed, Zenoh's other end may keep a
 transport that nothing comes through: the peer's token is still there. After a pause of a second, a

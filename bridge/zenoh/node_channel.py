@@ -1,4 +1,4 @@
-"""A node's end of a Zenoh bus, as its system says: what it publishes, hears and waits for."""
+"""A node's end of a Zenoh bus: publications, subscriptions and required peers."""
 
 from __future__ import annotations
 

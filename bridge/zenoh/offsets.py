@@ -1,4 +1,4 @@
-"""How far the clocks of two hosts are apart, asked over Zenoh, and what a deployment can bear.
+"""Offsets between the clocks of two hosts, measured over Zenoh, and the tolerated offset.
 
 ``PREFIX/NODE/clock`` answers with the date of its host. The fastest of some questions gives the
 offset of its date from ours, known to within half of its round trip.

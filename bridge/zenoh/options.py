@@ -1,4 +1,4 @@
-"""What a deployment says about a Zenoh bus besides its configuration file, checked.
+"""Options of a Zenoh bus in a deployment, in addition to its configuration file, checked.
 
 ``options`` of ``[buses.NAME]``:
 

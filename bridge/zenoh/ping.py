@@ -1,4 +1,4 @@
-"""Round trips over a Zenoh bus between two nodes of a deployment, and what they say of each way.
+"""Round trips over a Zenoh bus between two nodes, and estimates of the one-way delays.
 
 The pinging node says ``PREFIX/NODE/ping``, the other answers on ``PREFIX/OTHER/pong`` with when it
 heard it. The two clocks need not agree: the fastest round trip gives their difference, its

@@ -1,4 +1,4 @@
-"""Who is there: liveliness tokens of nodes, and whether somebody listens to what is published."""
+"""Presence: liveliness tokens of nodes, and subscribers of published messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node asked over Zenoh: state, parameters, clock; told to arm or to stop. Answers are JSON.
+"""Queries and commands to a node over Zenoh: state, parameters, clock, arm, stop; JSON.
 
 ``PREFIX/NODE/state``, ``/parameters``, ``/clock`` read; a query of ``PREFIX/NODE/arm`` or ``/stop``
 is the command, its answer the state it was given in. Commands to several nodes at once are NMT, as

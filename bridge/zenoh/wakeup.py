@@ -1,4 +1,4 @@
-"""What a sending thread sleeps on until C writes to it."""
+"""Pipe or event on which a sending thread sleeps until C writes to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model says of itself, so that numbers can be predicted without knowing the model.
+"""Facts that a model states about itself, so that predictions need no other knowledge of it.
 
 Nothing in :mod:`cosim` knows a robot or a law. What does is the module a scenario names, and it may
 offer a function::

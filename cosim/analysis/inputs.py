@@ -1,4 +1,4 @@
-"""What an input of a component receives: from the plan, and from a run that recorded its sources.
+"""Values that an input of a component receives: from the plan, or from a run with its sources.
 
 By default a run records outputs, and not the inputs that wires copy them into. The torque that an
 operator component feeds into an arm is such an input, so it is computed from its sources here.

@@ -1,4 +1,4 @@
-"""Runs in memory: a plan with some values changed and some forces fed in, and what came of it.
+"""Runs in memory: a plan with changed values and additional forces, and its recorded signals.
 
 An experiment is a plan like any other, through the same engine and the same components; only that
 nothing is written. Forces are played from tables, in the same way as the weights of edges.

@@ -1,4 +1,4 @@
-"""What a metric says, and the integrals that metrics take."""
+"""The result of a metric, and the integrals that metrics use."""
 
 from __future__ import annotations
 

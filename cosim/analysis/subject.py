@@ -1,4 +1,4 @@
-"""What is analysed: a scenario, which is run for it, or a run that was recorded."""
+"""The subject of an analysis: a scenario, which is run for it, or a recorded run."""
 
 from __future__ import annotations
 

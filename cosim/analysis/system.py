@@ -1,4 +1,4 @@
-"""Who is who in a plan: arms, the laws that control them, and who hears whom how late.
+"""Roles in a plan: arms, the laws that control them, and the delayed edges between them.
 
 Read off the wires and links and the facts that models offer; nothing is run. An edge (i, k) is row
 k of what law i receives. Its sender is the law whose arm, or whose own output, the row comes from,

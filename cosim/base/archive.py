@@ -1,4 +1,4 @@
-"""ZIP archives of others, FMUs and SSPs: unpacked once per content, and nothing but what is sound.
+"""ZIP archives (FMUs and SSPs), unpacked once per content after a check of their entries.
 
 The only place that opens one. Whatever is wrong with an archive becomes an :class:`ArchiveError`.
 """

@@ -1,4 +1,4 @@
-"""What was read, as structs and as numbers in their units; every error names its place."""
+"""Conversion of parsed data to structs and to numbers in their units; errors name the place."""
 
 from __future__ import annotations
 

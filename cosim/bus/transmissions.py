@@ -1,4 +1,4 @@
-"""When a simulated bus was busy, with whose frames, and how each attempt ended; from its events."""
+"""Transmissions on a simulated bus, from its events: times, frames and results of attempts."""
 
 from __future__ import annotations
 

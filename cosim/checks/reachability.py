@@ -1,4 +1,4 @@
-"""Who is reached from the operator's arm, and who hears nobody."""
+"""Robots reached from the operator's arm, and receivers without any sender."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sampled data: is the period short enough for what the feedback, the estimate and hands do."""
+"""Sampled data: checks of the period against the feedback, the estimate and the hands."""
 
 from __future__ import annotations
 

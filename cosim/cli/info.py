@@ -1,4 +1,4 @@
-"""``cosim info``: what an FMU is, can do, and needs."""
+"""``cosim info``: properties, capabilities and requirements of an FMU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim reproduce``: a paper's experiments, run again, against what the paper says."""
+"""``cosim reproduce``: run a paper's experiments and compare them with its statements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim show``: the graph, the order of a tick and why, and what each input samples and holds."""
+"""``cosim show``: the graph, the order of a tick with reasons, and the sources of each input."""
 
 from __future__ import annotations
 

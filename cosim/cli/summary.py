@@ -1,4 +1,4 @@
-"""What ``cosim run`` says before and after: header, progress, ten lines of numbers, figures."""
+"""Output of ``cosim run``: header, progress, summary and figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A command in a process of its own, watched by the one that was started.
+"""Execution of a command in a child process, supervised by the process that was started.
 
 An FMU is foreign code in the process that runs it: it may crash, or call `exit(0)`. The command
 therefore works in a child process, which tells its exit code over a pipe as the last thing it does.

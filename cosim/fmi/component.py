@@ -1,4 +1,4 @@
-"""An ``.fmu`` as a Component: ports, start values, and what the engine steps it by."""
+"""An ``.fmu`` as a Component: ports, start values, and the interface to the engine."""
 
 from __future__ import annotations
 

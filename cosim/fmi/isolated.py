@@ -1,4 +1,4 @@
-"""An FMU in a process of its own: what crashes or hangs there does not take a run with it.
+"""An FMU in a separate process: a crash or hang there does not affect the run's process.
 
 Signals travel in shared memory, one message each way starts a step and ends it. The FMU is stepped
 by the same C code as in this process, so the numbers are the same. Linux and macOS.

@@ -1,4 +1,4 @@
-"""What an FMU did instead of a step, in a sentence."""
+"""Error messages for an FMU that did not complete a step."""
 
 from __future__ import annotations
 

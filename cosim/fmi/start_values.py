@@ -1,4 +1,4 @@
-"""What an FMU starts from: set when the standard lets it be set, then read back.
+"""Start values of an FMU: set in the modes that the standard permits, then read back.
 
 Parameters and start values are set after ``fmi2SetupExperiment`` and before Initialization Mode is
 entered (FMI 2.0.5 §2.1.6, 3.0.2 §2.3.2), where both "exact" and "approx" ones may be set. Some

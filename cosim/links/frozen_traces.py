@@ -1,4 +1,4 @@
-"""The frozen delay traces by name, see :mod:`cosim.links.frozen` for what the values mean."""
+"""The frozen delay traces by name; :mod:`cosim.links.frozen` explains their parameters."""
 
 from __future__ import annotations
 

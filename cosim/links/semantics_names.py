@@ -1,4 +1,4 @@
-"""What the receiver of a link may hold, by name; see :mod:`cosim.links.semantics`.
+"""Names of the semantics of links; see :mod:`cosim.links.semantics`.
 
 Apart from the laws, so that a scenario without links loads none of them.
 """

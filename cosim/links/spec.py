@@ -1,4 +1,4 @@
-"""What a scenario says about a link, and the sentences that refuse it.
+"""Delay laws and loss models from the links of a scenario, with error messages for bad values.
 
 ::
 

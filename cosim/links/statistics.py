@@ -1,4 +1,4 @@
-"""What a table did: how old the held samples were, how often held, how often back in time."""
+"""Statistics of a link table: ages of held samples, repetitions, and steps back in time."""
 
 from __future__ import annotations
 

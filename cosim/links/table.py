@@ -1,4 +1,4 @@
-"""A link as a table: who sends and looks when, by which law and rule; and the stream of rows.
+"""A link as a table: sample times of both ends, law and rule, and the stream of rows.
 
 What an engine needs before the run is declared (`history`, `minimum_delay_ticks`); during the run
 it asks for rows in chunks of any size. Memory does not grow with the run.

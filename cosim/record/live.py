@@ -1,4 +1,4 @@
-"""What a recording holds in memory while it is made, in a file that outlives the process.
+"""Recorded data that is not in a file yet, in a memory-mapped file that outlives the process.
 
 ``trajectories.live`` is mapped into memory. In it stand, one after the other: a header of 64
 bytes; a JSON text that says what is recorded; for each chunk of the engine the tick it begins with

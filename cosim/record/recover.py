@@ -1,4 +1,4 @@
-"""What a run that was cut short has left: read as it is, or made into a complete file.
+"""Data of an interrupted run: read directly, or completed to a regular file.
 
 Nothing has to be asked of who wrote it: the row groups in ``trajectories.parquet.part``, the rows
 in ``trajectories.live`` and the rows of link tables are there whenever and however the process has

@@ -1,4 +1,4 @@
-"""From what a scenario calls a model to the component it stands for.
+"""Resolution of the model names of a scenario to components.
 
 A model is a path to an ``.fmu``, a module that has ``fmu(version, **sizes)``, or
 ``module:attribute`` that makes a Python component. Nothing is discovered or registered.

@@ -1,4 +1,4 @@
-"""Orders of names, from who waits for whom: the same for the same edges, ties broken by name.
+"""Topological orders of names: deterministic for given edges, ties resolved by name.
 
 An edge (a, b) says that b wants to come after a. Cost is linear in edges, but for the ties.
 """

@@ -1,4 +1,4 @@
-"""What a plan is made of: slots of the signal vector, steps, wires, links, players and gates."""
+"""Parts of a plan: slots of the signal vector, steps, wires, links, players and gates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scenario says and SSP has no words for: an annotation of ours, JSON in the SSD.
+"""Content of a scenario that SSP cannot express: an annotation in the SSD, as JSON.
 
 It holds the run (step, seed, algorithm, what is recorded), components' periods and kinds, links,
 topology, metrics, figures. Components, wires and values are read from the SSD itself, so that what

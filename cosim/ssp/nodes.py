@@ -1,4 +1,4 @@
-"""XML elements that know where they are, so that every error can say so."""
+"""XML elements with their position in the document, which every error message contains."""
 
 from __future__ import annotations
 

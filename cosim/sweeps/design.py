@@ -1,4 +1,4 @@
-"""Points of a study: which settings each run has, and by what it is known.
+"""Points of a study: settings and identifier of each run.
 
 Axes with listed values make a grid; axes that are drawn make `sample.count` samples; every point
 of the grid is run with every sample (the same ones: what differs between two points of the grid is

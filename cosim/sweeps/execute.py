@@ -1,4 +1,4 @@
-"""A study from its file to its table: check, open the folder, run what is not there yet."""
+"""Execution of a study: check the file, open the folder, run the missing points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study file may contain: the fields of these structs and nothing else."""
+"""Structs of a study file; their fields are the permitted keys."""
 
 from __future__ import annotations
 

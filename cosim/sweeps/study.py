@@ -1,4 +1,4 @@
-"""A study file: which scenario, what varies, what is measured. Every error names its place."""
+"""A study file: scenario, variations and measures. Every error names its place."""
 
 from __future__ import annotations
 

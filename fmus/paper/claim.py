@@ -1,4 +1,4 @@
-"""A claim of the paper: what is said, what is expected, how it is measured, and the verdict."""
+"""A claim of the paper: its statement, expected value, measurement and verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The equations themselves, sample by sample.
+"""Claims about the equations, checked at every sample.
 
 A recorded run has to obey (1), (29)-(32), (42), (47), (80) and (81) at every sample, with K and
 Gamma that differ from entry to entry, or are full. M and C are computed here from absolute joint

@@ -1,4 +1,4 @@
-"""The experiments of the paper as scenario documents: what a TOML file would say.
+"""The experiments of the paper as scenario documents, equivalent to TOML files.
 
 Numbers are those of the paper's Sec. VII. What it leaves open is chosen here, once: the arm is
 the preset SL91, horizontal; every robot starts at rest with z = 0 and theta_hat = 0; controllers

@@ -1,4 +1,4 @@
-"""Theorem 2 in numbers: (34)-(39), its gains, Remark 3, and the two halves of Sec. IV-C."""
+"""Theorem 2 in numbers: (34)-(39), gains, Remark 3, and both cases of Sec. IV-C."""
 
 from __future__ import annotations
 

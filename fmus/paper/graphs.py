@@ -1,4 +1,4 @@
-"""Figs 4 and 5: the interaction graphs of six robots. The paper's are lost; these are ours."""
+"""Figs 4 and 5: graphs of six robots of this project, because the paper's are not available."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes to an experiment: a hand that is a component of its own, more signals, a fixed graph."""
+"""Changes to an experiment: a hand as a separate component, more signals, a fixed graph."""
 
 from __future__ import annotations
 

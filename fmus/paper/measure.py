@@ -1,4 +1,4 @@
-"""What is measured of a run: settle times, norms, manipulability, rates, by one definition each."""
+"""Measures of a run: settle times, norms, manipulability and rates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs the cases in parallel processes, judges the claims, draws the figures.
+"""Runs the cases in parallel processes, evaluates the claims, draws the figures.
 
 What is written, under one folder::
 

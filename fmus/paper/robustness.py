@@ -1,4 +1,4 @@
-"""What the paper does not say: passivity, stiff grips, sampling periods. O9 and its kin."""
+"""Properties that the paper does not cover: passivity, stiff grips, sampling periods; O9."""
 
 from __future__ import annotations
 

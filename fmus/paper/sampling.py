@@ -1,4 +1,4 @@
-"""What a sample late, a delay too long or a missing limit would change: exact in sampled time."""
+"""Claims that detect a late sample, a wrong delay or a missing limit, exact in sampled time."""
 
 from __future__ import annotations
 

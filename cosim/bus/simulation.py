@@ -166,6 +166,18 @@ class SimulatedBus:
         self._frames = frames[0] if len(frames) == 1 else np.concatenate(frames)
         return events[0] if len(events) == 1 else np.concatenate(events)
 
+    def next_event(self, until_ps: int, kinds: Sequence[BusEvent] = tuple(BusEvent)) -> int:
+        """When the next event of these kinds comes if nothing else is requested, ps.
+
+        Returns `until_ps` where there is none before. Costs as much as `advance` to that time, and
+        changes nothing. Raises BusSimulationError when `until_ps` is in the past.
+        """
+        before = self._memory.copy(), self._now, self._frames
+        events = self.advance(until_ps)
+        self._memory[:], self._now, self._frames = before
+        times = events["time"][np.isin(events["kind"], np.array(kinds, np.uint8))]
+        return int(times.min(initial=until_ps))
+
     def frame(self, event: Any) -> BusFrame:
         """The frame of a SENT or RECEIVED event of the last `advance`.
 

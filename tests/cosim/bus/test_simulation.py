@@ -407,3 +407,27 @@ def test_a_reset_in_the_middle_does_not_depend_on_the_path(seed, bits):
         ends.append(events)
         assert (b.totals.whole_frames == 0) == single or not len(of(events, BusEvent.SENT))
     assert ends[0].tolist() == ends[1].tolist()
+
+
+def test_looking_for_the_next_event_changes_nothing() -> None:
+    """The events are those of a bus that was never asked, random errors included."""
+    found = []
+    for asked in (False, True):
+        bus = SimulatedBus(
+            ONE,
+            [BusNodeSettings("a"), BusNodeSettings("b")],
+            disturbances=[ErrorRate(1e-3)],
+            seed=3,
+        )
+        for i in range(20):
+            bus.request(i % 2, i * 100 * BIT, BusFrame(i, b"next"))
+        rows = []
+        until = 4000 * BIT
+        while bus.now_ps < until:
+            after = bus.now_ps + 1
+            to = max(bus.next_event(until, [BusEvent.SENT]), after) if asked else after + 70 * BIT
+            rows += bus.advance(min(to, until)).tolist()
+            if asked and to < until:
+                assert BusEvent.SENT in [r[7] for r in rows if r[0] == to]
+        found.append(sorted((r[0], r[4], r[7], r[1]) for r in rows))
+    assert found[0] == found[1] and len(found[0]) > 60

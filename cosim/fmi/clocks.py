@@ -144,7 +144,7 @@ def _ticker(
         )
     if kind is not ClockKind.PERIODIC:
         return Ticker(clock.reference, kind, place=places.get(clock.reference, 0))
-    period, shift = said.get(clock.reference) or _interval(clock, name)
+    period, shift = said.get(clock.reference) or written_interval(clock, name)
     if not (period > 0.0 and shift >= 0.0):
         raise FmuError(f"{name}: clock {clock.name!r} has interval {period:g} s, shift {shift:g} s")
     return Ticker(
@@ -159,7 +159,7 @@ def set_intervals(x: ClockedFmu, values: Values) -> Intervals:
     """Set the clocks among `values`; returns their intervals and shifts (s)."""
     groups = {k: x.groups[k] for k in values if x.groups[k].first.type == "Clock"}
     found = {
-        v.reference: (float(interval), _interval(v, x.name)[1])
+        v.reference: (float(interval), written_interval(v, x.name)[1])
         for k, group in groups.items()
         for v, interval in zip(group.variables, values[k].reshape(-1), strict=True)
     }
@@ -168,8 +168,11 @@ def set_intervals(x: ClockedFmu, values: Values) -> Intervals:
     return found
 
 
-def _interval(clock: FmuVariable, name: str) -> tuple[float, float]:
-    """Interval and shift (s), written as decimals or as counts of a resolution."""
+def written_interval(clock: FmuVariable, name: str) -> tuple[float, float]:
+    """Interval and shift (s), written as decimals or as counts of a resolution.
+
+    Raises FmuError where `clock`, of the FMU `name`, states no interval.
+    """
     a = clock.attributes
     try:
         if "intervalCounter" in a:

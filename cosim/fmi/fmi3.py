@@ -47,6 +47,11 @@ class Instance3(CommonInstance):
             lines = "; ".join(self.log.tail())
             raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
 
+    @property
+    def calls(self) -> Calls:
+        """Its functions, for uses that this class does not know."""
+        return self._calls
+
     def setup(self, t0: float) -> None:
         """Do nothing: FMI 3.0 is given `t0`, s, when it enters Initialization Mode."""
 

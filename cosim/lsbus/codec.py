@@ -28,7 +28,7 @@ from cosim.lsbus.operations import (
     NodeStatus,
     Operation,
     OperationCode,
-    Status,
+    StatusReport,
     Wakeup,
 )
 
@@ -132,7 +132,7 @@ def _packed(operation: Operation) -> tuple[OperationCode, bytes]:
         case Configuration(parameter, value):
             lost = parameter == ConfigurationParameter.ARBITRATION_LOST_BEHAVIOR
             return code.CONFIGURATION, struct.pack("<BB" if lost else "<BI", parameter, value)
-        case Status(status):
+        case StatusReport(status):
             return code.STATUS, struct.pack("<B", status)
         case Wakeup():
             return code.WAKEUP, b""
@@ -248,7 +248,7 @@ def _configuration(raw: bytes) -> Operation:
 
 def _status(raw: bytes) -> Operation:
     (status,) = _fields(raw, "B", "Status")
-    return Status(_one_of(NodeStatus, status, "status"))
+    return StatusReport(_one_of(NodeStatus, status, "status"))
 
 
 def _wakeup(raw: bytes) -> Operation:

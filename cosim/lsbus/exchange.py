@@ -26,7 +26,7 @@ from cosim.lsbus.operations import (
     LsBusError,
     NodeStatus,
     Operation,
-    Status,
+    StatusReport,
     Wakeup,
 )
 
@@ -49,7 +49,7 @@ class Delivery(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Remark:
+class BusRemark:
     """Something a node should not have sent, which does not end the run: when, ps, and why."""
 
     time_ps: int
@@ -82,11 +82,11 @@ class OperationBus:
             timing, settings, disturbances=disturbances, seed=seed, record=_RECORDED
         )
         self.names = tuple(nodes)
-        self.remarks: list[Remark] = []
+        self.remarks: list[BusRemark] = []
         self._notified = [True] * len(nodes) if notified is None else list(notified)
         self._discards = [False] * len(nodes)
         self._off = [False] * len(nodes)
-        self._requests: dict[int, BusFrame] = {}
+        self._requests: dict[int, tuple[int, BusFrame]] = {}
         self._contenders: dict[int, BusFrame] = {}
         self._started = -1
         self._waiting: list[Delivery] = []
@@ -136,7 +136,7 @@ class OperationBus:
                 self._transmit(node, operation)
             case Configuration(parameter, value):
                 self._configure(node, parameter, value)
-            case Status(status):
+            case StatusReport(status):
                 self._compare(node, status)
             case Wakeup():
                 others = (i for i in range(len(self.names)) if i != node)
@@ -156,7 +156,7 @@ class OperationBus:
                 node, f"found {type(operation).__name__} after the status BUS_OFF, expected none"
             )
         frame = frame_of_operation(operation)
-        self._requests[self.bus.request(node, self.now_ps, frame)] = frame
+        self._requests[self.bus.request(node, self.now_ps, frame)] = node, frame
 
     def _configure(self, node: int, parameter: ConfigurationParameter, value: int) -> None:
         timing = self.bus.timing
@@ -178,6 +178,9 @@ class OperationBus:
 
     def _compare(self, node: int, said: NodeStatus) -> None:
         self._off[node] = said == NodeStatus.BUS_OFF
+        if self._off[node]:
+            for request in [r for r, (sender, _) in self._requests.items() if sender == node]:
+                self.bus.abort(node, request)
         state = self.bus.state(node)
         own = _STATES.get(state.state, NodeStatus.ERROR_ACTIVE)
         if said != own:
@@ -198,7 +201,7 @@ class OperationBus:
         self._waiting.append(Delivery(self.now_ps, node, FormatError(item.raw)))
 
     def _remark(self, node: int, text: str) -> None:
-        self.remarks.append(Remark(self.now_ps, self.names[node], text))
+        self.remarks.append(BusRemark(self.now_ps, self.names[node], text))
 
     def _error(self, node: int, text: str) -> LsBusError:
         return LsBusError(f"node {self.names[node]}, t = {self.now_ps * 1e-12:.9g} s: {text}")
@@ -215,26 +218,32 @@ class OperationBus:
             case BusEvent.RECEIVED:
                 return [Delivery(at, node, operation_of_frame(self.bus.frame(event)))]
             case BusEvent.SENT:
-                operation = Confirm(self._requests.pop(request).identifier)
+                operation = Confirm(self._requests.pop(request)[1].identifier)
             case BusEvent.LOST:
                 self._contenders.pop(node, None)
                 if self._discards[node] and self.bus.abort(node, request):
-                    operation = ArbitrationLost(self._requests.pop(request).identifier)
+                    operation = ArbitrationLost(self._requests[request][1].identifier)
             case BusEvent.ERROR:
                 operation = self._fault(event)
-            case BusEvent.DROPPED if event["code"] == DropCause.OVERFLOW:
-                raise self._error(
-                    node,
-                    f"found a frame more than the {self.bus.nodes[node].queue_length} that its"
-                    " transmit queue holds, expected fewer",
-                )
+            case BusEvent.DROPPED:
+                self._requests.pop(request, None)
+                self._check_drop(node, event)
         return [Delivery(at, node, operation)] if operation and self._notified[node] else []
+
+    def _check_drop(self, node: int, event: Any) -> None:
+        """Raises LsBusError for a frame that did not fit, not for one that was discarded."""
+        if event["code"] == DropCause.OVERFLOW:
+            raise self._error(
+                node,
+                f"found a frame more than the {self.bus.nodes[node].queue_length} that its"
+                " transmit queue holds, expected fewer",
+            )
 
     def _start(self, node: int, request: int, at: int) -> None:
         if at != self._started:
             self._contenders = {}
         self._started = at
-        self._contenders[node] = self._requests[request]
+        self._contenders[node] = self._requests[request][1]
 
     def _fault(self, event: Any) -> BusFault | None:
         """A Bus Error; None for errors outside of a frame."""

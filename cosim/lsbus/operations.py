@@ -130,7 +130,7 @@ class Configuration:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class StatusReport:
     """The state of the sender's error confinement."""
 
     status: NodeStatus
@@ -143,5 +143,5 @@ class Wakeup:
 
 Operation = (
     FormatError | CanTransmit | CanFdTransmit | Confirm | ArbitrationLost | BusFault
-    | Configuration | Status | Wakeup
+    | Configuration | StatusReport | Wakeup
 )  # fmt: skip

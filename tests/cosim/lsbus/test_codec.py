@@ -23,7 +23,7 @@ from cosim.lsbus.operations import (
     LostArbitration,
     LsBusError,
     NodeStatus,
-    Status,
+    StatusReport,
     Wakeup,
 )
 
@@ -46,7 +46,7 @@ LAYOUTS = [
      "40000000 0d000000 02 80841e00"),
     (Configuration(ConfigurationParameter.ARBITRATION_LOST_BEHAVIOR,
                    LostArbitration.DISCARD_AND_NOTIFY), "40000000 0a000000 04 02"),
-    (Status(NodeStatus.BUS_OFF), "41000000 09000000 03"),
+    (StatusReport(NodeStatus.BUS_OFF), "41000000 09000000 03"),
     (Wakeup(), "42000000 08000000"),
 ]  # fmt: skip
 
@@ -88,7 +88,7 @@ ANY = st.one_of(
         st.booleans(),
     ),
     st.builds(Configuration, RATES, st.integers(1, (1 << 32) - 1)),
-    st.builds(Status, st.sampled_from(NodeStatus)),
+    st.builds(StatusReport, st.sampled_from(NodeStatus)),
     st.just(Wakeup()),
 )
 

@@ -24,7 +24,7 @@ from cosim.lsbus.operations import (
     LostArbitration,
     LsBusError,
     NodeStatus,
-    Status,
+    StatusReport,
     Wakeup,
 )
 
@@ -102,7 +102,7 @@ def test_a_node_goes_bus_off_after_32_errors_by_its_own_count_and_by_that_of_the
                 status = (NodeStatus.BUS_OFF if tec > 255 else NodeStatus.ERROR_PASSIVE
                           if tec > 127 else NodeStatus.ERROR_ACTIVE)  # fmt: skip
                 said.append(status)
-                bus.send(0, encode([Status(status)]))
+                bus.send(0, encode([StatusReport(status)]))
     assert said.count(NodeStatus.ERROR_ACTIVE) == 15 and len(said) == 32
     assert bus.remarks == []
     assert bus.bus.state(0).state is ControllerState.OFF
@@ -112,7 +112,7 @@ def test_a_node_goes_bus_off_after_32_errors_by_its_own_count_and_by_that_of_the
 
 def test_a_status_that_the_bus_does_not_count_is_remarked() -> None:
     bus = OperationBus(ONE, NAMES)
-    bus.send(1, encode([Status(NodeStatus.ERROR_PASSIVE)]))
+    bus.send(1, encode([StatusReport(NodeStatus.ERROR_PASSIVE)]))
     assert bus.remarks[0].node == "b"
     assert "found status ERROR_PASSIVE, expected ERROR_ACTIVE: the bus counts TEC 0" in (
         bus.remarks[0].text

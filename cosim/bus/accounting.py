@@ -61,7 +61,7 @@ class IdentifierAccount:
         return np.bincount(self.times // width_ps, minlength=len(edges) - 1), edges
 
 
-class Loss(NamedTuple):
+class LostFrame(NamedTuple):
     """A request that was dropped: when (ps), which, at which node, and why.
 
     `blocked_by`: how long (ps) each node had the bus while the request, or the one that waited
@@ -118,7 +118,7 @@ def losses(
     events: NDArray[np.void],
     busy: NDArray[np.void],
     first: int = 0,
-) -> list[Loss]:
+) -> list[LostFrame]:
     """List every dropped request of (n,) `requests`, and the frames on the bus during its time.
 
     `requests`, `events`, `first`: as for :func:`accounts`; `busy`: rows of
@@ -138,7 +138,7 @@ def losses(
             there = (requests["node"] == node) & (requests["at"] <= time) & (over >= time)
             since = int(requests["at"][there].min())
         cause = DropCause(int(row["code"]))
-        found.append(Loss(time, number + first, node, cause, _taken(busy, since, time)))
+        found.append(LostFrame(time, number + first, node, cause, _taken(busy, since, time)))
     return found
 
 

@@ -99,7 +99,7 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     document["run"] |= {"seed": case.seed, "record": {"signals": signals}}
     controller = variants.controllers[case.controller]
     _hold(document, variants.operators[case.operator], variants)
-    _control(document, controller, variants)
+    _control(document, controller, variants, variants.operators[case.operator].control)
     replaced = tuple(f"{role.controller}." for role in variants.roles.values())
     kept = [x for x in document.get("links", []) if not _touches(x, replaced)]
     made = _links(controller, variants.links[case.link], variants)
@@ -185,11 +185,15 @@ def _arm_of(end: Any, roles: Mapping[str, Role]) -> Any:
     return f"{roles[name].arm}.{port}" if dot and name in roles else end
 
 
-def _control(document: Document, controller: Controller, variants: Variants) -> None:
+def _control(
+    document: Document, controller: Controller, variants: Variants, values: Mapping[str, Any]
+) -> None:
+    """Put a controller into its roles, with `values` of the operator over its parameters."""
     components = document["components"]
     for name, side in controller.sides.items():
         role = variants.roles[name]
         made = {**side.component, "model": _model(side.component["model"], variants.path.parent)}
+        made["parameters"] = {**made.get("parameters", {}), **values}
         made.setdefault("period", components[role.controller].get("period"))
         made["inputs"] = {port: _end(role, source) for port, source in side.inputs.items()}
         components[role.controller] = {k: v for k, v in made.items() if v is not None}
@@ -201,9 +205,9 @@ def _control(document: Document, controller: Controller, variants: Variants) -> 
 
 def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Document]:
     """What each side receives from the other, in one channel a way."""
-    first, second = variants.roles
     made = []
-    for here, there in ((first, second), (second, first)):
+    for here, role in variants.roles.items():
+        there = law.hears.get(here, role.hears)
         for port, source in controller.sides[here].receives.items():
             ends = {
                 "from": _end(variants.roles[there], source),

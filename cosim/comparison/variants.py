@@ -17,10 +17,14 @@ Environment = Literal["free", "spring", "rigid"]
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """A side: which components of the scenario are its arm and its controller."""
+    """A side: which components of the scenario are its arm and its controller.
+
+    `hears`: the role whose signals it receives, unless a link law says otherwise.
+    """
 
     arm: str
     controller: str
+    hears: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +63,8 @@ class Operator:
     """Values of the arms by role, and the columns that say nothing then.
 
     `components`: further components by name, as a scenario has them; `feeds`: inputs of the arms
-    by role, and the output of a component that feeds each.
+    by role, and the output of a component that feeds each; `control`: parameters of every
+    controller, such as the limit of its torque.
     """
 
     name: str
@@ -68,16 +73,21 @@ class Operator:
     without: tuple[str, ...]
     components: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     feeds: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    control: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class LinkLaw:
-    """What a scenario says of a link: delay, semantics, loss; `sides`: what differs by receiver."""
+    """What a scenario says of a link: delay, semantics, loss; `sides`: what differs by receiver.
+
+    `hears`: the graph, where it is not that of the roles: which role each receives from.
+    """
 
     name: str
     title: str
     options: Mapping[str, Any]
     sides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    hears: Mapping[str, str] = field(default_factory=dict)
 
     def received_by(self, role: str) -> dict[str, Any]:
         """The options of the way on which `role` receives."""

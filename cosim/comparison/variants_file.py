@@ -5,9 +5,10 @@
     extends = "other.toml"                  # see cosim.comparison.extends
     set = ["run.step=5 ms"]                 # changes to the scenario before anything else
 
-    [roles.master]                          # two roles: which components of the scenario they are
+    [roles.master]                          # two or more: which components of the scenario they are
     arm = "master"
     controller = "master_control"
+    hears = "slave"                         # whose signals it receives; of two roles the other's
 
     [wiring]                                # of every controller, unless it says otherwise
     inputs = { q = "arm.q", dq = "arm.dq" } # its inputs, from its own arm
@@ -23,6 +24,7 @@
     [operators.tight]                       # values of a role's arm
     master = { k_p = 200.0, k_d = 2.0 }
     [operators.person.components.intent]    # a component besides; a role in `inputs` is its arm
+    [operators.person.control]              # values of every controller, as tau_max = 60.0
     [operators.person.feeds]                # inputs of arms that it feeds
     master = { q_h = "intent.q_h" }
 
@@ -30,6 +32,7 @@
     delay = { law = "constant", delay = "750 ms" }
 
     [links.wifi.slave]                      # what differs on the way on which a role receives
+    [links.chain.hears]                     # another graph: whom each role hears
     [columns.effort]                        # a metric (cosim.analysis.metrics), or a part of one
     kind = "norm"
     of = ["master.tau_h"]
@@ -51,6 +54,7 @@ from cosim.analysis.metrics import Distance, metric
 from cosim.base.errors import ScenarioError
 from cosim.comparison.extends import document
 from cosim.comparison.port_columns import port_bench, port_measure
+from cosim.comparison.roles_file import heard_role, read_roles
 from cosim.comparison.toml import Section
 from cosim.comparison.variants import (
     ComparisonSelection,
@@ -101,7 +105,7 @@ def read(path: str | Path) -> Variants:
     top = Section(document(path), path)
     top.only(*_TOP)
     _check_names(top)
-    roles = _roles(top)
+    roles = read_roles(top)
     controllers = {name: _controller(name, t, top, roles) for name, t in top.tables("controllers")}
     operators = {name: _operator(name, t, roles) for name, t in top.tables("operators")}
     links = {name: _link(name, t, roles) for name, t in top.tables("links")}
@@ -133,18 +137,6 @@ def _check_names(top: Section) -> None:
             if not _NAME.match(name):
                 expected = "letters, digits and any of . + - _"
                 raise ScenarioError(f"the name {name!r}: expected {expected}", top.place(key))
-
-
-def _roles(top: Section) -> dict[str, Role]:
-    found = {}
-    for name, table in top.tables("roles"):
-        table.only("arm", "controller")
-        found[name] = Role(table.text("arm"), table.text("controller"))
-    if len(found) != 2:
-        raise ScenarioError(
-            f"expected two roles, found {', '.join(found)}", top.place("roles")
-        )  # what a side receives, the other one sends
-    return found
 
 
 def _controller(name: str, table: Section, top: Section, roles: Mapping[str, Role]) -> Controller:
@@ -189,17 +181,21 @@ def _wires(table: Section) -> dict[str, tuple[str, str]]:
 
 
 def _operator(name: str, table: Section, roles: Mapping[str, Role]) -> Operator:
-    table.only("title", "without", "components", "feeds", *roles)
+    table.only("title", "without", "components", "feeds", "control", *roles)
     values = {role: table.mapping(role) for role in roles if role in table}
     fed = table.table("feeds")
     fed.only(*roles)
     feeds = {role: fed.mapping(role) for role in roles if role in fed}
     title, without = table.text("title", name), table.texts("without", ())
-    return Operator(name, title, values, without, table.mapping("components"), feeds)
+    components, control = table.mapping("components"), table.mapping("control")
+    return Operator(name, title, values, without, components, feeds, control)
 
 
 def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
-    table.only("title", *_LINK, *roles)
+    table.only("title", "hears", *_LINK, *roles)
+    graph = table.table("hears")
+    graph.only(*roles)
+    hears = {role: heard_role(graph, role, role, roles) for role in graph.data}
     sides = {role: table.table(role) for role in roles if role in table}
     for side in sides.values():
         side.only(*_LINK)
@@ -208,7 +204,8 @@ def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
     options, *own = (
         {key: x.data[key] for key in _LINK if key in x} for x in (table, *sides.values())
     )
-    return LinkLaw(name, table.text("title", name), options, dict(zip(sides, own, strict=True)))
+    each = dict(zip(sides, own, strict=True))
+    return LinkLaw(name, table.text("title", name), options, each, hears)
 
 
 def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> MetricColumn:

@@ -88,7 +88,7 @@ WRONG = {
     "unknown key on top": ("contrllers = 1", "no key 'contrllers'; did you mean 'controllers'"),
     "one role": (
         ('[roles.slave]\narm = "slave"\ncontroller = "slave_control"\n', ""),
-        "at roles: expected two roles, found master",
+        "at roles: expected at least two roles, found master",
     ),
     "a role's key": (('arm = "slave"\n', ""), "at roles.slave: no 'arm' here"),
     "no model": (('model = "fmus.models.pd"\n', ""), "at controllers.pd: no 'model' here"),

@@ -1,0 +1,41 @@
+"""The roles of a variants file, and the graph of who hears whom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cosim.base.errors import ScenarioError
+from cosim.comparison.toml import Section
+from cosim.comparison.variants import Role
+from cosim.scenario.connect import unknown
+
+
+def read_roles(top: Section) -> dict[str, Role]:
+    """The sides of a variants file. Of two each hears the other; of more each says whom it hears.
+
+    Raises ScenarioError with the place of what is wrong.
+    """
+    tables = dict(top.tables("roles"))
+    if len(tables) < 2:
+        found = ", ".join(tables)
+        raise ScenarioError(f"expected at least two roles, found {found}", top.place("roles"))
+    roles = {}
+    for name, table in tables.items():
+        table.only("arm", "controller", "hears")
+        other = next(x for x in tables if x != name) if len(tables) == 2 else None
+        heard = heard_role(table, "hears", name, tables, other)
+        roles[name] = Role(table.text("arm"), table.text("controller"), heard)
+    return roles
+
+
+def heard_role(
+    table: Section, key: str, name: str, known: Mapping[str, Any], default: str | None = None
+) -> str:
+    """The role that `name` hears: another one. Raises ScenarioError."""
+    found = table.text(key, default)
+    if found not in known:
+        raise ScenarioError(unknown(found, known, "role"), table.place(key))
+    if found == name:
+        raise ScenarioError(f"{name} hears itself, expected another role", table.place(key))
+    return found

@@ -32,8 +32,8 @@ from cosim.record.folder import NODES
 
 #: Counters of what a receiver refuses because of a frame's content.
 REFUSED = ("crc", "length", "invalid", "range")
-#: ns by which what was accepted may have arrived before the corrupted frame that it is taken for.
-BEFORE = 1_000_000
+#: ns between the arrivals of a sample and of the corrupted frame that it is taken for, at most.
+APART = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +168,8 @@ def _seen(outcome: RehearsalOutcome) -> dict[str, int]:
 def _corrupted(system: System, outcome: RehearsalOutcome, report: NodeReport) -> tuple[int, int]:
     """(frames corrupted on their way to a node, those it accepted).
 
-    Twice judged: no sequence number of a corrupted frame is among those that were the newest in a
-    slot; and a receiver that lived to tell refused as many frames as were corrupted.
+    Twice judged: no sequence number of a corrupted frame was accepted when that frame arrived; and
+    a receiver that lived to tell refused as many frames as were corrupted.
     """
     path = outcome.folder / NODES / report.life.file("faults")
     if not path.is_file():
@@ -187,9 +187,11 @@ def _corrupted(system: System, outcome: RehearsalOutcome, report: NodeReport) ->
         refused = sum(counts[r] for r in REFUSED) if counts else copies
         first = _accepted(system, outcome, report, name)
         numbers = _sequences(rows, carried)
-        # A node that begins again counts from 0 until it is started: no sample of its first life.
-        new = [first.get(n, 0) >= t - BEFORE for n, t in zip(numbers, rows["t_ns"], strict=True)]
-        bad = injected.undetected(numbers[new], first)
+        arrived = np.array([first.get(int(n), -1) for n in numbers], dtype=np.int64)
+        # What came at another time is another frame of that number: a node that begins again counts
+        # from 0 until it is started, and a gateway sends a sample again while it has no newer one.
+        there = (arrived >= rows["t_ns"] - APART) & (arrived <= rows["through_ns"] + APART)
+        bad = injected.undetected(numbers[there & (arrived >= 0)], first)
         total += copies
         accepted += max(len(bad), copies - refused, 0)
     return total, accepted

@@ -31,8 +31,10 @@ def system():
     return load_system(ROOT / "configs" / "teleoperation.toml", "can", ["run.stop=0.1"])
 
 
-def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), counts=None):
-    """Of a run in which `node` ended so; it accepted `newest` of LINK_4."""
+def outcome(
+    system, folder, reasons=0, node="slave", end="finished", newest=(), counts=None, wait_ns=0
+):
+    """Of a run in which `node` ended so; it accepted `newest` of LINK_4, `wait_ns` after their time."""
     (folder / "nodes").mkdir()
     for name in ("run.json", "trajectories.parquet"):
         (folder / name).touch()
@@ -44,7 +46,7 @@ def outcome(system, folder, reasons=0, node="slave", end="finished", newest=(), 
     heard["message"] = system.received_by("slave").index("LINK_4")
     with Journal.create(folder / "nodes" / "slave.heard", heard.dtype, 20) as journal:
         for number in newest:
-            heard["sequence"], heard["arrival_ns"] = number, number * 5_000_000
+            heard["sequence"], heard["arrival_ns"] = number, number * 5_000_000 + wait_ns
             journal.append(*heard)
     reports = [
         report(
@@ -66,7 +68,8 @@ def corrupted(system, folder, k, after_ns=1_000_000):
     data = codec.encode([1.0, 2.0, 3.0, 4.0], counter=k)
     row = np.zeros(1, INJECTED)
     row["t_ns"], row["id"], row["length"] = k * 5_000_000 + after_ns, codec.message.id, len(data)
-    row["crc"], row["crc_after"], row["copies"] = crc32(data), 1, 1
+    row["through_ns"], row["crc"], row["crc_after"] = row["t_ns"], crc32(data), 1
+    row["copies"] = 1
     row["kinds"], row["flags"] = 1 << CORRUPT, codec.message.flags
     row["data"][0, : len(data)] = list(data)
     with Journal.create(folder / "nodes" / "slave.faults", INJECTED, 10) as journal:
@@ -95,10 +98,14 @@ def test_a_corrupted_frame_that_was_accepted_fails_the_run(system, tmp_path, how
     assert judged.failures == ("1 corrupted frames accepted",)
 
 
-def test_a_number_that_was_accepted_before_its_frame_was_corrupted_is_anothers(system, tmp_path):
-    """A node that begins again counts from 0 until it is started."""
-    found = outcome(system, tmp_path, newest=[7], counts={**COUNTS, "crc": 1, "ok": 1})
-    corrupted(system, tmp_path, 7, after_ns=1_200_000_000)
+@pytest.mark.parametrize(("after_ns", "wait_ns"), [(1_200_000_000, 0), (500_000, 5_000_000)])
+def test_a_number_that_was_accepted_at_another_time_is_that_of_another_frame(
+    system, tmp_path, after_ns, wait_ns
+):
+    """A node that begins again counts from 0 until it starts; a gateway sends a sample again."""
+    counts = {**COUNTS, "crc": 1, "ok": 1}
+    found = outcome(system, tmp_path, newest=[7], counts=counts, wait_ns=wait_ns)
+    corrupted(system, tmp_path, 7, after_ns=after_ns)
     assert judgement.judge(system, SPEC, found).undetected == 0
 
 

@@ -34,7 +34,7 @@ def system():
 def outcome(
     system, folder, reasons=0, node="slave", end="finished", newest=(), counts=None, wait_ns=0
 ):
-    """Of a run in which `node` ended so; it accepted `newest` of LINK_4, `wait_ns` after their time."""
+    """Of a run in which `node` ended so; it accepted `newest` of LINK_4, `wait_ns` late."""
     (folder / "nodes").mkdir()
     for name in ("run.json", "trajectories.parquet"):
         (folder / name).touch()

@@ -14,6 +14,26 @@ PATIENCE_NS = 20_000_000
 _LEAST_WAIT = 5e-5
 
 
+class Participant(Protocol):
+    """Whom simulated time waits for: a thread, of this process or (bus_server) of another."""
+
+    def is_alive(self) -> bool:
+        """Whether it can still use the channel."""
+
+
+_acting = threading.local()
+
+
+def act_as(participant: Participant) -> None:
+    """Let what this thread does from now on count as done by `participant`."""
+    _acting.who = participant
+
+
+def _who() -> Participant:
+    found: Participant = getattr(_acting, "who", None) or threading.current_thread()
+    return found
+
+
 class Paced(Protocol):
     """A channel, as its pace sees it. Times are ps of the channel; `lock` is held."""
 
@@ -67,7 +87,7 @@ class WallPace:
     def wait(
         self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
     ) -> bool:
-        """`timeout` is in seconds of the wall clock."""
+        """`timeout` is in seconds of the wall clock. What is awaited until `quit_ps` is time."""
         end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9)
         while True:
             self.catch_up(channel)
@@ -77,6 +97,7 @@ class WallPace:
             if (left is not None and left <= 0) or _reached(channel, quit_ps):
                 return False
             ends = [t for t in (channel.next_ps(), quit_ps) if t is not None]
+            ends = ends if quit_ps is None else [quit_ps]
             waits = [(t - channel.now_ps) / 1e12 / self._speed for t in ends]
             waits += [] if left is None else [left]
             channel.lock.wait(max(min(waits), _LEAST_WAIT) if waits else None)
@@ -103,18 +124,18 @@ class SimulatedPace:
     epoch = 0.0
 
     def __init__(self) -> None:
-        self._seen: dict[threading.Thread, int] = {}
-        self._waiters: dict[threading.Thread, _Waiter] = {}
+        self._seen: dict[Participant, int] = {}
+        self._waiters: dict[Participant, _Waiter] = {}
 
     def catch_up(self, channel: Paced) -> None:
         """Note that this thread uses the channel; time stays where it is."""
-        self._seen[threading.current_thread()] = monotonic_ns()
+        self._seen[_who()] = monotonic_ns()
 
     def wait(
         self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
     ) -> bool:
         """`timeout` is in seconds of the channel; of the wall clock while a thread is away."""
-        thread = threading.current_thread()
+        thread = _who()
         self._seen[thread] = monotonic_ns()
         if ready() or (timeout is not None and timeout <= 0):
             return ready()

@@ -2,8 +2,9 @@
 
     can.Bus(interface="cosim", channel="bench", bitrate=500_000)
 
-All bus objects of one channel name in one process are nodes of one simulated bus. docs/can.md says
-what the options mean and how time passes.
+All bus objects of one channel name in one process are nodes of one simulated bus; ``NAME@ADDRESS``
+is a bus that another process serves with `cosim bus`. docs/can.md says what the options mean and
+how time passes.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ import can
 from can.bus import CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters
 
-from bridge.can.periodic import PeriodicTask
-from bridge.can.simulated_channel import channel_names, close_port, open_port
+from bridge.can.local_channel import channel_names, place_on
 from bridge.can.simulated_options import (
     ChannelOperationError,
     PortOptions,
@@ -96,8 +96,8 @@ class CosimBus(can.BusABC):
             auto_restart=auto_restart,
             one_shot=one_shot,
         )
-        self._channel, self._port = open_port(channel, options, port)
-        rates = self._channel.timing
+        self._place = place_on(channel, options, port)
+        rates = self._place.timing
         self._can_protocol = CanProtocol.CAN_FD if rates.fd else CanProtocol.CAN_20
         data_phase = f", data {rates.data_bitrate:g} bit/s" if rates.data_bitrate else ""
         self.channel_info = f"cosim channel {channel!r}: {rates.bitrate:g} bit/s{data_phase}"
@@ -107,14 +107,13 @@ class CosimBus(can.BusABC):
     def time(self) -> float:
         """Seconds of the channel since it was opened, plus, in wall time, the date of that."""
         self._check_open()
-        self._channel.state(self._port)
-        return self._channel.pace.epoch + self._channel.now_ps / 1e12
+        return self._place.time()
 
     @property
     def state(self) -> can.BusState:
         """ACTIVE, PASSIVE (error passive) or ERROR (bus-off), by the error counters."""
         self._check_open()
-        return _STATES.get(self._channel.state(self._port)[0], can.BusState.ACTIVE)
+        return _STATES.get(self._place.status()[0], can.BusState.ACTIVE)
 
     @state.setter
     def state(self, new_state: can.BusState) -> None:
@@ -127,12 +126,12 @@ class CosimBus(can.BusABC):
     def error_counters(self) -> ErrorCounters:
         """TEC and REC now."""
         self._check_open()
-        return ErrorCounters(*self._channel.state(self._port)[1:])
+        return ErrorCounters(*self._place.status()[1:])
 
     @property
     def lost(self) -> int:
         """Frames that were received while the receive queue was full."""
-        return self._port.lost
+        return self._place.lost()
 
     def load(self, window: float = 1.0) -> float:
         """The share of the last `window` (s) in which the bus was busy, 0 to 1.
@@ -140,12 +139,12 @@ class CosimBus(can.BusABC):
         From each start of frame to the end of the intermission, failed attempts included.
         """
         self._check_open()
-        return self._channel.load(window)
+        return self._place.load(window)
 
     def sleep(self, seconds: float) -> None:
         """Let so many seconds (s) of the channel pass."""
         self._check_open()
-        self._channel.sleep(seconds)
+        self._place.sleep(seconds)
 
     def disturb(self, disturbance: Disturbance) -> None:
         """Disturb bits of this bus; nodes are numbered as its buses were opened, from 0.
@@ -154,12 +153,12 @@ class CosimBus(can.BusABC):
         interruptions timed, from now.
         """
         self._check_open()
-        self._channel.disturb(disturbance)
+        self._place.disturb(disturbance)
 
     def reset(self) -> None:
         """Restart the controller, after bus-off for example; what waits is dropped."""
         self._check_open()
-        self._channel.reset(self._port)
+        self._place.reset()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Queue a message; `timeout` (s): how long to wait for room, None: not at all.
@@ -168,7 +167,7 @@ class CosimBus(can.BusABC):
         message that this bus cannot carry.
         """
         self._check_open()
-        self._channel.send(self._port, msg, timeout)
+        self._place.send(msg, timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next message that passes the filters; None after `timeout` (s) of the channel.
@@ -179,7 +178,10 @@ class CosimBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self._check_open()
-        return self._channel.receive(self._port, self._wanted, timeout), True
+        return self._place.receive(self._wanted, timeout), True
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        self._place.filter(filters)
 
     def _wanted(self, message: can.Message) -> bool:
         return message.is_error_frame or self._matches_filters(message)
@@ -191,9 +193,13 @@ class CosimBus(can.BusABC):
         duration: float | None = None,
         autostart: bool = True,
         modifier_callback: Callable[[can.Message], None] | None = None,
-    ) -> PeriodicTask:
+    ) -> Any:
         self._check_open()
-        task = PeriodicTask(self, self._channel, msgs, period, duration, modifier_callback)
+        task = self._place.periodic(self, msgs, period, duration, modifier_callback)
+        if task is None:
+            return super()._send_periodic_internal(
+                msgs, period, duration, autostart, modifier_callback
+            )
         if autostart:
             task.start()
         return task
@@ -201,13 +207,13 @@ class CosimBus(can.BusABC):
     def flush_tx_buffer(self) -> None:
         """Drop the messages that wait; one that is being sent is finished."""
         self._check_open()
-        self._channel.flush(self._port)
+        self._place.flush()
 
     def shutdown(self) -> None:
         """Leave the bus; what was queued is still sent. May be called again."""
         if not self._is_shutdown:
             super().shutdown()
-            close_port(self._channel, self._port)
+            self._place.leave()
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:

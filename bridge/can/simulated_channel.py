@@ -6,7 +6,7 @@ import heapq
 import itertools
 import threading
 from collections import deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from typing import Protocol, final
 
@@ -21,10 +21,10 @@ from bridge.can.simulated_options import (
     ChannelOptions,
     ChannelTimeoutError,
     PortOptions,
-    agree,
 )
-from bridge.can.simulated_wire import HISTORY_S, CanWire, Happening, WireNode
-from cosim.bus.frames import BusEvent, ControllerState
+from bridge.can.simulated_wire import HISTORY_S, CanWire
+from bridge.can.wire_node import Happening, WireNode, WireRecorder
+from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
 
 
@@ -99,6 +99,22 @@ class Channel:
             self._wire.join(port.node)
             return port
 
+    def record(self, recorder: WireRecorder) -> None:
+        """Tell `recorder` of all nodes that join from now on, their requests and all events."""
+        self._wire.recorder = recorder
+
+    def add_node(self, name: str) -> WireNode:
+        """A node that only sends (`offer`), the most urgent first; it stays with the channel."""
+        with self.lock:
+            node = WireNode(BusNodeSettings(name, queue_length=1000, inbox=8192))
+            self._wire.join(node)
+            return node
+
+    def offer(self, frames: Iterable[tuple[int, WireNode, BusFrame]]) -> None:
+        """Frames that nodes of `add_node` send, by time: (when, ps, node, frame)."""
+        with self.lock:
+            self._wire.offer(frames)
+
     def close(self, port: ChannelPort) -> None:
         """Let a port go; what it has queued is still sent while others are there."""
         with self.lock:
@@ -150,6 +166,20 @@ class Channel:
                     f"channel {self.name!r}: found a bus that was shut down while it waited"
                 )
             return port.inbox.popleft() if found else None
+
+    def received(
+        self, port: ChannelPort, wanted: Callable[[can.Message], bool]
+    ) -> can.Message | None:
+        """The oldest message that is `wanted` of those that are there; time does not move."""
+        with self.lock:
+            while port.inbox and not wanted(port.inbox[0]):
+                port.inbox.popleft()
+            return port.inbox.popleft() if port.inbox else None
+
+    def time(self, port: ChannelPort) -> float:
+        """Seconds of the channel, plus the date of its opening in wall time."""
+        self.state(port)
+        return self.pace.epoch + self.now_ps / 1e12
 
     def sleep(self, seconds: float) -> None:
         """Wait for so many seconds (s) of the channel."""
@@ -252,34 +282,3 @@ class Channel:
         message.timestamp = self.pace.epoch + time_ps / 1e12
         message.channel = self.name  # type: ignore[assignment]
         port.inbox.append(message)
-
-
-_channels: dict[Hashable, Channel] = {}
-_channels_lock = threading.Lock()
-
-
-def open_port(
-    name: Hashable, options: ChannelOptions, port: PortOptions
-) -> tuple[Channel, ChannelPort]:
-    """Join a channel of this process, or make it. Raises ChannelOptionError if options differ."""
-    with _channels_lock:
-        channel = _channels.get(name)
-        if channel is None:
-            channel = _channels[name] = Channel(name, options)
-        else:
-            agree(name, channel.options, options)
-        return channel, channel.open(port)
-
-
-def close_port(channel: Channel, port: ChannelPort) -> None:
-    """Leave a channel; the last one ends it."""
-    with _channels_lock:
-        channel.close(port)
-        if not channel.ports and _channels.get(channel.name) is channel:
-            del _channels[channel.name]
-
-
-def channel_names() -> list[Hashable]:
-    """The channels of this process that are open."""
-    with _channels_lock:
-        return list(_channels)

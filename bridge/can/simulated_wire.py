@@ -8,48 +8,23 @@ for 11 recessive bits before it takes part, that is between two frames.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple, final
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import final
 
 from bridge.can.simulated_disturbances import Disturbances
+from bridge.can.wire_node import INTERMISSION, Happening, WireNode, WireRecorder, length_ps, told
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
-from cosim.bus.settings import BusNodeSettings, Disturbance
+from cosim.bus.settings import Disturbance
 from cosim.bus.simulation import SimulatedBus
-from cosim.bus.timing import BusTiming, frame_bits
+from cosim.bus.timing import BusTiming
 
 HISTORY_S = 10
 """How long the wire remembers when it was busy, s."""
-INTERMISSION = 3
 _AFTER_ERROR = 6 + 8 + INTERMISSION
 """Least bits from the detection of an error to the end of the intermission: flag, delimiter."""
 _STEP = 16
 """Bits to go on while a frame waits and none is on the wire; shorter than any frame."""
-
-
-@dataclass(eq=False)
-class WireNode:
-    """A node, as the wire sees it. `pending`: by number of the request, in their order."""
-
-    settings: BusNodeSettings
-    pending: dict[int, BusFrame] = field(default_factory=dict)
-    tec: int = 0
-    rec: int = 0
-    state: ControllerState = ControllerState.ACTIVE
-    leaving: bool = False
-    """Sends what it has, receives nothing more."""
-
-
-class Happening(NamedTuple):
-    """An event of the bus at one node. `time_ps` since the wire exists, `bit` from 0."""
-
-    time_ps: int
-    node: WireNode
-    kind: BusEvent
-    code: int
-    role: int
-    bit: int
-    frame: BusFrame | None
 
 
 @final
@@ -78,11 +53,18 @@ class CanWire:
         self._troubled = False
         self._began_ps: int | None = None
         self._busy: deque[tuple[int, int]] = deque()
+        self.recorder: WireRecorder | None = None
+        self._recorded: dict[WireNode, int] = {}
+        self._numbers: list[int] = []
+        self._requested = 0
+        self._offered: deque[tuple[int, WireNode, BusFrame]] = deque()
 
     def join(self, node: WireNode) -> None:
         """Add a node, from the end of the transmission under way on."""
         self._members.append(node)
         self._stale = True
+        if self.recorder is not None:
+            self._recorded[node] = self.recorder.node(node.settings.name)
 
     def leave(self, node: WireNode) -> None:
         """Remove a node when it has sent what it has."""
@@ -101,6 +83,10 @@ class CanWire:
             self._early.append((node, frame))
         else:
             self._request(self._bus, node, frame)
+
+    def offer(self, frames: Iterable[tuple[int, WireNode, BusFrame]]) -> None:
+        """Frames to come, by time: (when, ps, at which node, frame); not before those offered."""
+        self._offered.extend(frames)
 
     def waiting(self, node: WireNode) -> int:
         """How many frames are in the transmit queue of a node."""
@@ -144,6 +130,8 @@ class CanWire:
         )
         if recovering or self._early or any(node.pending for node in self._nodes):
             return max(self.now_ps, self._free_ps) + _STEP * self._bit_ps
+        if self._offered:
+            return max(self.now_ps, self._offered[0][0]) + _STEP * self._bit_ps
         return None
 
     def busy(self, window_ps: int) -> float:
@@ -169,6 +157,7 @@ class CanWire:
         if self._ends or self._troubled or self.now_ps < self._free_ps:
             return False
         self.count()
+        numbers = [self._numbers[request] for request in self._requests] if self._numbers else []
         waiting = [*self._requests.values(), *self._early]
         self._requests, self._early, self._stale = {}, [], False
         self._members = [node for node in self._members if not (node.leaving and not node.pending)]
@@ -176,6 +165,10 @@ class CanWire:
         for node in self._nodes:
             node.pending = {}
         self._seed += 1
+        self._numbers = []
+        if not self._nodes:
+            self._bus = None
+            return True
         self._bus = SimulatedBus(
             self.timing,
             [
@@ -185,9 +178,10 @@ class CanWire:
             disturbances=self._disturbances.left(self.now_ps),
             seed=self._seed,
         )
-        for node, frame in waiting:
+        for place, (node, frame) in enumerate(waiting):
             if node in self._nodes:
-                self._request(self._bus, node, frame)
+                known = numbers[place] if place < len(numbers) else None
+                self._request(self._bus, node, frame, known)
         return True
 
     def _retire(self) -> None:
@@ -195,17 +189,43 @@ class CanWire:
         if any(node.leaving and not self.waiting(node) for node in self._members):
             self._stale = True
 
-    def _request(self, bus: SimulatedBus, node: WireNode, frame: BusFrame) -> None:
-        at_ps = self.now_ps - self._start_ps
-        request = bus.request(self._nodes.index(node), at_ps, frame)
+    def _feed(self, bus: SimulatedBus, until_ps: int) -> None:
+        """Request what was offered for times before `until_ps` (ps)."""
+        while self._offered and self._offered[0][0] < until_ps:
+            at_ps, node, frame = self._offered.popleft()
+            if node in self._nodes:
+                self._request(bus, node, frame, at_ps=at_ps)
+
+    def _request(
+        self,
+        bus: SimulatedBus,
+        node: WireNode,
+        frame: BusFrame,
+        known: int | None = None,
+        at_ps: int = 0,
+    ) -> None:
+        """Make a request, now or later; `known`: its number for the recorder, if it was made."""
+        at_ps = max(at_ps, self.now_ps)
+        request = bus.request(self._nodes.index(node), at_ps - self._start_ps, frame)
         node.pending[request] = frame
         self._requests[request] = (node, frame)
+        if self.recorder is None:
+            return
+        if known is None:
+            known, self._requested = self._requested, self._requested + 1
+            self.recorder.request(known, at_ps, self._recorded[node], frame)
+        self._numbers.append(known)
 
     def _run(self, until_ps: int) -> list[Happening]:
+        if self._bus is not None:
+            self._feed(self._bus, until_ps)
         self.now_ps = max(self.now_ps, until_ps)
         if self._bus is None:
             return []
         events = self._bus.advance(self.now_ps - self._start_ps)
+        if self.recorder is not None:
+            nodes = [self._recorded[node] for node in self._nodes]
+            self.recorder.add(told(events, self._start_ps, nodes, self._numbers), self.now_ps)
         rows = events.tolist()
         found = []
         for place, row in enumerate(rows):
@@ -254,7 +274,10 @@ class CanWire:
                 self._busy.extend(self._current())
                 self._began_ps = time_ps
             if known:
-                self._ends[node] = time_ps + self._length_ps(known[1]), known[1]
+                self._ends[node] = (
+                    time_ps + length_ps(known[1], self._bit_ps, self._data_bit_ps),
+                    known[1],
+                )
         elif event == BusEvent.LOST:
             self._ends.pop(node, None)
         elif event in (BusEvent.SENT, BusEvent.ERROR, BusEvent.OVERLOAD):
@@ -271,9 +294,3 @@ class CanWire:
             return []
         under_way = self._ends or self._troubled
         return [(self._began_ps, self.now_ps if under_way else self._free_ps)]
-
-    def _length_ps(self, frame: BusFrame) -> int:
-        """From the start of frame to the end of its last bit, ps."""
-        bits = frame_bits(frame.identifier, frame.data, frame.format, frame.dlc)
-        nominal = int(bits.nominal) - INTERMISSION
-        return nominal * self._bit_ps + int(bits.data) * self._data_bit_ps

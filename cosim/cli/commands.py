@@ -102,6 +102,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bridge.cli.keys",
         "Create a test authority and one certificate per node, for configs/zenoh/secure.json5.",
     ),
+    "bus": (
+        "bridge.cli.bus",
+        "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.",
+    ),
     "ping": (
         "bridge.cli.ping",
         "Measure round-trip times between two nodes, and predict their effect on the controllers.",

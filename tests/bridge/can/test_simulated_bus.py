@@ -346,3 +346,61 @@ def test_an_interruption_is_over_when_it_says(bench: Bench) -> None:
     sender.send(message(0x123))
     (found,) = [m for m in everything(receiver) if not m.is_error_frame]
     assert 2.3e-3 < found.timestamp < 2.4e-3
+
+
+def test_one_shot_does_not_repeat_a_lost_arbitration(bench: Bench) -> None:
+    once, often, listener = bench.bus(one_shot=True, bus_errors=True), bench.bus(), bench.bus()
+    listener.sleep(0.01)
+    once.send(message(0x200))
+    often.send(message(0x100))
+    assert [m.arbitration_id for m in everything(listener)] == [0x100]
+    once.send(message(0x200))
+    assert [m.arbitration_id for m in everything(listener)] == [0x200]
+    assert any(m.is_error_frame and m.arbitration_id & 2 for m in everything(once))
+
+
+def test_a_mailbox_keeps_the_newest_message_of_an_identifier(bench: Bench) -> None:
+    boxes, other = bench.bus(queue="mailboxes"), bench.bus()
+    other.sleep(0.01)
+    other.send(message(0x001, b"\0" * 8))
+    other.sleep(20e-6)  # it is on the wire
+    for number in range(3):
+        boxes.send(message(0x300, bytes([number])))
+    boxes.send(message(0x200))
+    got = [(m.arbitration_id, bytes(m.data)) for m in everything(other)]
+    assert got == [(0x200, b""), (0x300, b"\2")]
+
+
+def test_a_reset_drops_what_waits_and_the_counters(bench: Bench) -> None:
+    lone = bench.bus()
+    for _ in range(3):
+        lone.send(message(0x123))
+    lone.sleep(0.05)
+    assert lone.error_counters.tec == 128  # nobody acknowledges
+    lone.reset()
+    lone.sleep(0.01)
+    assert lone.error_counters == (0, 0)
+    other = bench.bus()
+    other.sleep(0.01)
+    lone.send(message(0x321))
+    assert [m.arbitration_id for m in everything(other)] == [0x321]
+
+
+def test_error_frames_are_part_of_the_load(bench: Bench) -> None:
+    sender, receiver = bench.bus(), bench.bus()
+    sender.sleep(0.001)
+    sender.disturb(ScriptedError(0x123, 30))
+    sender.sleep(0.001)
+    start = sender.time
+    sender.send(message(0x123, b"\x55" * 8))
+    assert receiver.recv(1) is not None
+    sender.sleep(0.01 - (sender.time - start))
+    # 52 bits of the attempt that failed, with its error frame, and 112 of the frame
+    assert sender.load(0.01) == pytest.approx(164e-6 / 0.01, rel=1e-6)
+
+
+def test_a_lone_node_loads_the_bus_but_for_its_suspension(bench: Bench) -> None:
+    lone = bench.bus()
+    lone.send(message(0x123, b"\x55" * 8))
+    lone.sleep(0.1)
+    assert lone.load(0.05) == pytest.approx(118 / 126, rel=0.01)

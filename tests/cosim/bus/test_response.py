@@ -160,3 +160,98 @@ def test_worst_frames_give_the_durations() -> None:
     c = int(worst(8).nominal) * US
     found = responses([stream(f"xi{i}", 0x2A1 + i, MS, c) for i in range(3)], US)
     assert [r.worst for r in found] == [270 * US, 405 * US, 405 * US]
+
+
+def fifo_simulated(
+    releases: dict[FrameStream, list[tuple[int, int]]], nodes: dict[FrameStream, int]
+) -> dict[FrameStream, int]:
+    """As `simulated`, with queues in the order of requests: `nodes` says in which a stream is."""
+    owner: dict[int, tuple[FrameStream, int]] = {}
+    requests = []
+    for s, instances in releases.items():
+        for event, at in instances:
+            requests.append(PendingFrame(at, s.rank, s.duration, nodes[s]))
+            owner[id(requests[-1])] = (s, event)
+    longest: dict[FrameStream, int] = dict.fromkeys(releases, 0)
+    for sent in arbitrate(requests, fifo=True):
+        s, event = owner[id(sent.request)]
+        longest[s] = max(longest[s], sent.end - event)
+    return longest
+
+
+@settings(max_examples=150, deadline=None)
+@given(sets(), st.data())
+def test_no_run_with_fifo_queues_takes_longer(set_: list[FrameStream], data: st.DataObject) -> None:
+    """Streams in two FIFO queues and alone; slowed down so that most have a bound."""
+    set_ = [replace(s, period=4 * s.period) for s in set_]
+    queues = [data.draw(st.sampled_from(["", "a", "b"])) for _ in set_]
+    set_ = [replace(s, queue=q) for s, q in zip(set_, queues, strict=True)]
+    nodes = {s: {"a": 1, "b": 2}.get(s.queue, 10 + i) for i, s in enumerate(set_)}
+    releases = {}
+    for s in set_:
+        phase = data.draw(st.integers(0, s.period))
+        late = data.draw(st.lists(st.integers(0, s.jitter), min_size=1, max_size=4))
+        releases[s] = released(s, phase, late, 2400)
+    longest = fifo_simulated(releases, nodes)
+    for response in responses(set_, bit_ns=1):
+        if response.worst is not None:
+            assert longest[response.stream] <= response.worst
+
+
+def test_a_fifo_queue_lets_the_urgent_wait_for_its_own_node() -> None:
+    urgent, slow = stream("urgent", 1, 1000, 10), stream("slow", 9, 1000, 10)
+    other = stream("other", 5, 1000, 400)
+    sorted_ = responses([urgent, slow, other], 1)
+    shared = [replace(urgent, queue="a"), replace(slow, queue="a"), other]
+    fifo = responses(shared, 1)
+    assert [r.worst for r in sorted_] == [410, 420, 420]
+    # `slow` is at the head: `other` goes first, then both of the queue
+    assert [r.worst for r in fifo] == [420, 420, 420]
+    requests = [
+        PendingFrame(0, rank(9), 10, node=1),
+        PendingFrame(0, rank(1), 10, node=1),
+        PendingFrame(0, rank(5), 400, node=2),
+    ]
+    assert arbitrate(requests, fifo=True)[-1].end == 420
+
+
+def test_the_frames_of_a_fifo_queue_come_with_more_jitter_for_others() -> None:
+    hidden = [replace(stream(f"h{i}", i, 100, 10), queue="a") for i in (1, 9)]
+    below = stream("below", 5, 200, 10)
+    alone = responses([stream("h1", 1, 100, 10), below, stream("h9", 9, 100, 10)], 1)
+    fifo = responses([*hidden, below], 1)
+    waits = {r.stream.name: r.waiting for r in fifo}
+    assert waits == {"h1": 20, "h9": 20, "below": 0}
+    assert alone[1].worst == 30
+    assert fifo[1].worst == 30
+
+
+def test_a_fifo_queue_that_is_not_empty_in_time_has_no_bound() -> None:
+    crowded = [replace(stream(f"m{i}", i, 100, 30), queue="a") for i in range(4)]
+    free = stream("free", 9, 1000, 30)
+    first = stream("first", rank(0), 1000, 30)
+    found = responses([*crowded, free], 1)
+    assert [r.worst for r in found] == [None] * 5
+    assert not found[0].meets_deadline
+    above = replace(first, rank=-1)
+    assert responses([*crowded, above], 1)[0].worst == 60
+
+
+def test_the_sae_messages_in_fifo_queues_take_longer_than_sorted() -> None:
+    """17 messages of six nodes: bytes, period (ms), sender; the first needs 1.54 ms when sorted."""
+    sent = [
+        (1, 50, 0), (2, 5, 1), (1, 5, 2), (2, 5, 3), (1, 5, 4), (2, 5, 5), (6, 10, 5), (1, 10, 0),
+        (2, 10, 2), (2, 10, 3), (1, 50, 1), (4, 100, 0), (1, 100, 1), (1, 100, 4), (3, 1000, 0),
+        (1, 1000, 4), (1, 1000, 5),
+    ]  # fmt: skip
+    plain = [
+        stream(str(i), i, period * MS, int(worst(size).total) * 2 * US, MS // 10)
+        for i, (size, period, _) in enumerate(sent)
+    ]  # 500 kbit/s
+    queued = [replace(s, queue=f"n{x[2]}") for s, x in zip(plain, sent, strict=True)]
+    sorted_ = [r.worst for r in responses(plain, 2 * US)]
+    fifo = [r.worst for r in responses(queued, 2 * US)]
+    assert all(
+        f is not None and s is not None and f >= s for f, s in zip(fifo, sorted_, strict=True)
+    )
+    assert fifo[0] > 3 * sorted_[0]

@@ -1,0 +1,243 @@
+"""A simulated bus for other processes: their bus objects are nodes of a channel of this process.
+
+A client has one connection that opens its bus, and lasts as long as that, and one for each of its
+threads. Each is served by a thread here, which takes part in the time of the channel as if it were
+the client's: in simulated time the channel waits for the clients as for threads of one process.
+"""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any, final
+
+import can
+
+from bridge.can.bus_pace import act_as
+from bridge.can.listening import Acceptor
+from bridge.can.periodic import PeriodicTask
+from bridge.can.remote_wire import CallSocket, pack_message, unpack_message
+from bridge.can.simulated_channel import Channel, ChannelPort
+from bridge.can.simulated_options import (
+    ChannelOperationError,
+    ChannelOptionError,
+    ChannelOptions,
+    PortOptions,
+    agree,
+    channel_options,
+)
+from cosim.base.errors import CosimError
+from cosim.bus.settings import ErrorRate, Interruption, LineLevel, QueueKind, ScriptedError
+
+_DISTURBANCES = {kind.__name__: kind for kind in (ErrorRate, Interruption, ScriptedError)}
+
+
+@final
+class BusServer:
+    """Serves `channel` at `listener` to the interface ``cosim`` of other processes."""
+
+    def __init__(self, channel: Channel, listener: socket.socket) -> None:
+        self._channel = channel
+        self._ports: dict[int, RemotePort] = {}
+        self._tokens = itertools.count(1)
+        self._threads: dict[str, RemoteThread] = {}
+        self._lock = threading.Lock()
+        self._acceptor = Acceptor(listener, self._serve)
+
+    @property
+    def port(self) -> int:
+        """The TCP port."""
+        return self._acceptor.port
+
+    def close(self) -> None:
+        """End all connections; their nodes leave the bus."""
+        self._acceptor.close()
+
+    def _serve(self, connection: socket.socket) -> None:
+        calls = CallSocket(connection)
+        first = calls.receive()
+        if first is None:
+            return
+        token = 0
+        try:
+            if first[0] == "open":
+                token = in_thread_of_its_own(lambda: self._open(*first[1:]))
+            port = self._ports.get(token or first[1])
+            if port is None:
+                raise ChannelOperationError("found a bus that is not open")
+        except (CosimError, can.CanError, ValueError, TypeError) as error:
+            calls.send(_refusal(error))
+            return
+        timing = self._channel.timing
+        opened = [token, timing.bitrate, timing.data_bitrate, timing.fd]
+        calls.send(["ok", opened if token else None])
+        try:
+            if token:
+                calls.receive()  # until the client closes it
+            else:
+                with self._participant(first[2]):
+                    _answer_all(calls, port)
+        finally:
+            if token:
+                del self._ports[token]
+                in_thread_of_its_own(port.close)
+
+    def _participant(self, key: str) -> RemoteThread:
+        with self._lock:
+            return self._threads.setdefault(key, RemoteThread())
+
+    def _open(self, name: str, options: dict[str, Any], port: dict[str, Any]) -> int:
+        if name != self._channel.name:
+            raise ChannelOptionError(
+                f"channel {name!r}: found a server of the channel {self._channel.name!r} only"
+            )
+        speed = options.get("speed")
+        checked = channel_options(name, **{**options, "speed": speed or None})
+        given = ChannelOptions(
+            timing=checked.timing, fd=checked.fd, data_bitrate=checked.data_bitrate, speed=speed,
+            error_rate=checked.error_rate, seed=checked.seed,
+        )  # fmt: skip
+        agree(name, self._channel.options, given)
+        asked = PortOptions(**{**port, "queue": QueueKind(port["queue"])})
+        token = next(self._tokens)
+        self._ports[token] = RemotePort(self._channel, self._channel.open(asked))
+        return token
+
+
+@final
+class RemoteThread:
+    """A thread of a client: one participant, on however many buses it has connections."""
+
+    def __init__(self) -> None:
+        self._connections = 0
+        self._lock = threading.Lock()
+
+    def is_alive(self) -> bool:
+        """Whether it has a connection."""
+        return self._connections > 0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._connections += 1
+        act_as(self)
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._connections -= 1
+
+
+def _answer_all(calls: CallSocket, port: RemotePort) -> None:
+    """Answer the calls of a connection until its end."""
+    while True:
+        call = calls.receive()
+        if call is None:
+            return
+        try:
+            answer = ["ok", port.call(*call)]
+        except (CosimError, can.CanError, ValueError, TypeError, LookupError) as error:
+            answer = _refusal(error)
+        try:
+            calls.send(answer)
+        except OSError:
+            return  # the client is gone
+
+
+def _refusal(error: Exception) -> list[str]:
+    return ["error", type(error).__name__, str(error)]
+
+
+def in_thread_of_its_own(action: Callable[[], Any]) -> Any:
+    """Do it in a thread that then ends, so that simulated time does not wait for this one."""
+    found: list[Any] = []
+    failed: list[Exception] = []
+
+    def run() -> None:
+        try:
+            found.append(action())
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join()
+    if failed:
+        raise failed[0]
+    return found[0]
+
+
+@final
+class RemotePort:
+    """The bus object of a client, here."""
+
+    def __init__(self, channel: Channel, port: ChannelPort) -> None:
+        self._channel, self._port = channel, port
+        self._filters: list[list[Any]] = []
+        self._tasks: list[PeriodicTask] = []
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """The answer to a call of the client. Raises LookupError for a method there is not."""
+        channel, port = self._channel, self._port
+        methods: dict[str, Callable[..., Any]] = {
+            "time": lambda: channel.time(port),
+            "status": lambda: list(channel.state(port)),
+            "lost": lambda: port.lost,
+            "load": channel.load,
+            "sleep": channel.sleep,
+            "disturb": self._disturb,
+            "flush": lambda: channel.flush(port),
+            "reset": lambda: channel.reset(port),
+            "filter": self._filter,
+            "send": lambda m, t: channel.send(port, unpack_message(m, ""), t),
+            "receive": self._receive,
+            "periodic": self._periodic,
+            "start": lambda n: self._tasks[n].start(),
+            "stop": lambda n: self._tasks[n].stop(),
+            "modify": lambda n, m: self._tasks[n].modify_data([unpack_message(x, "") for x in m]),
+        }
+        return methods[method](*arguments)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Queue a message of a periodic task."""
+        self._channel.send(self._port, msg, timeout)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        for task in self._tasks:
+            task.stop()
+        self._channel.close(self._port)
+
+    def _receive(self, timeout: float | None, most: int) -> list[Any]:
+        found = []
+        message = self._channel.receive(self._port, self._wanted, timeout)
+        while message is not None:
+            found.append(pack_message(message))
+            if len(found) == most:
+                break
+            message = self._channel.received(self._port, self._wanted)
+        return found
+
+    def _filter(self, filters: list[list[Any]]) -> None:
+        self._filters = filters
+
+    def _wanted(self, message: can.Message) -> bool:
+        return (
+            message.is_error_frame
+            or not self._filters
+            or any(
+                (identifier ^ message.arbitration_id) & mask == 0
+                and extended in (None, message.is_extended_id)
+                for identifier, mask, extended in self._filters
+            )
+        )
+
+    def _disturb(self, kind: str, fields: dict[str, Any]) -> None:
+        if "level" in fields:
+            fields["level"] = LineLevel(fields["level"])
+        self._channel.disturb(_DISTURBANCES[kind](**fields))
+
+    def _periodic(self, messages: list[Any], period: float, duration: float | None) -> int:
+        sent = [unpack_message(m, "") for m in messages]
+        self._tasks.append(PeriodicTask(self, self._channel, sent, period, duration))
+        return len(self._tasks) - 1

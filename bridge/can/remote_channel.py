@@ -1,0 +1,198 @@
+"""The client of a simulated bus that another process serves (`bridge.can.bus_server`)."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from threading import get_ident
+from typing import Any, final
+from weakref import WeakSet
+
+import can
+from can.broadcastmanager import (
+    LimitedDurationCyclicSendTaskABC,
+    ModifiableCyclicTaskABC,
+    RestartableCyclicTaskABC,
+)
+from can.typechecking import CanFilters
+
+from bridge.can.remote_wire import (
+    CallSocket,
+    connect,
+    pack_message,
+    parse_address,
+    unpack_message,
+)
+from bridge.can.simulated_options import (
+    ChannelOperationError,
+    ChannelOptionError,
+    ChannelOptions,
+    ChannelTimeoutError,
+    PortOptions,
+)
+from cosim.bus.frames import ControllerState
+from cosim.bus.settings import Disturbance
+from cosim.bus.timing import BusTiming
+
+_ERRORS = {e.__name__: e for e in (ChannelOptionError, ChannelOperationError, ChannelTimeoutError)}
+_PROCESS = f"{socket.gethostname()} {os.getpid()} {id(object())}"
+_BATCH = 64
+"""Messages that one call fetches."""
+
+
+@final
+class RemoteChannel:
+    """A simulated bus of another process, for one bus object here.
+
+    Each thread has a connection of its own, so that one can send while another waits.
+    Raises ChannelOptionError where nobody serves it, or with other options.
+    """
+
+    def __init__(self, channel: str, options: ChannelOptions, port: PortOptions) -> None:
+        self._address = parse_address(channel)
+        self.name = channel
+        self._connections: WeakSet[CallSocket] = WeakSet()  # a thread's ends with it
+        self._own = threading.local()
+        self._main = CallSocket(connect(self._address))
+        said = {k: v for k, v in asdict(options).items() if k != "timing" and v is not None}
+        if options.timing is not None:
+            said["bitrate"] = options.timing.bitrate
+        opened = self._answer(self._main, "open", self._address.channel, said, asdict(port))
+        self._token, bitrate, data_bitrate, fd = opened
+        self.timing = BusTiming(bitrate, data_bitrate, fd=fd)
+        self._inbox: deque[can.Message] = deque()
+        self._closed = False
+
+    def call(self, method: str, *arguments: object) -> Any:
+        """The answer to a call, on the connection of this thread."""
+        if getattr(self._own, "socket", None) is None:
+            self._own.socket = CallSocket(connect(self._address))
+            self._connections.add(self._own.socket)
+            self._answer(self._own.socket, "join", self._token, f"{_PROCESS} {get_ident()}")
+        return self._answer(self._own.socket, method, *arguments)
+
+    def _answer(self, connection: CallSocket, *call: object) -> Any:
+        try:
+            connection.send(call)
+            found = connection.receive()
+        except OSError:
+            found = None
+        if found is None:
+            raise ChannelOperationError(
+                f"channel {self.name!r}: found the connection to {self._address.place} closed"
+            )
+        if found[0] == "error":
+            raise _ERRORS.get(found[1], ChannelOperationError)(found[2])
+        return found[1]
+
+    def time(self) -> float:
+        """Seconds of the channel, plus the date of its opening in wall time."""
+        return float(self.call("time"))
+
+    def status(self) -> tuple[ControllerState, int, int]:
+        """State, TEC and REC now."""
+        state, tec, rec = self.call("status")
+        return ControllerState(state), tec, rec
+
+    def lost(self) -> int:
+        """Frames that were received while the receive queue was full."""
+        return int(self.call("lost"))
+
+    def load(self, window: float) -> float:
+        """The share of the last `window` (s) in which the bus was busy, 0 to 1."""
+        return float(self.call("load", window))
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for so many seconds (s) of the channel."""
+        self.call("sleep", seconds)
+
+    def disturb(self, disturbance: Disturbance) -> None:
+        """Add a disturbance from the end of the transmission under way on."""
+        self.call("disturb", type(disturbance).__name__, asdict(disturbance))
+
+    def flush(self) -> None:
+        """Drop what waits in the transmit queue."""
+        self.call("flush")
+
+    def reset(self) -> None:
+        """Restart the controller, as after bus-off."""
+        self.call("reset")
+
+    def filter(self, filters: CanFilters | None) -> None:
+        """Receive only what passes one of these filters; None: everything."""
+        said = [[f["can_id"], f["can_mask"], f.get("extended")] for f in filters or ()]
+        self.call("filter", said)
+
+    def send(self, message: can.Message, timeout: float | None) -> None:
+        """Queue a message, waiting up to `timeout` (s) for room."""
+        self.call("send", pack_message(message), timeout)
+
+    def receive(
+        self, wanted: Callable[[can.Message], bool], timeout: float | None
+    ) -> can.Message | None:
+        """The oldest message, waiting up to `timeout` (s; None: for ever)."""
+        while True:
+            try:
+                return self._inbox.popleft()
+            except IndexError:
+                found = self.call("receive", timeout, _BATCH)
+            if not found:
+                return None
+            first, *others = (unpack_message(m, self.name) for m in found)
+            self._inbox.extend(others)
+            return first
+
+    def periodic(
+        self,
+        sender: object,
+        messages: can.Message | Sequence[can.Message],
+        period: float,
+        duration: float | None,
+        modifier: Callable[[can.Message], None] | None,
+    ) -> RemotePeriodicTask | None:
+        """Messages sent by the other process in the time of the channel; None: with a `modifier`.
+
+        That has to be called here.
+        """
+        return None if modifier else RemotePeriodicTask(self, messages, period, duration)
+
+    def leave(self) -> None:
+        """Close all connections; what was queued is still sent."""
+        for connection in (self._main, *self._connections):
+            connection.close()
+
+
+@final
+class RemotePeriodicTask(
+    LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC, RestartableCyclicTaskABC
+):
+    """Messages in turn, every `period` seconds of the channel, sent by the process that has it."""
+
+    def __init__(
+        self,
+        channel: RemoteChannel,
+        messages: can.Message | Sequence[can.Message],
+        period: float,
+        duration: float | None,
+    ) -> None:
+        super().__init__(messages, period, duration)
+        self._channel = channel
+        packed = [pack_message(m) for m in self.messages]
+        self._number = channel.call("periodic", packed, period, duration)
+
+    def start(self) -> None:
+        """Send the first message now; does nothing to a task that runs."""
+        self._channel.call("start", self._number)
+
+    def stop(self) -> None:
+        """Send no more."""
+        self._channel.call("stop", self._number)
+
+    def modify_data(self, messages: Sequence[can.Message] | can.Message) -> None:
+        """Send these data from now on; the identifiers stay."""
+        super().modify_data(messages)
+        self._channel.call("modify", self._number, [pack_message(m) for m in self.messages])

@@ -1,0 +1,139 @@
+"""How a program and the process that has a simulated bus talk: calls and answers, one at a time.
+
+A call is a list ``[method, argument, ...]``, an answer ``["ok", value]`` or ``["error", class,
+text]``; each is msgpack with its length in front (4 bytes, big endian), over TCP or a Unix socket.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Hashable
+from typing import Any, NamedTuple, final
+
+import can
+import msgpack  # type: ignore[import-untyped]
+
+from bridge.can.simulated_options import ChannelOptionError
+
+_MOST = 1 << 24
+"""Bytes of a call; more is no call."""
+_FLAGS = (
+    "is_extended_id", "is_remote_frame", "is_error_frame", "is_fd", "bitrate_switch",
+    "error_state_indicator", "is_rx",
+)  # fmt: skip
+
+
+class BusAddress(NamedTuple):
+    """Where a simulated bus is served: the channel's name, and a host with a port or a path."""
+
+    channel: str
+    host: str
+    port: int
+    path: str
+
+    @property
+    def place(self) -> str:
+        """As it is written behind the ``@``."""
+        return self.path or f"{self.host}:{self.port}"
+
+
+def parse_address(text: str) -> BusAddress:
+    """``NAME@HOST:PORT`` or ``NAME@/path/of/a/socket``. Raises ChannelOptionError."""
+    name, _, place = text.rpartition("@")
+    if name and "/" in place:
+        return BusAddress(name, "", 0, place)
+    host, colon, port = place.rpartition(":")
+    if not (name and host and colon and port.isdigit() and int(port) < 65536):
+        raise ChannelOptionError(
+            f"channel {text!r}: found no address, expected NAME@HOST:PORT or NAME@/path/of/a/socket"
+        )
+    return BusAddress(name, host.strip("[]"), int(port), "")
+
+
+def is_remote(channel: Hashable) -> bool:
+    """Whether a channel is served by another process."""
+    return isinstance(channel, str) and "@" in channel
+
+
+def connect(address: BusAddress) -> socket.socket:
+    """A connection to the process that has the bus. Raises ChannelOptionError."""
+    try:
+        if not address.path:
+            found = socket.create_connection((address.host, address.port), timeout=10)
+            found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            found.connect(address.path)
+    except OSError as error:
+        raise ChannelOptionError(
+            f"channel {address.channel!r}: found nobody at {address.place} ({error}), expected a "
+            "simulated bus there, which `cosim bus` serves"
+        ) from error
+    found.settimeout(None)
+    return found
+
+
+@final
+class CallSocket:
+    """A connected socket that sends and receives whole values."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+
+    def __del__(self) -> None:
+        """A thread's connection ends with the thread."""
+        self._socket.close()
+
+    def send(self, value: object) -> None:
+        """Send a value. Raises OSError when the connection is gone."""
+        content = msgpack.packb(value)
+        self._socket.sendall(len(content).to_bytes(4, "big") + content)
+
+    def receive(self) -> Any:
+        """The next value; None at the end of the connection, also of one that is no bus's."""
+        head = self._exactly(4)
+        size = int.from_bytes(head, "big")
+        if len(head) < 4 or size > _MOST:
+            return None
+        content = self._exactly(size)
+        return msgpack.unpackb(content) if len(content) == size else None
+
+    def close(self) -> None:
+        """End the connection; somebody who waits for a value gets None."""
+        with contextlib.suppress(OSError):  # the other side was first
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+    def _exactly(self, size: int) -> bytes:
+        found = b""
+        while len(found) < size:
+            try:
+                part = self._socket.recv(size - len(found))
+            except OSError:
+                return b""
+            if not part:
+                return b""
+            found += part
+        return found
+
+
+def pack_message(message: can.Message) -> list[Any]:
+    """A message as msgpack can carry it."""
+    flags = sum(bool(getattr(message, name)) << i for i, name in enumerate(_FLAGS))
+    data = bytes(message.data or b"")
+    return [message.arbitration_id, flags, message.dlc, data, message.timestamp]
+
+
+def unpack_message(packed: list[Any], channel: str) -> can.Message:
+    """The message of :func:`pack_message`, as received on `channel`."""
+    identifier, flags, dlc, data, timestamp = packed
+    fields: dict[str, Any] = {name: bool(flags >> i & 1) for i, name in enumerate(_FLAGS)}
+    return can.Message(
+        timestamp=timestamp,
+        arbitration_id=identifier,
+        dlc=dlc,
+        data=None if fields["is_remote_frame"] else data,
+        channel=channel,
+        **fields,
+    )

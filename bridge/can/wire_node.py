@@ -1,0 +1,76 @@
+"""A node of a simulated wire, what happens to it, and who is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.bus.frames import BusEvent, BusFrame, ControllerState
+from cosim.bus.settings import BusNodeSettings
+from cosim.bus.timing import frame_bits
+
+INTERMISSION = 3
+"""Bits after a frame before the next can start."""
+
+
+@dataclass(eq=False)
+class WireNode:
+    """A node, as the wire sees it. `pending`: by number of the request, in their order."""
+
+    settings: BusNodeSettings
+    pending: dict[int, BusFrame] = field(default_factory=dict)
+    tec: int = 0
+    rec: int = 0
+    state: ControllerState = ControllerState.ACTIVE
+    leaving: bool = False
+    """Sends what it has, receives nothing more."""
+
+
+class Happening(NamedTuple):
+    """An event of the bus at one node. `time_ps` since the wire exists, `bit` from 0."""
+
+    time_ps: int
+    node: WireNode
+    kind: BusEvent
+    code: int
+    role: int
+    bit: int
+    frame: BusFrame | None
+
+
+class WireRecorder(Protocol):
+    """Somebody who keeps what happens; nodes and requests have one number, whoever joins."""
+
+    def node(self, name: str) -> int:
+        """The number of a node that has joined."""
+
+    def request(self, number: int, at_ps: int, node: int, frame: BusFrame) -> None:
+        """A request; numbers rise."""
+
+    def add(self, events: NDArray[np.void], until_ps: int) -> None:
+        """Events up to `until_ps` (ps), rows of ``cosim.bus.frames.EVENT``."""
+
+
+def length_ps(frame: BusFrame, bit_ps: int, data_bit_ps: int) -> int:
+    """From the start of frame to the end of its last bit, ps; bits of `bit_ps`, `data_bit_ps`."""
+    bits = frame_bits(frame.identifier, frame.data, frame.format, frame.dlc)
+    return (int(bits.nominal) - INTERMISSION) * bit_ps + int(bits.data) * data_bit_ps
+
+
+def told(
+    events: NDArray[np.void], start_ps: int, nodes: Sequence[int], numbers: Sequence[int]
+) -> NDArray[np.void]:
+    """Events of a bus that began at `start_ps` (ps) as a recorder has them.
+
+    `nodes`, `numbers`: those of the recorder, for each node and each request of that bus.
+    """
+    rows = events.copy()
+    rows["time"] += start_ps
+    rows["frame"] = -1
+    rows["node"] = np.array([*nodes, -1], np.int16)[rows["node"]]
+    rows["request"] = np.array([*numbers, -1], np.int64)[rows["request"]]
+    return rows

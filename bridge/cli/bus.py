@@ -1,0 +1,124 @@
+"""``cosim bus``: a simulated CAN bus that programs of other processes join."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cosim.cli.numbers import finite
+
+if TYPE_CHECKING:
+    from bridge.can.simulated_channel import Channel
+
+_TURN = 0.1
+"""How long the channel runs between two looks at the end, s of the wall clock."""
+
+
+def bus(
+    channel: Annotated[str, typer.Option(help="Name of the bus.")] = "bench",
+    bitrate: Annotated[float, typer.Option(callback=finite, help="Bit rate, bit/s.")] = 500_000.0,
+    fd: Annotated[bool, typer.Option("--fd", help="CAN FD.")] = False,
+    data_bitrate: Annotated[
+        float | None, typer.Option(callback=finite, help="Bit rate of the data phase, bit/s.")
+    ] = None,
+    load: Annotated[
+        str, typer.Option(help="Other traffic: a .dbc file, a log, or a share such as 30%.")
+    ] = "",
+    jitter: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Jitter of DBC messages, share of a period.")
+    ] = 0.0,
+    error_rate: Annotated[
+        float, typer.Option(callback=finite, help="Probability that a bit is inverted.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Of random traffic and errors.")] = 0,
+    speed: Annotated[
+        str, typer.Option(help="Times as fast as the wall clock, or 'simulated'.")
+    ] = "1.0",
+    listen: Annotated[
+        str, typer.Option(help="HOST:PORT or /path/of/a/socket for python-can programs.")
+    ] = "127.0.0.1:29530",
+    socketcand: Annotated[
+        str, typer.Option(help="HOST:PORT for socketcand clients. Default: none.")
+    ] = "",
+    mirror: Annotated[
+        str, typer.Option(help="SocketCAN interface with the same frames, such as vcan0.")
+    ] = "",
+    for_: Annotated[
+        float | None,
+        typer.Option("--for", callback=finite, min=0.001, help="End after so many s of the bus."),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="PNG of the last --window seconds, at the end.")
+    ] = None,
+    window: Annotated[
+        float, typer.Option(callback=finite, min=1e-4, help="Time in the picture, s.")
+    ] = 0.02,
+) -> None:
+    """Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.
+
+    Programs join with can.Bus(interface="cosim", channel="bench@127.0.0.1:29530"). Ctrl-C ends it
+    and prints an account of the last 10 s: load, response times, errors and losses.
+    """
+    from bridge.can.bus_load import ChannelLoad, load_sources
+    from bridge.can.bus_record import BusRecord
+    from bridge.can.simulated_channel import Channel
+    from bridge.can.simulated_options import channel_options
+
+    options = channel_options(
+        channel, bitrate=bitrate, fd=fd, data_bitrate=data_bitrate, speed=speed,
+        error_rate=error_rate, seed=seed,
+    )  # fmt: skip
+    shared = Channel(channel, options)
+    record = BusRecord()
+    shared.record(record)
+    with ExitStack() as stack:
+        _serve(shared, stack, listen, socketcand, mirror)
+        if load:
+            ChannelLoad(shared, *load_sources(load, shared.timing, jitter, seed))
+        _run(shared, for_)
+    for line in record.lines(shared.timing):
+        typer.echo(line)
+    if picture is not None:
+        typer.echo(f"picture: {record.draw(picture, shared.timing, round(window * 1e12))}")
+
+
+def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirror: str) -> None:
+    """Open all doors, and say where they are."""
+    from bridge.can.bus_mirror import BusMirror
+    from bridge.can.bus_server import BusServer
+    from bridge.can.listening import listen as listen_at
+    from bridge.can.remote_wire import parse_address
+    from bridge.can.socketcand_server import SocketcandServer
+
+    address = parse_address(f"{shared.name}@{listen}")
+    server = BusServer(shared, listen_at(address))
+    stack.callback(server.close)
+    place = address.path or f"{address.host}:{server.port}"
+    typer.echo(f'can.Bus(interface="cosim", channel="{shared.name}@{place}")')
+    if socketcand:
+        address = parse_address(f"{shared.name}@{socketcand}")
+        foreign = SocketcandServer(shared, listen_at(address))
+        stack.callback(foreign.close)
+        typer.echo(f"socketcand at {address.host}:{foreign.port}")
+    if mirror:
+        stack.callback(BusMirror(shared, mirror).close)
+        typer.echo(f"the same frames on {mirror}")
+
+
+def _run(shared: Channel, seconds: float | None) -> None:
+    """Let the time of the channel pass, until Ctrl-C or for so many s of it."""
+    from cosim.base.clock import sleep
+
+    try:
+        if seconds is not None:
+            shared.sleep(seconds)
+        while seconds is None:
+            if shared.options.speed:
+                shared.sleep(_TURN * shared.options.speed)
+            else:  # its time passes when the clients wait
+                sleep(_TURN)
+    except KeyboardInterrupt:
+        return

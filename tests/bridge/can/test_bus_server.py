@@ -1,0 +1,320 @@
+"""Simulated buses between processes: ``cosim`` at an address, socketcand, the command."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import pytest
+
+from bridge.can.bus_server import BusServer
+from bridge.can.listening import ServerError, listen
+from bridge.can.remote_wire import parse_address
+from bridge.can.simulated_bus import CosimBus
+from bridge.can.simulated_channel import Channel
+from bridge.can.simulated_options import ChannelOperationError, ChannelOptionError, channel_options
+from bridge.can.socketcand_server import SocketcandServer
+from cosim.bus.frames import BusFrame
+from cosim.bus.settings import ScriptedError
+from cosim.bus.timing import frame_bits
+from tests.bridge.can.simulated import everything, message
+
+ROOT = Path(__file__).parents[3]
+COMMAND = (sys.executable, "-c", "from cosim.cli import main; main()", "bus")
+
+
+class Served:
+    """A channel that is served at a port of this machine."""
+
+    def __init__(self, **options: object) -> None:
+        given = {"bitrate": 1_000_000, "speed": "simulated", **options}
+        self.channel = Channel("bench", channel_options("bench", **given))
+        self.server = BusServer(self.channel, listen(parse_address("bench@127.0.0.1:0")))
+        self.name = f"bench@127.0.0.1:{self.server.port}"
+        self.buses: list[CosimBus] = []
+
+    def bus(self, **options: object) -> CosimBus:
+        self.buses.append(CosimBus(self.name, **options))
+        return self.buses[-1]
+
+    def close(self) -> None:
+        for bus in self.buses:
+            bus.shutdown()
+        self.server.close()
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    found = Served()
+    yield found
+    found.close()
+
+
+def test_buses_of_other_connections_arbitrate_and_have_exact_times(served: Served) -> None:
+    a, b, c = served.bus(), served.bus(), served.bus()
+    a.send(message(0x300))
+    b.send(message(0x100, b"\x55" * 8))
+    first, second = everything(c)
+    assert (first.arbitration_id, second.arbitration_id) == (0x100, 0x300)
+    assert bytes(first.data) == b"\x55" * 8
+    bits = frame_bits(0x300, b"").nominal
+    assert second.timestamp - first.timestamp == pytest.approx(bits * 1e-6, abs=1e-12)
+    assert first.channel == served.name
+    assert first.is_rx
+
+
+def test_everything_that_a_bus_has_here_it_has_there(served: Served) -> None:
+    a = served.bus(receive_own_messages=True, bus_errors=True)
+    b = served.bus(can_filters=[{"can_id": 0x120, "can_mask": 0x7F0, "extended": False}])
+    a.disturb(ScriptedError(0x123, 30))
+    a.send(message(0x123, b"\x55" * 8))
+    a.send(message(0x200, b"\1"))
+    got = everything(b)
+    assert [m.arbitration_id for m in got if not m.is_error_frame] == [0x123]
+    own = everything(a)
+    assert any(m.is_error_frame for m in own)
+    assert [m.is_rx for m in own if not m.is_error_frame] == [False, False]
+    assert (a.state, a.error_counters.tec, b.lost) == (can.BusState.ACTIVE, 6, 0)
+    before = a.time
+    a.sleep(0.5)
+    assert a.time - before == pytest.approx(0.5)
+    assert 0 <= a.load(1.0) < 0.01
+    a.flush_tx_buffer()
+    a.reset()
+    b.set_filters(None)
+    a.sleep(0.1)
+    a.send(message(0x200))
+    assert b.recv(1).arbitration_id == 0x200
+
+
+def test_periodic_messages_keep_the_time_of_the_bus(served: Served) -> None:
+    a, b = served.bus(), served.bus()
+    task = a.send_periodic(message(0x10, b"\1"), 0.01, 0.045)
+    got = everything(b)
+    assert len(got) == 5
+    gaps = [y.timestamp - x.timestamp for x, y in itertools.pairwise(got)]
+    assert gaps == pytest.approx([0.01] * 4, abs=1e-9)
+    task.modify_data(message(0x10, b"\2"))
+    task.start()
+    assert {bytes(m.data) for m in everything(b)} == {b"\2"}
+    task.stop()
+
+
+def test_a_thread_sends_while_another_waits(served: Served) -> None:
+    a, b = served.bus(), served.bus()
+    heard: list[can.Message] = []
+    notifier = can.Notifier(b, [heard.append], timeout=0.1)
+    b.send(message(0x11))
+    assert a.recv(5).arbitration_id == 0x11
+    a.send(message(0x22))
+    end = time.monotonic() + 10
+    while not heard and time.monotonic() < end:
+        time.sleep(0.01)
+    notifier.stop()
+    assert [m.arbitration_id for m in heard] == [0x22]
+
+
+def test_a_client_that_dies_leaves_the_bus(served: Served) -> None:
+    code = (
+        "import can, os; "
+        f"b = can.Bus(interface='cosim', channel='{served.name}'); "
+        "b.send(can.Message(arbitration_id=5, is_extended_id=False)); os._exit(9)"
+    )
+    watcher = served.bus()
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False)
+    assert watcher.recv(5).arbitration_id == 5
+    end = time.monotonic() + 10
+    while len(served.channel.ports) > 1 and time.monotonic() < end:
+        time.sleep(0.01)
+    assert len(served.channel.ports) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"bitrate": 250_000}, "found bitrate=250000 bit/s, expected 1000000 bit/s"),
+        ({"speed": 2.0}, "found speed=2, expected simulated"),
+        ({"tx_queue_size": 0}, "found tx_queue_size=0"),
+    ],
+)
+def test_options_that_differ_are_refused(
+    served: Served, options: dict[str, object], text: str
+) -> None:
+    with pytest.raises(ChannelOptionError, match=re.escape(text)):
+        served.bus(**options)
+
+
+def test_what_cannot_be_is_said(served: Served, tmp_path: Path) -> None:
+    with pytest.raises(ChannelOptionError, match="expected NAME@HOST:PORT"):
+        CosimBus("bench@nowhere")
+    with pytest.raises(ChannelOptionError, match="a server of the channel 'bench' only"):
+        CosimBus(served.name.replace("bench", "other"))
+    with pytest.raises(ChannelOptionError, match="found nobody at"):
+        CosimBus(f"bench@{tmp_path}/none")
+    with pytest.raises(ServerError, match=r"Address already in use.*; expected an address"):
+        listen(parse_address(served.name))
+    bus = served.bus(tx_queue_size=1)
+    bus.send(message(1))
+    with pytest.raises(ChannelOperationError, match="found 1 frames in the transmit queue"):
+        bus.send(message(1))
+    served.server.close()
+    with pytest.raises(ChannelOperationError, match=r"the connection to .* closed"):
+        bus.recv(0)
+
+
+def test_a_unix_socket_is_an_address_too(tmp_path: Path) -> None:
+    path = f"{tmp_path}/bench.sock"
+    for _ in range(2):  # what a server that was killed has left is no obstacle
+        channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
+        server = BusServer(channel, listen(parse_address(f"bench@{path}")))
+        with CosimBus(f"bench@{path}") as a, CosimBus(f"bench@{path}") as b:
+            a.send(message(0x77))
+            assert b.recv(1).arbitration_id == 0x77
+        with pytest.raises(ServerError, match="expected an address that is free"):
+            listen(parse_address(f"bench@{path}"))
+        server.close()
+        stale = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        stale.bind(path)
+        stale.close()
+
+
+@pytest.fixture
+def candaemon() -> Iterator[tuple[Channel, int]]:
+    channel = Channel("bench", channel_options("bench", bitrate=500e3))
+    server = SocketcandServer(channel, listen(parse_address("bench@127.0.0.1:0")))
+    yield channel, server.port
+    server.close()
+
+
+def test_python_cans_socketcand_is_an_independent_client(candaemon: tuple[Channel, int]) -> None:
+    _, port = candaemon
+    options = {"interface": "socketcand", "host": "127.0.0.1", "port": port}
+    with can.Bus(channel="bench", **options) as a, can.Bus(channel="bench", **options) as b:
+        sent = [
+            message(0x123, b"\x01\xf1"),
+            message(0x18DAF110, bytes(range(8)), is_extended_id=True),
+            message(0x7FF),
+        ]
+        for each in sent:
+            a.send(each)
+        for each in sent:
+            got = b.recv(10)
+            assert got is not None
+            assert got.equals(each, timestamp_delta=None, check_channel=False)
+        b.send(message(0x001, b"\xff"))
+        assert a.recv(10).arbitration_id == 1
+
+
+def test_socketcand_says_what_it_does_not_understand(candaemon: tuple[Channel, int]) -> None:
+    _, port = candaemon
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as client:
+        stream = client.makefile("rb")
+
+        def said() -> str:
+            text = b""
+            while not text.endswith(b">"):
+                text += stream.read(1)
+            return text.decode()
+
+        def ask(text: str) -> str:
+            client.sendall(text.encode())
+            return said()
+
+        assert said() == "< hi >"
+        assert ask("< rawmode >") == "< error found 'rawmode', expected open >"
+        assert ask("< open other >") == "< error could not open bus other >"
+        assert ask("< open bench >") == "< ok >"
+        assert ask("< echo >") == "< echo >"
+        assert ask("< rawmode >") == "< ok >"
+        assert "1 bytes for a length of 2" in ask("< send 123 2 1 >")
+        assert "error found 'subscribe 0 0 12'" in ask("< subscribe 0 0 12 >")
+
+
+def test_the_command_serves_says_where_and_ends_with_an_account(tmp_path: Path) -> None:
+    picture = tmp_path / "bus.png"
+    process = subprocess.Popen(
+        [
+            *COMMAND, "--bitrate", "500000", "--load", "30%",
+            "--listen", "127.0.0.1:0", "--picture", str(picture),
+        ],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
+    )  # fmt: skip
+    assert process.stdout and process.stderr
+    said = process.stdout.readline()
+    found = re.search(r'channel="(bench@127\.0\.0\.1:\d+)"', said)
+    assert found, process.stderr.read()
+    with CosimBus(found[1]) as bus:
+        got = [bus.recv(10) for _ in range(20)]
+        bus.send(message(0x001))
+        assert all(m is not None for m in got)
+    process.send_signal(2)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert re.search(r"s: load \d+\.\d%", out)
+    assert "identifier" in out
+    assert picture.stat().st_size > 5000
+    assert not err
+
+
+def run_command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments],
+        capture_output=True, text=True, cwd=ROOT, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def test_the_command_runs_a_dbc_file_in_simulated_time() -> None:
+    done = run_command(
+        "--listen", "127.0.0.1:0", "--load", "configs/can/link_fd2.dbc", "--fd", "--speed",
+        "simulated", "--for", "0.2", "--bitrate", "1000000", "--data-bitrate", "5000000",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n3A") >= 2
+    assert "0.200 s: load" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--load", "nothing.dbc"], "nothing.dbc: "),
+        (["--load", "abc%"], "--load abc%: expected a number"),
+        (["--load", "none.log"], "found no such file"),
+        (["--listen", "here"], "expected NAME@HOST:PORT"),
+        (["--mirror", "nocan7"], "nocan7: "),
+        (["--bitrate", "-5"], "found a bit rate of -5"),
+        (["--load", "configs/can/link_fd2.dbc"], "CAN FD messages on a classic bus"),
+    ],
+)
+def test_bad_arguments_get_one_sentence(arguments: list[str], text: str) -> None:
+    done = run_command("--listen", "127.0.0.1:0", "--for", "0.01", *arguments)
+    assert done.returncode != 0
+    assert text in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+
+
+def test_a_port_in_use_is_said() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        done = run_command("--listen", f"127.0.0.1:{port}", "--for", "0.01")
+    assert done.returncode != 0
+    assert f"127.0.0.1:{port}: Address already in use" in " ".join(done.stderr.split())
+
+
+def test_frames_of_a_load_are_nodes_that_only_send() -> None:
+    channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
+    node = channel.add_node("talker")
+    from bridge.can.simulated_options import PortOptions
+
+    ears = [channel.open(PortOptions()) for _ in range(2)]
+    channel.offer([(10**9, node, BusFrame(0x42))])
+    got = channel.receive(ears[0], lambda m: True, 1.0)
+    assert got is not None
+    assert got.arbitration_id == 0x42
+    assert got.timestamp == pytest.approx(0.001 + (frame_bits(0x42, b"").nominal - 3) * 1e-6)

@@ -1,0 +1,39 @@
+"""A simulated bus mirrored to a SocketCAN interface: frames pass both ways, in their order."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import can
+
+from tests.bridge.can.simulated import message
+
+ROOT = Path(__file__).parents[2]
+COMMAND = (sys.executable, "-c", "from cosim.cli import main; main()", "bus")
+
+
+def test_frames_pass_between_the_simulated_bus_and_the_interface(vcan: tuple[str, str]) -> None:
+    arguments = ("--listen", "127.0.0.1:0", "--mirror", vcan[0])
+    server = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    assert server.stdout
+    found = re.search(r'channel="([^"]+)"', server.stdout.readline())
+    assert found
+    assert vcan[0] in server.stdout.readline()
+    with (
+        can.Bus(interface="cosim", channel=found[1]) as here,
+        can.Bus(interface="socketcan", channel=vcan[0]) as there,
+    ):
+        for i in range(50):
+            here.send(message(0x100 + i, bytes([i])))
+            there.send(message(0x200 + i, bytes([i])))
+        seen = [there.recv(20) for _ in range(50)]
+        assert [m and m.arbitration_id for m in seen] == [0x100 + i for i in range(50)]
+        seen = [here.recv(20) for _ in range(50)]
+        assert [m and m.arbitration_id for m in seen] == [0x200 + i for i in range(50)]
+    server.send_signal(signal.SIGINT)
+    server.communicate(timeout=60)
+    assert server.returncode == 0

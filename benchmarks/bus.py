@@ -62,13 +62,57 @@ def nanoseconds(rows: NDArray[np.void], record: Sequence[BusEvent], rate: float 
     return taken / len(rows)
 
 
+def python_can(interface: str, frames: int, **options: object) -> float:
+    """Wall time of one message, sent and received by python-can in this thread, us."""
+    import can
+
+    sent = can.Message(arbitration_id=0x123, data=bytes(8), is_extended_id=False)
+    with can.Bus(interface=interface, **options) as a, can.Bus(interface=interface, **options) as b:
+        begin = time.perf_counter_ns()
+        for _ in range(frames):
+            a.send(sent)
+            assert b.recv(5.0) is not None
+        return (time.perf_counter_ns() - begin) / frames / 1e3
+
+
+def print_python_can(frames: int) -> None:
+    """Print the cost of a message through python-can; a vcan row where there is a vcan0."""
+    import socket
+
+    from bridge.can.bus_server import BusServer
+    from bridge.can.listening import listen
+    from bridge.can.remote_wire import parse_address
+    from bridge.can.simulated_channel import Channel
+    from bridge.can.simulated_options import channel_options
+
+    options = {"bitrate": 1_000_000, "speed": "simulated"}
+    channel = Channel("bench", channel_options("bench", **options))
+    server = BusServer(channel, listen(parse_address("bench@127.0.0.1:0")))
+    cases: list[tuple[str, str, dict[str, object]]] = [
+        ("virtual", "virtual", {"channel": "bench"}),
+        ("cosim, one process, simulated time", "cosim", {"channel": "bench", **options}),
+        ("cosim, served", "cosim", {"channel": f"bench@127.0.0.1:{server.port}"}),
+    ]
+    if "vcan0" in (name for _, name in socket.if_nameindex()):
+        cases.append(("socketcan on vcan", "socketcan", {"channel": "vcan0"}))
+    print("| python-can interface | us per message, send and recv |")
+    print("|---|---|")
+    for name, interface, given in cases:
+        print(f"| {name} | {python_can(interface, frames, **given):.0f} |", flush=True)
+    server.close()
+
+
 def main() -> None:
-    """Print the table of docs/bus.md."""
+    """Print the tables of docs/bus.md."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=400_000)
     parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--python-can", type=int, metavar="N", help="N messages by python-can only")
     given = parser.parse_args()
     print(machine())
+    if given.python_can:
+        print_python_can(given.python_can)
+        return
     print("| traffic | events | ns per frame | frames/s |")
     print("|---|---|---|---|")
     sent, all_kinds = [BusEvent.SENT], list(BusEvent)

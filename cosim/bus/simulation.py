@@ -156,11 +156,12 @@ class SimulatedBus:
             output = OutputStruct(room.ctypes.data, kept.ctypes.data, len(room), len(kept))
             more = self._c.bus_advance(self._bus, until_ps, c.byref(output))
             part = room[: output.n_events].copy()
-            part["frame"][part["frame"] >= 0] += before
+            if before:
+                part["frame"][part["frame"] >= 0] += before
             before += output.n_frames
             events.append(part)
             frames.append(kept[: output.n_frames].copy())
-            if more and len(room) < 1 << 16:
+            if more and len(room) < 1 << 18:
                 self._room = np.empty(4 * len(room), EVENT), np.empty(4 * len(room), FRAME)
         self._now = until_ps
         self._frames = frames[0] if len(frames) == 1 else np.concatenate(frames)

@@ -106,6 +106,11 @@ def test_a_node_that_joins_a_start_of_frame_does_not_count_its_attempt_twice():
 
 
 @pytest.mark.slow
+def test_a_node_that_joins_sends_what_waited_before_the_start_of_frame():
+    assert compare(1014, 250) > 0
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_a_hundred_thousand_frames_give_the_events_of_single_bits():
     sent, seed = 0, 1000

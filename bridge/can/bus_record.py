@@ -40,7 +40,7 @@ class BusRecord:
         self._requests[number] = (at_ps, node, frame)
 
     def add(self, events: NDArray[np.void], until_ps: int) -> None:
-        """Events up to `until_ps` (ps), with the numbers of this record."""
+        """Events, shape (n,), up to `until_ps` (ps), with the numbers of this record."""
         self._until = until_ps
         if len(events):
             self._events.append(events)

@@ -199,7 +199,7 @@ class RemotePort:
         return methods[method](*arguments)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue a message of a periodic task."""
+        """Queue a message of a periodic task, waiting up to `timeout` (s) for room."""
         self._channel.send(self._port, msg, timeout)
 
     def close(self) -> None:

@@ -27,7 +27,7 @@ class BusPlace(Protocol):
         """The bit rates."""
 
     def time(self) -> float:
-        """Seconds of the channel, plus the date of its opening in wall time."""
+        """Time of the channel in s, plus the date of its opening in wall time."""
 
     def status(self) -> tuple[ControllerState, int, int]:
         """State, TEC and REC now."""
@@ -69,7 +69,7 @@ class BusPlace(Protocol):
         duration: float | None,
         modifier: Callable[[can.Message], None] | None,
     ) -> PeriodicTask | RemotePeriodicTask | None:
-        """Messages in the time of the channel; None: it cannot with these arguments."""
+        """Messages every `period` (s) for `duration` (s); None: it cannot with a `modifier`."""
 
     def leave(self) -> None:
         """Leave the bus; what was queued is still sent."""
@@ -84,7 +84,7 @@ class LocalChannel:
         self.timing = self._channel.timing
 
     def time(self) -> float:
-        """Seconds of the channel, plus the date of its opening in wall time."""
+        """Time of the channel in s, plus the date of its opening in wall time."""
         return self._channel.time(self._port)
 
     def status(self) -> tuple[ControllerState, int, int]:
@@ -136,7 +136,7 @@ class LocalChannel:
         duration: float | None,
         modifier: Callable[[can.Message], None] | None,
     ) -> PeriodicTask:
-        """Messages in the time of the channel."""
+        """Messages every `period` (s) of the channel for `duration` (s; None: no end)."""
         return PeriodicTask(sender, self._channel, messages, period, duration, modifier)
 
     def leave(self) -> None:

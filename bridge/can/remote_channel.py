@@ -90,7 +90,7 @@ class RemoteChannel:
         return found[1]
 
     def time(self) -> float:
-        """Seconds of the channel, plus the date of its opening in wall time."""
+        """Time of the channel in s, plus the date of its opening in wall time."""
         return float(self.call("time"))
 
     def status(self) -> tuple[ControllerState, int, int]:
@@ -154,9 +154,9 @@ class RemoteChannel:
         duration: float | None,
         modifier: Callable[[can.Message], None] | None,
     ) -> RemotePeriodicTask | None:
-        """Messages sent by the other process in the time of the channel; None: with a `modifier`.
+        """Messages that the other process sends every `period` (s) of the channel.
 
-        That has to be called here.
+        `duration`: s, None: no end. Returns None with a `modifier`, which has to be called here.
         """
         return None if modifier else RemotePeriodicTask(self, messages, period, duration)
 

@@ -177,7 +177,7 @@ class Channel:
             return port.inbox.popleft() if port.inbox else None
 
     def time(self, port: ChannelPort) -> float:
-        """Seconds of the channel, plus the date of its opening in wall time."""
+        """Time of the channel in s, plus the date of its opening in wall time."""
         self.state(port)
         return self.pace.epoch + self.now_ps / 1e12
 

@@ -52,7 +52,7 @@ class WireRecorder(Protocol):
         """A request; numbers rise."""
 
     def add(self, events: NDArray[np.void], until_ps: int) -> None:
-        """Events up to `until_ps` (ps), rows of ``cosim.bus.frames.EVENT``."""
+        """Events up to `until_ps` (ps), rows of ``cosim.bus.frames.EVENT``, shape (n,)."""
 
 
 def length_ps(frame: BusFrame, bit_ps: int, data_bit_ps: int) -> int:
@@ -64,7 +64,7 @@ def length_ps(frame: BusFrame, bit_ps: int, data_bit_ps: int) -> int:
 def told(
     events: NDArray[np.void], start_ps: int, nodes: Sequence[int], numbers: Sequence[int]
 ) -> NDArray[np.void]:
-    """Events of a bus that began at `start_ps` (ps) as a recorder has them.
+    """Events, shape (n,), of a bus that began at `start_ps` (ps) as a recorder has them.
 
     `nodes`, `numbers`: those of the recorder, for each node and each request of that bus.
     """

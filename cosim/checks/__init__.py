@@ -7,6 +7,7 @@
 ``reach``      is every controller reached from the operator's arm; unconnected ones
 ``sampling``   sampling periods against inertia and adaptation; stiff grips and walls
 ``laws``       passivity, degenerate gains, gravity, what can be predicted
+``buses``      links on simulated CAN buses
 ``couplings``  springs between robots: damping for the delay, constant delays
 ``channels``   links: bounded delays, losses, order, buffers
 ``wiring``     unconnected inputs, saturation, size of what is recorded

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from cosim.analysis.system import AnalyzedSystem, system
-from cosim.checks import channels, couplings, laws, reachability, sampling, wiring
+from cosim.checks import buses, channels, couplings, laws, reachability, sampling, wiring
 from cosim.checks.finding import Finding, merge_findings
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
@@ -31,6 +31,7 @@ RULES: tuple[Rule, ...] = (
     couplings.constant_delay,
     channels.unbounded_delay,
     channels.buffer,
+    buses.lost_frames,
     lambda known: wiring.unconnected_inputs(known.plan),
     wiring.saturation,
     wiring.size,
@@ -38,6 +39,7 @@ RULES: tuple[Rule, ...] = (
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (
     laws.prediction,
+    buses.simulated_response,
     channels.reordered_samples,
     channels.zero_minimum_delay,
     wiring.jacobi,

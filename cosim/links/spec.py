@@ -115,6 +115,19 @@ def link_table(
     return table
 
 
+def bus_table(
+    law: Law, semantics: Semantics, name: str, h: float, periods: tuple[int, int], place: str
+) -> DrawnTable:
+    """The table of a link on a simulated bus, whose delays `law` has.
+
+    `periods`: of sender and receiver, ticks of `h` (s). Raises ScenarioError at `place`.
+    """
+    try:
+        return DrawnTable(name, Grid(*periods, h), law, _rule(semantics, None), 0)
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from None
+
+
 def _lossy(law: Law, loss: LossSpec | Mapping[str, Any]) -> Law:
     from cosim.links.losses import Lossy
 

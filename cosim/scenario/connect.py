@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
 from cosim.fmi.components import is_text, unit_of
-from cosim.scenario.spec import LinkSpec, Scenario, WireSpec
+from cosim.scenario.spec import Scenario, WireSpec
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 
 if TYPE_CHECKING:
@@ -104,12 +103,12 @@ def wires(parts: ScenarioComponents) -> list[Wire]:
             wire = given if isinstance(given, WireSpec) else WireSpec(source=given)
             target = parts.endpoint(f"{name}.{port}", "input", place)
             source = parts.endpoint(wire.source, "output", place)
-            gain, offset = _fit(parts, source, target, place)
+            gain, offset = fit(parts, source, target, place)
             found.append(Wire(source, target, wire.gain * gain, wire.gain * offset + wire.offset))
     return found
 
 
-def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tuple[float, float]:
+def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tuple[float, float]:
     """(gain, offset) between two slots of one shape. Raises ScenarioError."""
     if source.shape != target.shape:
         raise ScenarioError(
@@ -131,63 +130,6 @@ def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> t
 
 def _unit(parts: ScenarioComponents, slot: Slot) -> str | Unit:
     return unit_of(parts.steps[slot.component].component, slot.unit)
-
-
-# ---- links ----------------------------------------------------------------------------------
-
-
-def links(parts: ScenarioComponents) -> list[Link]:
-    """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
-    found: dict[str, Link] = {}
-    for i, spec in enumerate(parts.scenario.links):
-        link = _link(parts, spec, parts.scenario.place("links", i))
-        if link.name in found:
-            place = parts.scenario.place("links", i)
-            raise ScenarioError(f"a second link is called {link.name!r}", place)
-        found[link.name] = link
-    return list(found.values())
-
-
-def _link(parts: ScenarioComponents, spec: LinkSpec, place: str) -> Link:
-    from cosim.links.spec import link_table
-
-    source = parts.endpoint(spec.source, "output", f"{place}.from")
-    target = parts.endpoint(spec.target, "input", f"{place}.to")
-    gain, offset = _fit(parts, source, target, place)
-    name = spec.name or f"{source.name}->{target.name}"
-    table = link_table(
-        delay=spec.delay,
-        loss=spec.loss,
-        semantics=spec.semantics,
-        playout=spec.playout,
-        name=spec.channel or name,
-        seed=parts.scenario.run.seed,
-        h=parts.h,
-        sender_period=parts.steps[source.component].period,
-        receiver_period=parts.steps[target.component].period,
-        folder=parts.scenario.path.parent,
-        place=place,
-        ticks=parts.ticks,
-    )
-    initial = None
-    if spec.initial is not None:
-        initial = numbers(spec.initial, target.shape, target.unit, f"{place}.initial")
-    return Link(
-        name, source, target, table, gain, offset, initial, _age(parts, spec, target, place)
-    )
-
-
-def _age(parts: ScenarioComponents, spec: LinkSpec, target: Slot, place: str) -> Slot | None:
-    if not spec.age:
-        return None
-    age = parts.scalar_input(spec.age, f"{place}.age")
-    if age.component != target.component:
-        raise ScenarioError(
-            f"{age.name} is to get the age of {target.name}; expected an input of "
-            f"{target.component}",
-            f"{place}.age",
-        )
-    return age
 
 
 # ---- edge weights ---------------------------------------------------------------------------

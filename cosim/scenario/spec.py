@@ -18,6 +18,7 @@ from cosim.base import toml
 from cosim.base.convert import Number, Value, convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.links.semantics_names import Semantics
+from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 
 
 class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -82,12 +83,15 @@ class LinkSpec(
     """A link from an output to an input: late, sometimes, or never.
 
     Links of one `channel` travel in the same packets: they share their delays and losses. `age`
-    is an input that gets the age (s) of what is held.
+    is an input that gets the age (s) of what is held. Instead of a `delay`, a link names a `bus`
+    and its `frame`; links of one bus and channel are in one frame.
     """
 
     source: str
     target: str
-    delay: dict[str, Any]
+    delay: dict[str, Any] | None = None
+    bus: str = ""
+    frame: LinkFrameSpec | None = None
     semantics: Semantics = "signal"
     playout: Number | None = None
     loss: dict[str, Any] | None = None
@@ -172,6 +176,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     metrics: dict[str, MetricSpec]
     figures: dict[str, FigureSpec]
     analysis: AnalysisSpec = AnalysisSpec()
+    buses: dict[str, ScenarioBusSpec] = {}
 
     @property
     def name(self) -> str:
@@ -189,7 +194,9 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
-_TABLES = ("title", "run", "components", "links", "topology", "metrics", "figures", "analysis")
+_TABLES = (
+    "title", "run", "components", "links", "bus", "topology", "metrics", "figures", "analysis"
+)  # fmt: skip
 
 
 def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
@@ -204,7 +211,7 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     for key in ("run", "components"):
         if key not in document:
             raise ScenarioError(f"no [{key}] table", f"{path}")
-    tables = {k: _table(document, k, path) for k in ("components", "metrics", "figures")}
+    tables = {k: _table(document, k, path) for k in ("components", "bus", "metrics", "figures")}
     for name in tables["components"]:
         if not _NAME.match(name):
             raise ScenarioError(
@@ -223,6 +230,7 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
         metrics=convert_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=convert_each(tables["figures"], FigureSpec, path, "figures"),
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
+        buses=convert_each(tables["bus"], ScenarioBusSpec, path, "bus"),
     )
 
 

@@ -1,0 +1,202 @@
+"""The simulated CAN buses of a scenario: their links' delays, computed ahead of the run.
+
+A frame is requested when its sender's sample is there, for every sample of the run; other traffic
+and errors are those of the scenario. Nothing on the bus depends on the values that the frames
+carry: their data is random bytes from the seed, or zeros. So a whole bus is simulated before the
+run, and the engine reads one delay for each sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.bus.arbitration import rank
+from cosim.bus.frames import BusEvent, BusFrame
+from cosim.bus.response import FrameStream, responses
+from cosim.bus.settings import BusNodeSettings, QueueKind
+from cosim.bus.simulation import SimulatedBus
+from cosim.bus.timing import BusTiming, FrameFormat, padded, worst
+from cosim.bus.traffic import PeriodicSource
+from cosim.links.bus_delays import BusDelays
+from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
+from cosim.scenario.bus_traffic import disturbances, traffic
+from cosim.scenario.spec import Scenario
+
+PS = 10**12
+#: Requests handed to the bus at once.
+BLOCK = 4096
+#: What waits at the end of the run may still take so long, ps; later it counts as lost.
+DRAIN_PS = 10**11
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOnBus:
+    """A frame of a scenario's link: its sender, its receivers, a request every `period_ps`."""
+
+    name: str
+    sender: str
+    receivers: tuple[str, ...]
+    frame: BusFrame
+    period_ps: int
+    offset_ps: int
+    random_data: bool
+
+
+def frame_on_bus(
+    spec: LinkFrameSpec, fast: bool, name: str, ends: tuple[str, str], period_ps: int, offset: float
+) -> FrameOnBus:
+    """The frame of a link from `ends[0]` to `ends[1]`; `offset` in s.
+
+    Raises TimingError for one that CAN does not have.
+    """
+    kind = FrameFormat(extended=spec.extended, fd=spec.fd, brs=spec.fd and fast)
+    frame = BusFrame(spec.id, bytes(padded(spec.bytes, spec.fd)), kind)
+    random = spec.data == "random"
+    return FrameOnBus(name, ends[0], (ends[1],), frame, period_ps, round(offset * PS), random)
+
+
+def simulate_bus(
+    scenario: Scenario, name: str, frames: Sequence[FrameOnBus], length_ps: int
+) -> dict[tuple[str, str], BusDelays]:
+    """The delays of every frame at every receiver, by (frame, receiver), for a run of `length_ps`.
+
+    Raises ScenarioError with the place of the bus.
+    """
+    place = scenario.place("bus", name)
+    try:
+        return _simulate(scenario, name, frames, length_ps)
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from None
+
+
+def _simulate(
+    scenario: Scenario, name: str, frames: Sequence[FrameOnBus], length_ps: int
+) -> dict[tuple[str, str], BusDelays]:
+    spec, seed = scenario.buses[name], scenario.run.seed
+    timing = BusTiming(spec.bitrate, spec.data_bitrate, spec.fd)
+    names = _nodes(spec, frames)
+    others, names = traffic(scenario, name, timing, names)
+    number = {node: i for i, node in enumerate(names)}
+    bounds = _bounds(spec, frames, timing)
+    parts = [_source(f, number, seed + i).requests(0, length_ps) for i, f in enumerate(frames)]
+    owner = [np.full(len(p), i) for i, p in enumerate(parts)]
+    parts += [source.requests(0, length_ps) for source in others]
+    owner += [np.full(len(p), -1) for p in parts[len(frames) :]]
+    rows, whose = np.concatenate(parts), np.concatenate(owner)
+    order = np.argsort(rows["at"], kind="stable")
+    rows, whose = rows[order], whose[order]
+    bus = SimulatedBus(
+        timing,
+        [_settings(spec, node) for node in names],
+        disturbances=disturbances(scenario, name, number),
+        seed=seed,
+        record=(BusEvent.RECEIVED,),
+    )
+    events = _run(bus, rows, length_ps)
+    found = {}
+    for i, frame in enumerate(frames):
+        mine = np.flatnonzero(whose == i)
+        known = _known(name, spec, frame, bounds.get(frame.name))
+        for receiver in frame.receivers:
+            delay = _delays(rows, mine, events, number[receiver], frame)
+            found[frame.name, receiver] = BusDelays(delay, _measured(known, delay))
+    return found
+
+
+def _nodes(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> list[str]:
+    names = {f.sender for f in frames} | {r for f in frames for r in f.receivers}
+    return sorted(names | set(spec.nodes))
+
+
+def _settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
+    node = spec.nodes.get(name)
+    if node is None:
+        return BusNodeSettings(name, inbox=BLOCK)
+    queue = QueueKind[node.queue.upper()]
+    return BusNodeSettings(
+        name, queue, node.length, node.one_shot, recovers=node.recovers, inbox=BLOCK
+    )
+
+
+def _source(f: FrameOnBus, number: Mapping[str, int], seed: int) -> PeriodicSource:
+    return PeriodicSource(
+        number[f.sender],
+        f.frame,
+        f.period_ps,
+        offset_ps=f.offset_ps,
+        seed=seed,
+        random_data=f.random_data,
+    )
+
+
+def _run(bus: SimulatedBus, rows: NDArray[np.void], length_ps: int) -> NDArray[np.void]:
+    """The events of all requests."""
+    events = []
+    for first in range(0, len(rows), BLOCK):
+        block = rows[first : first + BLOCK]
+        bus.request_many(block)
+        events.append(bus.advance(int(block["at"][-1])))
+    events.append(bus.advance(length_ps + DRAIN_PS))
+    return np.concatenate(events)
+
+
+def _delays(
+    rows: NDArray[np.void],
+    mine: NDArray[np.intp],
+    events: NDArray[np.void],
+    node: int,
+    frame: FrameOnBus,
+) -> NDArray[np.float64]:
+    """From each sample to its first reception at `node`, (n,), s."""
+    arrived = np.full(len(rows), np.iinfo(np.int64).max)
+    heard = events[(events["node"] == node) & (events["request"] >= 0)]
+    np.minimum.at(arrived, heard["request"], heard["time"])
+    late = arrived[mine] - rows["at"][mine] + frame.offset_ps
+    return np.where(arrived[mine] < np.iinfo(np.int64).max, late / PS, np.inf)
+
+
+def _known(name: str, spec: ScenarioBusSpec, f: FrameOnBus, bound: int | None) -> dict[str, Any]:
+    return {
+        "bus": name,
+        "identifier": f"{f.frame.identifier:#x}",
+        "bytes": f.frame.length,
+        "computed": "ahead of the run",
+        "data": "random" if f.random_data else "zeros",
+        "bitrate": spec.bitrate,
+        "analysed_worst": None if bound is None else bound / 1e9,
+    }
+
+
+def _measured(known: dict[str, Any], delay: NDArray[np.float64]) -> dict[str, Any]:
+    there = np.isfinite(delay)
+    worst_delay = float(delay[there].max()) if there.any() else None
+    lost = int(len(delay) - there.sum())
+    return known | {"simulated_worst": worst_delay, "frames": len(delay), "lost": lost}
+
+
+def _bounds(
+    spec: ScenarioBusSpec, frames: Sequence[FrameOnBus], timing: BusTiming
+) -> dict[str, int | None]:
+    """Worst-case response by analysis, ns, up to the end of EOF; empty where it does not apply."""
+    fifo = any(node.queue != "sorted" or node.one_shot for node in spec.nodes.values())
+    streams = []
+    for f in frames:
+        kind = f.frame.format
+        key = rank(f.frame.identifier, kind.extended)
+        duration = timing.time_ns(worst(f.frame.length, kind))
+        streams.append(FrameStream(f.name, key, f.period_ps // 1000, duration))
+    if len({s.rank for s in streams}) < len(streams):
+        raise ScenarioError("found one identifier in two frames, expected one for each")
+    if fifo or spec.errors or spec.traffic:
+        return {}
+    ends = {f.name: f.offset_ps // 1000 - 3 * timing.bit_ns for f in frames}
+    return {
+        r.stream.name: None if r.worst is None else r.worst + ends[r.stream.name]
+        for r in responses(streams, timing.bit_ns)
+    }

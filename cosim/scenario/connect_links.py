@@ -1,0 +1,156 @@
+"""The links of a scenario: late by a law, or by a simulated CAN bus. Errors name their place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cosim.base.convert import numbers
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import unknown
+from cosim.scenario.connect import ScenarioComponents, fit
+from cosim.scenario.spec import LinkSpec
+from cosim.schedule.parts import Link, Slot
+
+if TYPE_CHECKING:
+    from cosim.links.bus_delays import BusDelays
+    from cosim.links.table import TableSpec
+    from cosim.scenario.buses import FrameOnBus
+
+#: The delays of every link on a bus, by its name.
+Simulated = dict[str, "BusDelays"]
+
+
+def links(parts: ScenarioComponents) -> list[Link]:
+    """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
+    found: dict[str, Link] = {}
+    simulated = _on_buses(parts)
+    for i, spec in enumerate(parts.scenario.links):
+        link = _link(parts, spec, parts.scenario.place("links", i), simulated)
+        if link.name in found:
+            place = parts.scenario.place("links", i)
+            raise ScenarioError(f"a second link is called {link.name!r}", place)
+        found[link.name] = link
+    return list(found.values())
+
+
+def _on_buses(parts: ScenarioComponents) -> Simulated:
+    """The delays of all links that have a bus. Raises ScenarioError."""
+    groups: dict[str, dict[str, FrameOnBus]] = {}
+    at: dict[str, tuple[str, str, str]] = {}  # bus, frame, receiver of a link
+    for i, spec in enumerate(parts.scenario.links):
+        if spec.bus:
+            place = parts.scenario.place("links", i)
+            frames = groups.setdefault(spec.bus, {})
+            name, receiver = _add_frame(parts, spec, frames, place)
+            at[place] = spec.bus, name, receiver
+    if not groups:
+        return {}
+    from cosim.scenario.buses import simulate_bus
+
+    length = round(parts.h * 1e12) * (parts.ticks + 1)
+    done = {
+        bus: simulate_bus(parts.scenario, bus, list(frames.values()), length)
+        for bus, frames in groups.items()
+    }
+    return {place: done[bus][name, receiver] for place, (bus, name, receiver) in at.items()}
+
+
+def _add_frame(
+    parts: ScenarioComponents, spec: LinkSpec, frames: dict[str, FrameOnBus], place: str
+) -> tuple[str, str]:
+    """(name of the frame, receiver) of a link, whose frame is put into `frames`."""
+    from cosim.scenario.buses import frame_on_bus
+
+    buses = parts.scenario.buses
+    if spec.bus not in buses:
+        raise ScenarioError(unknown(spec.bus, buses, "bus"), f"{place}.bus")
+    for key in ("delay", "loss", "playout"):
+        if getattr(spec, key) is not None:
+            raise ScenarioError(
+                f"found {key} besides bus, expected one of them: the bus decides", f"{place}.{key}"
+            )
+    source = parts.endpoint(spec.source, "output", f"{place}.from")
+    target = parts.endpoint(spec.target, "input", f"{place}.to")
+    name = spec.channel or spec.name or f"{source.name}->{target.name}"
+    if spec.frame is None and name not in frames:
+        raise ScenarioError("found bus without frame, expected frame = { id = ... }", place)
+    period = parts.steps[source.component].period * round(parts.h * 1e12)
+    ends = source.component, target.component
+    known = frames.get(name)
+    if spec.frame is not None:
+        offset = parts.scenario.seconds(spec.frame.offset, "links", "frame", "offset")
+        fast = buses[spec.bus].data_bitrate is not None
+        try:
+            made = frame_on_bus(spec.frame, fast, name, ends, period, offset)
+        except CosimError as error:
+            raise ScenarioError(str(error), f"{place}.frame") from None
+        if known is not None and replace(made, receivers=known.receivers) != known:
+            raise ScenarioError(f"found a second frame of channel {name}, expected one", place)
+        known = known or made
+    assert known is not None
+    if known.sender != source.component:
+        raise ScenarioError(f"found a second sender of channel {name}, expected one", place)
+    receivers = tuple(dict.fromkeys((*known.receivers, target.component)))
+    frames[name] = replace(known, receivers=receivers)
+    return name, target.component
+
+
+def _table(
+    parts: ScenarioComponents,
+    spec: LinkSpec,
+    name: str,
+    periods: tuple[int, int],
+    place: str,
+    simulated: Simulated,
+) -> TableSpec:
+    """The table of a link whose sender and receiver have these periods, ticks."""
+    from cosim.links.spec import bus_table, link_table
+
+    if spec.bus:
+        semantics = "newest-stamp" if spec.semantics == "signal" else spec.semantics
+        return bus_table(simulated[place], semantics, name, parts.h, periods, place)
+    if spec.delay is None or spec.frame is not None:
+        raise ScenarioError("expected either delay, or bus and frame", place)
+    return link_table(
+        delay=spec.delay,
+        loss=spec.loss,
+        semantics=spec.semantics,
+        playout=spec.playout,
+        name=spec.channel or name,
+        seed=parts.scenario.run.seed,
+        h=parts.h,
+        sender_period=periods[0],
+        receiver_period=periods[1],
+        folder=parts.scenario.path.parent,
+        place=place,
+        ticks=parts.ticks,
+    )
+
+
+def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, simulated: Simulated) -> Link:
+    source = parts.endpoint(spec.source, "output", f"{place}.from")
+    target = parts.endpoint(spec.target, "input", f"{place}.to")
+    gain, offset = fit(parts, source, target, place)
+    name = spec.name or f"{source.name}->{target.name}"
+    periods = parts.steps[source.component].period, parts.steps[target.component].period
+    table = _table(parts, spec, name, periods, place, simulated)
+    initial = None
+    if spec.initial is not None:
+        initial = numbers(spec.initial, target.shape, target.unit, f"{place}.initial")
+    return Link(
+        name, source, target, table, gain, offset, initial, _age(parts, spec, target, place)
+    )
+
+
+def _age(parts: ScenarioComponents, spec: LinkSpec, target: Slot, place: str) -> Slot | None:
+    if not spec.age:
+        return None
+    age = parts.scalar_input(spec.age, f"{place}.age")
+    if age.component != target.component:
+        raise ScenarioError(
+            f"{age.name} is to get the age of {target.name}; expected an input of "
+            f"{target.component}",
+            f"{place}.age",
+        )
+    return age

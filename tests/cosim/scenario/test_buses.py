@@ -1,0 +1,170 @@
+"""Links on simulated CAN buses: exact delays, priority, losses, errors, and what is refused."""
+
+import numpy as np
+import pytest
+
+from cosim.base.errors import ScenarioError
+from cosim.checks import check
+from cosim.engine.simulate import simulate
+from cosim.loading.files import load
+from cosim.record import Run
+from cosim.scenario.assemble import assemble
+
+HEAD = """
+title = "Two senders on one bus"
+[run]
+step = "1 ms"
+stop = "2 s"
+[components.plant]
+model = "tests.cosim.blocks:Integrator"
+[components.a]
+model = "tests.cosim.blocks:Gain"
+[components.b]
+model = "tests.cosim.blocks:Gain"
+[components.a.inputs]
+u = "plant.y"
+[bus.can0]
+bitrate = 500e3
+"""
+LINKS = """
+[[links]]
+name = "urgent"
+from = "a.y"
+to = "plant.u"
+bus = "can0"
+frame = { id = 0x101, bytes = 8, data = "zeros" }
+[[links]]
+name = "other"
+from = "plant.y"
+to = "b.u"
+bus = "can0"
+frame = { id = 0x102, bytes = 8, data = "zeros" }
+"""
+
+
+def plan_of(tmp_path, bus="", links=LINKS, settings=()):
+    path = tmp_path / "two.toml"
+    path.write_text(HEAD + bus + links)
+    loaded = load(path, list(settings))
+    return loaded, assemble(loaded)
+
+
+def delays(plan):
+    return {x.name: x.table.law.delay for x in plan.links}
+
+
+def test_the_urgent_frame_goes_first_and_the_other_waits_for_exactly_its_length(tmp_path):
+    from cosim.bus.frames import BusFrame
+    from cosim.bus.timing import frame_bits
+
+    _, plan = plan_of(tmp_path)
+    first, second = (frame_bits(i, bytes(8)).nominal for i in (0x101, 0x102))
+    assert BusFrame(0x101, bytes(8)).length == 8
+    found = delays(plan)
+    np.testing.assert_allclose(found["urgent"], (first - 3) * 2e-6, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found["other"], (first + second - 3) * 2e-6, rtol=0, atol=1e-15)
+
+
+def test_simulated_worst_stays_within_the_analysis_and_show_facts_say_how(tmp_path):
+    _, plan = plan_of(tmp_path, links=LINKS.replace(', data = "zeros"', ""))
+    for link in plan.links:
+        facts = link.table.facts()["delay"]
+        assert facts["computed"] == "ahead of the run"
+        assert 0 < facts["simulated_worst"] <= facts["analysed_worst"]
+        assert facts["lost"] == 0
+
+
+LOAD = '[[bus.can0.traffic]]\nkind = "random"\nshare = 0.6\n'
+
+
+def test_the_same_seed_gives_the_same_tables_and_another_does_not(tmp_path):
+    first, again, other = (
+        delays(plan_of(tmp_path, LOAD, settings=[f"run.seed={seed}"])[1]) for seed in (1, 1, 2)
+    )
+    for name in first:
+        assert first[name].tobytes() == again[name].tobytes()
+        assert first[name].tobytes() != other[name].tobytes()
+
+
+def test_a_babbling_node_shuts_the_links_out_while_it_babbles(tmp_path):
+    babbler = '[[bus.can0.traffic]]\nkind = "babbling"\nid = 1\nstart = 0.5\nstop = 1.0\n'
+    _, plan = plan_of(tmp_path, babbler)
+    late = delays(plan)["urgent"]
+    assert np.isfinite(late[:490]).all()
+    assert late[:490].max() < 1e-3
+    worst = late[np.isfinite(late)].max()
+    assert worst > 0.4
+
+
+def test_a_fifo_queue_of_the_sender_inverts_priorities(tmp_path):
+    """Behind a low-priority frame in the same queue, the urgent one waits for foreign traffic."""
+    links = LINKS.replace('from = "plant.y"', 'from = "a.y"').replace("id = 0x102", "id = 0x702")
+    links += '[[bus.can0.traffic]]\nkind = "periodic"\nid = 0x300\nperiod = "0.26 ms"\n'
+    worst = {}
+    for queue in ("sorted", "fifo"):
+        node = f'[bus.can0.nodes.a]\nqueue = "{queue}"\n'
+        _, plan = plan_of(tmp_path, node, links)
+        arrived = delays(plan)["urgent"]
+        worst[queue] = arrived[np.isfinite(arrived)].max()
+    assert worst["fifo"] > worst["sorted"]
+
+
+def test_a_sender_whose_bits_are_destroyed_goes_off_the_bus_and_comes_back(tmp_path):
+    off = (
+        '[[bus.can0.errors]]\nkind = "interruption"\nstart = 0.5\nstop = 0.52\n'
+        'level = "recessive"\nnode = "a"\n'
+    )
+    loaded, plan = plan_of(tmp_path, off)
+    late = delays(plan)["urgent"]
+    assert late[:499].max() < 1e-3
+    assert late[500] > 5e-3
+    assert late[1500:].max() < 1e-3
+    outcome = simulate(loaded, tmp_path / "run", plan=plan)
+    assert outcome.ended is None
+    assert Run.open(tmp_path / "run")
+
+
+def test_links_of_one_channel_share_a_frame(tmp_path):
+    links = LINKS.replace('name = "urgent"', 'name = "urgent"\nchannel = "x"')
+    links = links.replace('name = "other"', 'name = "other"\nchannel = "x"')
+    links = links.replace('from = "plant.y"', 'from = "a.y"')
+    links = links.replace('frame = { id = 0x102, bytes = 8, data = "zeros" }', "")
+    found = delays(plan_of(tmp_path, links=links)[1])
+    assert found["urgent"].tobytes() == found["other"].tobytes()
+
+
+def test_a_log_is_load(tmp_path):
+    (tmp_path / "bus.log").write_text("(100.000000) can0 050#00\n(101.000500) can0 050##1AA55\n")
+    log = 'fd = true\n[[bus.can0.traffic]]\nkind = "log"\nfile = "bus.log"\nstart = "1.00005 s"\n'
+    quiet = delays(plan_of(tmp_path)[1])["other"]
+    loaded = delays(plan_of(tmp_path, log)[1])["other"]
+    assert (quiet != loaded).sum() == 1
+    assert loaded[1000] > quiet[1000]
+
+
+def test_check_says_how_the_bus_was_computed_and_warns_of_losses(tmp_path):
+    rules = {f.rule: f for f in check(*plan_of(tmp_path))}
+    assert "ahead of the run" in rules["bus-response"].reason
+    assert "analysis" in rules["bus-response"].reason
+    short = '[bus.can0.nodes.a]\nlength = 1\n[[bus.can0.traffic]]\nkind = "babbling"\nid = 1\n'
+    short += "start = 0.5\nstop = 1.0\n"
+    rules = {f.rule: f for f in check(*plan_of(tmp_path, short))}
+    assert rules["bus-loss"].severity == "warning"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('bus = "can0"', 'bus = "can1"', "can1"),
+        ('bus = "can0"', 'bus = "can0"\ndelay = { law = "constant", delay = 1 }', "besides bus"),
+        ("0x102", "0x101", "one identifier in two frames"),
+        ("0x102", "0x902", "11 bits"),
+        ("bytes = 8", "bytes = 9", "9 bytes"),
+        ('frame = { id = 0x101, bytes = 8, data = "zeros" }', "", "without frame"),
+        ('bus = "can0"', "", "either delay, or bus"),
+    ],
+)
+def test_what_is_no_bus_is_refused_with_its_place(tmp_path, old, new, says):
+    with pytest.raises(ScenarioError, match=says) as error:
+        plan_of(tmp_path, links=LINKS.replace(old, new))
+    assert "two.toml at " in str(error.value)

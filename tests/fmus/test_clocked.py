@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from ctypes import c_bool, c_double, c_int, c_uint32
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -343,6 +344,15 @@ def test_the_interval_is_constant(ticked) -> None:
     flags = (c_bool * 1)(True)
     x.fmu.fmi3GetClock(x.fmu.component, clock, 1, flags)
     assert not flags[0]
+
+
+def test_no_clock_may_be_asked_for_with_null_pointers(ticked) -> None:
+    x = ticked().start()
+    x.fmu.fmi3GetClock(x.fmu.component, None, 0, None)
+    x.fmu.fmi3SetClock(x.fmu.component, None, 0, None)
+    for references, values in ((None, (c_bool * 1)()), ((c_uint32 * 1)(1), None)):
+        call = partial(x.fmu.fmi3GetClock, x.fmu.component, references, 1, values)
+        assert "is null" in x.refusal(call)
 
 
 def test_without_event_mode_there_is_none(ticked) -> None:

@@ -71,6 +71,15 @@ def test_frames_are_accounted_for(tmp_path_factory, rules):
         assert (payload != frames[n].payload) == (n in changed)
 
 
+def test_the_record_names_the_first_rule_that_struck(tmp_path):
+    rules = [rule(native.DELAY, a=0.001, b=0.001), rule(native.DUPLICATE), rule(native.CORRUPT)]
+    with Journal.create(tmp_path / "injected", INJECTED, 10) as journal:
+        through(Injector(rules, journal=journal.address), [frame(n) for n in range(3)])
+        rows = journal.rows.copy()
+    assert rows["rule"].tolist() == [0, 0, 0]
+    assert set(rows["kinds"]) == {1 << native.DELAY | 1 << native.DUPLICATE | 1 << native.CORRUPT}
+
+
 def test_a_rule_draws_the_same_whatever_others_do():
     """The frames hit by a rule do not depend on the rules before it."""
     second = rule(native.CORRUPT, probability=0.3, random=99)

@@ -81,6 +81,19 @@ def test_a_life_that_cannot_be_started_anew_says_why(tmp_path, monkeypatch):
         assert wired.failed == "no memory"
 
 
+def test_a_node_that_cannot_join_a_run_ends_before_its_first_slot(tmp_path, monkeypatch):
+    def fails(slot):
+        raise RunError("no memory")
+
+    with Bench(tmp_path) as bench:
+        monkeypatch.setattr(bench.wired, "begin", fails)
+        bench.heard()
+        bench.control.start(monotonic_ns() - 500_000_000)
+        until(lambda: bench.result is not None)
+    assert bench.result == native.NOT_JOINED
+    assert not bench.struct.begun
+
+
 def test_a_life_that_is_stopped_while_it_joins_ramps_down_in_its_first_slots(tmp_path, monkeypatch):
     goes_on = threading.Event()
     with Bench(tmp_path) as bench:

@@ -57,7 +57,7 @@ class Choice:
         ranks: dict[str, tuple[float, ...]] = {}
         for name, known in self._measured.items():
             executed = known.blocks()
-            if number is None or number in executed:
+            if number is None or number in executed or not known.executed:
                 share = len(executed & own) / max(1, len(executed))
                 cost = sum(cpu for _, cpu in known.seconds.values())
                 ranks[name] = (-self._noticed[source, name], -share, cost)
@@ -72,7 +72,8 @@ class Choice:
             known = self._measured[name]
             for test, (_, cpu) in known.seconds.items():
                 if test not in self._left_out:
-                    indirect = number is not None and number not in known.executed.get(test, ())
+                    own = known.executed.get(test, [])
+                    indirect = number is not None and bool(known.executed) and number not in own
                     noticed = self._noticed[source, test]
                     ranks[test] = (indirect, -noticed, place >= FIRST, cpu)
         chosen, left = [], self._budget
@@ -90,8 +91,8 @@ class Choice:
         yield from (part for part in (files[:FIRST], files[FIRST:]) if part)
 
     def waits(self, test: str) -> bool:
-        """Whether a test depends on the wall clock, so that a busy machine can make it fail."""
-        wall, cpu = self.seconds.get(test, (0.0, 0.0))
+        """Whether a busy machine can make this fail: a test that waits, or no test at all."""
+        wall, cpu = self.seconds.get(test, (1.0, 0.0))
         return wall > 0.5 + WAITS * cpu
 
     def noticed(self, source: Path, test: str) -> None:

@@ -62,4 +62,9 @@ def test_a_test_that_waits_for_the_clock_is_known() -> None:
     choice = Choice(MEASURED, BLOCKS, 60)
     assert choice.waits("far.py::late")
     assert not choice.waits("far.py::slow")
-    assert not choice.waits("unknown.py::a")
+    assert choice.waits("collection")
+
+
+def test_tests_whose_blocks_are_unknown_are_asked() -> None:
+    unknown = {"x.py": Outcome(seconds={"x.py::a": (0.1, 0.1)})}
+    assert Choice(MEASURED | unknown, BLOCKS, 60).tests(INNER)[0][0] == "x.py::a"

@@ -106,6 +106,7 @@ def run(
 
     def child(pipe: int) -> int:
         words = ["-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]
+        words += [f"--basetemp={log.with_suffix('.tmp')}"]  # others may tidy up the usual one
         words += [] if to_the_end else ["-x"]
         return int(pytest.main(words, plugins=[Reporter(pipe, selection)]))
 

@@ -14,6 +14,7 @@ from bridge.deployment.zenoh_keys import codec as streamed
 from bridge.native import faults as native
 from bridge.native.bus import Accept
 from bridge.native.faults import Injector
+from bridge.native.journal import Journal
 from bridge.native.message import Decoded, Header
 from tests.bridge.injection import MS, START, frame, rule, through
 from tests.bridge.rehearsing import ROOT
@@ -66,6 +67,13 @@ def test_a_forged_frame_comes_first_with_its_values_and_a_counter_ahead(codec):
     assert np.allclose(forged[2], VALUES + 3, atol=1e-3)
     assert np.allclose(true[2], VALUES + 1, atol=1e-3)
     assert forged[3] == true[3] == 7
+
+
+def test_the_record_counts_the_frames_of_a_hostile_peer(codec, tmp_path):
+    rules = [hostile(codec, native.FORGE, a=2.0, b=2.0), hostile(codec, native.FORGE, a=3.0, b=3.0)]
+    with Journal.create(tmp_path / "injected", native.INJECTED, 10) as journal:
+        through(Injector(rules, 4096, journal.address), [sent(codec, 1)])
+        assert journal.rows["copies"].tolist() == [3]
 
 
 def test_absurd_values_take_the_place_of_the_true_ones(codec):

@@ -74,6 +74,9 @@ def test_nothing_but_sequence_numbers_and_events_is_taken_from_the_recording(arm
     again = replay.load(tmp_path)
     for name, r in rows.items():
         assert again[name]["signals"].tobytes() == r["signals"].tobytes()
+        for time in ("deadline_ns", "woke_ns"):
+            assert again[name][time].tolist() == r[time].tolist()
+            assert len(set(r[time])) == len(r)
 
 
 @pytest.mark.parametrize(

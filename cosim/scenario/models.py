@@ -80,9 +80,27 @@ def _fmu(
         timeout=seconds, memory=spec.memory, build=spec.build,
     )  # fmt: skip
     try:
-        return FmuComponent(path, name, spec.kind, options)
+        fmu = FmuComponent(path, name, spec.kind, options)
+        _refuse_can_terminals(fmu, f"{place}.model")
     except FmuError as error:
         raise FmuError(f"{place}.model: {error}") from None
+    return fmu
+
+
+def _refuse_can_terminals(fmu: FmuComponent, place: str) -> None:
+    """Frames of an FMU with a CAN terminal would reach no other component of a scenario."""
+    file = fmu.archive.folder / "terminalsAndIcons" / "terminalsAndIcons.xml"
+    if not file.is_file() or b"org.fmi-ls-bus" not in file.read_bytes():
+        return
+    from cosim.lsbus.terminals import read_terminals
+
+    if found := ", ".join(read_terminals(fmu)):
+        raise ScenarioError(
+            f"found the CAN terminal {found} of FMI-LS-BUS, which a scenario does not connect: its "
+            "frames would be lost; expected an FMU without one (cosim.lsbus.network.CanNetwork "
+            "connects such FMUs from Python: docs/ls-bus.md)",
+            place,
+        )
 
 
 def _module(name: str, place: str) -> ModuleType:

@@ -130,7 +130,9 @@ def stated(name: str) -> dict[str, Any]:
     return {key: value for key, value in found.items() if value is not None}
 
 
-@pytest.mark.parametrize(("name", "prefix", "of"), TABLES, ids=[f"{t[0]} {t[2].__qualname__}" for t in TABLES])
+@pytest.mark.parametrize(
+    ("name", "prefix", "of"), TABLES, ids=[f"{t[0]} {t[2].__qualname__}" for t in TABLES]
+)
 def test_a_default_of_a_table_is_that_of_the_code(name: str, prefix: str, of: Any) -> None:
     table, compared = stated(name), 0
     for key, value in table.items():

@@ -24,6 +24,8 @@ from cosim.lsbus.operations import (
     NodeStatus,
     StatusReport,
 )
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from tests.cosim.lsbus.exporter import KINDS, TERMINALS, description, export, member, node
 
 TIMING = BusTiming(500e3)
@@ -197,3 +199,10 @@ def test_fmus_that_are_no_nodes_are_refused(
     path = export(tmp_path / "x.fmu", model.replace(old, new))
     with pytest.raises(CosimError, match=message):
         NodeFmu(path, "x", "Powertrain")
+
+
+def test_a_scenario_refuses_an_fmu_whose_frames_it_would_lose(tmp_path: Path) -> None:
+    path = export(tmp_path / "ecu.fmu", description("triggered", 1e-3, 1e-3))
+    spec = {"run": {"stop": 1.0, "step": 0.1}, "components": {"ecu": {"model": str(path)}}}
+    with pytest.raises(CosimError, match=r"ecu\.model: found the CAN terminal .* would be lost"):
+        assemble(build(spec, tmp_path))

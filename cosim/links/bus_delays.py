@@ -64,7 +64,10 @@ class BusDelays:
         return int(self.delay.size)
 
     def stream(self, period: Fraction, rng: Generator) -> Delays:
-        """The delays in order; nothing is drawn."""
+        """The delays in order; nothing is drawn.
+
+        A test of `cosim analyze` that lasts longer than the run meets them again from the start.
+        """
         return _Simulated(self.delay)
 
     def facts(self) -> dict[str, Any]:
@@ -78,5 +81,6 @@ class _Simulated:
         self._delay, self._sample = delay, 0
 
     def take(self, n: int) -> FloatArray:
+        index = np.arange(self._sample, self._sample + n) % self._delay.size
         self._sample += n
-        return self._delay[self._sample - n : self._sample].copy()
+        return self._delay[index]

@@ -176,7 +176,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     metrics: dict[str, MetricSpec]
     figures: dict[str, FigureSpec]
     analysis: AnalysisSpec = AnalysisSpec()
-    buses: dict[str, ScenarioBusSpec] = {}
+    buses: dict[str, ScenarioBusSpec] = msgspec.field(default_factory=dict, name="bus")
 
     @property
     def name(self) -> str:

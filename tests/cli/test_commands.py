@@ -47,12 +47,12 @@ def test_every_command_is_listed_with_its_line(cosim: Command) -> None:
         (["--help"], 200, {"numpy", "rich", "markdown_it", "pydantic", "matplotlib", "pandas"}),
         (
             ["check", TELEOPERATION],
-            445,
+            450,
             {"pyarrow", "numpy.ma", "matplotlib", "pandas", "rich", "pydantic"},
         ),
         (
             ["run", TELEOPERATION, "--no-plot", "--out"],
-            480,
+            484,
             {"matplotlib", "numpy.ma", "pandas", "rich", "pydantic", "cosim.links.skewed"},
         ),
     ],

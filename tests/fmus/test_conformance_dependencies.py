@@ -45,11 +45,18 @@ class Probe:
             or (not in_steps and (v.causality == "parameter" or v.settable))
         ]
 
-    def evaluate(self, x: np.ndarray) -> np.ndarray | None:
-        """All variables at the start or after one step; None where that is refused."""
-        y = x.copy()
+    def evaluate(self, x: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+        """All variables at the start or after one step; None where that is refused.
+
+        A step begins from what `start` begins with, and inputs of `x`: what an output owes to the
+        inputs of the start is no dependency of the step.
+        """
+        y = (start if self.in_steps else x).copy()
         if self.library.kernel_initial(y.ctypes.data):
             return None
+        if self.in_steps:
+            inputs = [known for known, _ in self.knowns]
+            y[inputs] = x[inputs]
         if self.in_steps and self.library.kernel_step(y.ctypes.data, 0.0, self.model.step):
             return None
         return y
@@ -76,13 +83,13 @@ class Probe:
         found, rng = set(), np.random.default_rng(11)
         for _ in range(POINTS):
             x = self.draw(rng)
-            base = self.evaluate(x)
+            base = self.evaluate(x, x)
             assert base is not None
             for known, changes in self.knowns:
                 for change in changes:
                     other = x.copy()
                     other[known] += change
-                    y = self.evaluate(other)
+                    y = self.evaluate(other, x)
                     if y is not None:
                         changed = [n for n in self.unknowns if y[n] != base[n]]
                         found |= {(self.names[n], self.names[known]) for n in changed}

@@ -108,7 +108,7 @@ def test_every_rule_is_among_the_cases() -> None:
         "bounded", "buffer", "backwards", "like-a-wire", "unfed", "saturation",
         "jacobi",
     }  # fmt: skip
-    assert len(RULES) + len(NOTES) == 25
+    assert len(RULES) + len(NOTES) == 27  # those of buses: tests/cosim/scenario/test_buses.py
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

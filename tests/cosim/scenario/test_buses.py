@@ -1,14 +1,22 @@
 """Links on simulated CAN buses: exact delays, priority, losses, errors, and what is refused."""
 
+import json
+from fractions import Fraction
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
 from cosim.checks import check
 from cosim.engine.simulate import simulate
+from cosim.links.bus_delays import BusDelays
 from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import as_data, build
+
+ROOT = Path(__file__).parents[3]
 
 HEAD = """
 title = "Two senders on one bus"
@@ -168,3 +176,19 @@ def test_what_is_no_bus_is_refused_with_its_place(tmp_path, old, new, says):
     with pytest.raises(ScenarioError, match=says) as error:
         plan_of(tmp_path, links=LINKS.replace(old, new))
     assert "two.toml at " in str(error.value)
+
+
+def test_a_test_longer_than_the_run_meets_the_delays_again() -> None:
+    law = BusDelays(np.array([0.1, np.inf, 0.3]))
+    taken = law.stream(Fraction(1, 200), np.random.default_rng(0))
+    found = np.concatenate([taken.take(2), taken.take(3)])
+    assert found.tolist() == [0.1, np.inf, 0.3, 0.1, np.inf]
+
+
+def test_a_run_keeps_its_buses() -> None:
+    """What ``run.json`` has of a scenario is read again as that scenario."""
+    path = ROOT / "configs" / "can" / "teleoperation-bus.toml"
+    scenario = load(path, ["run.stop='0.1 s'"])
+    written = json.loads(json.dumps(as_data(scenario)))
+    again = build({k: v for k, v in written.items() if k != "path"}, path)
+    assert again == scenario and again.buses

@@ -19,7 +19,7 @@
 #include "model.h"
 #include "regressor.h"
 
-enum { P = sizeof((Model *)0)->theta_hat / sizeof(double) };
+enum { P = ENTRIES(theta_hat) };
 
 typedef struct {
     double xi[2], dz[2], s[2], tau[2];
@@ -30,7 +30,7 @@ typedef struct {
 /* --- neighbours --------------------------------------------------------------------------- */
 
 #if NETWORKED
-enum { NEIGHBOURS = sizeof((Model *)0)->w / sizeof(double) };
+enum { NEIGHBOURS = ENTRIES(w) };
 
 /* Whether an active edge brings nothing younger than age_max. */
 static inline int is_stale(const Model *x, int j) {

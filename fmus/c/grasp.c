@@ -4,7 +4,7 @@
 #include "model.h"
 #include "schedule.h"
 
-enum { TIMES = sizeof((Model *)0)->times / sizeof(double) };
+enum { TIMES = ENTRIES(times) };
 
 static void give(Model *x, double t, double h) {
     int off = x->released != 0.0;

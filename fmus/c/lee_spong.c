@@ -7,16 +7,18 @@
 #include "limit.h"
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 const char *model_initial(Model *x) {
-    double tau[2];
-    for (int i = 0; i < 2; i++) {
+    double tau[JOINTS];
+    for (int i = 0; i < JOINTS; i++) {
         const double coupling =
             -x->K_v[i] * (x->dq[i] - x->dq_j[i]) - x->K_p[i] * (x->q[i] - x->q_j[i]);
         const double dissipation = -(x->K_d[i] + x->P_eps[i]) * x->dq[i];
         tau[i] = limited(coupling + dissipation, x->tau_max[i]);
     }
-    if (!all_finite(tau, 2)) return "the torque left the range of numbers";
-    for (int i = 0; i < 2; i++) x->tau[i] = tau[i];
+    if (!all_finite(tau, JOINTS)) return "the torque left the range of numbers";
+    for (int i = 0; i < JOINTS; i++) x->tau[i] = tau[i];
     return NULL;
 }
 

@@ -6,14 +6,18 @@
 
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q_h) };
+
 static void give(Model *x, double t) {
     const double past = (t - x->t_0) / x->T;
     const double p = past < 0.0 ? 0.0 : past > 1.0 ? 1.0 : past, rest = 1.0 - p;
     const double part = p * p * p * (10.0 + p * (6.0 * p - 15.0));
     const double speed = 30.0 * (p * p) * (rest * rest) / x->T; /* 1/s */
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->q_h[i] = x->q_0[i] + (x->q_f[i] - x->q_0[i]) * part;
         x->dq_h[i] = (x->q_f[i] - x->q_0[i]) * speed;
+    }
+    for (int i = 0; i < ENTRIES(x_h); i++) {
         x->x_h[i] = x->x_0[i] + (x->x_f[i] - x->x_0[i]) * part;
         x->dx_h[i] = (x->x_f[i] - x->x_0[i]) * speed;
     }

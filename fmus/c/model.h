@@ -9,4 +9,7 @@
 #include "declaration.h"
 #include "variables.h"
 
+/* The number of entries of a variable of the model, a constant. */
+#define ENTRIES(variable) ((int)(sizeof((Model *)0)->variable / sizeof(double)))
+
 #endif

@@ -6,12 +6,14 @@
 
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 const char *model_initial(Model *x) {
-    double tau_h[2];
-    for (int i = 0; i < 2; i++)
+    double tau_h[JOINTS];
+    for (int i = 0; i < JOINTS; i++)
         tau_h[i] = -x->k_d[i] * x->dq[i] - x->k_p[i] * (x->q[i] - x->q_h[i]);
-    if (!all_finite(tau_h, 2)) return "the torque left the range of numbers";
-    for (int i = 0; i < 2; i++) x->tau_h[i] = tau_h[i];
+    if (!all_finite(tau_h, JOINTS)) return "the torque left the range of numbers";
+    for (int i = 0; i < JOINTS; i++) x->tau_h[i] = tau_h[i];
     return NULL;
 }
 

@@ -8,13 +8,15 @@
 #include "model.h"
 #include "trig.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 enum { KEPT = 64 };
 static const double TWO_PI = 6.283185307179586;
 
 const char *model_initial(Model *x) {
-    if (!all_finite(x->q, 2)) return "the input left the range of numbers";
-    for (int i = 0; i < 2; i++) x->q_h[i] = x->p[i] = x->q[i];
-    for (int i = 0; i < 2 * KEPT; i++) x->past[i] = x->q[i % 2];
+    if (!all_finite(x->q, JOINTS)) return "the input left the range of numbers";
+    for (int i = 0; i < JOINTS; i++) x->q_h[i] = x->p[i] = x->q[i];
+    for (int i = 0; i < JOINTS * KEPT; i++) x->past[i] = x->q[i % JOINTS];
     x->k = 0.0;
     return NULL;
 }
@@ -23,17 +25,18 @@ const char *model_step(Model *x, double t, double h) {
     const double steps = x->reaction / h + 0.5;
     if (!(steps < KEPT)) return "the reaction time is more than 63 steps";
     const long k = (long)x->k, late = (long)steps, seen = (k > late ? k - late : 0) % KEPT;
-    double sine, cosine, q_h[2], p[2];
+    double sine, cosine, q_h[JOINTS], p[JOINTS];
     sine_cosine(TWO_PI * x->f * t, &sine, &cosine);
-    for (int i = 0; i < 2; i++) x->past[2 * (k % KEPT) + i] = x->q[i];
-    for (int i = 0; i < 2; i++) {
-        double v = x->omega_c * (x->q_g[i] - x->past[2 * seen + i]);
+    for (int i = 0; i < JOINTS; i++) x->past[JOINTS * (k % KEPT) + i] = x->q[i];
+    for (int i = 0; i < JOINTS; i++) {
+        double v = x->omega_c * (x->q_g[i] - x->past[JOINTS * seen + i]);
         v = v > x->v_max ? x->v_max : v < -x->v_max ? -x->v_max : v;
         q_h[i] = x->p[i] + x->tremor * sine;
         p[i] = x->p[i] + h * v;
     }
-    if (!all_finite(q_h, 2) || !all_finite(p, 2)) return "the position left the range of numbers";
-    for (int i = 0; i < 2; i++) x->q_h[i] = q_h[i], x->p[i] = p[i];
+    if (!all_finite(q_h, JOINTS) || !all_finite(p, JOINTS))
+        return "the position left the range of numbers";
+    for (int i = 0; i < JOINTS; i++) x->q_h[i] = q_h[i], x->p[i] = p[i];
     x->k = (double)(k + 1);
     return NULL;
 }

@@ -12,10 +12,12 @@
 #include "limit.h"
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 typedef struct {
-    double f[2], E_seen[2], W[2], dq_d[2];
-    double out[2];   /* out of the line in this step, h f w, J */
-    double taken[2]; /* of it by the passivity controller, h f (w - dq_d), J */
+    double f[JOINTS], E_seen[JOINTS], W[JOINTS], dq_d[JOINTS];
+    double out[JOINTS];   /* out of the line in this step, h f w, J */
+    double taken[JOINTS]; /* of it by the passivity controller, h f (w - dq_d), J */
 } Port;
 
 static inline double positive(double x) { return x > 0.0 ? x : 0.0; }
@@ -29,7 +31,7 @@ static inline double affordable(double most, double a, double room) {
 
 /* The port as of t_k, with the state of then; a step h > 0 is ahead. */
 static void port(const Model *x, double h, Port *y) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         const double K_d = x->K_d[i], q_d = x->q_d_next[i];
         const double w = x->v_j[i] + x->k_c * (x->q_j[i] - q_d);
         const double a = x->K_p[i] * (q_d - x->q[i]) - K_d * x->dq[i]; /* f = a + K_d dq_d */
@@ -45,12 +47,12 @@ static void port(const Model *x, double h, Port *y) {
 }
 
 static inline int finite_port(const Port *y) {
-    return all_finite(y->f, 2) && all_finite(y->W, 2) && all_finite(y->dq_d, 2) &&
-           all_finite(y->out, 2) && all_finite(y->taken, 2);
+    return all_finite(y->f, JOINTS) && all_finite(y->W, JOINTS) && all_finite(y->dq_d, JOINTS) &&
+           all_finite(y->out, JOINTS) && all_finite(y->taken, JOINTS);
 }
 
 const char *model_initial(Model *x) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = x->f[i] = 0.0;
         x->E_seen[i] = x->E_j[i];
         x->W[i] = x->E_0[i] + x->E_j[i];
@@ -65,7 +67,7 @@ const char *model_step(Model *x, double t, double h) {
     (void)t; /* the law does not depend on time */
     port(x, h, &y);
     if (!finite_port(&y)) return "the energy left the range of numbers: the motion diverged";
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = x->f[i] = y.f[i];
         x->E_seen[i] = y.E_seen[i];
         x->W[i] = y.W[i];

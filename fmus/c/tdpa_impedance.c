@@ -10,13 +10,15 @@
 #include "limit.h"
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 typedef struct {
-    double E[2], E_seen[2], E_out[2], E_pc[2], W[2], tau[2];
+    double E[JOINTS], E_seen[JOINTS], E_out[JOINTS], E_pc[JOINTS], W[JOINTS], tau[JOINTS];
 } Port;
 
 /* Count what the last step did, with tau and f_last still those of its start. */
 static void observe(const Model *x, Port *y) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         const double passed = x->q[i] - x->q_last[i];
         const double work = x->f_last[i] * passed; /* into the line */
         y->E[i] = x->E[i] + (work > 0.0 ? work : 0.0);
@@ -29,7 +31,7 @@ static void observe(const Model *x, Port *y) {
 
 /* What has been given too much is taken back by damping, within one step if a_max allows it. */
 static void control(const Model *x, double h, Port *y) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         const double dq = x->dq[i], owed = -y->W[i], room = h * dq * dq;
         double a = 0.0;
         if (owed > 0.0) a = owed < x->a_max[i] * room ? owed / room : x->a_max[i];
@@ -39,9 +41,9 @@ static void control(const Model *x, double h, Port *y) {
 
 /* Take the port as it is, or give a sentence and change nothing. */
 static const char *take(Model *x, const Port *y) {
-    if (!all_finite(y->E, 2) || !all_finite(y->W, 2) || !all_finite(y->tau, 2))
+    if (!all_finite(y->E, JOINTS) || !all_finite(y->W, JOINTS) || !all_finite(y->tau, JOINTS))
         return "the energy left the range of numbers";
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = y->tau[i];
         x->v[i] = x->dq[i];
         x->E[i] = y->E[i];
@@ -57,7 +59,7 @@ static const char *take(Model *x, const Port *y) {
 
 const char *model_initial(Model *x) {
     Port y;
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         y.E[i] = y.E_out[i] = y.E_pc[i] = 0.0;
         y.W[i] = y.E_seen[i] = x->E_j[i];
         y.tau[i] = limited(-x->f_j[i], x->tau_max[i]);

@@ -10,13 +10,15 @@
 #include "limit.h"
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 typedef struct {
-    double F[2], v[2], dq_d[2];
+    double F[JOINTS], v[JOINTS], dq_d[JOINTS];
 } Port;
 
 /* Torque, returning wave and velocity as of t_k, with the state q_d; NULL or a sentence. */
-static const char *port(const Model *x, const double q_d[2], Port *y) {
-    for (int i = 0; i < 2; i++) {
+static const char *port(const Model *x, const double q_d[JOINTS], Port *y) {
+    for (int i = 0; i < JOINTS; i++) {
         const double b = x->b[i], K_p = x->K_p[i], K_d = x->K_d[i];
         const double spring = K_p * (q_d[i] - x->q[i]);
         const double free = (x->u[i] - spring + K_d * x->dq[i]) / (b + K_d); /* no limit */
@@ -24,13 +26,13 @@ static const char *port(const Model *x, const double q_d[2], Port *y) {
         y->dq_d[i] = (x->u[i] - y->F[i]) / b;
         y->v[i] = x->u[i] - 2.0 * y->F[i];
     }
-    if (!all_finite(y->F, 2) || !all_finite(y->v, 2) || !all_finite(y->dq_d, 2))
+    if (!all_finite(y->F, JOINTS) || !all_finite(y->v, JOINTS) || !all_finite(y->dq_d, JOINTS))
         return "the wave left the range of numbers";
     return NULL;
 }
 
 static void give(Model *x, const Port *y) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = y->F[i];
         x->v[i] = y->v[i];
     }
@@ -41,7 +43,7 @@ const char *model_initial(Model *x) {
     const char *why = port(x, x->q, &y);
     if (why != NULL) return why;
     give(x, &y);
-    for (int i = 0; i < 2; i++) x->q_d[i] = x->q_d_next[i] = x->q[i];
+    for (int i = 0; i < JOINTS; i++) x->q_d[i] = x->q_d_next[i] = x->q[i];
     return NULL;
 }
 
@@ -51,7 +53,7 @@ const char *model_step(Model *x, double t, double h) {
     const char *why = port(x, x->q_d_next, &y);
     if (why != NULL) return why;
     give(x, &y);
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->q_d[i] = x->q_d_next[i];
         x->q_d_next[i] += h * y.dq_d[i];
     }

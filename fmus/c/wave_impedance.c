@@ -7,14 +7,17 @@
 #include "limit.h"
 #include "model.h"
 
+enum { JOINTS = ENTRIES(dq) };
+
 const char *model_initial(Model *x) {
-    double F[2], u[2];
-    for (int i = 0; i < 2; i++) {
+    double F[JOINTS], u[JOINTS];
+    for (int i = 0; i < JOINTS; i++) {
         F[i] = limited(x->b[i] * x->dq[i] - x->v[i], x->tau_max[i]);
         u[i] = x->v[i] + 2.0 * F[i]; /* = b dq + F with the F of no limit */
     }
-    if (!all_finite(F, 2) || !all_finite(u, 2)) return "the wave left the range of numbers";
-    for (int i = 0; i < 2; i++) {
+    if (!all_finite(F, JOINTS) || !all_finite(u, JOINTS))
+        return "the wave left the range of numbers";
+    for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = -F[i];
         x->u[i] = u[i];
     }

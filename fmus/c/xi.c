@@ -6,11 +6,13 @@
 
 #include "model.h"
 
+enum { JOINTS = ENTRIES(q) };
+
 const char *model_initial(Model *x) {
-    double xi[2];
-    for (int i = 0; i < 2; i++) xi[i] = x->dq[i] + x->alpha * x->q[i];
-    if (!all_finite(xi, 2)) return "xi left the range of numbers";
-    for (int i = 0; i < 2; i++) x->xi[i] = xi[i];
+    double xi[JOINTS];
+    for (int i = 0; i < JOINTS; i++) xi[i] = x->dq[i] + x->alpha * x->q[i];
+    if (!all_finite(xi, JOINTS)) return "xi left the range of numbers";
+    for (int i = 0; i < JOINTS; i++) x->xi[i] = xi[i];
     return NULL;
 }
 

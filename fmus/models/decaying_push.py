@@ -17,18 +17,19 @@ from __future__ import annotations
 
 from cosim.base.errors import RunError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import TORQUE, signal
+from fmus.models.arm import TORQUE, Joints
 from fmus.reference import Values, derive
 
 
-def model() -> Model:
-    """Declare the push; by default 1 N.m on each joint, and 1 N, at t = 0, and T = 1 s."""
+def model(joints: int = 2) -> Model:
+    """Declare the push; by default 1 N.m on each of the `joints`, and 1 N, at t = 0, T = 1 s."""
+    arm = Joints(joints)
     return Model(
         identifier="decaying_push",
         description="Push that decays as 1 / (t + 1)",
         kind="sampled",
         variables=(
-            signal("tau_h", TORQUE, "Torque on an arm", start_depends=("tau_0",)),
+            arm.signal("tau_h", TORQUE, "Torque on an arm", start_depends=("tau_0",)),
             Variable(
                 "f",
                 "output",
@@ -37,7 +38,7 @@ def model() -> Model:
                 description="Force on a point mass",
                 start_depends=("f_0",),
             ),
-            Variable("tau_0", "parameter", (2,), TORQUE, 1.0, "Torque at t = 0"),
+            arm.vector("tau_0", "parameter", TORQUE, "Torque at t = 0", 1.0),
             Variable("f_0", "parameter", (), "N", 1.0, "Force at t = 0"),
             Variable("T", "parameter", (), "s", 1.0, "When it is half of that", minimum=1e-6),
         ),

@@ -21,7 +21,7 @@ to ±tau_max.
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.arm import DAMPING, DQ_J, Q_J, STIFFNESS, TAU_MAX, controller, gain, torque
+from fmus.models.arm import DAMPING, STIFFNESS, Joints, controller
 from fmus.models.arm import EXCHANGE as EXCHANGE
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
@@ -32,23 +32,25 @@ PRESETS: dict[str, dict[str, float]] = {
 }
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``Lee-Spong``."""
+def model(joints: int = 2) -> Model:
+    """Declare the controller of an arm of `joints`; the defaults are ``Lee-Spong``."""
+    arm = Joints(joints)
     return controller(
         "lee_spong",
         "PD coupling with another arm, and dissipation for the delay",
         (
-            Q_J,
-            DQ_J,
-            torque(("q", "dq", "q_j", "dq_j"), ("K_v", "K_d", "P_eps", "K_p", "tau_max")),
-            gain("K_v", DAMPING, 4.0, "Damping of the coupling"),
-            gain("K_d", DAMPING, 12.0, "Damping to the ground, for the delayed spring"),
-            gain("P_eps", DAMPING, 0.1, "Damping to the ground beyond that"),
-            gain("K_p", STIFFNESS, 10.0, "Stiffness of the coupling"),
-            TAU_MAX,
+            arm.q_j,
+            arm.dq_j,
+            arm.torque(("q", "dq", "q_j", "dq_j"), ("K_v", "K_d", "P_eps", "K_p", "tau_max")),
+            arm.gain("K_v", DAMPING, 4.0, "Damping of the coupling"),
+            arm.gain("K_d", DAMPING, 12.0, "Damping to the ground, for the delayed spring"),
+            arm.gain("P_eps", DAMPING, 0.1, "Damping to the ground beyond that"),
+            arm.gain("K_p", STIFFNESS, 10.0, "Stiffness of the coupling"),
+            arm.tau_max,
         ),
         ("limit.h",),
         __doc__,
+        joints=arm,
     )
 
 

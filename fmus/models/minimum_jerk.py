@@ -18,26 +18,30 @@ Sampled: the target of t_k is held to the next step. Outputs at the start are th
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import RATE, signal
+from fmus.models.arm import PLANAR, RATE, Joints
 from fmus.numeric import np
 from fmus.reference import Values, derive
 
 
-def model() -> Model:
-    """Declare the target; by default from 0 to Sec. VII's q_h within 5 s from t = 0."""
+def model(joints: int = 2) -> Model:
+    """Declare the target of an arm of `joints`; by default it takes 5 s from t = 0.
+
+    With two joints it goes from 0 to Sec. VII's q_h; otherwise q_f, too, is 0 by default.
+    """
+    arm = Joints(joints)
     return Model(
         identifier="minimum_jerk",
         description="Target that moves with the least jerk",
         kind="sampled",
         variables=(
-            signal("q_h", "rad", "Joint position wanted", start_depends=("q_0",)),
-            signal("dq_h", RATE, "Joint velocity wanted"),
-            signal("x_h", "m", "Endpoint wanted", start_depends=("x_0",)),
-            signal("dx_h", "m/s", "Velocity of the endpoint wanted"),
-            Variable("q_0", "parameter", (2,), "rad", 0.0, "Joint position before"),
-            Variable("q_f", "parameter", (2,), "rad", (3.5, 3.0), "Joint position after"),
-            Variable("x_0", "parameter", (2,), "m", (2.0, 0.0), "Endpoint before"),
-            Variable("x_f", "parameter", (2,), "m", (0.0, 1.0), "Endpoint after"),
+            arm.signal("q_h", "rad", "Joint position wanted", start_depends=("q_0",)),
+            arm.signal("dq_h", RATE, "Joint velocity wanted"),
+            PLANAR.signal("x_h", "m", "Endpoint wanted", start_depends=("x_0",)),
+            PLANAR.signal("dx_h", "m/s", "Velocity of the endpoint wanted"),
+            arm.vector("q_0", "parameter", "rad", "Joint position before"),
+            arm.vector("q_f", "parameter", "rad", "Joint position after", (3.5, 3.0)),
+            PLANAR.vector("x_0", "parameter", "m", "Endpoint before", (2.0, 0.0)),
+            PLANAR.vector("x_f", "parameter", "m", "Endpoint after", (0.0, 1.0)),
             Variable("t_0", "parameter", (), "s", 0.0, "When it begins", minimum=0.0),
             Variable("T", "parameter", (), "s", 5.0, "How long it takes", minimum=1e-6),
         ),

@@ -12,31 +12,35 @@ law, evaluated at every stage of its integrator, for grips too stiff for the com
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, STIFFNESS, TORQUE, Q, gain, signal
+from fmus.model import Model, Terminal
+from fmus.models.arm import DAMPING, STIFFNESS, TORQUE, Joints
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
 
-def model() -> Model:
-    """Declare the operator; the defaults are Sec. VII: k_p 10, k_d 5, q_h (3.5, 3)."""
+def model(joints: int = 2) -> Model:
+    """Declare the operator of an arm of `joints`; the defaults are Sec. VII: k_p 10, k_d 5.
+
+    q_h is (3.5, 3) rad by default, and 0 for another number of joints than two.
+    """
+    arm = Joints(joints)
     return Model(
         identifier="operator",
         description="Operator holding the robot with a spring and a damper",
         kind="sampled",
         variables=(
-            Q,
-            DQ,
-            signal(
+            arm.q,
+            arm.dq,
+            arm.signal(
                 "tau_h",
                 TORQUE,
                 "Torque of the operator on the robot",
                 ("q", "dq"),
                 ("k_p", "k_d", "q_h"),
             ),
-            gain("k_p", STIFFNESS, 10.0, "Stiffness"),
-            gain("k_d", DAMPING, 5.0, "Damping"),
-            Variable("q_h", "parameter", (2,), "rad", (3.5, 3.0), "Position the operator wants"),
+            arm.gain("k_p", STIFFNESS, 10.0, "Stiffness"),
+            arm.gain("k_d", DAMPING, 5.0, "Damping"),
+            arm.vector("q_h", "parameter", "rad", "Position the operator wants", (3.5, 3.0)),
         ),
         sources=("operator.c",),
         step=5e-3,

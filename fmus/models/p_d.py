@@ -24,7 +24,7 @@ to ±tau_max.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, Q_J, STIFFNESS, TAU_MAX, controller, gain, torque
+from fmus.models.arm import DAMPING, STIFFNESS, Joints, controller
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -38,21 +38,23 @@ PRESETS: dict[str, dict[str, float]] = {
 EXCHANGE = (("plant.q", "control.q_j"),)
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``P+d``."""
+def model(joints: int = 2) -> Model:
+    """Declare the controller of an arm of `joints`; the defaults are ``P+d``."""
+    arm = Joints(joints)
     return controller(
         "p_d",
         "Spring to another arm and damper to the ground (P+d)",
         (
-            Q_J,
-            torque(("q", "dq", "q_j"), ("K", "B", "tau_max")),
-            gain("K", STIFFNESS, 10.0, "Stiffness of the coupling"),
-            gain("B", DAMPING, 12.5, "Damping to the ground"),
-            TAU_MAX,
+            arm.q_j,
+            arm.torque(("q", "dq", "q_j"), ("K", "B", "tau_max")),
+            arm.gain("K", STIFFNESS, 10.0, "Stiffness of the coupling"),
+            arm.gain("B", DAMPING, 12.5, "Damping to the ground"),
+            arm.tau_max,
         ),
         ("limit.h",),
         __doc__,
         Terminal("network", ("q_j",), "Position of the other arm"),
+        joints=arm,
     )
 
 

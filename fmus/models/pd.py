@@ -23,7 +23,7 @@ to ±tau_max.
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.arm import DAMPING, DQ_J, Q_J, STIFFNESS, TAU_MAX, controller, gain, torque
+from fmus.models.arm import DAMPING, STIFFNESS, Joints, controller
 from fmus.models.arm import EXCHANGE as EXCHANGE
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
@@ -36,21 +36,23 @@ PRESETS: dict[str, dict[str, float]] = {
 }
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``PD(10,4)``."""
+def model(joints: int = 2) -> Model:
+    """Declare the controller of an arm of `joints`; the defaults are ``PD(10,4)``."""
+    arm = Joints(joints)
     return controller(
         "pd",
         "Plain PD coupling with another arm",
         (
-            Q_J,
-            DQ_J,
-            torque(("q", "dq", "q_j", "dq_j"), ("K_p", "K_d", "tau_max")),
-            gain("K_p", STIFFNESS, 10.0, "Stiffness of the coupling"),
-            gain("K_d", DAMPING, 4.0, "Damping of the coupling"),
-            TAU_MAX,
+            arm.q_j,
+            arm.dq_j,
+            arm.torque(("q", "dq", "q_j", "dq_j"), ("K_p", "K_d", "tau_max")),
+            arm.gain("K_p", STIFFNESS, 10.0, "Stiffness of the coupling"),
+            arm.gain("K_d", DAMPING, 4.0, "Damping of the coupling"),
+            arm.tau_max,
         ),
         ("limit.h",),
         __doc__,
+        joints=arm,
     )
 
 

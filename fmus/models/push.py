@@ -15,20 +15,21 @@ length before t_0 or t_1 counts as beginning at that time. Outputs at the start 
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import TORQUE, signal
+from fmus.models.arm import TORQUE, Joints
 from fmus.reference import Values, derive
 
 _NEVER = 1e9  # s
 
 
-def model() -> Model:
-    """Declare the push; by default 1 N.m on each joint, and 1 N, for ever."""
+def model(joints: int = 2) -> Model:
+    """Declare the push; by default 1 N.m on each of the `joints`, and 1 N, without end."""
+    arm = Joints(joints)
     return Model(
         identifier="push",
         description="Constant push for a time",
         kind="sampled",
         variables=(
-            signal("tau_h", TORQUE, "Torque on an arm", start_depends=("tau_p", "t_0")),
+            arm.signal("tau_h", TORQUE, "Torque on an arm", start_depends=("tau_p", "t_0")),
             Variable(
                 "f",
                 "output",
@@ -37,7 +38,7 @@ def model() -> Model:
                 description="Force on a point mass",
                 start_depends=("f_p", "t_0"),
             ),
-            Variable("tau_p", "parameter", (2,), TORQUE, 1.0, "Torque while it pushes"),
+            arm.vector("tau_p", "parameter", TORQUE, "Torque while it pushes", 1.0),
             Variable("f_p", "parameter", (), "N", 1.0, "Force while it pushes"),
             Variable("t_0", "parameter", (), "s", 0.0, "When it begins", minimum=0.0),
             Variable("t_1", "parameter", (), "s", _NEVER, "When it ends", minimum=1e-9),

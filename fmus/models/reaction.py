@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from cosim.base.errors import RunError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import RATE, Q
+from fmus.models.arm import RATE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -38,27 +38,27 @@ PRESETS: dict[str, dict[str, float]] = {
 }
 
 
-def model() -> Model:
-    """Declare the intent; the defaults are ``felt`` and Sec. VII's q_h as the goal."""
+def model(joints: int = 2) -> Model:
+    """Declare the intent for an arm of `joints`; the defaults are ``felt``.
+
+    The goal is Sec. VII's q_h by default, and 0 for another number of joints than two.
+    """
+    arm = Joints(joints)
     return Model(
         identifier="reaction",
         description="Intent of a person who reacts late: where the hand wants to be",
         kind="sampled",
         variables=(
-            Q,
-            Variable(
-                *("q_h", "output", (2,), "rad"),
-                description="Position the hand wants",
-                start_depends=("q",),
-            ),
-            Variable("q_g", "parameter", (2,), "rad", (3.5, 3.0), "Goal"),
+            arm.q,
+            arm.vector("q_h", "output", "rad", "Position the hand wants", start_depends=("q",)),
+            arm.vector("q_g", "parameter", "rad", "Goal", (3.5, 3.0)),
             Variable("omega_c", "parameter", (), "1/s", 2.0, "Crossover frequency", minimum=0.0),
             Variable("reaction", "parameter", (), "s", 0.15, "Reaction time τ", minimum=0.0),
             Variable("v_max", "parameter", (), RATE, 1.0, "Largest speed of q_h", minimum=0.0),
             Variable("tremor", "parameter", (), "rad", 0.0, "Amplitude a of the tremor"),
             Variable("f", "parameter", (), "1/s", 9.0, "Frequency of the tremor", minimum=0.0),
-            Variable("p", "local", (2,), "rad", description="Position wanted without tremor"),
-            Variable("past", "local", (2 * KEPT,), "rad", description="Positions seen"),
+            arm.local("p", "rad", "Position wanted without tremor"),
+            Variable("past", "local", (joints * KEPT,), "rad", description="Positions seen"),
             Variable("k", "local", (), "1", description="Steps taken"),
         ),
         sources=("reaction.c", "trig.c"),
@@ -69,18 +69,17 @@ def model() -> Model:
 
 
 def law(x: Values, t: float, h: float, q: Array) -> Values:
-    """q_h (2,) rad at `t` (s), and the state a step `h` (s) later; `q` (2,) rad.
+    """q_h (m,) rad at `t` (s), and the state a step `h` (s) later; `q` (m,) rad.
 
     Raises RunError where the reaction time is too many steps.
     """
     k, late = int(x["k"]), _steps(x, h, t)
-    past = x["past"].copy()
-    past[2 * (k % KEPT) : 2 * (k % KEPT) + 2] = q
-    seen = max(k - late, 0) % KEPT
-    wanted = x["omega_c"] * (x["q_g"] - past[2 * seen : 2 * seen + 2])
+    past = x["past"].reshape(KEPT, q.size).copy()
+    past[k % KEPT] = q
+    wanted = x["omega_c"] * (x["q_g"] - past[max(k - late, 0) % KEPT])
     p = x["p"] + h * np.clip(wanted, -x["v_max"], x["v_max"])
     shake = x["tremor"] * np.sin(2 * np.pi * x["f"] * t)
-    return {"q_h": x["p"] + shake, "p": p, "past": past, "k": np.array(k + 1.0)}
+    return {"q_h": x["p"] + shake, "p": p, "past": past.ravel(), "k": np.array(k + 1.0)}
 
 
 def _steps(x: Values, h: float, t: float) -> int:
@@ -91,7 +90,7 @@ def _steps(x: Values, h: float, t: float) -> int:
 
 
 def start(x: Values, q: Array) -> Values:
-    """The hand starts where the arm is: `q` (2,) rad, which is all that was seen before."""
+    """The hand starts where the arm is: `q` (m,) rad, which is all that was seen before."""
     return {"q_h": q, "p": q, "past": np.tile(q, KEPT), "k": np.array(0.0)}
 
 

@@ -34,20 +34,7 @@ that cannot follow.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import (
-    DAMPING,
-    DQ,
-    Q_J,
-    RATE,
-    STIFFNESS,
-    TAU_MAX,
-    TORQUE,
-    Q,
-    gain,
-    rate,
-    signal,
-    torque,
-)
+from fmus.models.arm import DAMPING, RATE, STIFFNESS, TORQUE, Joints, rate
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -63,45 +50,46 @@ EXCHANGE = (("control.f", "control.f_j"), ("control.E", "control.E_j"))
 _ALL = ("q", "dq", "v_j", "E_j", "q_j")
 
 
-def _inputs() -> tuple[Variable, ...]:
+def _inputs(arm: Joints) -> tuple[Variable, ...]:
     return (
-        Q,
-        DQ,
-        Variable("v_j", "input", (2,), RATE, description="Received velocity"),
-        Variable("E_j", "input", (2,), "J", description="Received energy into the line"),
-        Q_J,
+        arm.q,
+        arm.dq,
+        arm.input("v_j", RATE, "Received velocity"),
+        arm.input("E_j", "J", "Received energy into the line"),
+        arm.q_j,
     )
 
 
-def _outputs() -> tuple[Variable, ...]:
+def _outputs(arm: Joints) -> tuple[Variable, ...]:
     return (
-        torque(_ALL, ()),
-        signal("f", TORQUE, "Torque sent: tau", _ALL),
-        Variable("E", "output", (2,), "J", description="Energy into the line"),
-        signal("W", "J", "Energy the line may still give", ("E_j",), ("E_0",)),
-        signal("q_d", "rad", "Position the arm is to be at", ("q",)),
-        Variable("q_d_next", "local", (2,), "rad", description="q_d of the next step"),
-        Variable("E_next", "local", (2,), "J", description="E of the next step"),
-        Variable("E_seen", "local", (2,), "J", description="Most of E_j received so far"),
-        Variable("E_out", "local", (2,), "J", description="Energy out of the line"),
-        Variable("E_pc", "local", (2,), "J", description="Energy taken by the controller"),
+        arm.torque(_ALL, ()),
+        arm.signal("f", TORQUE, "Torque sent: tau", _ALL),
+        arm.vector("E", "output", "J", "Energy into the line"),
+        arm.signal("W", "J", "Energy the line may still give", ("E_j",), ("E_0",)),
+        arm.signal("q_d", "rad", "Position the arm is to be at", ("q",)),
+        arm.local("q_d_next", "rad", "q_d of the next step"),
+        arm.local("E_next", "J", "E of the next step"),
+        arm.local("E_seen", "J", "Most of E_j received so far"),
+        arm.local("E_out", "J", "Energy out of the line"),
+        arm.local("E_pc", "J", "Energy taken by the controller"),
     )
 
 
-def model() -> Model:
-    """Declare the end of the line; the defaults are ``TDPA``."""
+def model(joints: int = 2) -> Model:
+    """Declare the end of the line for `joints`; the defaults are ``TDPA``."""
+    arm = Joints(joints)
     return Model(
         identifier="tdpa_admittance",
         description="End of a line kept passive in the time domain: torque in, motion out",
         kind="sampled",
         variables=(
-            *_inputs(),
-            *_outputs(),
-            gain("K_p", STIFFNESS, 50.0, "Stiffness towards q_d"),
-            gain("K_d", DAMPING, 10.0, "Damping towards dq_d", minimum=1e-6),
-            gain("E_0", "J", 5.0, "Energy in the line at the start"),
+            *_inputs(arm),
+            *_outputs(arm),
+            arm.gain("K_p", STIFFNESS, 50.0, "Stiffness towards q_d"),
+            arm.gain("K_d", DAMPING, 10.0, "Damping towards dq_d", minimum=1e-6),
+            arm.gain("E_0", "J", 5.0, "Energy in the line at the start"),
             rate("k_c", 0.0, "Gain of the drift compensation"),
-            TAU_MAX,
+            arm.tau_max,
         ),
         sources=("tdpa_admittance.c", "limit.h"),
         step=5e-3,

@@ -28,7 +28,7 @@ changes.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, RATE, TAU_MAX, TORQUE, Q, gain, signal, torque
+from fmus.models.arm import DAMPING, RATE, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -42,40 +42,41 @@ EXCHANGE = (
 )
 
 
-def _inputs() -> tuple[Variable, ...]:
+def _inputs(arm: Joints) -> tuple[Variable, ...]:
     return (
-        Q,
-        DQ,
-        Variable("f_j", "input", (2,), TORQUE, description="Received torque"),
-        Variable("E_j", "input", (2,), "J", description="Received energy into the line"),
+        arm.q,
+        arm.dq,
+        arm.input("f_j", TORQUE, "Received torque"),
+        arm.input("E_j", "J", "Received energy into the line"),
     )
 
 
-def _outputs() -> tuple[Variable, ...]:
+def _outputs(arm: Joints) -> tuple[Variable, ...]:
     return (
-        torque(("q", "dq", "f_j", "E_j"), ("tau_max",)),
-        signal("v", RATE, "Velocity sent: dq", ("dq",)),
-        signal("E", "J", "Energy into the line", ("q",)),
-        signal("W", "J", "Energy the line may still give", ("q", "E_j")),
-        Variable("E_seen", "local", (2,), "J", description="Most of E_j received so far"),
-        Variable("E_out", "local", (2,), "J", description="Energy out of the line"),
-        Variable("E_pc", "local", (2,), "J", description="Energy taken by the controller"),
-        Variable("q_last", "local", (2,), "rad", description="q of the step before"),
-        Variable("f_last", "local", (2,), TORQUE, description="f_j of the step before"),
+        arm.torque(("q", "dq", "f_j", "E_j"), ("tau_max",)),
+        arm.signal("v", RATE, "Velocity sent: dq", ("dq",)),
+        arm.signal("E", "J", "Energy into the line", ("q",)),
+        arm.signal("W", "J", "Energy the line may still give", ("q", "E_j")),
+        arm.local("E_seen", "J", "Most of E_j received so far"),
+        arm.local("E_out", "J", "Energy out of the line"),
+        arm.local("E_pc", "J", "Energy taken by the controller"),
+        arm.local("q_last", "rad", "q of the step before"),
+        arm.local("f_last", TORQUE, "f_j of the step before"),
     )
 
 
-def model() -> Model:
-    """Declare the end of the line; the defaults are ``TDPA``."""
+def model(joints: int = 2) -> Model:
+    """Declare the end of the line for `joints`; the defaults are ``TDPA``."""
+    arm = Joints(joints)
     return Model(
         identifier="tdpa_impedance",
         description="End of a line kept passive in the time domain: velocity in, torque out",
         kind="sampled",
         variables=(
-            *_inputs(),
-            *_outputs(),
-            gain("a_max", DAMPING, 20.0, "Most damping of the passivity controller"),
-            TAU_MAX,
+            *_inputs(arm),
+            *_outputs(arm),
+            arm.gain("a_max", DAMPING, 20.0, "Most damping of the passivity controller"),
+            arm.tau_max,
         ),
         sources=("tdpa_impedance.c", "limit.h"),
         step=5e-3,

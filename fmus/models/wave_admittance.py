@@ -19,8 +19,8 @@ limited to ±tau_max; v = u - 2 F then contains the limited torque, and the port
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, STIFFNESS, TAU_MAX, TORQUE, Q, gain, signal, torque
+from fmus.model import Model, Terminal
+from fmus.models.arm import DAMPING, STIFFNESS, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -36,24 +36,25 @@ EXCHANGE = (("control.v", "control.v"),)
 _ALL = ("u", "q", "dq")
 
 
-def model() -> Model:
-    """Declare the end of the line; the defaults are ``wave(b=10)``."""
+def model(joints: int = 2) -> Model:
+    """Declare the end of the line for `joints`; the defaults are ``wave(b=10)``."""
+    arm = Joints(joints)
     return Model(
         identifier="wave_admittance",
         description="End of a wave line: torque in, velocity to follow out",
         kind="sampled",
         variables=(
-            Variable("u", "input", (2,), TORQUE, description="Received wave"),
-            Q,
-            DQ,
-            torque(_ALL, ("b", "K_d", "tau_max")),
-            signal("v", TORQUE, "Wave sent: b dq_d - F", _ALL, ("b", "K_d", "tau_max")),
-            signal("q_d", "rad", "Position the arm is to be at", ("q",)),
-            Variable("q_d_next", "local", (2,), "rad", description="q_d of the next step"),
-            gain("b", DAMPING, 10.0, "Wave impedance of the line", minimum=1e-6),
-            gain("K_p", STIFFNESS, 50.0, "Stiffness towards q_d"),
-            gain("K_d", DAMPING, 10.0, "Damping towards dq_d"),
-            TAU_MAX,
+            arm.input("u", TORQUE, "Received wave"),
+            arm.q,
+            arm.dq,
+            arm.torque(_ALL, ("b", "K_d", "tau_max")),
+            arm.signal("v", TORQUE, "Wave sent: b dq_d - F", _ALL, ("b", "K_d", "tau_max")),
+            arm.signal("q_d", "rad", "Position the arm is to be at", ("q",)),
+            arm.local("q_d_next", "rad", "q_d of the next step"),
+            arm.gain("b", DAMPING, 10.0, "Wave impedance of the line", minimum=1e-6),
+            arm.gain("K_p", STIFFNESS, 50.0, "Stiffness towards q_d"),
+            arm.gain("K_d", DAMPING, 10.0, "Damping towards dq_d"),
+            arm.tau_max,
         ),
         sources=("wave_admittance.c", "limit.h"),
         step=5e-3,

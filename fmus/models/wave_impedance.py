@@ -25,8 +25,8 @@ to ±tau_max; the wave u = v + 2 F then contains the limited torque, and the por
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, TAU_MAX, TORQUE, gain, signal, torque
+from fmus.model import Model, Terminal
+from fmus.models.arm import DAMPING, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -40,19 +40,20 @@ PRESETS: dict[str, dict[str, float]] = {
 EXCHANGE = (("control.u", "control.u"),)
 
 
-def model() -> Model:
-    """Declare the end of the line; the defaults are ``wave(b=10)``."""
+def model(joints: int = 2) -> Model:
+    """Declare the end of the line for `joints`; the defaults are ``wave(b=10)``."""
+    arm = Joints(joints)
     return Model(
         identifier="wave_impedance",
         description="End of a wave line: velocity in, torque out",
         kind="sampled",
         variables=(
-            DQ,
-            Variable("v", "input", (2,), TORQUE, description="Received wave"),
-            torque(("dq", "v"), ("b", "tau_max")),
-            signal("u", TORQUE, "Wave sent: b dq + F", ("dq", "v"), ("b", "tau_max")),
-            gain("b", DAMPING, 10.0, "Wave impedance of the line", minimum=1e-6),
-            TAU_MAX,
+            arm.dq,
+            arm.input("v", TORQUE, "Received wave"),
+            arm.torque(("dq", "v"), ("b", "tau_max")),
+            arm.signal("u", TORQUE, "Wave sent: b dq + F", ("dq", "v"), ("b", "tau_max")),
+            arm.gain("b", DAMPING, 10.0, "Wave impedance of the line", minimum=1e-6),
+            arm.tau_max,
         ),
         sources=("wave_impedance.c", "limit.h"),
         step=5e-3,

@@ -14,21 +14,22 @@ without delay and without an algebraic loop. `alpha` must equal that of the cont
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DQ, RATE, Q, rate, signal
+from fmus.models.arm import RATE, Joints, rate
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
 
-def model() -> Model:
-    """Declare the signal; the default of alpha is Sec. VII-C's."""
+def model(joints: int = 2) -> Model:
+    """Declare the signal of an arm of `joints`; the default of alpha is Sec. VII-C's."""
+    arm = Joints(joints)
     return Model(
         identifier="xi",
         description="Signal xi = dq + alpha q exchanged by the controllers",
         kind="sampled",
         variables=(
-            Q,
-            DQ,
-            signal("xi", RATE, "Signal sent: dq + alpha q", ("q", "dq"), ("alpha",)),
+            arm.q,
+            arm.dq,
+            arm.signal("xi", RATE, "Signal sent: dq + alpha q", ("q", "dq"), ("alpha",)),
             rate("alpha", 0.5, "Gain of q"),
         ),
         sources=("xi.c",),

@@ -88,7 +88,11 @@ def test_list_names_every_model() -> None:
         (["build", "json.decoder"], "json.decoder has no function model()"),
         (["build", "xi", "--fmi", "4"], "--fmi: '4' is not 2.0, 3.0 or both"),
         (["build", "xi", "--platforms", "amiga"], "--platforms: unknown platform 'amiga'"),
-        (["build", "xi", "--set", "neighbours=2"], "has no size 'neighbours'; it has no sizes"),
+        (["build", "grasp", "--set", "neighbours=2"], "has no size 'neighbours'; it has no sizes"),
+        (
+            ["build", "xi", "--set", "joints=0"],
+            "joints is 0; expected a whole number of at least 1",
+        ),
         (["build", "teleoperation", "--set", "n=2"], "has no size 'n'; expected one of neighbours"),
         (["build", "teleoperation", "--set", "neighbours"], "not NAME=INTEGER"),
         (

@@ -73,19 +73,21 @@ def _library(output: Path, units: list[Path], sources: list[Path], include: Path
 
 def _models() -> list[Path]:
     """All FMUs; those of models that are no longer there go."""
+    from fmus import shipped
+
     folder = ROOT / "fmus" / "_built"
-    fmus = ROOT / "fmus"
-    files = [*fmus.glob("*.py"), *fmus.glob("models/*.py"), *fmus.glob("c/*.[ch]")]
-    made_from = _fingerprint([*files, ROOT / "cosim/base/errors.py", ROOT / "cosim/base/units.py"])
-    stamp = folder / "built.json"
+    made_from = _fingerprint(shipped.made_from())
+    stamp = folder / shipped.STAMP
     if _current(stamp, made_from):
         return []
-    from fmus.build import build_all
+    from fmus.build import build_all, shipped_models, versions
 
-    built = [path.resolve() for path in build_all(folder)]
+    models = shipped_models()
+    built = [path.resolve() for path in build_all(folder, models)]
     for path in set(folder.glob("*.fmu")) - set(built):
         path.unlink()
-    _write(stamp, made_from, built)
+    index = shipped.index((model, version) for model in models for version in versions(model))
+    _write(stamp, made_from, built, **index)
     return built
 
 
@@ -111,9 +113,10 @@ def _current(stamp: Path, made_from: str) -> bool:
     )
 
 
-def _write(stamp: Path, made_from: str, files: Iterable[Path]) -> None:
+def _write(stamp: Path, made_from: str, files: Iterable[Path], **more: object) -> None:
     digests = {path.name: _sha256(path) for path in sorted(files)}
-    stamp.write_text(json.dumps({"made_from": made_from, "files": digests}, indent=2) + "\n")
+    content = {"made_from": made_from, "files": digests, **more}
+    stamp.write_text(json.dumps(content, indent=2) + "\n")
 
 
 def _sha256(path: Path) -> str:

@@ -21,6 +21,7 @@ from fmus import toolchain
 from fmus.description import Version, build_description, model_description, terminals
 from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
+from fmus.shipped import file_name, shipped
 from fmus.source import sources, token
 
 __all__ = [
@@ -72,7 +73,6 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
-_BUILT = Path(__file__).parent / "_built"
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date a ZIP archive knows
 _FOLDER2 = {"linux": "linux64", "windows": "win64", "darwin": "darwin64"}
 _LICENCE = """\
@@ -122,9 +122,9 @@ def find(model: Model, version: Version) -> Path:
     written.
     """
     _check(model, version)
+    if found := shipped(model, version):
+        return found
     name = file_name(model, version)
-    if _is_of(_BUILT / name, model):
-        return _BUILT / name
     folder = cache(model)
     if not _is_of(folder / name, model):
         binaries = compile_model(model)
@@ -148,11 +148,6 @@ def cache(model: Model) -> Path:
             "can be written"
         ) from error
     return folder
-
-
-def file_name(model: Model, version: Version) -> str:
-    """``planar2r.fmi2.fmu``."""
-    return f"{model.identifier}.fmi{version[0]}.fmu"
 
 
 def pack(

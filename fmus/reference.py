@@ -107,9 +107,14 @@ def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> D
 
         Raises FmuError where it cannot be built.
         """
+        from fmus.shipped import shipped
+
+        declared = model(*sizes, **named)
+        if found := shipped(declared, version):
+            return found
         from fmus.build import find
 
-        return find(model(*sizes, **named), version)
+        return find(declared, version)
 
     def kernel(*sizes: int, **named: int) -> Kernel:
         """The C kernel of the FMU as a component, without FMI in between: the same numbers."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from cosim.base.errors import FmuError
 from fmus import build as building
 from fmus import kernel as kernels
+from fmus import shipped as shipping
 from fmus.build import VERSIONS, find, pack
 from fmus.library import compile_model
 from fmus.model import Model
@@ -36,13 +38,21 @@ def hand() -> Mapping[str, bytes]:
 def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """No FMU is there yet: an empty cache and an installation without any."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(building, "_BUILT", tmp_path / "installed")
+    monkeypatch.setattr(shipping, "FOLDER", tmp_path / "installed")
     return tmp_path
 
 
+def install(model: Model, folder: Path, binaries: Mapping[str, bytes]) -> Path:
+    """An installation with the FMU 2.0 of a model."""
+    brought = pack(model, "2.0", folder / "installed", binaries)
+    index = shipping.index([(model, "2.0")])
+    (folder / "installed" / shipping.STAMP).write_text(json.dumps(index))
+    return brought
+
+
 def test_what_an_installation_brought_is_used(empty: Path, hand: Mapping[str, bytes]) -> None:
-    brought = pack(HAND, "2.0", empty / "installed", hand)
-    assert find(HAND, "2.0") == brought
+    brought = install(HAND, empty, hand)
+    assert find(HAND, "2.0") == operator.fmu("2.0") == brought
     assert not (empty / "cache").exists()
 
 
@@ -64,10 +74,35 @@ def test_what_is_not_there_is_built_once(
 
 
 def test_an_fmu_of_an_older_declaration_is_not_used(empty: Path, hand: Mapping[str, bytes]) -> None:
-    pack(replace(HAND, version="0.9"), "2.0", empty / "installed", hand)
+    install(replace(HAND, version="0.9"), empty, hand)
     (empty / "installed" / "operator.fmi3.fmu").write_bytes(b"no archive")
     for version in VERSIONS:
         assert find(HAND, version).is_relative_to(empty / "cache")
+
+
+def test_an_fmu_of_older_sources_is_not_used(
+    empty: Path, hand: Mapping[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither if the generator or a C file changed since."""
+    brought = install(HAND, empty, hand)
+    changed = empty / "c" / "operator.c"
+    changed.parent.mkdir()
+    changed.write_text("/* another law */")
+    files = [changed if path.name == "operator.c" else path for path in shipping.made_from()]
+    assert changed in files
+    monkeypatch.setattr(shipping, "made_from", lambda: files)
+    assert find(HAND, "2.0").is_relative_to(empty / "cache")
+    assert brought.is_file()
+
+
+@pytest.mark.parametrize("stamp", [None, b"{", b"{}"])
+def test_an_installation_without_an_index_is_not_used(
+    empty: Path, hand: Mapping[str, bytes], stamp: bytes | None
+) -> None:
+    install(HAND, empty, hand)
+    file = empty / "installed" / shipping.STAMP
+    file.unlink() if stamp is None else file.write_bytes(stamp)
+    assert find(HAND, "2.0").is_relative_to(empty / "cache")
 
 
 def test_a_kernel_is_the_library_of_the_fmu(empty: Path) -> None:

@@ -21,7 +21,19 @@ ROOT = Path(__file__).resolve().parents[2]
 ENGINE = f"cosim/_engine{shared_suffix()}"
 BUS = f"cosim/_bus{shared_suffix()}"
 BRIDGE = f"bridge/_bridge{shared_suffix()}"
-ENDINGS = (".py", ".c", ".h", ".md", ".fmu", "py.typed", "/init.sh", ENGINE, BUS, BRIDGE)
+ENDINGS = (
+    ".py",
+    ".c",
+    ".h",
+    ".md",
+    ".fmu",
+    "_built/built.json",
+    "py.typed",
+    "/init.sh",
+    ENGINE,
+    BUS,
+    BRIDGE,
+)
 PARTS = ("cosim", "fmus", "bridge", "build_backend", "configs")
 FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CONTRIBUTING.md", "CHANGELOG.md")
 
@@ -161,7 +173,8 @@ def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> Non
         for path in (built / package).rglob("*.py")
     }
     c = {path.relative_to(built).as_posix() for path in (built / "fmus" / "c").rglob("*.[ch]")}
-    fmus = {f"fmus/_built/{path.name}" for path in (built / "fmus" / "_built").glob("*.fmu")}
+    fmus = {f"fmus/_built/{path.name}" for path in (built / "fmus" / "_built").glob("*.*")}
+    assert "fmus/_built/built.json" in fmus
     typed = {f"{package}/py.typed" for package in ("cosim", "fmus", "bridge")}
     assert fmus
     assert {ENGINE, BUS, "cosim/c/engine.c"} | python | c | fmus | typed <= found

@@ -79,11 +79,11 @@ def print_python_can(frames: int) -> None:
     """Print the cost of a message through python-can; a vcan row where there is a vcan0."""
     import socket
 
-    from bridge.can.bus_server import BusServer
-    from bridge.can.listening import listen
-    from bridge.can.remote_wire import parse_address
-    from bridge.can.simulated_channel import Channel
-    from bridge.can.simulated_options import channel_options
+    from bridge.simulated_can.channel import Channel
+    from bridge.simulated_can.listener import listen
+    from bridge.simulated_can.options import channel_options
+    from bridge.simulated_can.protocol import parse_address
+    from bridge.simulated_can.server import BusServer
 
     options = {"bitrate": 1_000_000, "speed": "simulated"}
     channel = Channel("bench", channel_options("bench", **options))

@@ -11,7 +11,7 @@ import typer
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
-    from bridge.can.simulated_channel import Channel
+    from bridge.simulated_can.channel import Channel
 
 _TURN = 0.1
 """How long the channel runs between two looks at the end, s of the wall clock."""
@@ -62,10 +62,10 @@ def bus(
     Programs join with can.Bus(interface="cosim", channel="bench@127.0.0.1:29530"). Ctrl-C ends it
     and prints an account of the last 10 s: load, response times, errors and losses.
     """
-    from bridge.can.bus_load import ChannelLoad, load_sources
-    from bridge.can.bus_record import BusRecord
-    from bridge.can.simulated_channel import Channel
-    from bridge.can.simulated_options import channel_options
+    from bridge.simulated_can.channel import Channel
+    from bridge.simulated_can.options import channel_options
+    from bridge.simulated_can.record import BusRecord
+    from bridge.simulated_can.traffic import ChannelLoad, load_sources
 
     options = channel_options(
         channel, bitrate=bitrate, fd=fd, data_bitrate=data_bitrate, speed=speed,
@@ -87,11 +87,11 @@ def bus(
 
 def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirror: str) -> None:
     """Open all doors, and say where they are."""
-    from bridge.can.bus_mirror import BusMirror
-    from bridge.can.bus_server import BusServer
-    from bridge.can.listening import listen as listen_at
-    from bridge.can.remote_wire import parse_address
-    from bridge.can.socketcand_server import SocketcandServer
+    from bridge.simulated_can.listener import listen as listen_at
+    from bridge.simulated_can.mirror import BusMirror
+    from bridge.simulated_can.protocol import parse_address
+    from bridge.simulated_can.server import BusServer
+    from bridge.simulated_can.socketcand import SocketcandServer
 
     address = parse_address(f"{shared.name}@{listen}")
     server = BusServer(shared, listen_at(address))

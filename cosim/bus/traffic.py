@@ -35,7 +35,7 @@ class TrafficError(CosimError, ValueError):
 
 
 class TrafficSource(Protocol):
-    """Somebody who makes requests."""
+    """A source of requests."""
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:
         """Requests from `start_ps` to before `end_ps` (ps), by time: (n,), rows of ``REQUEST``."""

@@ -13,7 +13,7 @@ from cosim.bus.timing import BusTiming
 
 INTERMISSION = 3
 #: A stretch of time in which the bus was busy. `start`, `end` (of the intermission) in ps; `node`:
-#: the transmitter (-1: nobody, a disturbance of the idle bus); `request`: its number or -1;
+#: the transmitter (-1: none, a disturbance of the idle bus); `request`: its number or -1;
 #: `outcome`: :class:`Outcome`; `code`: of the first error (``ErrorCode``) or 0; `senders`: how many
 #: nodes began to send; `errors`: how many ERROR events there were.
 TRANSMISSION = np.dtype(

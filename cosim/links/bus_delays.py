@@ -32,7 +32,7 @@ class BusDelays:
     known: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse a frame that nobody receives. Raises ScenarioError."""
+        """Refuse a frame that no link receives. Raises ScenarioError."""
         if not np.isfinite(self.delay).any():
             raise ScenarioError(
                 f"bus {self.known.get('bus')}: found no frame {self.known.get('identifier')} that"

@@ -56,7 +56,7 @@ def draw_timeline(
     def render() -> bytes:
         from matplotlib.figure import Figure as Sheet
 
-        lanes = [*names, "nobody"] if (rows["node"] < 0).any() else list(names)
+        lanes = [*names, "no node"] if (rows["node"] < 0).any() else list(names)
         height = 1.9 + 0.3 * len(lanes)
         figure = Sheet(figsize=(9.0, height), dpi=DPI)
         top = 0.3 if title else 0.12

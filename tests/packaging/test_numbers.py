@@ -14,13 +14,13 @@ import cantools
 import msgspec
 import pytest
 
-from bridge.can.simulated_bus import CosimBus
 from bridge.deployment import spec as deployment
 from bridge.faults.script import FaultScript
 from bridge.faults.spec import SPECS
 from bridge.monitor.sinks import LIVE_RATE
 from bridge.native.pace import _LINEAR, _PER_OCTAVE
 from bridge.realtime.os_grants import Realtime
+from bridge.simulated_can.bus import CosimBus
 from bridge.zenoh.options import ZenohOptions
 from cosim.estimate.local_error import estimate
 from cosim.fmi.options import FmuOptions

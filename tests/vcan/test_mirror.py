@@ -10,7 +10,7 @@ from pathlib import Path
 
 import can
 
-from tests.bridge.can.simulated import message
+from tests.bridge.simulated_can.benches import message
 
 ROOT = Path(__file__).parents[2]
 COMMAND = (sys.executable, "-c", "from cosim.cli import main; main()", "bus")

@@ -95,7 +95,7 @@ struct bus {
     lost_t *lost;                   /* of the transmission in flight, by time */
     int32_t n_lost, lost_done;
     int32_t n, off, counting;       /* nodes; of them off; with REC > 0 and on the bus */
-    int32_t deaf;                   /* nobody notices what is received */
+    int32_t deaf;                   /* no events of received frames are recorded for it */
     int32_t drifting;               /* not all clocks are equal */
     int64_t bit_ps, data_bit_ps;    /* of the node that began the last transmission */
     int32_t asked;                  /* an abort or a reset waits for the next advance */

@@ -15,12 +15,9 @@ from typing import Any, final
 
 import can
 
-from bridge.can.bus_pace import act_as
-from bridge.can.listening import Acceptor
-from bridge.can.periodic import PeriodicTask
-from bridge.can.remote_wire import CallSocket, pack_message, unpack_message
-from bridge.can.simulated_channel import Channel, ChannelPort
-from bridge.can.simulated_options import (
+from bridge.simulated_can.channel import Channel, ChannelPort
+from bridge.simulated_can.listener import Acceptor
+from bridge.simulated_can.options import (
     ChannelOperationError,
     ChannelOptionError,
     ChannelOptions,
@@ -28,6 +25,9 @@ from bridge.can.simulated_options import (
     agree,
     channel_options,
 )
+from bridge.simulated_can.pace import act_as
+from bridge.simulated_can.periodic import PeriodicTask
+from bridge.simulated_can.protocol import CallSocket, pack_message, unpack_message
 from cosim.base.errors import CosimError
 from cosim.bus.settings import ErrorRate, Interruption, LineLevel, QueueKind, ScriptedError
 

@@ -43,7 +43,7 @@ class Happening(NamedTuple):
 
 
 class WireRecorder(Protocol):
-    """Somebody who keeps what happens; nodes and requests have one number, whoever joins."""
+    """A record of what happens; the numbers of nodes and requests never change."""
 
     def node(self, name: str) -> int:
         """The number of a node that has joined."""

@@ -10,8 +10,8 @@ from typing import Any
 import can
 import pytest
 
-from bridge.can.simulated_bus import CosimBus
-from tests.bridge.can.simulated import Bench, bench, message
+from bridge.simulated_can.bus import CosimBus
+from tests.bridge.simulated_can.benches import Bench, bench, message
 
 __all__ = ["bench"]
 

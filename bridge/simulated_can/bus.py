@@ -16,8 +16,8 @@ import can
 from can.bus import CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters
 
-from bridge.can.local_channel import channel_names, place_on
-from bridge.can.simulated_options import (
+from bridge.simulated_can.local_channel import channel_names, place_on
+from bridge.simulated_can.options import (
     ChannelOperationError,
     PortOptions,
     channel_options,

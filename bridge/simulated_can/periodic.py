@@ -12,8 +12,8 @@ from can.broadcastmanager import (
     RestartableCyclicTaskABC,
 )
 
-from bridge.can.simulated_channel import Channel
-from bridge.can.simulated_options import ChannelOperationError
+from bridge.simulated_can.channel import Channel
+from bridge.simulated_can.options import ChannelOperationError
 
 
 class Sender(Protocol):

@@ -11,7 +11,7 @@ import can
 import cantools
 import pytest
 
-from tests.bridge.can.simulated import Bench, bench, everything, message
+from tests.bridge.simulated_can.benches import Bench, bench, everything, message
 
 __all__ = ["bench"]
 

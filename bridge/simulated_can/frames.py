@@ -6,7 +6,7 @@ from collections.abc import Hashable
 
 import can
 
-from bridge.can.simulated_options import ChannelOperationError
+from bridge.simulated_can.options import ChannelOperationError
 from cosim.base.errors import CosimError
 from cosim.bus.frames import BusFrame
 from cosim.bus.timing import BusTiming, FrameFormat, padded

@@ -1,4 +1,4 @@
-"""The client of a simulated bus that another process serves (`bridge.can.bus_server`)."""
+"""The client of a simulated bus that another process serves (`bridge.simulated_can.server`)."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from can.broadcastmanager import (
 )
 from can.typechecking import CanFilters
 
-from bridge.can.remote_wire import (
-    CallSocket,
-    connect,
-    pack_message,
-    parse_address,
-    unpack_message,
-)
-from bridge.can.simulated_options import (
+from bridge.simulated_can.options import (
     ChannelOperationError,
     ChannelOptionError,
     ChannelOptions,
     ChannelTimeoutError,
     PortOptions,
+)
+from bridge.simulated_can.protocol import (
+    CallSocket,
+    connect,
+    pack_message,
+    parse_address,
+    unpack_message,
 )
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
@@ -49,7 +49,7 @@ class RemoteChannel:
     """A simulated bus of another process, for one bus object here.
 
     Each thread has a connection of its own, so that one can send while another waits.
-    Raises ChannelOptionError where nobody serves it, or with other options.
+    Raises ChannelOptionError if no server answers at its address, or if the server has other options.
     """
 
     def __init__(self, channel: str, options: ChannelOptions, port: PortOptions) -> None:

@@ -9,11 +9,11 @@ from typing import Protocol, final
 import can
 from can.typechecking import CanFilters
 
-from bridge.can.periodic import PeriodicTask, Sender
-from bridge.can.remote_channel import RemoteChannel, RemotePeriodicTask
-from bridge.can.remote_wire import is_remote
-from bridge.can.simulated_channel import Channel, ChannelPort
-from bridge.can.simulated_options import ChannelOptions, PortOptions, agree
+from bridge.simulated_can.channel import Channel, ChannelPort
+from bridge.simulated_can.options import ChannelOptions, PortOptions, agree
+from bridge.simulated_can.periodic import PeriodicTask, Sender
+from bridge.simulated_can.protocol import is_remote
+from bridge.simulated_can.remote_channel import RemoteChannel, RemotePeriodicTask
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.timing import BusTiming

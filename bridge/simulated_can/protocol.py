@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, final
 import can
 import msgpack  # type: ignore[import-untyped]
 
-from bridge.can.simulated_options import ChannelOptionError
+from bridge.simulated_can.options import ChannelOptionError
 
 _MOST = 1 << 24
 """Bytes of a call; more is no call."""
@@ -67,7 +67,7 @@ def connect(address: BusAddress) -> socket.socket:
             found.connect(address.path)
     except OSError as error:
         raise ChannelOptionError(
-            f"channel {address.channel!r}: found nobody at {address.place} ({error}), expected a "
+            f"channel {address.channel!r}: no server answers at {address.place} ({error}), expected a "
             "simulated bus there, which `cosim bus` serves"
         ) from error
     found.settimeout(None)
@@ -100,7 +100,7 @@ class CallSocket:
         return msgpack.unpackb(content) if len(content) == size else None
 
     def close(self) -> None:
-        """End the connection; somebody who waits for a value gets None."""
+        """End the connection; a thread that waits for a value gets None."""
         with contextlib.suppress(OSError):  # the other side was first
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()

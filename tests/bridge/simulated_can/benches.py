@@ -10,7 +10,7 @@ from typing import Any
 import can
 import pytest
 
-from bridge.can.simulated_bus import CosimBus
+from bridge.simulated_can.bus import CosimBus
 
 NAMES = itertools.count()
 

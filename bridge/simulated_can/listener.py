@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import final
 
-from bridge.can.remote_wire import BusAddress
+from bridge.simulated_can.protocol import BusAddress
 from cosim.base.errors import CosimError
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import can
 import pytest
 
-from bridge.can.simulated_bus import CosimBus
+from bridge.simulated_can.bus import CosimBus
 from cosim.bus.settings import Interruption, ScriptedError
-from tests.bridge.can.simulated import Bench, bench, everything, message
+from tests.bridge.simulated_can.benches import Bench, bench, everything, message
 
 __all__ = ["bench"]
 

@@ -12,18 +12,18 @@ from typing import Protocol, final
 
 import can
 
-from bridge.can.bus_pace import BusPace, SimulatedPace, WallPace
-from bridge.can.error_frames import error_message
-from bridge.can.simulated_frames import frame_of_message, message_of_frame
-from bridge.can.simulated_options import (
+from bridge.simulated_can.error_frames import error_message
+from bridge.simulated_can.frames import frame_of_message, message_of_frame
+from bridge.simulated_can.node import Happening, WireNode, WireRecorder
+from bridge.simulated_can.options import (
     ChannelOperationError,
     ChannelOptionError,
     ChannelOptions,
     ChannelTimeoutError,
     PortOptions,
 )
-from bridge.can.simulated_wire import HISTORY_S, CanWire
-from bridge.can.wire_node import Happening, WireNode, WireRecorder
+from bridge.simulated_can.pace import BusPace, SimulatedPace, WallPace
+from bridge.simulated_can.wire import HISTORY_S, CanWire
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
 

@@ -9,9 +9,9 @@ from typing import final
 import numpy as np
 
 from bridge.can.log import read_log
-from bridge.can.simulated_channel import Channel
-from bridge.can.wire_node import WireNode
 from bridge.native.frame import Flags
+from bridge.simulated_can.channel import Channel
+from bridge.simulated_can.node import WireNode
 from cosim.bus.dbc_traffic import dbc_sources, read_messages, senders
 from cosim.bus.frames import FRAME, frame_of
 from cosim.bus.timing import BusTiming

@@ -7,8 +7,8 @@ from typing import final
 
 import can
 
-from bridge.can.simulated_channel import Channel
-from bridge.can.simulated_options import ChannelOperationError, PortOptions
+from bridge.simulated_can.channel import Channel
+from bridge.simulated_can.options import ChannelOperationError, PortOptions
 from cosim.base.errors import CosimError
 
 _POLL = 0.2

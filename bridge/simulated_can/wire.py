@@ -12,8 +12,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import final
 
-from bridge.can.simulated_disturbances import Disturbances
-from bridge.can.wire_node import INTERMISSION, Happening, WireNode, WireRecorder, length_ps, told
+from bridge.simulated_can.disturbances import Disturbances
+from bridge.simulated_can.node import (
+    INTERMISSION,
+    Happening,
+    WireNode,
+    WireRecorder,
+    length_ps,
+    told,
+)
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.simulation import SimulatedBus

@@ -14,17 +14,17 @@ from pathlib import Path
 import can
 import pytest
 
-from bridge.can.bus_server import BusServer
-from bridge.can.listening import ServerError, listen
-from bridge.can.remote_wire import parse_address
-from bridge.can.simulated_bus import CosimBus
-from bridge.can.simulated_channel import Channel
-from bridge.can.simulated_options import ChannelOperationError, ChannelOptionError, channel_options
-from bridge.can.socketcand_server import SocketcandServer
+from bridge.simulated_can.bus import CosimBus
+from bridge.simulated_can.channel import Channel
+from bridge.simulated_can.listener import ServerError, listen
+from bridge.simulated_can.options import ChannelOperationError, ChannelOptionError, channel_options
+from bridge.simulated_can.protocol import parse_address
+from bridge.simulated_can.server import BusServer
+from bridge.simulated_can.socketcand import SocketcandServer
 from cosim.bus.frames import BusFrame
 from cosim.bus.settings import ScriptedError
 from cosim.bus.timing import frame_bits
-from tests.bridge.can.simulated import everything, message
+from tests.bridge.simulated_can.benches import everything, message
 
 ROOT = Path(__file__).parents[3]
 COMMAND = (sys.executable, "-c", "from cosim.cli import main; main()", "bus")
@@ -156,7 +156,7 @@ def test_what_cannot_be_is_said(served: Served, tmp_path: Path) -> None:
         CosimBus("bench@nowhere")
     with pytest.raises(ChannelOptionError, match="a server of the channel 'bench' only"):
         CosimBus(served.name.replace("bench", "other"))
-    with pytest.raises(ChannelOptionError, match="found nobody at"):
+    with pytest.raises(ChannelOptionError, match="no server answers at"):
         CosimBus(f"bench@{tmp_path}/none")
     with pytest.raises(ServerError, match=r"Address already in use.*; expected an address"):
         listen(parse_address(served.name))
@@ -310,7 +310,7 @@ def test_a_port_in_use_is_said() -> None:
 def test_frames_of_a_load_are_nodes_that_only_send() -> None:
     channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
     node = channel.add_node("talker")
-    from bridge.can.simulated_options import PortOptions
+    from bridge.simulated_can.options import PortOptions
 
     ears = [channel.open(PortOptions()) for _ in range(2)]
     channel.offer([(10**9, node, BusFrame(0x42))])

@@ -158,7 +158,7 @@ class SimulatedPace:
             channel.lock.notify_all()
 
     def _move(self, channel: Paced, patience: int | None, end_ns: int | None) -> None:
-        """Advance if no thread has to be waited for, else sleep until something may have changed."""
+        """Advance if no thread is busy, else sleep until something may have changed."""
         if any(waiter.ready() for waiter in self._waiters.values()):
             patience = PATIENCE_NS
         target = None

@@ -67,8 +67,8 @@ def connect(address: BusAddress) -> socket.socket:
             found.connect(address.path)
     except OSError as error:
         raise ChannelOptionError(
-            f"channel {address.channel!r}: no server answers at {address.place} ({error}), expected a "
-            "simulated bus there, which `cosim bus` serves"
+            f"channel {address.channel!r}: no server answers at {address.place} ({error}); "
+            "expected a simulated bus there, which `cosim bus` serves"
         ) from error
     found.settimeout(None)
     return found

@@ -49,7 +49,7 @@ class RemoteChannel:
     """A simulated bus of another process, for one bus object here.
 
     Each thread has a connection of its own, so that one can send while another waits.
-    Raises ChannelOptionError if no server answers at its address, or if the server has other options.
+    Raises ChannelOptionError if no server answers at its address or the server has other options.
     """
 
     def __init__(self, channel: str, options: ChannelOptions, port: PortOptions) -> None:

@@ -25,7 +25,7 @@ class LineLevel(IntEnum):
     """``LEVEL_``: what becomes of a bit.
 
     INVERTED: the level that was there, inverted. DOMINANT, RECESSIVE: this level, whatever is sent.
-    DISCONNECTED (of one node, in an interruption): it sees a recessive bus, and no other node sees its bits.
+    DISCONNECTED (of one node, in an interruption): it sees a recessive bus, no other sees its bits.
     """
 
     INVERTED = 0

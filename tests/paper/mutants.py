@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fmus import source
+from fmus import shipped, source
 from fmus.paper.claim import Claim, judge
 from fmus.paper.claims import cases, select
 from fmus.paper.experiments import PERIOD, Document
@@ -105,13 +105,14 @@ def wrong(law: WrongLaw, folder: Path) -> Iterator[None]:
     if text.count(law.old) != 1:
         raise LookupError(f"{law.name}: {law.old!r} stands {text.count(law.old)} times in the code")
     (copy / law.file).write_text(text.replace(law.old, law.new), encoding="utf-8")
-    kept, cache = source._FOLDER, os.environ.get("XDG_CACHE_HOME")
+    kept, cache = (source._FOLDER, shipped.FOLDER), os.environ.get("XDG_CACHE_HOME")
     source._FOLDER, os.environ["XDG_CACHE_HOME"] = copy, str(folder / "cache")
+    shipped.FOLDER = folder / "none"  # the FMUs of the installation are of the right law
     _forget()
     try:
         yield
     finally:
-        source._FOLDER = kept
+        source._FOLDER, shipped.FOLDER = kept
         os.environ.pop("XDG_CACHE_HOME")
         os.environ |= {"XDG_CACHE_HOME": cache} if cache else {}
         _forget()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,9 +35,14 @@ def graph(package: str) -> Graph:
     return {a: frozenset(to - {a}) for a, to in found.items()}
 
 
-def imported(path: Path) -> Iterator[str]:
+@cache
+def imported(path: Path) -> tuple[str, ...]:
     """Names that a file imports, with their modules: at its top, in functions, for types only."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    return tuple(_imported(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+def _imported(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -58,8 +64,9 @@ def below(found: Graph, room: str) -> frozenset[str]:
 
 def reduced(found: Graph) -> dict[str, list[str]]:
     """The arrows that do not follow from others."""
+    under = {room: below(found, room) for room in found}
     return {
-        a: sorted(b for b in to if not any(b in below(found, c) for c in to - {b}))
+        a: sorted(b for b in to if not any(b in under[c] for c in to - {b}))
         for a, to in found.items()
     }
 

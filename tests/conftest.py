@@ -16,8 +16,8 @@ _ALL: dict[str, Any] = {
     "print_blob": True,
 }
 #: Property tests try the same examples every time: a change is not refused for a find that has
-#: nothing to do with it. `pytest --hypothesis-profile=search` tries others.
-settings.register_profile("project", derandomize=True, **_ALL)
+#: nothing to do with it. `pytest -m hypothesis --hypothesis-profile=search` tries more and others.
+settings.register_profile("project", derandomize=True, max_examples=50, **_ALL)
 settings.register_profile("search", max_examples=1000, **_ALL)
 # Whether one fails is all that tests.mutants asks.
 _WITHOUT_SHRINKING = (Phase.explicit, Phase.generate)

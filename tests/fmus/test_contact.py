@@ -31,7 +31,9 @@ EXPORT void square_roots(const double *x, double *y, int n) {
 """
 
 
-@pytest.fixture(params=[Planar2R, planar2r.kernel], ids=["numpy", "c"])
+@pytest.fixture(
+    params=[pytest.param(Planar2R, marks=pytest.mark.slow), planar2r.kernel], ids=["numpy", "c"]
+)
 def arm(request: pytest.FixtureRequest) -> Component:
     make: Callable[[], Component] = request.param
     return make()

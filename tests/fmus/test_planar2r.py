@@ -18,7 +18,9 @@ STILL = {"tau": np.zeros(2), "tau_ext": np.zeros(2)}
 SL91 = np.array(PRESETS["SL91"]["theta"])
 
 
-@pytest.fixture(params=[Planar2R, planar2r.kernel], ids=["numpy", "c"])
+@pytest.fixture(
+    params=[pytest.param(Planar2R, marks=pytest.mark.slow), planar2r.kernel], ids=["numpy", "c"]
+)
 def arm(request: pytest.FixtureRequest) -> Component:
     make: Callable[[], Component] = request.param
     return make()

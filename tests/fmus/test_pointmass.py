@@ -19,7 +19,10 @@ from tests.fmus.loops import arrays
 
 
 @pytest.fixture(
-    scope="module", params=[PointMass, pointmass.kernel], ids=["numpy", "c"], name="mass"
+    scope="module",
+    params=[pytest.param(PointMass, marks=pytest.mark.slow), pointmass.kernel],
+    ids=["numpy", "c"],
+    name="mass",
 )
 def mass_(request: pytest.FixtureRequest) -> Component:
     make: Callable[[], Component] = request.param

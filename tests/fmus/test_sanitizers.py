@@ -66,7 +66,11 @@ def run(command: list[str]) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.identifier)
+@pytest.mark.parametrize(
+    "model",
+    [MODELS[1], *(pytest.param(m, marks=pytest.mark.slow) for m in (MODELS[0], MODELS[2]))],
+    ids=lambda model: model.identifier,
+)
 def test_both_apis_are_clean_under_the_sanitizers(
     model: Model, objects: Path, tmp_path: Path
 ) -> None:

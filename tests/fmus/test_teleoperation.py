@@ -24,7 +24,10 @@ seed = st.integers(0, 2**32 - 1)
 
 
 @pytest.fixture(
-    scope="module", params=[Teleoperation, teleoperation.kernel], ids=["numpy", "c"], name="make"
+    scope="module",
+    params=[pytest.param(Teleoperation, marks=pytest.mark.slow), teleoperation.kernel],
+    ids=["numpy", "c"],
+    name="make",
 )
 def make_(request: pytest.FixtureRequest) -> Make:
     make: Make = request.param

@@ -71,8 +71,8 @@ def test_a_child_that_crashes_or_stands_still_is_noticed(
 @pytest.mark.parametrize(
     ("body", "failed"),
     [
-        ("assert True", ""),
-        ("assert False", "::test_it"),
+        pytest.param("assert True", "", marks=pytest.mark.slow),
+        pytest.param("assert False", "::test_it", marks=pytest.mark.slow),
         ("import os; os.kill(os.getpid(), 9)", "::test_it (no end)"),
     ],
 )

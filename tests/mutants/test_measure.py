@@ -9,6 +9,7 @@ import pytest
 from tests.mutants import measure
 from tests.mutants.measure import Measurement
 
+pytestmark = pytest.mark.slow
 SOURCE = """\
 __attribute__((visibility("default"))) int f(int x)
 {

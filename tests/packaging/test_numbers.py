@@ -7,6 +7,7 @@ import inspect
 import json
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -179,12 +180,16 @@ def identifiers() -> list[tuple[str, str, int, int]]:
     return rows
 
 
+@cache
+def database(file: str) -> cantools.database.Database:
+    return cantools.database.load_file(ROOT / "configs" / "can" / f"{file}.dbc")
+
+
 def test_identifiers_and_bytes_of_the_table_are_those_of_the_dbc_files() -> None:
     rows = identifiers()
     assert len(rows) >= 40
     for file, name, identifier, size in rows:
-        database = cantools.database.load_file(ROOT / "configs" / "can" / f"{file}.dbc")
-        message = database.get_message_by_name(name)
+        message = database(file).get_message_by_name(name)
         assert (message.frame_id, message.length) == (identifier, size), f"{file}: {name}"
 
 

@@ -1,7 +1,9 @@
-"""Cases of the reproduction, run once for all tests of a session."""
+"""Cases of the reproduction, run once for all tests of a session, whatever process they are in."""
 
 from __future__ import annotations
 
+import fcntl
+import json
 from pathlib import Path
 
 from cosim.record import Run
@@ -22,9 +24,19 @@ class Evidence:
 
     def __getitem__(self, name: str) -> Run | Stop:
         if name not in self._found:
-            stop = run_case(name, self._documents[name], self.folder)
-            self._found[name] = open_case(name, self.folder, stop)
+            self._found[name] = open_case(name, self.folder, self._ended(name))
         return self._found[name]
+
+    def _ended(self, name: str) -> Stop | None:
+        """How the case ended; it is run unless another process of these tests has done so."""
+        ended = self.folder / f"{name}.json"
+        with (self.folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not ended.exists():
+                stop = run_case(name, self._documents[name], self.folder)
+                ended.write_text(json.dumps([stop.time, stop.reason] if stop else None))
+        found = json.loads(ended.read_text())
+        return Stop(*found) if found else None
 
     def run(self, name: str) -> Run:
         """A case that ran to its end."""

@@ -25,6 +25,7 @@ from cosim.bus.frames import BusFrame
 from cosim.bus.settings import ScriptedError
 from cosim.bus.timing import frame_bits
 from tests.bridge.simulated_can.benches import everything, message
+from tests.cli.command import Command
 
 ROOT = Path(__file__).parents[3]
 COMMAND = (sys.executable, "-c", "from cosim.cli import main; main()", "bus")
@@ -263,21 +264,21 @@ def test_the_command_serves_says_where_and_ends_with_an_account(tmp_path: Path) 
     assert not err
 
 
-def run_command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *arguments],
-        capture_output=True, text=True, cwd=ROOT, timeout=120, check=False,
-    )  # fmt: skip
+@pytest.fixture
+def cosim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """The command in this process, in the folder of the checkout."""
+    monkeypatch.chdir(ROOT)
+    return Command(monkeypatch, capsys)
 
 
-def test_the_command_runs_a_dbc_file_in_simulated_time() -> None:
-    done = run_command(
-        "--listen", "127.0.0.1:0", "--load", "configs/can/link_fd2.dbc", "--fd", "--speed",
+def test_the_command_runs_a_dbc_file_in_simulated_time(cosim: Command) -> None:
+    done = cosim(
+        "bus", "--listen", "127.0.0.1:0", "--load", "configs/can/link_fd2.dbc", "--fd", "--speed",
         "simulated", "--for", "0.2", "--bitrate", "1000000", "--data-bitrate", "5000000",
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n3A") >= 2
-    assert "0.200 s: load" in done.stdout
+    assert done.code == 0, done.err
+    assert done.out.count("\n3A") >= 2
+    assert "0.200 s: load" in done.out
 
 
 @pytest.mark.parametrize(
@@ -292,19 +293,19 @@ def test_the_command_runs_a_dbc_file_in_simulated_time() -> None:
         (["--load", "configs/can/link_fd2.dbc"], "CAN FD messages on a classic bus"),
     ],
 )
-def test_bad_arguments_get_one_sentence(arguments: list[str], text: str) -> None:
-    done = run_command("--listen", "127.0.0.1:0", "--for", "0.01", *arguments)
-    assert done.returncode != 0
-    assert text in " ".join(done.stderr.split())
-    assert "Traceback" not in done.stderr
+def test_bad_arguments_get_one_sentence(cosim: Command, arguments: list[str], text: str) -> None:
+    done = cosim("bus", "--listen", "127.0.0.1:0", "--for", "0.01", *arguments)
+    assert done.code != 0
+    assert text in " ".join(done.err.split())
+    assert "Traceback" not in done.err
 
 
-def test_a_port_in_use_is_said() -> None:
+def test_a_port_in_use_is_said(cosim: Command) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        done = run_command("--listen", f"127.0.0.1:{port}", "--for", "0.01")
-    assert done.returncode != 0
-    assert f"127.0.0.1:{port}: Address already in use" in " ".join(done.stderr.split())
+        done = cosim("bus", "--listen", f"127.0.0.1:{port}", "--for", "0.01")
+    assert done.code != 0
+    assert f"127.0.0.1:{port}: Address already in use" in " ".join(done.err.split())
 
 
 def test_frames_of_a_load_are_nodes_that_only_send() -> None:

@@ -51,7 +51,8 @@ static void pop(delay_t *d)
     const waiting_t last = d->queue[n];
     int64_t i = 0;
     for (int64_t child; (child = 2 * i + 1) < n; i = child) {
-        if (child + 1 < n && before(d->queue[child + 1], d->queue[child])) child++;
+        const int64_t right = child + 1;
+        if (right < n && before(d->queue[right], d->queue[child])) child = right;
         if (!before(d->queue[child], last)) break;
         d->queue[i] = d->queue[child];
     }

@@ -130,11 +130,16 @@ class FrameBitsStruct(c.Structure):
     _fields_ = (("nominal", c.c_int32), ("data", c.c_int32))
 
 
+def library_path() -> Path:
+    """Where the shared library of the simulated bus is, built at installation."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    return Path(__file__).parent.with_name(f"_bus{suffix}")
+
+
 @lru_cache(maxsize=1)
 def library() -> c.CDLL:
     """The simulated bus, loaded once. Raises CosimError if it is missing or of another version."""
-    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-    path = Path(__file__).parent.with_name(f"_bus{suffix}")
+    path = library_path()
     if not path.is_file():
         raise CosimError(f"{path} is missing: install the project (pip install .), which builds it")
     bus = c.CDLL(str(path))

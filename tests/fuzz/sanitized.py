@@ -50,19 +50,22 @@ def library() -> Path:
     return output
 
 
-def command(target: str, seed: int, count: int, seconds: float) -> tuple[list[str], dict[str, str]]:
-    """What runs a target, and its environment. `count` mutants, or `seconds` where that is > 0."""
+def preloaded() -> dict[str, str]:
+    """The environment of a Python that loads a library with sanitizers."""
     runtimes = [
         subprocess.check_output(["gcc", f"-print-file-name={name}"], text=True).strip()
         for name in ("libasan.so", "libubsan.so")
     ]
-    words = [sys.executable, "-m", "tests.fuzz.frames", target, str(library())]
-    environment = {
-        **os.environ,
+    return {
         "LD_PRELOAD": " ".join(runtimes),
         "ASAN_OPTIONS": "detect_leaks=0:abort_on_error=0:exitcode=86",
         "UBSAN_OPTIONS": "print_stacktrace=1:exitcode=86",
         "PYTHONMALLOC": "malloc",  # so that every object has its own bounds
         "PYTHONPATH": str(ROOT),
     }
-    return [*words, str(seed), str(count), str(seconds)], environment
+
+
+def command(target: str, seed: int, count: int, seconds: float) -> tuple[list[str], dict[str, str]]:
+    """What runs a target, and its environment. `count` mutants, or `seconds` where that is > 0."""
+    words = [sys.executable, "-m", "tests.fuzz.frames", target, str(library())]
+    return [*words, str(seed), str(count), str(seconds)], {**os.environ, **preloaded()}

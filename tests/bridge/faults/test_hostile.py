@@ -69,6 +69,14 @@ def test_a_forged_frame_comes_first_with_its_values_and_a_counter_ahead(codec):
     assert forged[3] == true[3] == 7
 
 
+def test_what_a_forged_frame_adds_is_drawn_from_the_whole_of_its_range(codec):
+    rule = hostile(codec, native.FORGE, a=2.0, b=6.0)
+    found = heard(codec, rule, frames=[sent(codec, n) for n in range(10)])
+    added = np.array([f[2] - t[2] for f, t in zip(found[::2], found[1::2], strict=True)])
+    assert 2 - 1e-3 <= added.min() < 2.5 and 5.5 < added.max() <= 6 + 1e-3
+    assert len(np.unique(added.round(3))) == added.size  # each value has a draw of its own
+
+
 def test_the_record_counts_the_frames_of_a_hostile_peer(codec, tmp_path):
     rules = [hostile(codec, native.FORGE, a=2.0, b=2.0), hostile(codec, native.FORGE, a=3.0, b=3.0)]
     with Journal.create(tmp_path / "injected", native.INJECTED, 10) as journal:

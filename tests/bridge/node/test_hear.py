@@ -179,3 +179,37 @@ def test_a_sample_older_than_its_reception_allows_is_counted_and_not_taken(node,
     node.step()
     assert node.wired.receivers["STATE_1"].stale == stale
     assert reception.newest == (-1 if stale else 0)
+
+
+def jumps(system, folder, message, values):
+    """Whether values heard before the run begins are a jump for ``master_control``."""
+    encoding = system.messages[message].encoding
+    status = LifeState.INACTIVE | Status.SIMULATED
+    with Slots(system, "master_control", folder) as slots:
+        slots.struct.start_ns = 1_000_000_000
+        for n, value in enumerate(values):
+            frame = encoding.frame([value] * encoding.message.n_fields, Header(status=status))
+            slots.put("left", frame, n * 1e-3)
+        return bool(slots.step()["now"] & Why.JUMP)
+
+
+@pytest.mark.parametrize(("joint", "limit"), [(1, 0.3), (2, 0.1)])
+def test_a_jump_before_the_start_is_measured_with_the_limit_of_its_joint(tmp_path, joint, limit):
+    """Each drive of CiA 402 has a torque message, a guard and an encoder of its own."""
+    limits = 'deploy.nodes.master_control.guard.q_jump=["0.3 rad", "0.1 rad"]'
+    system = named("can-cia402", limits)
+    for moved in (limit, -limit):
+        assert jumps(system, tmp_path, f"master_state_{joint}", [0.4, 0.4 + 1.1 * moved])
+        assert not jumps(system, tmp_path, f"master_state_{joint}", [0.4, 0.4 + 0.9 * moved])
+    assert not jumps(system, tmp_path, f"master_speed_{joint}", [0.0, 5.0])
+
+
+@pytest.mark.parametrize("limit", [0.5, 0.4375, None])
+def test_a_jump_before_the_start_is_more_than_the_limit_if_there_is_one(tmp_path, limit):
+    found = document("can")
+    found["nodes"]["master_control"]["guard"] |= {"q_jump": limit}
+    if limit is None:
+        del found["nodes"]["master_control"]["guard"]["q_jump"]
+    system = system_of(found, tmp_path)
+    for values in ([0.25, 0.75], [0.75, 0.25]):
+        assert jumps(system, tmp_path, "STATE_1", values) == (limit == 0.4375)

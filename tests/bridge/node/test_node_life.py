@@ -108,6 +108,11 @@ def test_a_rehearsal_has_its_torque_until_the_end_and_none_after_it(tmp_path):
     with Bench(tmp_path, "run.stop=0.2") as bench:
         bench.begin()
         assert bench.end() == native.FINISHED
+        ended = monotonic_ns() - bench.struct.start_ns
+        rows = bench.wired.journal.rows
+        for before, after in (("woke", "received"), ("received", "done")):
+            assert (rows[f"{before}_ns"] <= rows[f"{after}_ns"]).all()
+        assert rows["done_ns"].max() <= ended
     assert len(bench.wired.journal.path.read_bytes())
     assert not np.any(bench.torques[-1])
     assert np.any(bench.torques[-2])

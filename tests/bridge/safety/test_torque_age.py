@@ -92,14 +92,18 @@ def test_a_delay_that_creeps_is_in_the_verdict(tmp_path):
     assert outcome.replayed is not None and outcome.replayed.first is None
 
 
-def test_the_age_that_a_law_adds_counts(tmp_path):
-    """A link of torques whose delay is beyond the bound: none acts."""
+def delayed(delay):
+    """The teleoperator with a link of torques to the master, in place of a wire."""
     scenario = read_document(TELEOPERATION)
     scenario["components"]["master"]["inputs"] = {}
     way = {"from": "master_control.tau", "to": "master.tau", "semantics": "newest-stamp"}
-    scenario["links"].append({**way, "delay": {"law": "constant", "delay": "150 ms"}})
-    system = make_system(build(scenario, TELEOPERATION), named("can").deployment)
-    with alone(system, "master", tmp_path) as node:
+    scenario["links"].append({**way, "delay": {"law": "constant", "delay": delay}})
+    return make_system(build(scenario, TELEOPERATION), named("can").deployment)
+
+
+def test_the_age_that_a_law_adds_counts(tmp_path):
+    """A link of torques whose delay is beyond the bound: none acts."""
+    with alone(delayed("150 ms"), "master", tmp_path) as node:
         for k in range(100):
             node.say("LINK_2", k, [3.0, 2.0, 0.0, 0.0], 0.0005)
         rows = node.run(0.5)
@@ -107,3 +111,15 @@ def test_the_age_that_a_law_adds_counts(tmp_path):
         assert not torque(rows, node)[rows["slot"] < 100].any()
         assert node.wired.drives[0].state is DriveState.FAULT
         assert node.counts("LINK_2").stale > 50
+
+
+@pytest.mark.parametrize(("max_age", "given"), [(0, True), (49_500_000, True), (49_499_999, False)])
+def test_a_torque_is_given_up_to_exactly_the_age_allowed(tmp_path, max_age, given):
+    """Sample 0 alone, sent at 0.5 ms and held from 50 ms on; the bound is in ns, 0 means none."""
+    with alone(delayed("49.5 ms"), "master", tmp_path) as node:
+        (inlet,) = (i for i in node.wired.inlet_bindings.inlets if i.drive)
+        inlet.max_age_ns = max_age
+        node.say("LINK_2", 0, [3.0, 2.0, 0.0, 0.0])
+        rows = node.run(0.08)
+        assert rows["slot"][rows["inlets"]["held"][:, 0] == 0][0] == 50
+        assert torque(rows, node)[rows["slot"] >= 50].any() == given

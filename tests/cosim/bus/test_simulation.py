@@ -225,8 +225,10 @@ def test_identical_frames_are_sent_as_one():
     for node in (0, 1):
         b.request(node, 0, BusFrame(0x123, b"\x11"))
     events = b.advance(10**9)
-    assert of(events, BusEvent.SENT)["time"].tolist() == [53 * BIT] * 2
-    assert len(of(events, BusEvent.RECEIVED)) == 1
+    sent, received = of(events, BusEvent.SENT), of(events, BusEvent.RECEIVED)
+    assert sent["time"].tolist() == [53 * BIT] * 2
+    assert len(received) == 1
+    assert {*sent["frame"], *received["frame"]} == {0}  # equal frames are kept once
 
 
 def test_a_passive_transmitter_waits_eight_bits_longer():
@@ -265,6 +267,58 @@ def test_queues(queue, order, dropped):
         dropped = [dropped[1], dropped[0]]
     assert of(events, BusEvent.SENT)["request"].tolist() == order
     assert of(events, BusEvent.DROPPED)[["request", "code"]].tolist() == dropped
+
+
+def test_a_mailbox_whose_frame_was_sent_is_free():
+    """A newer frame of the same identifier replaces nothing."""
+    b = SimulatedBus(ONE, [BusNodeSettings("a", QueueKind.MAILBOXES, 3), BusNodeSettings("b")])
+    for at in (0, 200, 400):
+        b.request(0, at * BIT, BusFrame(5, b"\x55"))
+    events = b.advance(10**9)
+    assert of(events, BusEvent.SENT)["request"].tolist() == [0, 1, 2]
+    assert not len(of(events, BusEvent.DROPPED))
+
+
+def test_a_request_leaves_those_alone_that_wait():
+    """The inbox is a ring: a new frame comes to lie before older ones that have not begun."""
+    nodes = [BusNodeSettings("a", inbox=3), BusNodeSettings("b")]
+    b = SimulatedBus(FD, nodes)
+    wanted = [BusFrame(i, bytes([i]) * 64, BRS) for i in range(1, 5)]
+    for i in range(3):
+        b.request(0, i * 1000 * BIT, wanted[i])
+    found = [b.frame(e) for e in of(b.advance(500 * BIT), BusEvent.SENT)]
+    b.request(0, 3000 * BIT, wanted[3])
+    found += [b.frame(e) for e in of(b.advance(5000 * BIT), BusEvent.SENT)]
+    assert found == wanted
+
+
+def test_an_error_that_the_crc_does_not_see_gives_one_node_another_frame():
+    """Bits inverted at one receiver as in x^15 + x^14 + x^10 + x^8 + x^7 + x^4 + x^3 + 1.
+
+    The CRC is the remainder of a division by this polynomial. The bits are those of bytes 1 and 2,
+    whose last bit is bit 42 of the frame.
+    """
+    powers = (15, 14, 10, 8, 7, 4, 3, 0)
+    wrong = [ScriptedError(0x123, 42 - power, node=1) for power in powers]
+    b = bus(3, disturbances=wrong)
+    b.request(0, 0, BusFrame(0x123, b"\x55" * 8))
+    events = b.advance(10**9)
+    assert not len(of(events, BusEvent.ERROR))
+    received = of(events, BusEvent.RECEIVED)
+    assert len(set(received["time"].tolist())) == 1
+    found = {int(e["node"]): b.frame(e).data for e in received}
+    assert found == {1: bytes.fromhex("5590CC5555555555"), 2: b"\x55" * 8}
+
+
+@pytest.mark.parametrize("level", [LineLevel.DOMINANT, LineLevel.RECESSIVE])
+@pytest.mark.parametrize(("where", "first"), [(None, 0), (1, 1), (2, 2)])
+def test_a_level_forced_at_one_node_is_an_error_there_first(level, where, first):
+    """Forced on the bus it is the sender that sees another bit than it sends."""
+    b = bus(3, disturbances=[ScriptedError(0x123, 30, length=6, node=where, level=level)])
+    b.request(0, 0, BusFrame(0x123, b"\x55" * 8))
+    errors = of(b.advance(10**9), BusEvent.ERROR)
+    assert errors["node"][0] == first
+    assert errors["code"][0] == (ErrorCode.BIT if where is None else ErrorCode.STUFF)
 
 
 def test_one_shot_abort_filters_and_the_receive_fifo():

@@ -17,3 +17,14 @@ def test_a_line_begins_with_the_name_of_its_status(status: int, name: str) -> No
     structs.library().engine_log3(c.c_void_p(c.addressof(log)), status, b"category", b"text")
     assert log.text() == f"[{name}] category: text\n"
     assert list(log.level[:1]) == [status]
+
+
+@pytest.mark.parametrize(("short", "text"), [(0, "[ok] a: b\n" * 2), (1, "[ok] a: b\n")])
+def test_a_line_is_kept_where_there_is_room_for_it_and_the_zero_behind_it(short: int, text: str):
+    """A line that does not fit is counted and left out as a whole."""
+    log = fmu_log.log(room=len("[ok] a: b\n" * 2) + 1 - short)
+    for _ in range(2):
+        structs.library().engine_log3(c.c_void_p(c.addressof(log)), 0, b"a", b"b")
+    left_out = "... 1 lines left out; the last ones:\nb\nb\n"
+    assert log.text() == text + (left_out if short else "")
+    assert log.dropped == short

@@ -55,6 +55,14 @@ class GoneOff(Exception):
     """Bus-off."""
 
 
+@cache
+def priority(frame: BusFrame) -> str:
+    """The bits that arbitrate, in the order of sending."""
+    f = frame.format
+    sent = naive.header(frame.identifier, extended=f.extended, rtr="01"[f.remote])
+    return sent.ljust(33, "0")
+
+
 class Pending(NamedTuple):
     at: int
     number: int
@@ -63,9 +71,7 @@ class Pending(NamedTuple):
     @property
     def priority(self) -> str:
         """The bits that arbitrate, in the order of sending."""
-        f = self.frame.format
-        sent = naive.header(self.frame.identifier, extended=f.extended, rtr="01"[f.remote])
-        return sent.ljust(33, "0")
+        return priority(self.frame)
 
 
 class SentBit(NamedTuple):
@@ -353,6 +359,9 @@ class Node:
 
     def sample(self, level: int) -> None:
         """Sample a bit: once, or by a clock that is too slow not at all, or too fast twice."""
+        if not self.bus.drifting:
+            self.life.send(level)
+            return
         times = self.samples(level)
         self.missed = not times
         for i, seen in enumerate(times):
@@ -363,8 +372,6 @@ class Node:
         self.again = False
 
     def samples(self, level: int) -> list[int]:
-        if not self.bus.drifting:
-            return [level]
         bit = self.bits[self.bus.fast]
         before, self.before = self.before, level
         if self.idling or self.off or self.sends:
@@ -531,7 +538,9 @@ class Wires:
         self.counts = [0] * len(self.scripts)
         self.acting: list[ScriptedError] = []
         self.now: list[tuple[int | None, LineLevel]] = []
-        self.interruptions = [d for d in disturbances if isinstance(d, Interruption)]
+        timed = [d for d in disturbances if isinstance(d, Interruption)]
+        self.coming = sorted(timed, key=lambda x: x.start_ps)[::-1]  # the next at the end
+        self.timed: list[Interruption] = []  # begun and not over
         self.happened: list[Happened] = []
         self.read: list[tuple[int, int]] = []
         self.starters: list[tuple[Pending, Node]] = []
@@ -569,12 +578,12 @@ class Wires:
             for n in self.nodes
             if (n.waiting or n.coming) and not n.off
         ]
-        times += [
-            max(self.t, x.start_ps)
-            for x in self.interruptions
-            if x.level in (LineLevel.INVERTED, LineLevel.DOMINANT)
-            and x.end_ps > max(self.t, x.start_ps)
-        ]
+        dominant = (LineLevel.INVERTED, LineLevel.DOMINANT)
+        times += [self.t for x in self.timed if x.level in dominant and x.end_ps > self.t]
+        for x in reversed(self.coming):
+            if x.level in dominant and x.end_ps > max(self.t, x.start_ps):
+                times.append(max(self.t, x.start_ps))
+                break
         return min(times, default=1 << 62)
 
     def attempt(self) -> None:
@@ -600,31 +609,38 @@ class Wires:
 
     def step(self, counting: bool) -> None:
         """One bit; `counting`: an idle one, of which only nodes that are off take notice."""
-        self.interruptions = [x for x in self.interruptions if x.end_ps > self.t]
+        while self.coming and self.coming[-1].start_ps <= self.t:
+            self.timed.append(self.coming.pop())
+        if self.timed:
+            self.timed = [x for x in self.timed if x.end_ps > self.t]
         self.clock = self.t
+        shown = False
         for n in self.nodes:
             n.shown = n.flag
+            shown = shown or n.flag != ""
         levels = [n.drive() for n in self.nodes]
         if self.starters:
             self.bit = 0
             self.attempt()
         sending = [n for n in self.nodes if n.sends]
         scripts = [s for s in self.acting if s.bit <= self.bit < s.bit + s.length]
-        timed = [x for x in self.interruptions if x.start_ps <= self.t < x.end_ps]
         struck = [] if counting else [n.rate for n in self.noises if n.strikes()]
-        self.now = [
-            *((s.node, s.level) for s in scripts),
-            *((r.node, LineLevel.INVERTED) for r in struck),
-            *((x.node, x.level) for x in timed),
-        ]
+        self.now = [(s.node, s.level) for s in scripts]
+        self.now += [(r.node, LineLevel.INVERTED) for r in struck]
+        self.now += [(x.node, x.level) for x in self.timed]
         self.on_air = sending[0].sends.number if sending and sending[0].sends else -1
-        fast = any(n.sent_bit.fast for n in sending) and not any(n.shown for n in self.nodes)
+        fast = not shown and any(n.sent_bit.fast for n in sending)
         self.fast = fast
         self.clock = self.t + (self.nominal if counting else self.bits[fast])
-        level = min((x for i, x in enumerate(levels) if self.connected(i)), default=1)
-        level = self.disturbed(None, level)
-        for n in self.nodes:
-            n.sample(self.disturbed(n.number, level))
+        if self.now:
+            level = min((x for i, x in enumerate(levels) if self.connected(i)), default=1)
+            level = self.disturbed(None, level)
+            for n in self.nodes:
+                n.sample(self.disturbed(n.number, level))
+        else:
+            level = min(levels)
+            for n in self.nodes:
+                n.sample(level)
         if self.starters:
             self.attempt()
             self.bit = 0

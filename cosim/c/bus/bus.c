@@ -19,7 +19,7 @@ static void lay_out_node(node_t *n, const bus_node_settings_t *set, char *memory
     size_t length = (size_t)set->queue_length;
     n->set = *set;
     n->slots = take(memory, used, length, sizeof *n->slots);
-    n->order = take(memory, used, length + 1, sizeof *n->order);
+    n->order = n->order_room = take(memory, used, 2 * length, sizeof *n->order);
     n->spare = take(memory, used, length, sizeof *n->spare);
     n->inbox = take(memory, used, (size_t)set->inbox, sizeof *n->inbox);
     n->fifo = take(memory, used, (size_t)set->receive_length, sizeof *n->fifo);
@@ -75,6 +75,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
     b->n = set->n_nodes;
     b->next_request = NEVER;
     b->deaf = !(set->record >> EVENT_RECEIVED & 1u);
+    b->follow = (set->record & (1u << EVENT_STARTED | 1u << EVENT_LOST)) != 0;
     for (int32_t i = 0; i < set->n_filters; i++)
         b->filters[i] = set->filters[i];
     for (int32_t i = 0; i < set->n_scripts; i++)
@@ -87,6 +88,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
         node_t *n = &b->nodes[i];
         n->slot = NO_SLOT;
         b->deaf &= n->set.receive_length == 0;
+        b->follow |= n->set.one_shot || n->set.queue == QUEUE_MAILBOXES;
         for (int32_t j = 0; j < n->set.queue_length; j++)
             n->spare[j] = (uint16_t)(n->set.queue_length - 1 - j);
         b->next_at[i] = b->ready[i] = NEVER;
@@ -102,7 +104,7 @@ int64_t bus_request(bus_t *b, const bus_request_t *requests, int64_t count)
     int64_t i;
     for (i = 0; i < count; i++) {
         const bus_request_t *r = &requests[i];
-        int32_t length = can_padded(r->frame.flags, r->frame.length);
+        int32_t length = can_padded(r->frame.flags, r->frame.length), place;
         node_t *n;
         slot_t *s;
         if (r->node < 0 || r->node >= b->n || length < 0)
@@ -110,7 +112,8 @@ int64_t bus_request(bus_t *b, const bus_request_t *requests, int64_t count)
         n = &b->nodes[r->node];
         if (r->at < b->now || r->at < n->inbox_last || n->inbox_count == n->set.inbox)
             break;
-        s = &n->inbox[(n->inbox_head + n->inbox_count++) % n->set.inbox];
+        place = n->inbox_head + n->inbox_count++;
+        s = &n->inbox[place < n->set.inbox ? place : place - n->set.inbox];
         s->frame = r->frame;
         s->frame.length = (uint8_t)length;
         s->frame.reserved = 0;
@@ -119,7 +122,8 @@ int64_t bus_request(bus_t *b, const bus_request_t *requests, int64_t count)
         s->at = n->inbox_last = r->at;
         s->request = b->numbers++;
         s->aborted = 0;
-        next_inbox(b, r->node);
+        if (n->inbox_count == 1)
+            next_inbox(b, r->node);
         if (r->at < b->next_request)
             b->next_request = r->at;
     }
@@ -178,6 +182,8 @@ static int32_t restart(bus_t *b, int32_t node)
 /* What the host asked for since the last call: aborts and resets. 0: the output is full. */
 static int32_t obey(bus_t *b)
 {
+    if (b->in_flight && !b->followed)
+        follow_losers(b);
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
         if (!has_room(b) || (n->reset && !restart(b, i)))

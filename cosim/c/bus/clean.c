@@ -39,10 +39,13 @@ void recover(bus_t *b, int32_t node)
 static int64_t next_start(const bus_t *b)
 {
     int64_t first = NEVER;
-    for (int32_t i = 0; i < b->n; i++)
+    for (int32_t i = 0; i < b->n; i++) {
+        if (b->ready[i] <= b->free)
+            return b->free;
         if (b->ready[i] < first)
             first = b->ready[i];
-    return first == NEVER || first > b->free ? first : b->free;
+    }
+    return first;
 }
 
 /* Bits on the wire before each bit that arbitrates: 32 of them, from the first of the identifier. */
@@ -73,18 +76,28 @@ static int32_t first_bit(uint32_t x)
     return i + !(x & 0x80000000u);
 }
 
+/* The slots with which the nodes take part in arbitration at t. */
+static void find_contenders(bus_t *b, int64_t t)
+{
+    for (int32_t i = 0; i < b->n; i++) {
+        node_t *n = &b->nodes[i];
+        n->slot = n->phase == PHASE_OFF || n->earliest > t ? NO_SLOT : requested(n, t);
+    }
+}
+
 /* Who loses arbitration, in the order in which they do. */
 static void find_losers(bus_t *b, int64_t t)
 {
-    uint32_t best = b->rank[b->winner];
+    const node_t *winner = &b->nodes[b->winner];
+    uint32_t best = winner->slots[winner->slot].rank;
     uint8_t at[32];
     int32_t most = 0;
-    b->n_lost = b->lost_done = 0;
     for (int32_t i = 0; i < b->n; i++) {
+        const node_t *n = &b->nodes[i];
         int32_t bit, j;
-        if (b->ready[i] > t || i == b->winner)
+        if (n->slot == NO_SLOT || n == winner)
             continue;
-        bit = first_bit(best ^ b->rank[i]);
+        bit = first_bit(best ^ n->slots[n->slot].rank);
         most = bit > most ? bit : most;
         for (j = b->n_lost++; j > 0 && b->lost[j - 1].bit > bit; j--)
             b->lost[j] = b->lost[j - 1];
@@ -99,22 +112,27 @@ static void find_losers(bus_t *b, int64_t t)
     }
 }
 
+void follow_losers(bus_t *b)
+{
+    b->followed = 1;
+    find_contenders(b, b->sof);
+    find_losers(b, b->sof);
+    for (; b->lost_done < b->n_lost && b->lost[b->lost_done].time <= b->now; b->lost_done++)
+        b->nodes[b->lost[b->lost_done].node].slot = NO_SLOT;
+}
+
 /* The winner at t; *tie: another has the same bits. */
 static int32_t arbitrate(const bus_t *b, int64_t t, int32_t *tie)
 {
-    int32_t winner = -1;
-    *tie = 0;
+    uint64_t best = UINT64_MAX, second = UINT64_MAX;
     for (int32_t i = 0; i < b->n; i++) {
-        if (b->ready[i] > t)
-            continue;
-        if (winner < 0 || b->rank[i] < b->rank[winner]) {
-            winner = i;
-            *tie = 0;
-        } else if (b->rank[i] == b->rank[winner]) {
-            *tie = 1;
-        }
+        uint64_t key = b->ready[i] > t ? UINT64_MAX : (uint64_t)b->rank[i] << 16 | (uint64_t)i;
+        uint64_t larger = key > best ? key : best;
+        best = key < best ? key : best;
+        second = larger < second ? larger : second;
     }
-    return winner;
+    *tie = best >> 16 == second >> 16;
+    return (int32_t)(best & 0xFFFFu);
 }
 
 /* The transmission of the winner at t will be undisturbed. (A node that suspends its transmission
@@ -126,13 +144,18 @@ static void launch(bus_t *b, int64_t t)
     b->end = b->next - 3 * b->bit_ps;
     b->stamp = t;
     b->totals.clean++;
+    b->n_lost = b->lost_done = 0;
+    b->followed = b->follow;
+    if (!b->follow) {
+        b->nodes[b->winner].slot = b->nodes[b->winner].order[0];
+        return;
+    }
+    find_contenders(b, t);
     find_losers(b, t);
     for (int32_t i = 0; i < b->n; i++) {
-        node_t *n = &b->nodes[i];
-        if (b->ready[i] <= t) {
-            n->slot = n->order[0];
+        const node_t *n = &b->nodes[i];
+        if (n->slot != NO_SLOT)
             event_at_bit(b, i, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
-        }
     }
 }
 
@@ -163,9 +186,9 @@ static void start(bus_t *b, int64_t t)
 /* Nothing is being sent. */
 static int32_t idle_step(bus_t *b, int64_t until)
 {
-    int64_t t = next_start(b), back, glitch = line_glitch(b), limit;
+    int64_t first = next_start(b), back, glitch = line_glitch(b), limit;
     int32_t node = next_recovery(b, &back);
-    t = back < t ? back : t;
+    int64_t t = back < first ? back : first;
     t = glitch < t ? glitch : t;
     if (b->next_request <= t) {
         if (b->next_request >= until)
@@ -183,7 +206,7 @@ static int32_t idle_step(bus_t *b, int64_t until)
     }
     if (t == until)
         return 0;
-    if (next_start(b) == t)
+    if (first == t)
         start(b, t);
     else
         wire_enter(b, t);
@@ -198,32 +221,49 @@ static void lose(bus_t *b, const lost_t *lost)
     node_failed(b, lost->node);
 }
 
-/* The end of EOF: everybody has the frame. */
+static void finish_sent(bus_t *b)
+{
+    node_t *n = &b->nodes[b->winner];
+    n->earliest = 0;
+    node_sent(b, b->winner, n->slot);
+    n->sender = 1;
+    if (node_passive(n)) {
+        n->earliest = b->next + 8 * b->set.bit;
+        refresh(b, b->winner);
+    }
+}
+
+/* The others have the frame, or, while off, saw the bus busy. */
+static void finish_others(bus_t *b, const can_frame_t *frame, int64_t request, int32_t from, int32_t to)
+{
+    for (int32_t i = from; i < to; i++) {
+        node_t *n = &b->nodes[i];
+        if (n->phase == PHASE_OFF) {
+            if (n->needed > 0)
+                n->needed -= (int32_t)((b->sof - n->quiet_from) / b->set.bit / 11);
+            n->quiet_from = b->next - 11 * b->set.bit;
+        } else if (!b->deaf) {
+            deliver(b, i, frame, request);
+        }
+    }
+}
+
+/* The end of EOF: all nodes have the frame. */
 static void finish(bus_t *b)
 {
-    node_t *winner = &b->nodes[b->winner];
-    can_frame_t frame = node_frame(winner, winner->slot);
+    const node_t *winner = &b->nodes[b->winner];
     int64_t request = winner->slots[winner->slot].request;
     b->stamp = b->end;
     b->in_flight = 0;
     b->free = b->next;
     line_pass(b, b->bits.nominal + b->bits.data);
-    for (int32_t i = 0; i < b->n; i++) {
-        node_t *n = &b->nodes[i];
-        if (i != b->winner && b->deaf && !b->off)
-            continue;
-        if (i == b->winner) {
-            node_sent(b, i, n->slot);
-            n->sender = 1;
-            n->earliest = node_passive(n) ? b->next + 8 * b->set.bit : 0;
-            refresh(b, i);
-        } else if (n->phase == PHASE_OFF) {
-            if (n->needed > 0)
-                n->needed -= (int32_t)((b->sof - n->quiet_from) / b->set.bit / 11);
-            n->quiet_from = b->next - 11 * b->set.bit;
-        } else {
-            deliver(b, i, &frame, request);
-        }
+    if (b->deaf && !b->off) {
+        finish_sent(b);
+    } else {
+        can_frame_t frame = node_frame(winner, winner->slot);
+        finish_others(b, &frame, request, 0, b->winner);
+        finish_sent(b);
+        finish_others(b, &frame, request, b->winner + 1, b->n);
     }
 }
 

@@ -43,6 +43,7 @@ typedef struct {
     bus_node_settings_t set;
     slot_t *slots;                  /* queue_length */
     uint16_t *order, *spare;        /* pending slots, first to send first; and free ones */
+    uint16_t *order_room;           /* `order` begins in it: 2 * queue_length */
     int32_t pending;
     slot_t *inbox;                  /* a ring of future requests; only frame, at, request, aborted */
     int32_t inbox_head, inbox_count;
@@ -94,7 +95,10 @@ struct bus {
     uint32_t *rank;                 /* per node: of its first frame */
     lost_t *lost;                   /* of the transmission in flight, by time */
     int32_t n_lost, lost_done;
+    int32_t follow;                 /* every loss of arbitration has to be followed */
+    int32_t followed;               /* in the transmission in flight, they are */
     int32_t n, off, counting;       /* nodes; of them off; with REC > 0 and on the bus */
+    int32_t over;                   /* so many interruptions, the first ones, are over */
     int32_t deaf;                   /* no events of received frames are recorded for it */
     int32_t drifting;               /* not all clocks are equal */
     int64_t bit_ps, data_bit_ps;    /* of the node that began the last transmission */
@@ -139,11 +143,13 @@ void release(bus_t *b, int32_t node, int32_t slot);
 /* Requests up to and with `until` go from the inboxes to the queues; 0: the output is full. */
 int32_t drain(bus_t *b, int64_t until);
 void next_inbox(bus_t *b, int32_t node);
+/* The slot of the first frame in a node's queue that was requested up to `t`, or NO_SLOT. */
+int32_t requested(const node_t *node, int64_t t);
 
 /* line.c */
 void line_create(bus_t *b);
 int32_t line_attempt(bus_t *b, const can_frame_t *frame);   /* 1: a script is active */
-int32_t line_calm(const bus_t *b, int64_t from, int64_t to, int32_t bits);
+int32_t line_calm(bus_t *b, int64_t from, int64_t to, int32_t bits);
 void line_pass(bus_t *b, int32_t bits);
 int32_t line_busy(const bus_t *b);
 int64_t line_glitch(const bus_t *b);
@@ -174,6 +180,8 @@ int32_t clock_samples(bus_t *b, int32_t node, int32_t level);   /* how many in t
 
 /* clean.c, wire.c: go on a little; 0: nothing more to do until `until` (or the output is full). */
 int32_t clean_step(bus_t *b, int64_t until);
+/* From now on the losses of the transmission in flight are followed, even where `follow` is 0. */
+void follow_losers(bus_t *b);
 void recover(bus_t *b, int32_t node);
 /* Make the transmission in flight one that is simulated bit by bit, up to now. */
 void unfold(bus_t *b);

@@ -53,11 +53,19 @@ int32_t line_attempt(bus_t *b, const can_frame_t *f)
     return any;
 }
 
-/* Whether nothing disturbs `bits` bits between two times. */
-int32_t line_calm(const bus_t *b, int64_t from, int64_t to, int32_t bits)
+/* Those that are over at `t` are not looked at again. They are in the order of their begins. */
+static void forget(bus_t *b, int64_t t)
 {
-    for (int32_t i = 0; i < b->set.n_interruptions; i++)
-        if (b->interruptions[i].from < to && b->interruptions[i].to > from)
+    while (b->over < b->set.n_interruptions && b->interruptions[b->over].to <= t)
+        b->over++;
+}
+
+/* Whether nothing disturbs `bits` bits between two times. */
+int32_t line_calm(bus_t *b, int64_t from, int64_t to, int32_t bits)
+{
+    forget(b, from);
+    for (int32_t i = b->over; i < b->set.n_interruptions && b->interruptions[i].from < to; i++)
+        if (b->interruptions[i].to > from)
             return 0;
     for (int32_t i = 0; i < b->set.n_rates; i++)
         if (b->rates[i].distance < bits || b->rates[i].left)
@@ -88,8 +96,10 @@ int32_t line_busy(const bus_t *b)
 int64_t line_glitch(const bus_t *b)
 {
     int64_t first = NEVER;
-    for (int32_t i = 0; i < b->set.n_interruptions; i++) {
+    for (int32_t i = b->over; i < b->set.n_interruptions; i++) {
         const bus_interruption_t *x = &b->interruptions[i];
+        if (x->from > first)
+            break;
         int64_t at = x->from > b->free ? x->from : b->free;
         if (x->level <= LEVEL_DOMINANT && at < x->to && at < first)
             first = at;
@@ -97,25 +107,27 @@ int64_t line_glitch(const bus_t *b)
     return first;
 }
 
-static int32_t now(const bus_t *b, const bus_interruption_t *x)
+/* The next interruption of this bit from number `i` on, or n_interruptions. */
+static int32_t in_force(const bus_t *b, int32_t i)
 {
-    return x->from <= b->t && b->t < x->to;
+    while (i < b->set.n_interruptions && b->interruptions[i].to <= b->t)
+        i++;
+    return i < b->set.n_interruptions && b->interruptions[i].from <= b->t ? i : b->set.n_interruptions;
 }
 
 /* Whether what a node sends is on the bus. */
 int32_t line_connected(const bus_t *b, int32_t node)
 {
-    for (int32_t i = 0; i < b->set.n_interruptions; i++) {
-        const bus_interruption_t *x = &b->interruptions[i];
-        if (x->level == LEVEL_DISCONNECTED && x->node == node && now(b, x))
+    for (int32_t i = in_force(b, b->over); i < b->set.n_interruptions; i = in_force(b, i + 1))
+        if (b->interruptions[i].level == LEVEL_DISCONNECTED && b->interruptions[i].node == node)
             return 0;
-    }
     return 1;
 }
 
 /* Draw the random errors of this bit. */
 void line_draw(bus_t *b)
 {
+    forget(b, b->t);
     for (int32_t i = 0; i < b->set.n_rates; i++) {
         rate_t *r = &b->rates[i];
         r->hit = r->left > 0 || r->distance == 0;
@@ -146,8 +158,8 @@ static int32_t disturbed(const bus_t *b, int32_t node, int32_t bit)
     for (int32_t i = 0; i < b->set.n_rates; i++)
         if (b->rates[i].hit && b->rates[i].set.node == node)
             bit = !bit;
-    for (int32_t i = 0; i < b->set.n_interruptions; i++)
-        if (b->interruptions[i].node == node && now(b, &b->interruptions[i]))
+    for (int32_t i = in_force(b, b->over); i < b->set.n_interruptions; i = in_force(b, i + 1))
+        if (b->interruptions[i].node == node)
             bit = changed(bit, b->interruptions[i].level);
     return bit;
 }

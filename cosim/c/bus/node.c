@@ -199,16 +199,6 @@ static void delimiter_bit(bus_t *b, int32_t node, int32_t bit)
         enter(n, PHASE_INTERMISSION, 0);
 }
 
-/* What it can send from the begin of this bit on: not what was requested since, even if that is first
- * in the queue. */
-static int32_t waiting(const bus_t *b, const node_t *n)
-{
-    for (int32_t i = 0; n->earliest <= b->t && i < n->pending; i++)
-        if (n->slots[n->order[i]].at <= b->t)
-            return n->order[i];
-    return NO_SLOT;
-}
-
 static void intermission_bit(bus_t *b, int32_t node, int32_t bit)
 {
     node_t *n = &b->nodes[node];
@@ -217,7 +207,7 @@ static void intermission_bit(bus_t *b, int32_t node, int32_t bit)
     if (!bit && n->count < 3) {
         overload(b, node);
     } else if (!bit) {
-        int32_t joins = suspended ? NO_SLOT : waiting(b, n);
+        int32_t joins = suspended || n->earliest > b->t ? NO_SLOT : requested(n, b->t);
         listen(b, node);
         if (joins != NO_SLOT) {
             n->slot = joins;

@@ -24,7 +24,7 @@ void refresh(bus_t *b, int32_t node)
     b->ready[node] = first->at > n->earliest ? first->at : n->earliest;
 }
 
-/* Give a slot back. */
+/* Give a slot back; most often it is the first of the order. */
 void release(bus_t *b, int32_t node, int32_t slot)
 {
     node_t *n = &b->nodes[node];
@@ -32,7 +32,10 @@ void release(bus_t *b, int32_t node, int32_t slot)
     while (n->order[i] != slot)
         i++;
     n->pending--;
-    memmove(&n->order[i], &n->order[i + 1], (size_t)(n->pending - i) * sizeof *n->order);
+    if (i == 0)
+        n->order++;
+    else
+        memmove(&n->order[i], &n->order[i + 1], (size_t)(n->pending - i) * sizeof *n->order);
     n->spare[n->set.queue_length - n->pending - 1] = (uint16_t)slot;
     if (n->slot == slot)
         n->slot = NO_SLOT;
@@ -76,6 +79,30 @@ static int32_t same(const node_t *n, uint32_t rank)
     return NO_SLOT;
 }
 
+int32_t requested(const node_t *n, int64_t t)
+{
+    for (int32_t i = 0; i < n->pending; i++)
+        if (n->slots[n->order[i]].at <= t)
+            return n->order[i];
+    return NO_SLOT;
+}
+
+/* Put a slot at a place of the order. */
+static void insert(node_t *n, int32_t at, int32_t slot)
+{
+    if (at == 0 && n->order > n->order_room) {
+        n->order--;
+    } else {
+        if (n->order + n->pending == n->order_room + 2 * n->set.queue_length) {
+            memmove(n->order_room, n->order, (size_t)n->pending * sizeof *n->order);
+            n->order = n->order_room;
+        }
+        memmove(&n->order[at + 1], &n->order[at], (size_t)(n->pending - at) * sizeof *n->order);
+    }
+    n->order[at] = (uint16_t)slot;
+    n->pending++;
+}
+
 static void enqueue(bus_t *b, int32_t node, const slot_t *in)
 {
     node_t *n = &b->nodes[node];
@@ -94,9 +121,7 @@ static void enqueue(bus_t *b, int32_t node, const slot_t *in)
     }
     at = place(n, rank);
     slot = n->spare[n->set.queue_length - n->pending - 1];
-    memmove(&n->order[at + 1], &n->order[at], (size_t)(n->pending - at) * sizeof *n->order);
-    n->order[at] = (uint16_t)slot;
-    n->pending++;
+    insert(n, at, slot);
     n->slots[slot] = *in;
     n->slots[slot].rank = rank;
     n->slots[slot].bits = can_bits(in->frame.id, in->frame.flags, in->frame.length, in->frame.data);
@@ -104,24 +129,43 @@ static void enqueue(bus_t *b, int32_t node, const slot_t *in)
         refresh(b, node);
 }
 
+typedef struct {
+    int32_t node;                   /* has the next request; of several at one time, the lowest */
+    int32_t yields;                 /* at the time of the others, another goes before it */
+    int64_t others;                 /* when the first of the other nodes has one */
+} turn_t;
+
+static turn_t next_turn(const bus_t *b)
+{
+    turn_t turn = { 0, 0, NEVER };
+    for (int32_t i = 1; i < b->n; i++) {
+        if (b->next_at[i] < b->next_at[turn.node]) {
+            turn.others = b->next_at[turn.node];
+            turn.yields = 1;
+            turn.node = i;
+        } else if (b->next_at[i] < turn.others) {
+            turn.others = b->next_at[i];
+            turn.yields = 0;
+        }
+    }
+    return turn;
+}
+
 int32_t drain(bus_t *b, int64_t until)
 {
     while (b->next_request <= until) {
-        int32_t first = 0;
-        node_t *n;
-        if (!has_room(b))
-            return 0;
-        for (int32_t i = 1; i < b->n; i++)
-            if (b->next_at[i] < b->next_at[first])
-                first = i;
-        n = &b->nodes[first];
-        b->next_request = b->next_at[first];
-        if (b->next_request > until)
-            break;
-        enqueue(b, first, &n->inbox[n->inbox_head]);
-        n->inbox_head = n->inbox_head + 1 == n->set.inbox ? 0 : n->inbox_head + 1;
-        n->inbox_count--;
-        next_inbox(b, first);
+        turn_t turn = next_turn(b);
+        node_t *n = &b->nodes[turn.node];
+        int64_t limit = turn.others - turn.yields, at = b->next_at[turn.node];
+        for (limit = limit < until ? limit : until; at <= limit; at = b->next_at[turn.node]) {
+            if (!has_room(b))
+                return 0;
+            enqueue(b, turn.node, &n->inbox[n->inbox_head]);
+            n->inbox_head = n->inbox_head + 1 == n->set.inbox ? 0 : n->inbox_head + 1;
+            n->inbox_count--;
+            next_inbox(b, turn.node);
+        }
+        b->next_request = at < turn.others ? at : turn.others;
     }
     return 1;
 }

@@ -1,0 +1,59 @@
+"""What is recorded changes nothing of what happens on the bus; a queue keeps its order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.bus.frames import BusEvent, BusFrame
+from cosim.bus.settings import BusNodeSettings, QueueKind
+from cosim.bus.simulation import SimulatedBus
+from cosim.bus.timing import BusTiming
+
+BIT = 2_000_000
+NODES = 5
+QUIET = [e for e in BusEvent if e not in (BusEvent.STARTED, BusEvent.LOST, BusEvent.RECEIVED)]
+
+
+def run(seed: int, record: list[BusEvent], queue: QueueKind):
+    """Random traffic, with aborts and restarts at any time, also during arbitration."""
+    random = np.random.default_rng(seed)
+    settings = [BusNodeSettings(f"n{i}", queue, queue_length=64, inbox=64) for i in range(NODES)]
+    bus = SimulatedBus(BusTiming(500e3), settings, record=record)
+    found, now, asked = [], 0, 0
+    for _ in range(600):
+        if random.random() < 0.8:
+            node, name = int(random.integers(NODES)), int(random.integers(0x100))
+            asked = bus.request(node, now, BusFrame(name * 8 + node, random.bytes(1)))
+        elif random.random() < 0.95:
+            for node in range(NODES):
+                bus.abort(node, asked - int(random.integers(8)))
+        else:
+            bus.reset(int(random.integers(NODES)))
+        now += int(random.choice([0, 1, 3, 5, 8, 12, 40, 150])) * BIT + int(random.integers(2))
+        found.append(bus.advance(now))
+    found.append(bus.advance(now + 5000 * BIT))
+    events = np.concatenate(found)
+    assert (events["kind"] == BusEvent.SENT).sum() > 30
+    return events[np.isin(events["kind"], QUIET)][["time", "kind", "node", "request", "code"]]
+
+
+@pytest.mark.parametrize("queue", [QueueKind.FIFO, QueueKind.SORTED])
+@pytest.mark.parametrize("seed", range(5))
+def test_what_happens_does_not_depend_on_what_is_recorded(seed, queue):
+    everything, little = run(seed, list(BusEvent), queue), run(seed, QUIET, queue)
+    assert (everything["kind"] == BusEvent.DROPPED).sum() > 5
+    assert everything.tolist() == little.tolist()
+
+
+@pytest.mark.parametrize("queue", [QueueKind.FIFO, QueueKind.SORTED])
+def test_a_queue_that_is_never_empty_keeps_its_order(queue):
+    settings = [BusNodeSettings("a", queue, queue_length=4), BusNodeSettings("b")]
+    bus = SimulatedBus(BusTiming(500e3), settings)
+    sent = []
+    for i in range(40):
+        while bus.state(0).pending == 4:
+            events = bus.advance(bus.now_ps + 20 * BIT)
+            sent += events["request"][events["kind"] == BusEvent.SENT].tolist()
+        bus.request(0, bus.now_ps, BusFrame(0x123, bytes([i])))
+    assert sent == list(range(36))

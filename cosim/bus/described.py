@@ -58,7 +58,7 @@ class DescribedBus:
             "filters": _filters(nodes),
             "scripts": _array(ScriptStruct, map(_script, _of(ScriptedError, disturbances))),
             "interruptions": _array(
-                InterruptionStruct, map(_interruption, _of(Interruption, disturbances))
+                InterruptionStruct, map(_interruption, _by_start(disturbances))
             ),
             "rates": _array(RateStruct, map(_rate, _of(ErrorRate, disturbances))),
         }
@@ -76,6 +76,10 @@ class DescribedBus:
 
 def _of(kind: type[Any], disturbances: Sequence[Disturbance]) -> list[Any]:
     return [d for d in disturbances if isinstance(d, kind)]
+
+
+def _by_start(disturbances: Sequence[Disturbance]) -> list[Interruption]:
+    return sorted(_of(Interruption, disturbances), key=lambda x: x.start_ps)
 
 
 def _array(kind: type[c.Structure], values: Iterable[c.Structure]) -> Any:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.bus.frames import BusEvent, BusFrame
-from cosim.bus.settings import BusNodeSettings, QueueKind
+from cosim.bus.settings import BusNodeSettings, Interruption, LineLevel, QueueKind
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
 
@@ -50,10 +50,24 @@ def test_what_happens_does_not_depend_on_what_is_recorded(seed, queue):
 def test_a_queue_that_is_never_empty_keeps_its_order(queue):
     settings = [BusNodeSettings("a", queue, queue_length=4), BusNodeSettings("b")]
     bus = SimulatedBus(BusTiming(500e3), settings)
-    sent = []
+    sent: list[int] = []
     for i in range(40):
+        bus.request(0, bus.now_ps, BusFrame(0x123, bytes([i])))
+        bus.advance(bus.now_ps + 1)
         while bus.state(0).pending == 4:
             events = bus.advance(bus.now_ps + 20 * BIT)
             sent += events["request"][events["kind"] == BusEvent.SENT].tolist()
-        bus.request(0, bus.now_ps, BusFrame(0x123, bytes([i])))
-    assert sent == list(range(36))
+    assert sent == list(range(37))
+
+
+def test_interruptions_may_be_given_in_any_order():
+    parts = [Interruption(n * 100 * BIT, (n * 100 + 3) * BIT, LineLevel.DOMINANT) for n in range(5)]
+
+    def events(disturbances: list[Interruption]) -> list[tuple[int, ...]]:
+        settings = [BusNodeSettings("a"), BusNodeSettings("b")]
+        bus = SimulatedBus(BusTiming(500e3), settings, disturbances=disturbances)
+        for i in range(5):
+            bus.request(0, i * 90 * BIT, BusFrame(0x123, bytes([i])))
+        return bus.advance(3000 * BIT).tolist()
+
+    assert events(parts) == events(parts[::-1])

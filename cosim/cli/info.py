@@ -79,7 +79,18 @@ def _facts(component: FmuComponent) -> list[list[str]]:
         ["sources", "yes, built with build = true" if has_sources(component.archive) else "none"],
         ["step", f"{d.default_step:g} s" if d.default_step else "not stated"],
         ["capabilities", ", ".join(flags) or "none"],
+        *_terminals(component),
     ]
+
+
+def _terminals(component: FmuComponent) -> list[list[str]]:
+    from cosim.lsbus.terminals import read_terminals
+
+    found = [
+        f"{t.name}: Tx clock {t.tx_clock.attributes.get('intervalVariability', '')}"
+        for t in read_terminals(component).values()
+    ]
+    return [["CAN terminals", ", ".join(found)]] if found else []
 
 
 def _validate(fmu: Path) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError
 from cosim.fmi import access_order
 from cosim.fmi.component import FmuComponent
-from cosim.fmi.components import fmu_of, terminated_at
+from cosim.fmi.components import stepped_fmu, terminated_at
 from cosim.fmi.failures import starting
 from cosim.fmi.isolated import RemoteInstance, RemoteStep
 from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
@@ -107,7 +107,7 @@ class Binding:
         unit = structs.UnitStruct(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
-        fmu = fmu_of(step.component)
+        fmu = stepped_fmu(step.component)
         if fmu is not None:
             layout = access_order.layout(
                 fmu, h, lag, step.period, unit.input, unit.output, self._slopes(step)
@@ -194,7 +194,7 @@ class Binding:
         """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
         found = {}
         for step, unit in zip(self.plan.components, self.units, strict=True):
-            fmu = fmu_of(step.component)
+            fmu = stepped_fmu(step.component)
             if fmu is not None:
                 count, most = (
                     late_clock_ticks(unit) if fmu.remote is None else fmu.remote.late_clock_ticks()

@@ -202,9 +202,15 @@ class Engine:
         }
 
     def save_logs(self, folder: Path) -> None:
-        """Write what FMUs whose logging is on have said so far into ``folder/NAME.fmu.log``."""
+        """Write what FMUs whose logging is on have said so far into ``folder/NAME.fmu.log``.
+
+        Files of components are written, too: the logs of buses between FMUs.
+        """
         for name, text in self.logs().items():
             (folder / f"{name}.fmu.log").write_text(text, encoding="utf-8")
+        for step in self.plan.components:
+            for name, text in components.files(step.component).items():
+                (folder / name).write_text(text, encoding="utf-8")
 
     def close(self) -> None:
         """Free the FMUs; may be called twice.

@@ -11,12 +11,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from cosim.base.component import Component, Outputs
 from cosim.base.units import Unit
 from cosim.fmi.component import FmuComponent
+from cosim.fmi.driver import FmuDriver
 from cosim.fmi.library import FATAL, OK, WARNING
 
 
-def fmu_of(component: Component) -> FmuComponent | None:
-    """The component if it is an FMU, else None."""
+def stepped_fmu(component: Component) -> FmuComponent | None:
+    """The component if it is an FMU that the engine itself steps, else None."""
     return component if isinstance(component, FmuComponent) else None
+
+
+def fmu_of(component: Component) -> FmuComponent | None:
+    """The FMU that a component is, or drives (:class:`FmuDriver`), else None."""
+    return component.fmu if isinstance(component, FmuDriver) else stepped_fmu(component)
 
 
 def is_fmu(component: Component) -> bool:
@@ -37,7 +43,8 @@ def model_name(component: Component) -> str:
     """What a component is, in words: the file of an FMU, or the class."""
     fmu = fmu_of(component)
     if fmu is not None:
-        return f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
+        name = f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
+        return f"{name}, {component.connected}" if isinstance(component, FmuDriver) else name
     return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
 
 
@@ -67,6 +74,8 @@ def sloped_inputs(component: Component) -> frozenset[str]:
 
 def reason_not_repeatable(component: Component) -> str:
     """Why a step cannot be done again in halves from a saved state; "": it can."""
+    if isinstance(component, FmuDriver):
+        return "steps together with the others on its bus"
     fmu = fmu_of(component)
     if fmu is None:
         missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
@@ -94,6 +103,8 @@ def begin_at(component: Component, t: float) -> None:
 
 def exit_initialization(component: Component) -> tuple[Outputs, float | None]:
     """Leave Initialization Mode: outputs that are new, and the time (s) if the FMU has ended."""
+    if isinstance(component, FmuDriver):
+        return component.exit_initialization(), None
     fmu = fmu_of(component)
     if fmu is None:
         return {}, None
@@ -103,13 +114,13 @@ def exit_initialization(component: Component) -> tuple[Outputs, float | None]:
 
 def terminated_at(component: Component) -> float | None:
     """The time (s) at which an FMU ended the simulation by discarding a step; None: it did not."""
-    fmu = fmu_of(component)
+    fmu = stepped_fmu(component)
     return None if fmu is None else fmu.instance.terminated()
 
 
 def free_state(component: Component, state: object) -> None:
     """Give back a state that was saved; Python's are collected."""
-    fmu = fmu_of(component)
+    fmu = stepped_fmu(component)
     if fmu is not None:
         assert isinstance(state, int)
         fmu.instance.free_state(state)
@@ -119,6 +130,11 @@ def texts(component: Component) -> Mapping[str, list[str]]:
     """String and Binary outputs as they stand, by name."""
     fmu = fmu_of(component)
     return {} if fmu is None else fmu.results()
+
+
+def files(component: Component) -> Mapping[str, str]:
+    """Text files, by name, that a component leaves in the folder of a run."""
+    return component.files() if isinstance(component, FmuDriver) else {}
 
 
 def log_text(component: Component) -> str:
@@ -133,7 +149,7 @@ def close(components: Sequence[Component], failed: int, status: int) -> None:
     After a fatal status the standard forbids every call to any instance of that FMU.
     """
     fmus = [x for x in map(fmu_of, components) if x is not None]
-    broken = fmu_of(components[failed]) if status not in (OK, WARNING) else None
+    broken = stepped_fmu(components[failed]) if status not in (OK, WARNING) else None
     if broken is not None:
         broken.instance.returned(status)
     fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
@@ -62,7 +62,8 @@ class OperationBus:
     """A simulated CAN bus whose nodes send and receive operations.
 
     `nodes`: their names, numbered from 0; `notified`: which of them get Confirm, Arbitration Lost
-    and Bus Error (`BusNotifications` of the standard), all where None. The bus counts errors of
+    and Bus Error (`BusNotifications` of the standard), all where None; `settings`: those of nodes
+    that differ from a sorted queue of `queue_length` frames. The bus counts errors of
     its nodes itself; what a node says in Status is compared with that and kept in `remarks` where
     it differs, as are operations that could not be decoded.
     """
@@ -76,12 +77,16 @@ class OperationBus:
         disturbances: Sequence[Disturbance] = (),
         seed: int = 0,
         queue_length: int = 64,
+        settings: Mapping[str, BusNodeSettings] | None = None,
     ) -> None:
-        settings = [BusNodeSettings(n, queue_length=queue_length, inbox=64) for n in nodes]
+        given = settings or {}
+        all_ = [given.get(n) or BusNodeSettings(n, queue_length=queue_length) for n in nodes]
         self.bus = SimulatedBus(
-            timing, settings, disturbances=disturbances, seed=seed, record=_RECORDED
+            timing, all_, disturbances=disturbances, seed=seed, record=_RECORDED
         )
         self.names = tuple(nodes)
+        #: Frames that were sent and acknowledged so far: when (ps), by which node, and what.
+        self.frames: list[tuple[int, int, BusFrame]] = []
         self.remarks: list[BusRemark] = []
         self._notified = [True] * len(nodes) if notified is None else list(notified)
         self._discards = [False] * len(nodes)
@@ -218,7 +223,9 @@ class OperationBus:
             case BusEvent.RECEIVED:
                 return [Delivery(at, node, operation_of_frame(self.bus.frame(event)))]
             case BusEvent.SENT:
-                operation = Confirm(self._requests.pop(request)[1].identifier)
+                frame = self._requests.pop(request)[1]
+                self.frames.append((at, node, frame))
+                operation = Confirm(frame.identifier)
             case BusEvent.LOST:
                 self._contenders.pop(node, None)
                 if self._discards[node] and self.bus.abort(node, request):

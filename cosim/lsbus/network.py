@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
 from typing import final
 
-from cosim.bus.settings import Disturbance
+from cosim.base.closing import Closing
+from cosim.bus.settings import BusNodeSettings, Disturbance
 from cosim.bus.timing import BusTiming
 from cosim.lsbus.codec import Malformed, encode, split
 from cosim.lsbus.exchange import OperationBus
@@ -28,7 +29,7 @@ class Exchanged:
 
 
 @final
-class CanNetwork:
+class CanNetwork(Closing):
     """Nodes on a bus, from time 0 on: all are stepped to the next time at which something happens.
 
     That is a tick of a Tx clock, a time event of a node, an operation of the bus for a node, or a
@@ -44,6 +45,7 @@ class CanNetwork:
         step: float,
         disturbances: Sequence[Disturbance] = (),
         seed: int = 0,
+        settings: Mapping[str, BusNodeSettings] | None = None,
     ) -> None:
         self._step_ps = round(step / PS)
         if self._step_ps < 1:
@@ -58,6 +60,7 @@ class CanNetwork:
             notified=[n.notified for n in nodes],
             disturbances=disturbances,
             seed=seed,
+            settings=settings,
         )
         #: All operations so far, in the order in which nodes sent and received them.
         self.exchanged: list[Exchanged] = []
@@ -65,29 +68,37 @@ class CanNetwork:
         self.ended = ""
         self._started = False
 
-    def __enter__(self) -> CanNetwork:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        for node in self.nodes:
-            node.close()
+    def close(self) -> None:
+        """Free all FMUs, also where one of them cannot be freed; may be called twice."""
+        with ExitStack() as stack:
+            for node in self.nodes:
+                stack.callback(node.close)
 
     def run(self, until: float) -> None:
         """Go on to `until` (s), or to where a node ends the simulation.
 
         Raises FmuError and LsBusError for what an FMU must not do.
         """
-        until_ps = round(until / PS)
         if not self._started:
-            self._started = True
-            for i, node in enumerate(self.nodes):
-                self._send(i, node.start())
-            self._settle(set())
+            for node in self.nodes:
+                node.initialize()
+            self.start([node.start() for node in self.nodes])
+        self.go_on(round(until / PS))
+
+    def start(self, sent: Sequence[Sequence[bytes]]) -> None:
+        """Begin at time 0, where the nodes have left Initialization Mode and `sent` this."""
+        self._started = True
+        for i, buffers in enumerate(sent):
+            self._send(i, buffers)
+        self._settle(set())
+
+    def jump(self, due: set[int]) -> None:
+        """Let the nodes of these numbers have an event now, for inputs that are new."""
+        if due:
+            self._settle(due, self.bus.now_ps)
+
+    def go_on(self, until_ps: int) -> None:
+        """As :meth:`run`, for nodes that have started, to a time in ps."""
         while self.bus.now_ps < until_ps and not self.ended:
             stop = self._next(until_ps)
             ends = [node.step(stop) for node in self.nodes]

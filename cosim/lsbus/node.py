@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes as c
-from pathlib import Path
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -15,6 +14,7 @@ from cosim.fmi.component import FmuComponent
 from cosim.fmi.fmi3 import Instance3
 from cosim.fmi.library import uint32
 from cosim.fmi.start_values import StartValue
+from cosim.lsbus.signals import NodeSignals, flat
 from cosim.lsbus.terminals import terminal_of
 
 PS = 1e-12
@@ -33,31 +33,28 @@ class StepEnd(NamedTuple):
 
 @final
 class NodeFmu:
-    """One FMU of FMI 3.0 with one CAN terminal.
+    """One FMU of FMI 3.0 with one CAN terminal, which `terminal` names ("": the only one).
 
     `values`: parameters and start values by name, as of :class:`FmuComponent`. `BusNotifications`
     is set to true where the FMU has it and `values` do not say otherwise. Raises FmuError for an
-    FMU without event mode, one that cannot handle steps of any length, and as FmuComponent does.
+    FMU without event mode, one that cannot handle steps of any length, one with clocks besides
+    those of its terminal, and as FmuComponent does.
     """
 
-    def __init__(
-        self, path: str | Path, name: str, terminal: str, values: Values | None = None
-    ) -> None:
-        self.name = name
-        self.fmu = FmuComponent(path, name)
+    def __init__(self, fmu: FmuComponent, terminal: str = "", values: Values | None = None) -> None:
+        self.fmu, self.name = fmu, fmu.name
+        name = fmu.name
         flag = "canHandleVariableCommunicationStepSize"
         for found, what in ((self.fmu.events, "hasEventMode"),
                             (self.fmu.description.flags.get(flag), flag)):  # fmt: skip
             if not found:
                 raise FmuError(f"{name}: found an FMU without {what}, expected one with it: bus"
                                " operations are exchanged in events at any time")  # fmt: skip
+        if self.fmu.options.isolate:
+            raise FmuError(f"{name}: found isolate = true, expected an FMU on a bus without it")
         self.terminal = terminal_of(self.fmu, terminal)
-        self.values = dict(values or {})
-        asked = self.terminal.notifications
-        if asked is not None:
-            self.values.setdefault(asked.name, np.array(1.0))
-        #: Whether it takes Confirm, Arbitration Lost and Bus Error.
-        self.notified = asked is not None and bool(self.values[asked.name])
+        self.signals = NodeSignals(self.fmu, self.terminal)
+        self.set_values(values or {})
         self._variability = self.terminal.tx_clock.attributes["intervalVariability"]
         self._tick_ps = self._event_ps = _NEVER
         self._period_ps = 0
@@ -68,9 +65,23 @@ class NodeFmu:
         """When it wants an Event Mode next: its Tx clock or a time event, ps."""
         return min(self._tick_ps, self._event_ps)
 
-    def start(self) -> list[bytes]:
-        """Initialise, at time 0; returns what it sends in the Event Mode that follows."""
+    def set_values(self, values: Values) -> None:
+        """Parameters and start values for the next :meth:`initialize`, which replace the others."""
+        self.values = dict(values)
+        asked = self.terminal.notifications
+        if asked is not None:
+            self.values.setdefault(asked.name, np.array(1.0))
+        #: Whether it takes Confirm, Arbitration Lost and Bus Error.
+        self.notified = asked is not None and bool(self.values[asked.name])
+
+    def initialize(self) -> None:
+        """Enter Initialization Mode at time 0. Raises FmuError."""
         self.fmu.initialize(self.values)
+        self._tick_ps = self._event_ps = _NEVER
+        self._period_ps = self._now_ps = 0
+
+    def start(self) -> list[bytes]:
+        """Leave Initialization Mode; returns what it sends in the Event Mode that follows."""
         instance = self.fmu.instance
         assert isinstance(instance, Instance3)
         self._calls, self._handle = instance.calls, instance.handle
@@ -112,6 +123,7 @@ class NodeFmu:
     def _instants(self, received: list[bytes]) -> list[bytes]:
         """Instants until nothing changes, then Step Mode; what was sent in each."""
         sent: list[bytes] = []
+        self.signals.set_jumps()
         for _ in range(_INSTANTS):
             if received:
                 self._set_clock(self.terminal.rx_clock.reference)
@@ -222,7 +234,7 @@ class NodeFmu:
         """Raises FmuError for parameters that the FMU did not take."""
         for key, value in self.values.items():
             group = self.fmu.groups[key]
-            flat = [float(v) for v in np.ravel(value)]
-            found = StartValue(group, flat).differs(self.fmu.instance)
+            wanted = flat(value)
+            found = StartValue(group, wanted).differs(self.fmu.instance)
             if group.first.causality == "parameter" and found is not None:
-                raise FmuError(f"{self.name}: {key} was set to {flat}, found {list(found)}")
+                raise FmuError(f"{self.name}: {key} was set to {wanted}, found {list(found)}")

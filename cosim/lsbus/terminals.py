@@ -49,9 +49,11 @@ def read_terminals(fmu: FmuComponent) -> dict[str, CanTerminal]:
 
 
 def terminal_of(fmu: FmuComponent, name: str) -> CanTerminal:
-    """One terminal, which is the only one of its FMU. Raises FmuError."""
+    """One terminal, which is the only one of its FMU ("": whatever its name). Raises FmuError."""
     found = read_terminals(fmu)
-    if name not in found:
+    if not name and len(found) == 1:
+        return next(iter(found.values()))
+    if name not in found and (name or not found):
         has = ", ".join(found) or "none"
         raise FmuError(f"{fmu.name}: found no CAN terminal {name!r}, expected one of: {has}")
     if len(found) > 1:

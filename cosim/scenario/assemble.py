@@ -15,6 +15,7 @@ from cosim.base.errors import FmuError, PlanError, ScenarioError
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
 from cosim.scenario import connect
+from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.models import load_component
 from cosim.scenario.spec import ComponentSpec, Scenario
@@ -33,6 +34,7 @@ def assemble(scenario: Scenario) -> Plan:
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
     ticks = _ticks(stop, h, scenario.place("run.stop"))
     steps = _steps(scenario, h)
+    connect_nodes(scenario, steps)
     parts = connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks)
     wires, links, players = connect.wires(parts), connected_links(parts), connect.players(parts)
     connect.check_single_sources(parts, wires, links, players)

@@ -93,7 +93,7 @@ def _simulate(
     rows, whose = rows[order], whose[order]
     bus = SimulatedBus(
         timing,
-        [_settings(spec, node) for node in names],
+        [node_settings(spec, node) for node in names],
         disturbances=disturbances(scenario, name, number),
         seed=seed,
         record=(BusEvent.RECEIVED,),
@@ -114,7 +114,8 @@ def _nodes(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> list[str]:
     return sorted(names | set(spec.nodes))
 
 
-def _settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
+def node_settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
+    """The settings of a node, which are the default where the scenario has none for it."""
     node = spec.nodes.get(name)
     if node is None:
         return BusNodeSettings(name, inbox=BLOCK)

@@ -71,7 +71,7 @@ def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:
 
 def _fmu(
     name: str, path: Path, spec: ComponentSpec, sizes: Mapping[str, int], place: str
-) -> FmuComponent:
+) -> Component:
     seconds = PATIENCE if spec.timeout is None else number(spec.timeout, "s", f"{place}.timeout")
     if not seconds > 0.0:
         raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
@@ -81,26 +81,34 @@ def _fmu(
     )  # fmt: skip
     try:
         fmu = FmuComponent(path, name, spec.kind, options)
-        _refuse_can_terminals(fmu, f"{place}.model")
+        if spec.bus or spec.terminal or _has_terminal(fmu):
+            return _on_bus(fmu, spec, place)
     except FmuError as error:
         raise FmuError(f"{place}.model: {error}") from None
     return fmu
 
 
-def _refuse_can_terminals(fmu: FmuComponent, place: str) -> None:
-    """Frames of an FMU with a CAN terminal would reach no other component of a scenario."""
-    file = fmu.archive.folder / "terminalsAndIcons" / "terminalsAndIcons.xml"
-    if not file.is_file() or b"org.fmi-ls-bus" not in file.read_bytes():
-        return
+def _on_bus(fmu: FmuComponent, spec: ComponentSpec, place: str) -> Component:
+    """The FMU, or with a bus what drives it there. Raises ScenarioError for a terminal without."""
+    from cosim.lsbus.member import BusMember
     from cosim.lsbus.terminals import read_terminals
 
+    if spec.bus:
+        return BusMember(fmu, spec.terminal)
     if found := ", ".join(read_terminals(fmu)):
         raise ScenarioError(
-            f"found the CAN terminal {found} of FMI-LS-BUS, which a scenario does not connect: its "
-            "frames would be lost; expected an FMU without one (cosim.lsbus.network.CanNetwork "
-            "connects such FMUs from Python: docs/ls-bus.md)",
-            place,
+            f"found the CAN terminal {found} of FMI-LS-BUS without a bus, whose frames would be"
+            ' lost; expected bus = "NAME" in the component, and [bus.NAME] in the scenario',
+            f"{place}.model",
         )
+    if spec.terminal:
+        raise ScenarioError("found terminal without bus, expected both", f"{place}.terminal")
+    return fmu
+
+
+def _has_terminal(fmu: FmuComponent) -> bool:
+    file = fmu.archive.folder / "terminalsAndIcons" / "terminalsAndIcons.xml"
+    return file.is_file() and b"org.fmi-ls-bus" in file.read_bytes()
 
 
 def _module(name: str, place: str) -> ModuleType:

@@ -52,7 +52,8 @@ class WireSpec(
 class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One component: its model, how often it steps, its values, and what feeds its inputs.
 
-    The last five are for FMUs, see :class:`cosim.fmi.FmuOptions`.
+    The last seven are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
+    an FMU with a CAN terminal (FMI-LS-BUS), and `terminal` that terminal where it has several.
     """
 
     model: str
@@ -71,6 +72,8 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     timeout: Number | None = None
     memory: Annotated[int, msgspec.Meta(ge=0)] = 0
     build: bool = False
+    bus: str = ""
+    terminal: str = ""
 
 
 class LinkSpec(

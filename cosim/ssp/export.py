@@ -198,7 +198,12 @@ class _Packer:
 def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
     """The FMU of a component. Raises ScenarioError for one that SSP 1.0 cannot hold."""
     place = scenario.place("components", step.name, "model")
-    fmu = components.fmu_of(step.component)
+    fmu = components.stepped_fmu(step.component)
+    if fmu is None and scenario.components[step.name].bus:
+        raise ScenarioError(
+            "found an FMU on a simulated CAN bus, which an SSP does not hold; expected one without",
+            scenario.place("components", step.name, "bus"),
+        )
     if fmu is None:
         model = scenario.components[step.name].model
         raise ScenarioError(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cosim.fmi import FmuComponent
 from cosim.lsbus.node import NodeFmu
 from fmus.toolchain import compile_shared, shared_suffix
 
@@ -42,6 +43,9 @@ def description(kind: str, period: float, first: float, flags: str = "") -> str:
 <Boolean name="notify" valueReference="19" causality="parameter" variability="fixed" start="false"/>
 <Float64 name="tec" valueReference="20" causality="output"/>
 <Float64 name="sent" valueReference="21" causality="output"/>
+<Float64 name="heard" valueReference="22" causality="output"/>
+<Float64 name="smooth" valueReference="30" causality="input" start="0"/>
+<Float64 name="jump" valueReference="31" causality="input" variability="discrete" start="0"/>
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
@@ -86,4 +90,6 @@ def node(folder: Path, name: str, kind: str = "countdown", **given: float) -> No
     """A node of these parameters; see ``c/node3.c``."""
     values = {"period": 1e-3, "first": 1e-3, "baud": 500e3, **given, "kind": float(KINDS[kind])}
     path = export(folder / f"{name}.fmu", description(kind, values["period"], values["first"]))
-    return NodeFmu(path, name, "Powertrain", {k: np.array(v) for k, v in values.items()})
+    return NodeFmu(
+        FmuComponent(path, name), "Powertrain", {k: np.array(v) for k, v in values.items()}
+    )

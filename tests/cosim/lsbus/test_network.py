@@ -12,6 +12,7 @@ from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ScriptedError
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
+from cosim.fmi import FmuComponent
 from cosim.lsbus.network import CanNetwork
 from cosim.lsbus.node import NodeFmu
 from cosim.lsbus.operations import (
@@ -24,8 +25,6 @@ from cosim.lsbus.operations import (
     NodeStatus,
     StatusReport,
 )
-from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import build
 from tests.cosim.lsbus.exporter import KINDS, TERMINALS, description, export, member, node
 
 TIMING = BusTiming(500e3)
@@ -180,7 +179,7 @@ def test_terminals_against_the_standard_are_refused(
     model = description("countdown", 1.0, 1.0)
     path = export(tmp_path / "x.fmu", model, TERMINALS.replace(old, new))
     with pytest.raises(CosimError, match=f"x: .*{message}"):
-        NodeFmu(path, "x", "Powertrain")
+        NodeFmu(FmuComponent(path, "x"), "Powertrain")
 
 
 @pytest.mark.parametrize(
@@ -198,11 +197,19 @@ def test_fmus_that_are_no_nodes_are_refused(
     assert old in model
     path = export(tmp_path / "x.fmu", model.replace(old, new))
     with pytest.raises(CosimError, match=message):
-        NodeFmu(path, "x", "Powertrain")
+        NodeFmu(FmuComponent(path, "x"), "Powertrain")
 
 
-def test_a_scenario_refuses_an_fmu_whose_frames_it_would_lose(tmp_path: Path) -> None:
-    path = export(tmp_path / "ecu.fmu", description("triggered", 1e-3, 1e-3))
-    spec = {"run": {"stop": 1.0, "step": 0.1}, "components": {"ecu": {"model": str(path)}}}
-    with pytest.raises(CosimError, match=r"ecu\.model: found the CAN terminal .* would be lost"):
-        assemble(build(spec, tmp_path))
+def test_every_node_is_freed_also_when_one_cannot_be(tmp_path: Path) -> None:
+    nodes = [node(tmp_path, name, id=1, count=0) for name in ("a", "b")]
+    closed = []
+
+    def refuse() -> None:
+        closed.append("b")
+        raise LsBusError("found an FMU that cannot be freed, expected one that can")
+
+    nodes[1].close = refuse  # type: ignore[method-assign]
+    nodes[0].close = lambda: closed.append("a")  # type: ignore[method-assign]
+    with pytest.raises(LsBusError, match="freed"), CanNetwork(TIMING, nodes, step=1e-3):
+        pass
+    assert closed == ["b", "a"]

@@ -4,6 +4,8 @@
  * It sends `count` frames `id` of `bytes` bytes, the first at `first` s, then every `period` s; before,
  * at its first tick, its configuration: `baud`, and with `discard` that lost frames are discarded. It counts errors by
  * what the bus tells it (TEC), says its status when that changes, and is silent when bus-off.
+ * Bytes of the data of frame k: k + SMOOTH + JUMP, and one more each. SMOOTH is a continuous input, JUMP
+ * a discrete one, and HEARD is the first byte of the last frame received.
  * kind: 0 Tx_Clock is triggered (by the FMU), 1 counts down, 2 is changing, 3 has a period.
  */
 #include <math.h>
@@ -16,7 +18,7 @@
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
 enum { TX_CLOCK = 1, RX_CLOCK, TX_DATA, RX_DATA, KIND = 10, ID, BYTES, COUNT, FIRST, PERIOD, BAUD,
-       DISCARD, BAD, NOTIFY, TEC = 20, SENT };
+       DISCARD, BAD, NOTIFY, TEC = 20, SENT, HEARD, SMOOTH = 30, JUMP };
 enum { TRIGGERED, COUNTDOWN, CHANGING, PERIODIC };
 enum { NOT_YET_KNOWN, UNCHANGED, CHANGED };
 
@@ -24,7 +26,7 @@ typedef struct {
     log_t log;
     void *environment;
     bool initializing, in_event, tx_on, rx_on, notify, announced, asked, asked_change;
-    double time, p[10];
+    double time, p[10], inputs[2], heard;
     uint8_t tx[8192], rx[8192];
     size_t n_tx, n_rx;
     int tec, sent, status;
@@ -55,7 +57,7 @@ static void produce(fmu_t *x)
     while (more(x) && x->time >= next(x) - 1e-12) {
         const uint32_t n = (uint32_t)p(x, BYTES);
         head(x, 0x10, 16 + n), put(x, (uint32_t)p(x, ID), 4), put(x, 0, 2), put(x, n, 2);
-        for (uint32_t i = 0; i < n; i++) put(x, (uint32_t)x->sent + i, 1);
+        for (uint32_t i = 0; i < n; i++) put(x, (uint32_t)(x->sent + x->inputs[0] + x->inputs[1]) + i, 1);
         x->sent++;
     }
 }
@@ -77,6 +79,7 @@ static void hear(fmu_t *x)
         const uint8_t *op = x->rx + at;
         if (word(op) == 0x31 && op[14]) x->tec += 8;
         if (word(op) == 0x20 && x->tec) x->tec--;
+        if (word(op) == 0x10) x->heard = op[16];
         const int status = x->tec > 255 ? 3 : x->tec > 127 ? 2 : 1;
         if (status != x->status) head(x, 0x41, 9), put(x, (uint32_t)status, 1);
         x->status = status;
@@ -205,14 +208,19 @@ FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *
 FMI int fmi3SetFloat64(fmu_t *x, const uint32_t *r, size_t n, const double *v, size_t m)
 {
     (void)m;
-    for (size_t i = 0; i < n; i++) x->p[r[i] - KIND] = v[i];
+    for (size_t i = 0; i < n; i++) {
+        if (r[i] == JUMP && !x->in_event && !x->initializing) return refuse(x, "a jump in a step");
+        if (r[i] >= SMOOTH) x->inputs[r[i] - SMOOTH] = v[i];
+        else x->p[r[i] - KIND] = v[i];
+    }
     return 0;
 }
 FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t m)
 {
     (void)m;
     for (size_t i = 0; i < n; i++)
-        v[i] = r[i] == TEC ? x->tec : r[i] == SENT ? x->sent : x->p[r[i] - KIND];
+        v[i] = r[i] >= SMOOTH ? x->inputs[r[i] - SMOOTH] : r[i] == HEARD ? x->heard
+             : r[i] == TEC ? x->tec : r[i] == SENT ? x->sent : x->p[r[i] - KIND];
     return 0;
 }
 FMI int fmi3SetBoolean(fmu_t *x, const uint32_t *r, size_t n, const bool *v, size_t m)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TITLE = "## What an independent trial found"
+TITLE = "## Findings of an independent test"
 
 
 def test_every_test_that_the_table_names_is_there() -> None:

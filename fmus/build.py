@@ -144,8 +144,8 @@ def cache(model: Model) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FmuError(
-            f"{folder}: cannot be made ({error.strerror}); set XDG_CACHE_HOME to a folder that "
-            "can be written"
+            f"{folder}: cannot be created ({error.strerror}); set XDG_CACHE_HOME to a writable "
+            "folder"
         ) from error
     return folder
 

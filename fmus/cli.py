@@ -138,7 +138,9 @@ def _model(module: ModuleType, sizes: dict[str, int]) -> Model:
             raise ScenarioError(f"{module.__name__} has no size {name!r}; {known}", "--set")
     model = module.model(**sizes)
     if not isinstance(model, Model):
-        raise ScenarioError(f"{module.__name__}.model() gives a {type(model).__name__}, no Model")
+        raise ScenarioError(
+            f"{module.__name__}.model() returns a {type(model).__name__}; expected a Model"
+        )
     return model
 
 
@@ -181,7 +183,8 @@ def _sizes(texts: list[str]) -> dict[str, int]:
         try:
             found[name.strip()] = int(value)
         except ValueError:
-            raise ScenarioError(f"{text!r} is not NAME=INTEGER, as neighbours=3", "--set") from None
+            message = f"{text!r} is not NAME=INTEGER, such as neighbours=3"
+            raise ScenarioError(message, "--set") from None
     return found
 
 

@@ -46,7 +46,7 @@ class Kernel:
         self._library = load(library(model))
         size = self._library.kernel_size()
         if size != sum(v.size for v in model.variables):
-            raise FmuError(f"{model.identifier}: the library has {size} values, not the model's")
+            raise FmuError(f"{model.identifier}: the library has another size, {size} values")
         self._x: Array = np.zeros(size)
         self._address = self._x.ctypes.data
         self._place = self._places()

@@ -132,6 +132,6 @@ def clocked(model: Model, interval: float) -> Model:
     if not (isfinite(interval) and interval > 0.0):
         raise FmuError(f"{model.identifier}: the clock's interval is {interval:g} s; expected > 0")
     if any(v.name == "clock" for v in model.variables):
-        raise FmuError(f"{model.identifier}.clock: declared; a clocked model has one of that name")
+        raise FmuError(f"{model.identifier}.clock: declared; a clocked model adds this variable")
     name = f"{model.identifier}_clocked"
     return replace(model, identifier=name, clock=interval, step=interval)

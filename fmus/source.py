@@ -136,7 +136,7 @@ def _check(model: Model) -> None:
     for v in model.variables:
         place = f"{model.identifier}.{v.name}"
         if v.name == "time" or names.count(v.name) > 1:
-            raise FmuError(f"{place}: declared twice; 'time' is there already")
+            raise FmuError(f"{place}: declared twice; 'time' is reserved")
         if len(v.starts) != v.size:
             raise FmuError(f"{place}: {len(v.starts)} start values, expected {v.size}")
         for name in (*v.depends, *v.start_depends):

@@ -114,7 +114,7 @@ def compiler(platform: str | None = None) -> tuple[str, ...]:
     if find_spec("ziglang") is None:
         missing = "no C compiler (CC, cc, gcc, clang)" if name == host_platform() else "no compiler"
         raise ToolchainError(
-            f"{missing} for {name} on {host_platform()}: 'pip install ziglang' brings one"
+            f"{missing} for {name} on {host_platform()}: 'pip install ziglang' provides one"
         )
     return (sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[name], *_ZIG_FLAGS)
 

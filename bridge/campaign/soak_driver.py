@@ -143,12 +143,12 @@ def _claim(folder: Path, title: str, facts: Mapping[str, Any]) -> None:
     present = sorted(p.name for p in folder.iterdir() if p.name != stores.LOCK)
     if present and not state:
         raise ScenarioError(
-            f"the folder holds {present[0]} but no soak; expected an empty one", str(folder)
+            f"the folder holds {present[0]} but no soak test; expected an empty folder", str(folder)
         )
     for key, value in facts.items():
         if state and state.get(key) != value:
             raise ScenarioError(
-                f"was begun with another {key}, {state.get(key)}; expected {value}, or another "
+                f"was started with another {key}, {state.get(key)}; expected {value}, or another "
                 "folder",
                 str(folder),
             )

@@ -110,6 +110,6 @@ def _check(run: CampaignRunSpec, place: str) -> None:
                 )
     if (run.because or run.node) and run.ends != "stopped":
         raise ScenarioError(
-            f'says who stopped and why; expected ends = "stopped", not "{run.ends}"',
+            f'node and because describe a stop; expected ends = "stopped", not "{run.ends}"',
             f"{place}.ends",
         )

@@ -43,7 +43,7 @@ def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
     """
     if not codec.layout.source:
         raise LayoutError(
-            f"{codec.layout.place} is of no DBC file: there is nothing to compare with"
+            f"{codec.layout.place} is not from a DBC file and cannot be compared with cantools"
         )
     reference = CantoolsMessage(codec.layout)
     for number, values in enumerate(vectors):

@@ -150,10 +150,10 @@ def check(layout: MessageLayout) -> None:
         _check_signal(signal, where, header)
         for bit in signal.bits():
             if not 0 <= bit < 8 * layout.length:
-                raise LayoutError(f"{where}: bit {bit} is not in {layout.length} bytes")
+                raise LayoutError(f"{where}: bit {bit} is outside the {layout.length} bytes")
             if bit in taken:
                 raise LayoutError(
-                    f"{where}: bit {bit} is taken by {taken[bit] or 'the E2E header'}"
+                    f"{where}: bit {bit} is already used by {taken[bit] or 'the E2E header'}"
                 )
             taken[bit] = signal.name
 
@@ -163,11 +163,14 @@ def _check_signal(signal: Signal, where: str, header: list[Signal]) -> None:
     if signal.length not in lengths:
         raise LayoutError(f"{where}: {signal.length} bits; expected one of {lengths}")
     if signal.scale == 0 or not math.isfinite(signal.scale) or not math.isfinite(signal.offset):
-        raise LayoutError(f"{where}: scale {signal.scale}, offset {signal.offset}")
+        raise LayoutError(
+            f"{where}: scale {signal.scale}, offset {signal.offset}; expected finite numbers "
+            "and a scale other than 0"
+        )
     if signal in header and (
         signal.kind is not FieldKind.UNSIGNED or signal.offset or signal.scale < 0
     ):
-        raise LayoutError(f"{where}: status and time stamp are unsigned and without offset")
+        raise LayoutError(f"{where}: status and time stamp must be unsigned and without offset")
     low, high = signal.raw_range
     if low > high:
         raise LayoutError(f"{where}: no value between {signal.low} and {signal.high} can be sent")

@@ -83,7 +83,7 @@ def write_log(log: FrameLog, path: Path | str, wall_ns: int = 0) -> None:
     elif path.suffix in _OTHER:
         _write_other(log, path, wall_ns)
     else:
-        raise LogError(f"{path}: no log format; expected .log, {', '.join(_OTHER)}")
+        raise LogError(f"{path}: unknown log format; expected .log, {', '.join(_OTHER)}")
 
 
 def candump_lines(log: FrameLog, wall_ns: int = 0) -> Iterator[str]:

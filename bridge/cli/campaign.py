@@ -114,7 +114,7 @@ def _run_many(
 
     why = hosts.missing()
     if why and not blind:
-        typer.echo(f"nothing is rehearsed, all runs are simulated: {why}", err=True)
+        typer.echo(f"no run is rehearsed; all runs are simulated: {why}", err=True)
     folder = out or Path("runs") / f"campaign-{file.stem}-{seed}"
     job = driver.CampaignSetup(load_many(file), folder.resolve(), seed, not why, blind, realtime)
     with progress_of(False) as progress:

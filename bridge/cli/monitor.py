@@ -113,7 +113,10 @@ def monitor(
         try:
             _look(watched, feed, once)
         except KeyboardInterrupt:
-            typer.echo("left; the run goes on" if watched.running else "left", err=True)
+            typer.echo(
+                "monitor closed; the run continues" if watched.running else "monitor closed",
+                err=True,
+            )
         if plot is not None:
             from bridge.monitor.figure import draw
 
@@ -205,7 +208,7 @@ def _reject_file_options(said: Mapping[str, object]) -> None:
 
     for name, value in said.items():
         if value is not None:
-            raise ScenarioError(f"--listen reads no files and writes none; expected no {name}")
+            raise ScenarioError(f"--listen neither reads nor writes files; expected no {name}")
 
 
 def _system(
@@ -217,7 +220,9 @@ def _system(
     from cosim.base.errors import ScenarioError
 
     if scenario is None:
-        raise ScenarioError("--listen needs --scenario, and --deploy for another than can")
+        raise ScenarioError(
+            "--listen needs --scenario, and --deploy for a deployment other than can"
+        )
     path = deployments.find(scenario, deploy or "can")
     said = bus_settings(deployments.load(path), *buses)
     return load_system(scenario, str(path), [*settings, *said])

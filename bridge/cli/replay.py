@@ -68,7 +68,7 @@ def replay(
     for life, slots in found.slots.items():
         typer.echo(f"{life!s:<16} {slots} slots")
     for message in found.alone:
-        typer.echo(f"{message:<16} not all held against its sender, which was not recorded")
+        typer.echo(f"{message:<16} not completely compared with its sender, which was not recorded")
     for altered in found.altered:
         typer.echo(f"{'altered':<16} {altered}")
     typer.echo(f"{'time':<16} {seconds:g} s in {watch():.2f} s")
@@ -89,7 +89,7 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
     facts = read_metadata(run).get("deployment")
     if not facts and (scenario is None or deploy is None):
         raise ScenarioError(
-            "no deployment in run.json: not a rehearsal, or cut short; use --scenario and --deploy",
+            "no deployment in run.json: not a complete rehearsal; use --scenario and --deploy",
             str(run),
         )
     facts = facts or {"settings": []}
@@ -104,7 +104,7 @@ def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.results.offline import recorded_inputs, run_offline
 
     given = ", ".join(inlet.target.name for _, inlet in recorded_inputs(system, rows)) or "no input"
-    typer.echo(f"{'fed as given':<16} {given}; links held as sent run over their tables")
+    typer.echo(f"{'recorded inputs':<16} {given}; links whose samples all match use their tables")
     found = compare_runs(run, run_offline(system, run, rows))
     typer.echo("\n".join(lines(found)))
     raise typer.Exit(found.exit_code)

@@ -75,7 +75,7 @@ def soak(
     job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)
     job, why = _fit_to_machine(job, realtime)
     if why:
-        typer.echo(f"one run after the other, without faults of a network: {why}", err=True)
+        typer.echo(f"the runs are sequential and have no network faults: {why}", err=True)
     records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, retry, quiet)
     if not quiet:
         typer.echo("\n".join(aligned(soak_table.kinds(records))))
@@ -84,7 +84,7 @@ def soak(
     path.write_text(soak_table.markdown(records, job.soak.spec.title), encoding="utf-8")
     wrong = soak_table.failures(records)
     for line in wrong:
-        typer.echo(f"not as it has to be: {line}", err=True)
+        typer.echo(f"not passed: {line}", err=True)
     if not quiet:
         typer.echo(f"{'folder':<16} {job.folder}")
     if wrong:

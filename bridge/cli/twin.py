@@ -61,7 +61,9 @@ def run(
     from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
-        raise ScenarioError(f"--clock {clock}: expected simulated; on the wall: cosim rehearse")
+        raise ScenarioError(
+            f"--clock {clock}: expected simulated; for wall time use cosim rehearse"
+        )
     system = load_system(scenario, deploy, settings)
     report_findings(deployment.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"

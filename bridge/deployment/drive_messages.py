@@ -23,9 +23,9 @@ def codec(outlet: Outlet, d: Deployment) -> Codec:
     spec, place = d.messages[outlet.message], d.place("messages", outlet.message)
     profile = load_profile(d.file(spec.profile))
     if d.buses[spec.bus].kind != "can":
-        raise ScenarioError(f"{spec.bus} is no CAN bus; a profile is of a CAN drive", place)
+        raise ScenarioError(f"{spec.bus} is not a CAN bus; a profile belongs to a CAN drive", place)
     if spec.name or spec.signals:
-        raise ScenarioError("name and signals are the profile's; expected neither", place)
+        raise ScenarioError("the profile defines name and signals; expected neither", place)
     part, names = _part(profile, outlet, place)
     zero = spec.zero if isinstance(spec.zero, int | float) else quantity(spec.zero, "rad")
     joint = Joint(spec.gear, spec.direction, float(zero))

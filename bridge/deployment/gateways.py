@@ -41,9 +41,9 @@ def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
     Raises ScenarioError if it carries nothing, outputs of several components, or an unknown output.
     """
     if not m.carries:
-        raise ScenarioError("carries nothing; expected outputs, component.port", place)
+        raise ScenarioError("is empty; expected outputs (component.port)", place)
     if len({c.partition(".")[0] for c in m.carries}) > 1:
-        raise ScenarioError("carries outputs of several components; expected one's", place)
+        raise ScenarioError("has outputs of several components; expected those of one", place)
     slots = {s.name: s for c in plan.components for s in c.outputs}
     known = {e.name: e for s in slots.values() for e in entries(s)}
     for signal in m.carries:

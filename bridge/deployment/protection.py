@@ -78,7 +78,7 @@ def age_slot(plan: NodePlan, inlet: Inlet, text: str, place: str) -> int:
     slot = input_of(plan, inlet.component, port, place)
     number = index.removesuffix("]") or "0"
     if not number.isdigit() or int(number) >= slot.size:
-        raise ScenarioError(f"{text!r} is none of the {slot.size} entries of {slot.name}", place)
+        raise ScenarioError(f"{text!r} is not one of the {slot.size} entries of {slot.name}", place)
     return slot.start + int(number)
 
 

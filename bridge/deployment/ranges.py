@@ -116,7 +116,7 @@ def _range(system: System, value: Value, said: SignalSpec) -> Range:
         return -most, most
     low, high = (to_si(x, value.unit, place) for x in said.range)
     if not low < high:
-        raise ScenarioError(f"is {low:g} to {high:g}, expected the least value first", place)
+        raise ScenarioError(f"is {low:g} to {high:g}, expected the lower value first", place)
     return low, high
 
 

@@ -222,7 +222,7 @@ def _profile(found: dict[str, Any], layouts: tuple[MessageLayout, ...], path: st
 def _check(profile: DriveProfile) -> None:
     """Everything a profile names is there and fits, before a bus is opened."""
     if not profile.joints:
-        raise ScenarioError("names no signal, expected one a joint", f"{profile.path}: command.tau")
+        raise ScenarioError("has no signal; expected one per joint", f"{profile.path}: command.tau")
     for part in (profile.command, *profile.feedback):
         codec = profile.codec(part, 1)
         for signal in part.signals:
@@ -230,7 +230,7 @@ def _check(profile: DriveProfile) -> None:
         carries = codec.layout.status_mask & 128
         if part is profile.command and profile.refuses_simulated and not carries:
             raise ScenarioError(
-                f"message {part.message} carries no status, expected one that says simulated",
+                f"message {part.message} has no status; expected one with the flag simulated",
                 f"{profile.path}: refuses_simulated",
             )
     try:

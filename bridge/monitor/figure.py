@@ -20,7 +20,7 @@ def draw(watched: LiveRun, path: Path, span: float | None = None) -> Path:
     """
     rows = {node: r for node, r in watched.everything().items() if len(r)}
     if not rows:
-        raise ScenarioError("no node has done a slot; nothing to draw", str(watched.folder))
+        raise ScenarioError("no node has completed a slot", str(watched.folder))
     title = watched.system.scenario.title
     held = JournalSignals(watched.system, rows, span, gaps=True)
     return figures.draw(Figure(tuple(_panels(watched)), title), held, path)

@@ -183,6 +183,6 @@ def _zenoh(system: System, bus: str, connect: Sequence[str], who: str) -> ZenohE
         from bridge.zenoh.listener import open_listener
     except ImportError as error:
         raise BusError(
-            f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"
+            f"bus {bus}: Zenoh is not available ({error}); install cosim-bridge[zenoh]"
         ) from error
     return open_listener(system, bus, connect, who)

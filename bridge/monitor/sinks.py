@@ -22,7 +22,7 @@ def _foxglove() -> Any:
         import foxglove
     except ImportError as error:
         raise ScenarioError(
-            f"no foxglove-sdk here ({error}); install cosim-bridge[foxglove]"
+            f"foxglove-sdk is not available ({error}); install cosim-bridge[foxglove]"
         ) from error
     return foxglove
 

@@ -48,7 +48,7 @@ class Recent:
     def entries(self, prefix: str) -> tuple[str, ...]:
         """Names of those entries, (m,). Raises ScenarioError for what is in no message heard."""
         if not self.has(prefix):
-            raise ScenarioError(f"{prefix} crosses no bus that is listened to")
+            raise ScenarioError(f"{prefix} is not sent on any monitored bus")
         return self._scalars(prefix)
 
     def has(self, prefix: str) -> bool:

@@ -67,7 +67,7 @@ class Journal:
         path = Path(path)
         if capacity < 1 or row.itemsize < 1:
             found = f"{capacity} rows of {row.itemsize} bytes"
-            raise JournalError(f"{path}: {found}; expected one row of one byte at least")
+            raise JournalError(f"{path}: {found}; expected at least one row of one byte")
         text = repr(np.lib.format.dtype_to_descr(row)).encode()
         end = HEADER + capacity * row.itemsize
         memory, lock = _new_file(path, end + len(text))
@@ -161,7 +161,7 @@ def _new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
     except OSError as error:
         if error.errno == errno.ENOSPC:
             path.unlink(missing_ok=True)
-        failure = JournalError(f"{path}: no journal of {size} bytes: {error.strerror}")
+        failure = JournalError(f"{path}: cannot create {size} bytes: {error.strerror}")
         failure.exit_code = 1  # nothing is wrong with what was asked for
         raise failure from error
 
@@ -188,7 +188,7 @@ def _mapped(descriptor: int, size: int) -> tuple[mmap.mmap, int]:
 
 def _header(path: Path, memory: mmap.mmap | bytes) -> JournalStruct:
     if len(memory) < HEADER or memory[:8] != MAGIC:
-        raise JournalError(f"{path}: begins with {bytes(memory[:8])!r}; a journal with {MAGIC!r}")
+        raise JournalError(f"{path}: begins with {bytes(memory[:8])!r}; expected {MAGIC!r}")
     header = JournalStruct.from_buffer_copy(memory[:HEADER])
     if header.version != VERSION:
         raise JournalError(f"{path}: a journal of version {header.version}; expected {VERSION}")
@@ -206,7 +206,7 @@ def row_of(path: Path, text: bytes, size: int) -> np.dtype[Any]:
     try:
         row = np.lib.format.descr_to_dtype(ast.literal_eval(text.decode()))
     except (SyntaxError, ValueError, TypeError) as error:
-        raise JournalError(f"{path}: what a row is made of is not readable: {text!r}") from error
+        raise JournalError(f"{path}: invalid description of its rows: {text!r}") from error
     if row.itemsize != size:
         raise JournalError(f"{path}: rows of {size} bytes, described as {row.itemsize}")
     return row

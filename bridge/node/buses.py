@@ -108,7 +108,7 @@ def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> At
         from bridge.zenoh.node_channel import open_bus
     except ImportError as error:
         raise BusError(
-            f"bus {bus}: no Zenoh here ({error}); install cosim-bridge[zenoh]"
+            f"bus {bus}: Zenoh is not available ({error}); install cosim-bridge[zenoh]"
         ) from error
     opened = open_bus(system, bus, node, number=number, log=log)
     try:

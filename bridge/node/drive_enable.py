@@ -71,6 +71,6 @@ def _watchdog(drive: Foreign, end: Attachment) -> None:
                 return
         sleep(0.005)
     raise RunError(
-        f"drive {drive.node} on bus {drive.bus} does not say its {own.register} within "
+        f"drive {drive.node} on bus {drive.bus} did not answer with its {own.register} within "
         f"{PATIENCE:g} s ({drive.profile.path}): it is not enabled"
     )

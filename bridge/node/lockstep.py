@@ -43,7 +43,7 @@ def is_lockstep(system: System) -> bool:
         text = f"lock-step has no gateways, and {found[0]} is one; expected nodes with components"
         raise ScenarioError(text, d.place("nodes", found[0]))
     if asked and d.sync:
-        raise ScenarioError("lock-step has no SYNC", d.place("sync"))
+        raise ScenarioError("lock-step does not support SYNC", d.place("sync"))
     return bool(asked)
 
 

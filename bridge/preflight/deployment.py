@@ -152,8 +152,8 @@ def forwarding_overruns(system: System) -> list[Finding]:
                 where=name,
                 number=latest,
                 unit="s",
-                reason=f"its {what} tells samples apart that are at most {latest * 1e3:.3g} ms old:"
-                " later ones would be numbered wrongly",
+                reason=f"its {what} identifies samples that are at most {latest * 1e3:.3g} ms old:"
+                " older ones would be numbered wrongly",
                 advice=f'messages.{m.forward.of}.max_age = "{latest * 1e3:.3g} ms" drops them,'
                 f" or another layout for {d.messages[name].bus}",
             )
@@ -174,7 +174,7 @@ def unlimited(system: System) -> list[Finding]:
                     where=signal,
                     number=0.0,
                     unit="",
-                    reason="has no range: any finite value with a right CRC is believed",
+                    reason="has no range: any finite value with a correct CRC is accepted",
                     advice=f'[signals] {port} = {{ range = "..." }} in the deployment, or min and'
                     " max of the component",
                 )
@@ -208,8 +208,8 @@ def windups(system: System) -> list[Finding]:
                     where=step.name,
                     number=known,
                     unit="N.m",
-                    reason=f"takes {known:g} N.m for its limit ({LIMIT}), and the guard of {node}"
-                    f" lets {allowed.max():g} N.m through: beyond it its estimates wind up",
+                    reason=f"assumes the limit {known:g} N.m ({LIMIT}), but the guard of {node}"
+                    f" limits the torque to {allowed.max():g} N.m: beyond it the estimates wind up",
                     advice=f'[set] "components.{step.name}.parameters.{LIMIT}" ='
                     f' "{allowed.max():g} N.m" in the deployment',
                 )

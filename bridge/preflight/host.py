@@ -33,7 +33,7 @@ def check(system: System, nodes: Sequence[str] = ()) -> None:
                 needs()
             except (OSError, BusError) as error:
                 raise ScenarioError(
-                    f"this host cannot carry it: {error}; expected the network interface lo, up "
+                    f"this host does not support it: {error}; expected the network interface lo up "
                     "(ip link set lo up)", system.deployment.place("buses", name)
                 ) from error  # fmt: skip
 

@@ -74,8 +74,8 @@ def _finding(bus: str, a: SentIdentifier, b: SentIdentifier) -> Finding:
         where=f"bus {bus}",
         number=a.identifier,
         unit="",
-        reason=f"identifier {number} is that of {a.party} and of {b.party}",
-        advice="give each its own, or a bus of its own",
+        reason=f"identifier {number} is used by {a.party} and by {b.party}",
+        advice="use different identifiers, or separate buses",
     )
 
 

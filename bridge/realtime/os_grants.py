@@ -58,7 +58,7 @@ def _cpus(spec: Realtime, undo: ExitStack) -> str:
     found = os.sched_getaffinity(0)
     if found != set(spec.cpus):  # the kernel takes those that are there
         os.sched_setaffinity(0, before)
-        raise OSError(errno.EINVAL, "some CPUs are not there")
+        raise OSError(errno.EINVAL, "some CPUs do not exist")
     undo.callback(os.sched_setaffinity, 0, before)
     return f"CPU {', '.join(map(str, sorted(found)))}"
 

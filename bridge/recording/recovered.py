@@ -17,12 +17,12 @@ def collect(folder: Path, into: Path) -> None:
     """Write trajectories, link tables and bus logs of the journals in `folder` into `into`.
 
     Raises ScenarioError where scenario and deployment are not where the folder says they are, or
-    no node came to its first slot; RunError where a file cannot be written.
+    no node reached its first slot; RunError where a file cannot be written.
     """
     facts = read_facts(folder)
     system = load_system(facts.scenario, facts.deployment, facts.settings)
     rows = replay.load(folder / NODES)
     if not rows:
-        raise ScenarioError("no node came to its first slot; nothing was recorded", str(folder))
+        raise ScenarioError("no node reached its first slot; nothing was recorded", str(folder))
     wall_ns = facts.wall_ns - facts.start_ns if facts.wall_ns else realtime_offset_ns()
     collecting.collect(system, rows, folder / NODES, into, wall_ns=wall_ns)

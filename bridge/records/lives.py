@@ -40,7 +40,7 @@ class Life:
         node, separator, boot = text.rpartition(SEPARATOR)
         found = cls(unquote(node), int(boot)) if separator else cls(unquote(text))
         if str(found) != text:
-            raise ValueError(f"{text!r} names no life of a node; {found} would be {str(found)!r}")
+            raise ValueError(f"{text!r} is not a valid name of a life; expected {str(found)!r}")
         return found
 
     def file(self, kind: str) -> str:

@@ -56,7 +56,8 @@ def settings(
         at = f"deploy.buses.{name}"
         if "connect" in bus.options:
             raise ScenarioError(
-                "connects to an address of its own; expected nodes that listen, to be put on hosts",
+                "connects to a fixed address, which does not exist on the emulated hosts; expected "
+                "nodes that listen",
                 system.deployment.place("buses", name, "options", "connect"),
             )
         found += [f"{at}.zenoh={_text(zenoh)}"] if zenoh else []

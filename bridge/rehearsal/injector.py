@@ -86,8 +86,8 @@ class _Links:
         """Raise ScenarioError where there is no such link."""
         if self._network is None:
             raise ScenarioError(
-                f"{event.action} needs nodes on hosts of their own, with a network between them: "
-                "cosim soak",
+                f"{event.action} needs nodes on separate hosts with a network between them; "
+                "use cosim soak",
                 script.place(event.index, "kind"),
             )
         if event.target != "*" and event.target not in self._network.names:
@@ -164,7 +164,7 @@ class Babbler:
             self._process.stdin.write(b"\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            raise RunError("the babbling peer has ended before its time") from None
+            raise RunError("the babbling peer has ended too early") from None
 
     def stop(self) -> None:
         """End it."""

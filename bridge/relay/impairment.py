@@ -69,7 +69,7 @@ class Impairment:
         model = None if spec.loss is None else loss_model(spec.loss)
         if isinstance(law, Lossy):  # a preset of a network
             if model is not None:
-                raise ScenarioError("the preset has losses of its own; expected no key loss")
+                raise ScenarioError("the preset already defines losses; expected no key loss")
             model = law.loss
             law = law.delay
         if law is not None:

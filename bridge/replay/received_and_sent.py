@@ -102,7 +102,7 @@ def received_history(rows: Rows, carried: Carried, plan: Plan) -> History:
     if first < 0 or span > most:
         raise ScenarioError(
             f"samples {first} to {first + span - 1} of {carried.name} heard; a run has at most "
-            f"{most}: the journal of what was heard is damaged"
+            f"{most}: the journal of received samples is damaged"
         )
     history = History(width, span, first)
     history.values[numbers - first] = rows["values"][at, :width]

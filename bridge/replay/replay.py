@@ -144,9 +144,9 @@ def _hear(
     """What was heard of each message, for its reception; what is sent again goes to `sent`."""
     rows = heard.get(life)
     if rows is None or rows.dtype != heard_dtype(node.system, life.node):
-        found = "nothing" if rows is None else "other messages"
+        found = "no samples" if rows is None else "samples of other messages"
         raise ScenarioError(
-            f"{found} recorded of what {life} heard; expected {life.file(HEARD)} of it",
+            f"{found} recorded for {life}; expected its received samples, {life.file(HEARD)}",
             str(node.system.deployment.path),
         )
     histories: dict[str, History] = {}

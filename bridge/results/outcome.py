@@ -78,7 +78,7 @@ def complete(
     rows, heard = replay.load(nodes), replay.received_by_life(nodes)
     if not rows:
         why = "; ".join(map(str, ended.notes)) or "no reason was reported"
-        raise RunError(f"no node came to its first slot ({why}); their output is in {nodes}")
+        raise RunError(f"no node reached its first slot ({why}); their output is in {nodes}")
     offset = realtime_offset_ns()
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)

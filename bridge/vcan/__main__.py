@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     command = options.command[options.command[:1] == ["--"] :]
     if not command:
-        raise VcanError("no command: python -m bridge.vcan run -- COMMAND ... was expected")
+        raise VcanError("no command; expected python -m bridge.vcan run -- COMMAND ...")
     request = GuestCommand(tuple(command), options.timeout, options.mem, options.cpu, options.buses)
     capabilities.bytes_of(request.memory)
     backend = _BACKENDS[options.backend if options.backend != "auto" else _best(options.mem)]
@@ -46,7 +46,7 @@ def _best(memory: str) -> str:
         if found.possible:
             return found.backend
         tried.append(f"{found.backend}: {found.why}")
-    raise VcanError("no kernel with CAN to be had; " + "; ".join(tried))
+    raise VcanError("no kernel with CAN is available; " + "; ".join(tried))
 
 
 def _status() -> int:
@@ -56,7 +56,7 @@ def _status() -> int:
             f"{ability.backend:5}{'yes' if ability.possible else 'no ':4}{ability.why}\n"
         )
     best = next((ability.backend for ability in found if ability.possible), None)
-    sys.stdout.write(f"run uses: {best or 'nothing, there is no kernel with CAN to be had'}\n")
+    sys.stdout.write(f"run uses: {best or 'nothing: no kernel with CAN is available'}\n")
     return 0 if best else VcanError.exit_code
 
 

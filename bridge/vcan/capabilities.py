@@ -35,7 +35,7 @@ def bytes_of(size: str) -> int:
     """Bytes of a text like ``512M`` or ``1G``; raises VcanError."""
     match = re.fullmatch(r"(\d+)([KMG])", size)
     if not match:
-        raise VcanError(f"--mem {size}: a number and K, M or G was expected, like 1G")
+        raise VcanError(f"--mem {size}: expected a number with K, M or G, such as 1G")
     return int(match[1]) * _UNITS[match[2]]
 
 
@@ -66,7 +66,9 @@ def uml(memory: str = "1G") -> Ability:
         folder = memory_folder(bytes_of(memory))
         lacking = packages.missing()
         if lacking and not shutil.which("apt-get"):
-            raise VcanError(f"{' and '.join(lacking)} are not in {packages.cache()}, nor is apt")
+            raise VcanError(
+                f"{' and '.join(lacking)} are not in {packages.cache()}, and apt-get is missing"
+            )
     except VcanError as error:
         return Ability("uml", False, str(error))
     state = f"to be downloaded: {', '.join(lacking)}" if lacking else f"in {packages.cache()}"
@@ -86,8 +88,8 @@ def memory_folder(size: int) -> Path:
             return Path(folder)
         found.append(f"{folder}: {problem}")
     raise VcanError(
-        f"no folder for the guest's memory: {size / 2**20:.0f} MB and the right to execute were "
-        f"expected; {'; '.join(found)} (--mem, TMPDIR)"
+        f"no folder for the guest's memory; expected {size / 2**20:.0f} MB of free space and "
+        f"permission to execute; found {'; '.join(found)} (set --mem or TMPDIR)"
     )
 
 

@@ -6,7 +6,7 @@ from cosim.base.errors import CosimError
 
 
 class VcanError(CosimError, RuntimeError):
-    """There is no kernel with CAN to be had, or it did not start.
+    """No kernel with CAN is available, or it did not start.
 
     The exit code is the one that ``env`` and ``timeout`` use for their own failures: those of
     the command stay apart.

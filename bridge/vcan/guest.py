@@ -43,7 +43,7 @@ def command_script(command: Sequence[str], environment: Mapping[str, str], cwd: 
     Raises VcanError if the command's name contains ``=``, or if the guest hides the folder.
     """
     if "=" in command[0]:
-        raise VcanError(f"command {command[0]!r}: a name without '=' was expected")
+        raise VcanError(f"command {command[0]!r}: expected a name without '='")
     if any(cwd.is_relative_to(folder) for folder in HIDDEN):
         raise VcanError(f"working folder {cwd}: a guest has its own {', '.join(HIDDEN)}")
     umask = os.umask(0)
@@ -63,7 +63,7 @@ def kernel_command(
     """
     for path in (folder, INIT, parts.busybox):
         if not re.fullmatch(r"[\w./+~:@%-]+", str(path), re.ASCII):
-            raise VcanError(f"{path}: the kernel's command line takes no such characters")
+            raise VcanError(f"{path}: the kernel's command line cannot contain these characters")
     console, out, err, control = files
     return [
         *(str(parts.linux), f"mem={request.memory}", "rootfstype=hostfs", "rootflags=/", "rw"),

@@ -77,7 +77,7 @@ def _modules(package: Path) -> Iterator[tuple[Path, str]]:
         if file:
             yield file, parameters
         elif name in REQUIRED:
-            raise VcanError(f"{folder} has no {name}.ko: a kernel with CAN modules was expected")
+            raise VcanError(f"{folder} has no {name}.ko; expected a kernel with CAN modules")
 
 
 @contextmanager
@@ -88,7 +88,7 @@ def lock_cache() -> Iterator[None]:
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("w")
     except OSError as error:
-        raise VcanError(f"no cache folder ({error}); {VARIABLE} names another") from error
+        raise VcanError(f"no cache folder ({error}); set {VARIABLE} to another folder") from error
     with file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
@@ -116,4 +116,4 @@ def _run(command: list[str], folder: str, failure: str) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace")
     if done.returncode:
         said = " ".join((done.stderr or done.stdout).split())
-        raise VcanError(f"{failure}: {said} (lists of packages are renewed by: apt-get update)")
+        raise VcanError(f"{failure}: {said} (apt-get update renews the lists of packages)")

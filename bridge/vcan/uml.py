@@ -99,7 +99,7 @@ def _cpu(wanted: str, stack: ExitStack) -> int | None:
         return cpu
     if not wanted.isdigit() or int(wanted) not in os.sched_getaffinity(0):
         here = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
-        raise VcanError(f"--cpu {wanted}: 'free' or one of the CPUs {here} was expected")
+        raise VcanError(f"--cpu {wanted}: expected 'free' or one of the CPUs {here}")
     return int(wanted)
 
 

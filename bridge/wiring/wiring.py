@@ -162,7 +162,7 @@ class WiredNode:
     def _initialize(self, slot: int) -> None:
         self.engine.initialize(slot)
         if self.engine.ended is not None:
-            raise RunError(f"{self.engine.ended}: before its first step, there is nothing to run")
+            raise RunError(f"{self.engine.ended} before the first step; there is nothing to run")
         self.engine.prepare(self.plan.slots)
         state, s = self.engine.state, self.struct
         s.engine, s.signals = c.addressof(state), self.engine.signals.ctypes.data

@@ -90,6 +90,6 @@ def _openssl(*arguments: object) -> None:
             ["openssl", *map(str, arguments)], capture_output=True, text=True, check=False
         )
     except OSError as error:
-        raise CosimError(f"certificates are made by openssl, which is not here: {error}") from error
+        raise CosimError(f"cannot make certificates without openssl: {error}") from error
     if found.returncode:
         raise CosimError(f"openssl {arguments[0]}: {found.stderr.strip()}")

@@ -146,7 +146,7 @@ def _configured(options: ZenohOptions, who: str, rules: Mapping[str, object]) ->
     scouts = json.loads(config.get_json("scouting/multicast/enabled"))
     if not json.loads(config.get_json("connect/endpoints")) and not scouts:
         raise ScenarioError(
-            "nowhere to connect to; expected options.listen or options.connect, or --connect",
+            "no address to connect to; expected options.listen or options.connect, or --connect",
             options.place,
         )
     return config

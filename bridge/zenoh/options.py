@@ -162,7 +162,7 @@ def check_endpoint(endpoint: str, place: str, *, insecure: bool) -> None:
         raise ScenarioError(f"{endpoint!r}: {address!r}; expected HOST:PORT", place)
     if protocol not in ENCRYPTED and not insecure and not is_loopback(host):
         raise ScenarioError(
-            f"{endpoint!r} leaves this machine in clear text, for anybody to read and write; "
+            f"{endpoint!r} is reachable from other machines without encryption; "
             "expected tls/ or quic/, or insecure = true",
             place,
         )

@@ -126,8 +126,8 @@ def _wait_for_echo(publisher: zenoh.Publisher, key: str, other: str, patience: f
     while not getattr(publisher.matching_status, "matching", False):
         if elapsed() > patience:
             raise RunError(
-                f"no node listens to {key} after {patience:g} s; is `cosim ping --echo` running "
-                f"as {other}?"
+                f"no node listens to {key} after {patience:g} s; start `cosim ping --echo` as "
+                f"{other}"
             )
         sleep(0.01)
 

@@ -83,8 +83,8 @@ def wait_until_there(
     while not stop() and (found := missing()):
         if elapsed() > seconds:
             raise BusError(
-                f"{'; '.join(found)} after {seconds:g} s; do these nodes run, with the same prefix,"
-                " and do endpoints, certificates and access rules let them connect?"
+                f"{'; '.join(found)} after {seconds:g} s; check that these nodes run with the same"
+                " prefix and that endpoints, certificates and access rules let them connect"
             )
         sleep(LOOK)
 

@@ -121,8 +121,8 @@ def _flat(value: Any) -> list[str]:
 def _check_scouting(config: zenoh.Config, options: ZenohOptions) -> None:
     if _get(config, "scouting/multicast/enabled") and not options.insecure:
         raise ScenarioError(
-            "multicast scouting tells everybody on every network of this node, and connects to "
-            "who answers; expected it to be off, or insecure = true",
+            "multicast scouting announces this node on all its networks and connects to "
+            "every peer that answers; expected scouting to be off, or insecure = true",
             _place(options),
         )
 
@@ -134,7 +134,9 @@ def _check_files(config: zenoh.Config, options: ZenohOptions) -> None:
             continue
         path = (_beside(options) / name).resolve()
         if not path.is_file():
-            raise ScenarioError(f"{key}: no file {path}; cosim keys makes some", _place(options))
+            raise ScenarioError(
+                f"{key}: no file {path}; cosim keys creates certificates", _place(options)
+            )
         config.insert_json5(key, json.dumps(str(path)))
 
 
@@ -180,7 +182,7 @@ def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) 
     listen = ", ".join(_flat(_get(config, "listen/endpoints"))) or "nothing"
     connect = ", ".join(_flat(_get(config, "connect/endpoints"))) or "nothing"
     raise BusError(
-        f"bus {bus}: Zenoh: {why}; it was to listen on {listen} and to connect to {connect}"
+        f"bus {bus}: Zenoh: {why} (listen endpoints: {listen}; connect endpoints: {connect})"
     )
 
 

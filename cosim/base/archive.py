@@ -50,7 +50,7 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
         if not path.exists():
             raise ArchiveError("no such file")
         if not path.is_file():
-            raise ArchiveError(f"is no file; expected an .{what.lower()} file")
+            raise ArchiveError(f"is not a file; expected an .{what.lower()} file")
         sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         raise ArchiveError(f"cannot be read: {error}") from error
@@ -105,7 +105,7 @@ def _check(archive: zipfile.ZipFile, what: str, description: str, free: int) -> 
     counts = Counter(e.filename for e in entries)
     if description not in counts:
         article = "an" if what[0] in "FS" else "a"
-        raise ArchiveError(f"the archive holds no {description}; is it {article} {what}?")
+        raise ArchiveError(f"the archive contains no {description}; expected {article} {what}")
     for entry in entries:
         _check_entry(entry, counts[entry.filename])
         if entry.filename == description and entry.file_size > LARGEST_DESCRIPTION:
@@ -118,11 +118,11 @@ def _check_entry(entry: zipfile.ZipInfo, count: int) -> None:
     name = entry.filename
     inside = PurePosixPath(name.replace("\\", "/"))
     if inside.is_absolute() or ".." in inside.parts or ":" in (inside.parts or ("",))[0]:
-        raise ArchiveError(f"entry {name!r} would be written outside of the folder")
+        raise ArchiveError(f"entry {name!r} would be written outside the folder")
     if count > 1:
-        raise ArchiveError(f"has {count} entries called {name!r}; expected one")
+        raise ArchiveError(f"has {count} entries with the name {name!r}; expected one")
     if entry.flag_bits & 1:
-        raise ArchiveError(f"entry {name!r} is encrypted; expected none that is")
+        raise ArchiveError(f"entry {name!r} is encrypted; expected entries without encryption")
     if entry.compress_type not in _METHODS:
         raise ArchiveError(
             f"entry {name!r} is compressed by method {entry.compress_type}; expected deflate (8)"

@@ -42,8 +42,8 @@ def unbounded_delay(system: AnalyzedSystem) -> Iterator[Finding]:
             where=f"links.{link.name}",
             number=bound,
             unit="s",
-            reason=f"the age of what is held has {until} (Theorems 4 and 5 need one){often}",
-            advice="let the controller drop what is too old (age and age_max)"
+            reason=f"the age of the held sample has {until} (Theorems 4 and 5 require one){often}",
+            advice="let the controller discard old samples (age and age_max)"
             if severity == "warning" else "",
         )  # fmt: skip
 
@@ -80,7 +80,7 @@ def buffer(system: AnalyzedSystem) -> Iterator[Finding]:
             number=late * 100,
             unit="%",
             reason=f"playout = {b:g} s, but delays are up to {law.maximum:.3g} s: about"
-            f" {late * 100:.2g} % come too late, and the delay is not constant",
+            f" {late * 100:.2g} % arrive too late, and the delay is not constant",
             advice=f"playout = {law.maximum:.3g}",
         )
 
@@ -101,9 +101,9 @@ def reordered_samples(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=f"links.{link.name}",
                 number=mean,
                 unit="s",
-                reason=f'semantics = "{name}" goes back in time when a delay grows (mean age'
+                reason=f'semantics = "{name}" returns to older samples when a delay grows (mean age'
                 f" {mean:.2g} s, up to {longest_delay(link):.3g} s)",
-                advice='a real network is better served by "newest-stamp", which is fresher',
+                advice='for a real network use "newest-stamp", which gives newer samples',
             )
 
 
@@ -117,5 +117,5 @@ def zero_minimum_delay(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=f"links.{link.name}",
                 number=0.0,
                 unit="s",
-                reason="its least delay is 0: sender and receiver are ordered as by a wire",
+                reason="its minimum delay is 0: sender and receiver are ordered as for a wire",
             )

@@ -38,8 +38,8 @@ def ground_damping(system: AnalyzedSystem) -> Iterator[Finding]:
             where=f"{a}, {b}",
             number=has,
             unit="N.m.s/rad",
-            reason=f"{one.law}: damping to the ground of {has:.3g} N.m.s/rad, but a delay of up to"
-            f" {T:.3g} s there and back needs T_rt K/2 = {needs:.3g}",
+            reason=f"{one.law}: the damping to ground is {has:.3g} N.m.s/rad; a round-trip delay"
+            f" of up to {T:.3g} s needs T_rt K/2 = {needs:.3g}",
             advice="raise the damping, lower the stiffness, or shorten the delay",
         )
 
@@ -96,7 +96,7 @@ def constant_delay(system: AnalyzedSystem) -> Iterator[Finding]:
             where=link.target.component,
             number=longest,
             unit="s",
-            reason=f"{law.law} is proved for a constant delay, this one varies, up to"
+            reason=f"{law.law} is proved for a constant delay, but this delay varies, up to"
             f" {longest:.3g} s",
             advice=f'semantics = "playout" with playout = {longest:.3g} makes it constant',
         )

@@ -37,7 +37,8 @@ def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
             number=margin,
             unit="1/s",
             reason=f"lambda_M = {law.lambda_M:g} 1/s is above the passive limit {limit:.3g} 1/s"
-            " (estimate right, heaviest posture): a stiff grip or contact can swing up",
+            " (exact estimates, heaviest posture): oscillations with a stiff grip or contact can"
+            " grow",
             advice=f"lower lambda_M to {limit:.3g}, raise K, or use lambda_c (Remark 3)"
             if not law.lambda_c else f"lower lambda_M to alpha + lambda_c = {limit:.3g}",
         )  # fmt: skip
@@ -72,8 +73,8 @@ def grip(system: AnalyzedSystem) -> Iterator[Finding]:
             number=k_p,
             unit="N.m/rad",
             reason=f"with lambda_M = {law.lambda_M:g} 1/s a grip of {k_p:g} N.m/rad and {k_d:g}"
-            f" N.m.s/rad swings up {where}, once the estimate is right",
-            advice="lower lambda_M, raise K, or hold it less tightly (more k_d)",
+            f" N.m.s/rad is unstable {where} once the estimates are exact",
+            advice="lower lambda_M, raise K, or use a softer grip (or more k_d)",
         )
 
 
@@ -88,8 +89,8 @@ def degenerate(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=name,
                 number=law.lambda_M,
                 unit="1/s",
-                reason=f"lambda_M = alpha = {law.alpha:g} 1/s and z(0) = 0: z stays 0, nothing is"
-                " ever adapted, and the law is exactly tau = -K dq",
+                reason=f"lambda_M = alpha = {law.alpha:g} 1/s and z(0) = 0: z stays 0, no parameter"
+                " is adapted, and the law is exactly tau = -K dq",
                 advice="choose lambda_M above alpha (the paper's captions: 6)",
             )
 
@@ -111,7 +112,7 @@ def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
                     if isfinite(gain)
                     else ""
                 )
-                + ", and whoever moves the arm has to hold it",
+                + ", and the operator has to keep holding the arm",
                 advice="choose lambda_M > 0 (Theorem 2)",
             )
 
@@ -127,9 +128,9 @@ def gravity(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=name,
                 number=max(law.Gamma[3:], default=max(law.Gamma)),
                 unit="1",
-                reason="gravity is adapted: a constant push ends up in its estimate, the arm stops"
-                " although it is pushed, and reflected torques decay",
-                advice="compensate it (gravity = 1, theta_g as the platform knows it)",
+                reason="gravity is adapted: its estimate absorbs a constant external force, the arm"
+                " stops although it is pushed, and reflected torques decay",
+                advice="compensate it (gravity = 1, with the theta_g of the platform)",
             )
             continue
         adapts = isinstance(law, DynamicFeedback)
@@ -142,8 +143,8 @@ def gravity(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=name,
                 number=weight,
                 unit="N.m",
-                reason=f"the arm has gravity {list(arm.gravity)} N.m, the controller {found}: the"
-                " arm sags",
+                reason=f"the arm has gravity {list(arm.gravity)} N.m, but the controller {found}:"
+                " the arm sags",
                 advice="compensate the arm's theta_g",
             )
 

@@ -87,8 +87,8 @@ def unreached_robots(system: AnalyzedSystem) -> Iterator[Finding]:
         unit="1",
         reason=f"an action here never reaches {', '.join(missed)}: not a root of the "
         "communication graph",
-        advice=f"hold {' or '.join(roots)}, which all hear, or add a link" if roots
-        else "add links: no arm is heard by all",
+        advice=f"hold {' or '.join(roots)}, whose signals reach all arms, or add a link" if roots
+        else "add links: no arm's signals reach all others",
     )  # fmt: skip
 
 
@@ -118,7 +118,8 @@ def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
             where="topology",
             number=0.0,
             unit="1",
-            reason="the graphs that last have no spanning tree together: no agreement (Theorem 3)",
+            reason="the union of the recurrent graphs has no spanning tree: the arms do not agree"
+            " (Theorem 3)",
             advice="add edges, or let the schedule repeat",
         )
 
@@ -134,9 +135,9 @@ def unconnected_rows(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=f"{e.receiver}.{law.received}[{e.row}]",
                 number=e.weight,
                 unit="1",
-                reason=f"nothing feeds this row, but its weight is {e.weight:g}: the arm is drawn"
-                " to where xi is what the row holds",
-                advice=f"link it, or set {law.weights}[{e.row}] = 0",
+                reason=f"the row is unconnected, but its weight is {e.weight:g}: the arm is drawn"
+                " towards the constant xi of the row",
+                advice=f"connect it, or set {law.weights}[{e.row}] = 0",
             )
 
 
@@ -155,7 +156,7 @@ def age_limit_without_age(system: AnalyzedSystem) -> Iterator[Finding]:
                     where=age,
                     number=law.age_max,
                     unit="s",
-                    reason=f"age_max is {law.age_max:g} s, but nothing feeds the age: nothing is"
-                    " ever stale",
+                    reason=f"age_max is {law.age_max:g} s, but the age is unconnected: no sample"
+                    " ever becomes stale",
                     advice='give the link age = "' + age + '[0]"',
                 )

@@ -54,7 +54,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
             number=ratio,
             unit="1",
             reason=f"T_s {what} = {T:g} s · {gain:g} is {ratio * 100:.0f} % of {bound}{posture}"
-            + (", and too much in a posture it starts from or goes to" if fails else ""),
+            + (", and exceeds it in a posture at the start or the goal" if fails else ""),
             advice="" if severity == "note"
             else f"sample every {0.5 * share * least / gain * 1e3:.2g} ms, or lower {what}",
         )  # fmt: skip
@@ -122,7 +122,7 @@ def contact(system: AnalyzedSystem) -> Iterator[Finding]:
                 unit="1",
                 reason=f"{what} of {k:g} N.m/rad, {b:g} N.m.s/rad on {least:.3g} kg.m2: h ω ="
                 f" {number:.2g} for steps of {h:g} s (inaccurate above 1, unstable above {RK4:g})",
-                advice=f"give {name} {int(np.ceil(number / arm.h_max / 0.5))} substeps",
+                advice=f"set {int(np.ceil(number / arm.h_max / 0.5))} substeps for {name}",
             )
 
 
@@ -142,7 +142,7 @@ def sampled_hand(system: AnalyzedSystem) -> Iterator[Finding]:
         overshoots = T * k_d > 2 * arm.inertia_range[0]
         if makes < takes and not overshoots:
             continue
-        reason = f"k_p T/2 = {makes:.3g} N.m.s/rad is not below the damping there is, {takes:.3g}"
+        reason = f"k_p T/2 = {makes:.3g} N.m.s/rad is not below the damping, {takes:.3g}"
         if overshoots:
             reason = (
                 f"T k_d = {T * k_d:.3g} kg.m2 is above 2 λ_min(M) = {2 * arm.inertia_range[0]:.3g}"
@@ -154,5 +154,5 @@ def sampled_hand(system: AnalyzedSystem) -> Iterator[Finding]:
             number=makes,
             unit="N.m.s/rad",
             reason=f"sampled every {T:g} s, {reason}",
-            advice="hold the arm by its own grip, which is solved inside, or sample faster",
+            advice="use the grip inside the plant, which its solver integrates, or sample faster",
         )

@@ -33,9 +33,9 @@ def unconnected_inputs(plan: Plan) -> Iterator[Finding]:
                 where=which,
                 number=float(len(idle)),
                 unit="1",
-                reason="nothing feeds this input, and the scenario sets no start value for it",
+                reason="the input is unconnected, and the scenario sets no start value for it",
                 advice=f'components.{step.name}.inputs.{port.name} = "COMPONENT.OUTPUT", or '
-                f"components.{step.name}.start.{port.name} = ... where it is meant to stay there",
+                f"components.{step.name}.start.{port.name} = ... if a constant value is intended",
             )
 
 
@@ -62,9 +62,9 @@ def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
                 where=name,
                 number=float(tau),
                 unit="N.m",
-                reason=f"about {tau:.2g} N.m are wanted on a joint, tau_max is {limit:g}: it"
-                " saturates, and nothing adapts meanwhile",
-                advice="raise tau_max, or pull more gently",
+                reason=f"a joint needs about {tau:.2g} N.m, but tau_max is {limit:g}: the torque"
+                " saturates, and adaptation stops meanwhile",
+                advice="raise tau_max, or use smaller forces",
             )
 
 
@@ -82,9 +82,9 @@ def size(system: AnalyzedSystem) -> Iterator[Finding]:
         where="run.record",
         number=total / 1e6,
         unit="MB",
-        reason=f"{total / 1e6:.3g} MB of numbers will be recorded ({count} columns,"
+        reason=f"the recording will have {total / 1e6:.3g} MB uncompressed ({count} columns,"
         f" {plan.ticks // spec.every + 1} rows)",
-        advice="record fewer signals, or every so many ticks (run.record.every)"
+        advice="record fewer signals or fewer ticks (run.record.every)"
         if severity == "warning" else "",
     )  # fmt: skip
 
@@ -98,8 +98,8 @@ def jacobi(system: AnalyzedSystem) -> Iterator[Finding]:
             where="run.algorithm",
             number=system.plan.h,
             unit="s",
-            reason="all components see the previous tick: the torque is one more sample late",
-            advice='algorithm = "sampled", unless for comparison with other masters',
+            reason="all components read the previous tick: the torque is one more sample late",
+            advice='use algorithm = "sampled", except to compare with other masters',
         )
 
 
@@ -107,7 +107,7 @@ def unchecked_components(system: AnalyzedSystem) -> Iterator[Finding]:
     """Components of which nothing is known: what was not checked."""
     for step in system.plan.components:
         if step.name in system.silent:
-            why = f"its facts cannot be had: {system.silent[step.name]}"
+            why = f"its facts are not available: {system.silent[step.name]}"
         elif step.name in system.controls.values() and step.name not in system.facts:
             why = "its model offers no facts"
         elif system.scenario.components[step.name].model.endswith(".fmu"):

@@ -58,7 +58,7 @@ def analyze(
     from cosim.record import verify
 
     if target.is_dir() and set_:
-        raise ScenarioError("--set changes a scenario; a run is as it was", str(target))
+        raise ScenarioError("--set applies to a scenario, not to a recorded run", str(target))
     if target.is_dir() and check:
         verify(target)
     if target.is_dir():

@@ -32,7 +32,7 @@ def show(
 
     if scenario.is_dir():
         if set_:
-            raise ScenarioError("--set changes a scenario; a run is as it was", str(scenario))
+            raise ScenarioError("--set applies to a scenario, not to a recorded run", str(scenario))
         for line in recorded_run(scenario, check=check):
             typer.echo(line)
         return

@@ -44,7 +44,7 @@ def allow_terminal_input() -> Iterator[None]:
 
     terminal, before = sys.stdin.fileno(), os.getpgid(os.getppid())
     if os.tcgetpgrp(terminal) != before:
-        raise ScenarioError("a question has to be answered, but the command is in the background")
+        raise ScenarioError("the command asks for confirmation, but it runs in the background")
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU, signal.SIGTSTP})
     os.tcsetpgrp(terminal, os.getpgrp())
     try:

@@ -84,15 +84,15 @@ def sweep(
 
 def stopping() -> None:
     """Say that a first Ctrl-C was understood."""
-    typer.echo("stopping: waiting for the runs that are under way (Ctrl-C again: not)", err=True)
+    typer.echo("stopping after the current runs (press Ctrl-C again to stop at once)", err=True)
 
 
 def interrupted(progress: Progress, folder: Path, how: str) -> typer.Exit:
     """Say what is there and `how` to go on; the end of the command."""
     from cosim.base.interrupts import exit_code
 
-    done = f"{progress.count} runs more are in {folder}"
-    typer.echo(f"interrupted; {done}, {how} goes on", err=True)
+    done = f"{progress.count} more runs are in {folder}"
+    typer.echo(f"interrupted; {done}; continue with {how}", err=True)
     return typer.Exit(exit_code())
 
 
@@ -141,7 +141,8 @@ class Progress:
         typer.echo(f"{text}; {begun.to_run} to run")
         if begun.changed:
             typer.echo(
-                f"the study has changed: {begun.foreign_rows} rows here are not part of it now"
+                f"the study has changed: {begun.foreign_rows} rows in this folder are no longer "
+                "part of it"
             )
         self._start()
 

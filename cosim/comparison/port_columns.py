@@ -108,7 +108,9 @@ class _Port:
         signals = port_of(scenario.analysis, plan.slots(), known, spec.operator)
         for name in (spec.operator, spec.environment):
             if name not in known.arms:
-                raise ScenarioError(f"nothing is known of the arm {name}: its model has no facts")
+                raise ScenarioError(
+                    f"the arm {name} cannot be analyzed: its model declares no facts"
+                )
         self._spec, self._bench = spec, Bench(known, signals, spec.q)
         self._gains: dict[Environment, PortGain] = {}
 
@@ -145,8 +147,8 @@ class _Port:
             or float(log_weights(gain.omega) @ gain.error) > UNKNOWN
         ):
             raise RunError(
-                f"no number of the port with the environment {environment}: the arms do not come to"
-                " rest, or the links disturb their motion too much"
+                f"the port cannot be evaluated with the environment {environment}: the arms do not"
+                " come to rest, or the links disturb their motion too much"
             )
         return gain
 

@@ -37,5 +37,5 @@ def heard_role(
     if found not in known:
         raise ScenarioError(unknown(found, known, "role"), table.place(key))
     if found == name:
-        raise ScenarioError(f"{name} hears itself, expected another role", table.place(key))
+        raise ScenarioError(f"{name} receives from itself; expected another role", table.place(key))
     return found

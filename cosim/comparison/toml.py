@@ -85,13 +85,13 @@ class Section:
         """The tables in a table, by name, in the order of the file; there must be one."""
         named = self.table(key)
         if not named.data:
-            raise ScenarioError(f"nothing here; expected a table [{key}.NAME]", self.place(key))
+            raise ScenarioError(f"empty table; expected a table [{key}.NAME]", self.place(key))
         return ((name, named.table(name)) for name in named.data)
 
     def _get(self, key: str, default: Any) -> Any:
         found = self.data.get(key, default)
         if found is None:
-            raise ScenarioError(f"no {key!r} here", self.place())
+            raise ScenarioError(f"missing key {key!r}", self.place())
         return found
 
     def _wrong(self, key: str, expected: str, found: Any) -> ScenarioError:

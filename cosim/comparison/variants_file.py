@@ -200,7 +200,7 @@ def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
     for side in sides.values():
         side.only(*_LINK)
     if "delay" not in table and not all("delay" in sides.get(role, ()) for role in roles):
-        raise ScenarioError("no 'delay' here", table.place())
+        raise ScenarioError("missing key 'delay'", table.place())
     options, *own = (
         {key: x.data[key] for key in _LINK if key in x} for x in (table, *sides.values())
     )

@@ -56,7 +56,7 @@ def read(path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None)
         other = [n for n in ("ModelExchange", "ScheduledExecution") if root.find(n) is not None]
         raise FmuError(
             f"{origin}: no CoSimulation interface (found: {', '.join(other) or 'none'}); expected "
-            "an FMU exported for co-simulation, which brings its own solver"
+            "an FMU exported for co-simulation, with its own solver"
         )
     try:
         return _describe(root, interface, fmi, origin, sizes or {})
@@ -140,7 +140,9 @@ def _units(root: ElementTree.Element) -> dict[str, Unit]:
         except ValueError as error:
             raise ValueError(f"unit {name!r}: {error}") from None
         if not (isfinite(factor) and isfinite(offset) and factor != 0.0):
-            raise ValueError(f"unit {name!r}: factor {factor:g} and offset {offset:g} are no scale")
+            raise ValueError(
+                f"unit {name!r}: factor {factor:g} and offset {offset:g} do not define a scale"
+            )
         units[name] = Unit(exponents, factor, offset)
     return units
 

@@ -128,7 +128,7 @@ class Instance3(CommonInstance):
             if not again.value:
                 break
         else:
-            raise FmuError(f"{self._calls.name}: its discrete states never settle")
+            raise FmuError(f"{self._calls.name}: its discrete states do not converge")
         self.next_event = time.value if defined.value else NEVER
         self._calls.checked("EnterStepMode", c.c_void_p)(self.handle)
 

@@ -85,7 +85,7 @@ def check_range(group: VariableGroup, values: Sequence[float]) -> None:
             raise FmuError(f"{group.name} = {value:g} is above its maximum {most:g}")
         if not low <= value <= high or (whole and value != int(value)):
             raise FmuError(
-                f"{group.name} = {value:g} is no {group.first.type}; expected "
+                f"{group.name} = {value:g} is not a valid {group.first.type}; expected "
                 f"{'a whole number' if whole else 'a number'} from {low:.17g} to {high:.17g}"
             )
 

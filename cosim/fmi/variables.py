@@ -111,7 +111,7 @@ def _variable(
     variability = element.get("variability", found["variability"])
     for word, known in ((causality, CAUSALITIES), (variability, VARIABILITIES)):
         if word not in known:
-            raise ValueError(f"variable {name!r}: {word!r} is none of {', '.join(known)}")
+            raise ValueError(f"variable {name!r}: {word!r} is not one of {', '.join(known)}")
     reference = int(element.attrib["valueReference"])
     if not 0 <= reference < 2**32:
         raise ValueError(f"variable {name!r}: valueReference {reference} is not a 32-bit number")
@@ -157,7 +157,7 @@ def _limits(name: str, attributes: Mapping[str, str]) -> tuple[float, float]:
     try:
         low, high = float(attributes.get("min", "-inf")), float(attributes.get("max", "inf"))
     except ValueError:
-        raise ValueError(f"variable {name!r}: min or max is no number") from None
+        raise ValueError(f"variable {name!r}: min or max is not a number") from None
     if not low <= high:
         raise ValueError(f"variable {name!r}: min {low:g} is above max {high:g}")
     return low, high
@@ -172,7 +172,7 @@ def _checked(name: str, kind: str, start: tuple[str, ...]) -> tuple[str, ...]:
             except ValueError:
                 good = False
             if not good:
-                raise ValueError(f"variable {name!r}: start {text!r} is no number")
+                raise ValueError(f"variable {name!r}: start {text!r} is not a number")
     return start
 
 
@@ -201,7 +201,7 @@ def _extents(elements: Iterable[Element], sizes: Mapping[str, int]) -> dict[str,
             known.add(name)
             text = element.get("start", "")
             if name not in sizes and not text.isdecimal():
-                raise ValueError(f"structural parameter {name!r}: start {text!r} is no size")
+                raise ValueError(f"structural parameter {name!r}: start {text!r} is not a size")
             extents[element.get("valueReference", "")] = sizes.get(name, int(text or 0))
     for name in sizes:
         if name not in known:

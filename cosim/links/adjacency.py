@@ -65,7 +65,7 @@ def _csv(text: str, path: Path) -> tuple[Graph, ...]:
                 f"{path}:{number}",
             )
     if not blocks:
-        raise ScenarioError("no graph; expected lines of numbers, one a robot", str(path))
+        raise ScenarioError("no graph; expected lines of numbers, one per robot", str(path))
     names = (
         [path.stem] if len(blocks) == 1 else [f"{path.stem}.{k + 1}" for k in range(len(blocks))]
     )
@@ -117,7 +117,7 @@ def _table(table: Any, k: int, place: str) -> Graph:
         return _matrix(_rows(table["weights"], place), name, f"{place}.weights")
     robots, edges = table["robots"], table["edges"]
     if type(robots) is not int or robots < 1:
-        raise ScenarioError(f"robots = {robots!r}; expected how many there are", place)
+        raise ScenarioError(f"robots = {robots!r}; expected the number of robots", place)
     if not isinstance(edges, list) or not all(isinstance(edge, list) for edge in edges):
         raise ScenarioError(f"edges = {edges!r}; expected a list of [i, j] or [i, j, w]", place)
     try:
@@ -138,5 +138,5 @@ def _rows(weights: Any, place: str) -> list[list[float]]:
             )
         rows.append([float(w) for w in row])
     if not rows:
-        raise ScenarioError("no rows; expected one a robot", f"{place}.weights")
+        raise ScenarioError("no rows; expected one per robot", f"{place}.weights")
     return rows

@@ -60,7 +60,7 @@ class Graph:
         for edge in edges:
             i, j, w = _edge(edge, n)
             if weights[i - 1, j - 1]:
-                raise ScenarioError(f"edge {list(edge)} is there a second time")
+                raise ScenarioError(f"edge {list(edge)} is listed twice")
             weights[i - 1, j - 1] = w
         return Graph(weights, name)
 

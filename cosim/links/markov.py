@@ -182,7 +182,7 @@ def _check_transitions(transitions: tuple[Row, ...], m: int) -> None:
     if len(transitions) != m or any(len(row) != m for row in transitions):
         raise ScenarioError(
             f"transitions of {len(transitions)} rows, {[len(row) for row in transitions]} values;"
-            f" expected {m} rows of {m}, one a level"
+            f" expected {m} rows of {m}, one per level"
         )
     for a, row in enumerate(transitions):
         if not all(0 <= p <= 1 for p in row) or abs(sum(row) - 1) > 1e-9:

@@ -169,7 +169,7 @@ class Sum:
             raise ScenarioError("of names no delay law; expected one or more")
         if any(law.loses_packets for law in self.parts):
             raise ScenarioError(
-                "a law of the sum loses packets; expected laws that do not, and the key loss"
+                "a law of the sum loses packets; expected laws without losses, and the key loss"
             )
 
     @property

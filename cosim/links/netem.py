@@ -55,7 +55,7 @@ def netem(law: Law, loss: Loss | None = None, *, period: float | None = None) ->
         raise ScenarioError(f"period = {period:g} s; expected more than 0")
     if isinstance(law, Lossy):
         if loss is not None:
-            raise ScenarioError("a law that loses packets and a loss model; netem takes one loss")
+            raise ScenarioError("found a lossy delay law and a loss model; netem supports one loss")
         return netem(law.delay, law.loss, period=period)
     delay, delay_remarks = _delay(law)
     lost, loss_remarks = _trace_loss(law, loss) if loss is None else _loss(loss, period)
@@ -186,7 +186,7 @@ def _loss(loss: Loss, period: float | None) -> Parts:
         case RandomOutage():
             words, rate = f"at random, {loss.rate:g} a second", loss.rate
         case _:
-            raise ScenarioError(f"netem has nothing for loss.law = {loss.facts()['law']!r}")
+            raise ScenarioError(f"netem has no equivalent of loss.law = {loss.facts()['law']!r}")
     if period is None:
         return [], [
             f"netem has no outages in time: here {_time(loss.length)} {words}; have a script set"

@@ -252,7 +252,7 @@ class PlayoutSemantics:
         """Refuse a buffer for which every packet comes too late. Raises ScenarioError."""
         if self.least(law, grid) > self.greatest(law, grid):
             raise ScenarioError(
-                f"playout = {self.buffer:g} s never plays anything: no delay is shorter than"
+                f"playout = {self.buffer:g} s delivers no sample: no delay is shorter than"
                 f" {law.minimum:g} s"
             )
 

@@ -132,7 +132,7 @@ def _lossy(law: Law, loss: LossSpec | Mapping[str, Any]) -> Law:
     from cosim.links.losses import Lossy
 
     if isinstance(law, Lossy):
-        raise ScenarioError("the preset has losses of its own; expected no key loss")
+        raise ScenarioError("the preset already defines losses; expected no key loss")
     return Lossy(law, loss_model(loss))
 
 

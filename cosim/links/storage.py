@@ -55,7 +55,7 @@ class StoredTable:
         """Refuse a run that is longer than the file. Raises ScenarioError."""
         if length > self.length:
             raise ScenarioError(
-                f"{self.length} rows, the run asks for {length}; expected a shorter run",
+                f"{self.length} rows, the run needs {length}; expected a shorter run",
                 str(self.path),
             )
 
@@ -193,7 +193,7 @@ def _parquet_facts(path: Path) -> tuple[bytes, int]:
         with pq.ParquetFile(path) as file:
             schema, length = file.schema_arrow, file.metadata.num_rows
     except (pa.ArrowException, OSError) as error:
-        raise ScenarioError(f"no Parquet file ({error})", str(path)) from None
+        raise ScenarioError(f"not a Parquet file ({error})", str(path)) from None
     index = schema.get_field_index(COLUMN)
     if index < 0 or schema.field(index).type != pa.int32() or FACTS not in (schema.metadata or {}):
         raise ScenarioError(

@@ -61,7 +61,7 @@ class Static:
         """Refuse more graphs than one. Raises ScenarioError."""
         if graphs != 1:
             raise ScenarioError(
-                f"{graphs} graphs and nothing that switches between them; expected one graph, a"
+                f"{graphs} graphs without a switching rule; expected one graph, a"
                 " dwell time or a schedule"
             )
 
@@ -149,8 +149,8 @@ class Schedule:
         """Refuse what is no schedule. Raises ScenarioError."""
         if not self.times or len(self.times) != len(self.indices):
             raise ScenarioError(
-                f"schedule of {len(self.times)} times and {len(self.indices)} graphs; expected as"
-                " many, not none"
+                f"schedule of {len(self.times)} times and {len(self.indices)} graphs; expected"
+                " equally many, at least one"
             )
         if self.times[0] != 0:
             raise ScenarioError(f"schedule begins at {self.times[0]:g} s; expected 0")

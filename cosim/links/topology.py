@@ -175,7 +175,7 @@ def make_topology(
     try:
         found = _graphs(graphs, folder)
         if dwell is not None and (schedule is not None or repeat is not None):
-            raise ScenarioError("dwell switches at random; expected it without schedule and repeat")
+            raise ScenarioError("dwell means random switching; expected no schedule and no repeat")
         if schedule is None and repeat is not None:
             raise ScenarioError("repeat without a schedule; expected schedule = [[time, graph], …]")
         switching: Switching = Static()

@@ -184,7 +184,7 @@ def _rows(stream: Iterator[str], path: Path) -> Iterator[tuple[int, list[str]]]:
                 yield reader.line_num, row
     except (UnicodeDecodeError, csv.Error) as error:
         place = f"{path}:{reader.line_num + 1}"
-        raise ScenarioError(f"this is no text in UTF-8 ({error})", place) from None
+        raise ScenarioError(f"this is not UTF-8 text ({error})", place) from None
 
 
 def _column(header: list[str], name: str, place: str) -> int:

@@ -30,8 +30,8 @@ def read_document(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     if path.suffix == ".fmu":
         raise ScenarioError(
-            f"{path}: an FMU is no scenario; expected a file (.toml, .ssp) where it is the model "
-            f"of a component (cosim info {path.name} says what it has)"
+            f"{path}: an FMU is not a scenario; expected a file (.toml, .ssp) that uses it as the "
+            f"model of a component (cosim info {path.name} describes it)"
         )
     if path.suffix == ".ssp":
         from cosim.ssp.document import document

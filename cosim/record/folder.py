@@ -43,19 +43,19 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
         present = sorted(path.name for path in folder.iterdir())
         if present and not force:
             raise ScenarioError(
-                f"the folder is not empty (it holds {_some(present)}); "
+                f"the folder is not empty (it contains {_some(present)}); "
                 "choose another one or force overwriting",
                 str(folder),
             )
         if present and not {*_SINGLE, LINKS} & set(present):
             raise ScenarioError(
-                f"the folder holds {_some(present)} but no earlier run; nothing is overwritten",
+                f"the folder contains {_some(present)} but no earlier run; nothing is overwritten",
                 str(folder),
             )
         for path in _own_files(folder):
             path.unlink()
     except OSError as error:
-        raise ScenarioError(f"no run folder here: {reason(error)}", str(folder)) from error
+        raise ScenarioError(f"cannot use this run folder: {reason(error)}", str(folder)) from error
     return folder
 
 

@@ -126,7 +126,9 @@ class Recorder(Closing):
         """
         self._raise_failure()
         if len(self._out) == self._buffers:
-            raise RunError(f"all {self._buffers} buffers of the recorder are out; submit one first")
+            raise RunError(
+                f"all {self._buffers} buffers of the recorder are used; submit one first"
+            )
         rows = self._free.get()
         self._raise_failure()
         self._held = deque(entry for entry in self._held if entry[0] is not rows)
@@ -151,7 +153,7 @@ class Recorder(Closing):
         """Hand over a buffer: its first `n` rows are ticks `k0` … `k0`+n-1, following the last."""
         place = next((i for i, rows in enumerate(self._out) if rows is buffer), None)
         if place is None or self._closed:
-            raise RunError("a buffer was submitted that this recorder did not hand out")
+            raise RunError("a buffer was submitted that this recorder did not provide")
         if not 0 <= n <= len(buffer):
             raise RunError(f"found {n} rows to record, expected 0 to {len(buffer)}")
         if k0 < 0 or self._next not in (None, k0):
@@ -267,7 +269,7 @@ def _check(
     names = {"t"}
     for column in columns:
         if column.name in names:
-            raise ScenarioError(f"the column {column.name!r} is there twice", "record.columns")
+            raise ScenarioError(f"the column {column.name!r} is listed twice", "record.columns")
         if not 0 <= column.index < n_signals:
             raise ScenarioError(
                 f"the column {column.name!r} is entry {column.index} of the signal vector, "

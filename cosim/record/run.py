@@ -65,7 +65,8 @@ class Run:
             file = pq.ParquetFile(path)
         except (OSError, ValueError) as error:
             raise ScenarioError(
-                f"not a complete Parquet file; was the run cut short? ({reason(error)})", str(path)
+                f"not a complete Parquet file; the run may have been interrupted ({reason(error)})",
+                str(path),
             ) from error
         if "t" not in file.schema_arrow.names:
             raise ScenarioError("found no column 't'; not the trajectories of a run", str(path))
@@ -75,8 +76,8 @@ class Run:
     def _recovered(cls, path: Path) -> Run:
         """A run that was cut short, as far as it was recorded; a warning says so."""
         run = cls(path, in_memory(path.parent))
-        what = "is still active" if is_recording(path.parent) else "was cut short"
-        until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "recorded nothing"
+        what = "is still active" if is_recording(path.parent) else "was interrupted"
+        until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "contains no rows"
         warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)
         return run
 

@@ -100,7 +100,7 @@ def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
     path if it cannot be written.
     """
     if not spec.panels:
-        raise ScenarioError("a figure needs a panel or more", f"figure {spec.title!r}")
+        raise ScenarioError("a figure needs at least one panel", f"figure {spec.title!r}")
     content = [_lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
                for i, panel in enumerate(spec.panels)]  # fmt: skip
     return draw_styled(lambda: _render(spec, run, content), path)
@@ -157,7 +157,7 @@ def load(*, lean: bool = False) -> None:
 def _lines(panel: Panel, run: Signals, place: str) -> tuple[list[_Line], list[_Line]]:
     """The lines of a panel and of its references, a number being a line of one value."""
     if not panel.y:
-        raise ScenarioError("a panel needs a signal or more in 'y'", place)
+        raise ScenarioError("a panel needs at least one signal in 'y'", place)
     try:
         labels = panel.labels + panel.y[len(panel.labels) :]
         lines = [line for name, label in zip(panel.y, labels, strict=False)

@@ -29,7 +29,7 @@ def links(parts: ScenarioComponents) -> list[Link]:
         link = _link(parts, spec, parts.scenario.place("links", i), simulated)
         if link.name in found:
             place = parts.scenario.place("links", i)
-            raise ScenarioError(f"a second link is called {link.name!r}", place)
+            raise ScenarioError(f"a second link has the name {link.name!r}", place)
         found[link.name] = link
     return list(found.values())
 
@@ -68,7 +68,8 @@ def _add_frame(
     for key in ("delay", "loss", "playout"):
         if getattr(spec, key) is not None:
             raise ScenarioError(
-                f"found {key} besides bus, expected one of them: the bus decides", f"{place}.{key}"
+                f"found bus and {key}; expected no {key}, because the bus determines it",
+                f"{place}.{key}",
             )
     source = parts.endpoint(spec.source, "output", f"{place}.from")
     target = parts.endpoint(spec.target, "input", f"{place}.to")
@@ -149,7 +150,7 @@ def _age(parts: ScenarioComponents, spec: LinkSpec, target: Slot, place: str) ->
     age = parts.scalar_input(spec.age, f"{place}.age")
     if age.component != target.component:
         raise ScenarioError(
-            f"{age.name} is to get the age of {target.name}; expected an input of "
+            f"{age.name} receives the age of {target.name}; expected an input of "
             f"{target.component}",
             f"{place}.age",
         )

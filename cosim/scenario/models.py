@@ -132,7 +132,7 @@ def _check(component: Component, place: str) -> None:
     present = dir(component)
     missing = [member for member in _MEMBERS if member not in present]
     if missing:
-        raise ScenarioError(f"{what} is no component: it has no {', '.join(missing)}", place)
+        raise ScenarioError(f"{what} is not a component: it has no {', '.join(missing)}", place)
     if component.kind not in get_args(Kind):
         expected = " or ".join(map(repr, get_args(Kind)))
         raise ScenarioError(f"{what}.kind is {component.kind!r}; expected {expected}", place)

@@ -54,7 +54,7 @@ def sequence(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
     while heap:
         n, name = heapq.heappop(heap)
         if name not in sources or n != len(sources[name]):
-            continue  # came already, or waits for fewer by now and is there a second time
+            continue  # came already, or waits for fewer by now and is queued twice
         order.append(name)
         del sources[name]
         for other in targets[name]:

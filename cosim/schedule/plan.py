@@ -119,7 +119,7 @@ def _lines(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Line, ...]
     for name in (s.name for s in steps.values() if s.extrapolate and s.name not in fed):
         raise PlanError(
             f'components.{name}.extrapolate = "linear": no wire comes from a continuous component '
-            "to a continuous input; what is sampled or comes over a link is held"
+            "to a continuous input; sampled signals and signals of links are held"
         )
     return tuple(Line(w, w.target.port in steps[w.target.component].sloped) for w in found)
 
@@ -140,7 +140,7 @@ def _later(
         wrong = [n for n in given if n not in names] or sorted(set(names) - set(given))
         wrong = wrong or [n for n in names if given.count(n) > 1]
         raise PlanError(
-            f"run.order is to name every component once: look at {', '.join(wrong)} "
+            f"run.order must name every component once; wrong: {', '.join(wrong)} "
             f"(there are: {', '.join(names)})"
         )
     return tuple(given)

@@ -40,7 +40,7 @@ def write(scenario: Scenario, plan: Plan, out: str | Path) -> list[str]:
         if slow % fast:
             raise ScenarioError(
                 f"components step every {fast} and every {slow} ticks; in a container a period "
-                "is a multiple of every shorter one",
+                "must be a multiple of every shorter one",
                 str(scenario.path),
             )
     try:

@@ -53,8 +53,8 @@ def _check(scenario: Scenario, plan: Plan, link: Link, rates: bool) -> None:
     ends = [plan.component(x.component).period for x in (link.source, link.target)]
     if rates and ends[0] != ends[1]:
         raise ScenarioError(
-            f"its ends step every {ends[0]} and every {ends[1]} ticks; expected one period, "
-            "which its delay is counted in",
+            f"its ends step every {ends[0]} and every {ends[1]} ticks; expected equal periods, "
+            "because the delay is counted in periods",
             scenario.place("links", link.name),
         )
     for name in (link.source.component, link.target.component):
@@ -67,7 +67,7 @@ def _check(scenario: Scenario, plan: Plan, link: Link, rates: bool) -> None:
             )
     if link.table.minimum_delay_ticks < 1:
         raise ScenarioError(
-            "may hold what was sent in the same tick; expected a delay of at least one step "
-            f"({plan.h:g} s)",
+            "can deliver a sample in the tick in which it was sent; expected a delay of at least "
+            f"one step ({plan.h:g} s)",
             scenario.place("links", link.name),
         )

@@ -249,7 +249,7 @@ def _traced(
     passed = {target}
     while way.source in structure.edges and way.source[0] not in parts:
         if way.source in passed:
-            raise ScenarioError("connections run in a circle without a component", way.place)
+            raise ScenarioError("connections form a loop without a component", way.place)
         passed.add(way.source)
         before = structure.edges[way.source]
         way = SspConnection(

@@ -191,7 +191,7 @@ class _Packer:
             return name
         packed = f"resources/links/{path.name}"
         if self._files.setdefault(packed, path.read_bytes()) != path.read_bytes():
-            raise ScenarioError(f"two different files are called {path.name!r}", str(path))
+            raise ScenarioError(f"two different files have the name {path.name!r}", str(path))
         return packed
 
 
@@ -207,8 +207,8 @@ def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
     if fmu is None:
         model = scenario.components[step.name].model
         raise ScenarioError(
-            f"{model} is a Python component, and an SSP holds FMUs; `fmus build {model}` makes one "
-            "of it that needs Python where it runs",
+            f"{model} is a Python component, but an SSP contains FMUs; `fmus build {model}` builds "
+            "an FMU of it, which needs Python at run time",
             place,
         )
     for group in _connector_signals(fmu):

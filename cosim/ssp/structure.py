@@ -105,7 +105,7 @@ class _Reader:
             raise ScenarioError(f"implementation {what!r}; expected CoSimulation", child.place)
         fmu = archive_member(self._files.folder, source, child.place)
         if fmu.suffix != ".fmu":
-            raise ScenarioError(f"source {source!r} is no .fmu", child.place)
+            raise ScenarioError(f"source {source!r} is not an .fmu file", child.place)
         self._found.parts[path] = SspComponent(fmu, child.place)
         self._bind(child, path, {})
 

@@ -97,7 +97,7 @@ def _set(root: XmlNode) -> dict[str, SspValue]:
             (c for c in parameter.children() if c.tag in (*_NUMBERS, "String", "Binary")), None
         )
         if typed is None:
-            raise ScenarioError("has no type that is known", parameter.place)
+            raise ScenarioError("has no known type", parameter.place)
         found[name] = _given(typed, units)
     return found
 

@@ -180,7 +180,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force:
     present = sorted(p.name for p in folder.iterdir() if p.name != stores.LOCK)
     if present and not state:
         raise ScenarioError(
-            f"the folder holds {present[0]} but no sweep; expected an empty one", str(folder)
+            f"the folder holds {present[0]} but no sweep; expected an empty folder", str(folder)
         )
     if state and not resume:
         raise ScenarioError(
@@ -188,8 +188,8 @@ def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force:
         )
     if state and state.get("fingerprint") != fingerprint and not force:
         raise ScenarioError(
-            f"{study.scenario}, or an FMU of it, is not what the runs in here were made from; "
-            "choose another folder, or --force to run it anew (the old rows stay)",
+            f"{study.scenario}, or an FMU of it, has changed since the runs in this folder; "
+            "choose another folder, or use --force to run it again (the old rows remain)",
             str(folder),
         )
     changed = bool(state) and _text(folder / STUDY) != study.text

@@ -91,9 +91,7 @@ def _bounds(table: Mapping[str, Any], place: str, above: str = "") -> dict[str, 
         elif isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
             found[name] = float(value)
         else:
-            raise ScenarioError(
-                f"found {value!r}, expected the largest size it may have", f"{place}.{name}"
-            )
+            raise ScenarioError(f"found {value!r}, expected its maximum size", f"{place}.{name}")
     return found
 
 
@@ -102,7 +100,7 @@ def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:
         return ()
     seeds = tuple(range(given)) if isinstance(given, int) else given
     if not seeds:
-        raise ScenarioError("no seed; expected how many, or which", place)
+        raise ScenarioError("no seed; expected a number of seeds or a list", place)
     return (Listed("seed", tuple(Choice(s, axis_settings(["run.seed"], s)) for s in seeds)),)
 
 
@@ -138,9 +136,9 @@ def _paths(spec: AxisSpec, kind: str, place: str) -> tuple[str, ...]:
     elif not paths:
         raise ScenarioError("missing key 'path' or 'paths' (the value to vary)", place)
     if kind != "values" and spec.labels:
-        raise ScenarioError("labels are for values", f"{place}.labels")
+        raise ScenarioError("labels require values", f"{place}.labels")
     if kind != "range" and (spec.count is not None or spec.scale != "linear"):
-        raise ScenarioError("count and scale are for range", place)
+        raise ScenarioError("count and scale require range", place)
     if kind in ("cases", "values") and spec.unit:
         raise ScenarioError(f"{kind} carry their own units, like '5 ms'", f"{place}.unit")
     return paths
@@ -216,4 +214,4 @@ def _check(study: Study) -> None:
             str(study.path),
         )
     if study.sample is not None and not drawn:
-        raise ScenarioError("nothing to be drawn: no axis has a law", study.place("sample"))
+        raise ScenarioError("no axis has a law to draw from", study.place("sample"))

@@ -186,4 +186,4 @@ def _lost(error: BaseException) -> str:
     """Why a worker of a cluster gave no result. Raises RunError where the cluster is gone."""
     if type(error).__name__ == "KilledWorker":
         return "the worker process died (a component crashed, or memory ran out)"
-    raise RunError(f"the workers are lost: {sentence(error)}") from error
+    raise RunError(f"the workers of the cluster are gone: {sentence(error)}") from error

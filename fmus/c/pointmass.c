@@ -36,7 +36,7 @@ const char *model_step(Model *x, double t, double h) {
     double E, phi1, phi2;
     (void)t; /* the mass does not depend on time */
     if (b < 0.0) return "b + b_add is negative: friction must take energy";
-    if (!all_finite(&z, 1)) return "b h / m left the range of numbers";
+    if (!all_finite(&z, 1)) return "b h / m exceeds the range of float64";
     exponential(z, &E, &phi1, &phi2);
     const double ddx = x->f / x->m;
     const double y[2] = {x->x + h * (phi1 * x->dx + h * phi2 * ddx), E * x->dx + h * phi1 * ddx};

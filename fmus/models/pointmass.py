@@ -85,7 +85,7 @@ def law(x: Values, t: float, h: float, f: Array, b_add: Array) -> Values:
     with np.errstate(over="ignore"):
         z = float(-b / x["m"] * h)
     if not isfinite(z):
-        raise RunError("b h / m left the range of numbers", time=t)
+        raise RunError("b h / m exceeds the range of float64", time=t)
     E, phi1, phi2 = exponential(z)
     place, dx, ddx = x["x"], x["dx"], f / x["m"]
     return {"x": place + h * (phi1 * dx + h * phi2 * ddx), "dx": E * dx + h * phi1 * ddx}

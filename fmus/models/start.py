@@ -88,5 +88,5 @@ def copy_state(state: object) -> dict[str, Array]:
     Raises RunError for anything else.
     """
     if not isinstance(state, dict):
-        raise RunError(f"state is a {type(state).__name__}, expected what get_state gave")
+        raise RunError(f"state is a {type(state).__name__}, expected a state from get_state")
     return {name: value.copy() for name, value in state.items()}

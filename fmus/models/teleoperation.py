@@ -156,7 +156,7 @@ def _check_gains(x: Values, place: str) -> None:
     if x["Gamma_off"].any() and bounded:
         raise ScenarioError(
             "theta_min and theta_max are bounded while Gamma_off is not 0, expected a diagonal "
-            "Gamma: only then does clipping theta_hat leave V falling",
+            "Gamma: only then does V still decrease when theta_hat is clipped",
             place,
         )
 

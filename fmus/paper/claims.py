@@ -83,13 +83,13 @@ class ClaimSelection:
 def select(wanted: Sequence[str] = ()) -> ClaimSelection:
     """What is about `wanted`: ``6`` is ``fig6``; ``thm2``, ``o5``, ``robust``, or a claim's name.
 
-    Everything if nothing is wanted. Raises ScenarioError for what nothing is about.
+    All claims if `wanted` is empty. Raises ScenarioError for a topic without claims.
     """
     keys = {_key(text) for text in wanted}
     unknown = sorted(keys - topics() - {c.name for part in SECTIONS.values() for c in part})
     if unknown:
         known = ", ".join(sorted(topics(), key=_order))
-        raise ScenarioError(f"nothing is about {unknown[0]!r}; there are {known}", "--only")
+        raise ScenarioError(f"no claim is about {unknown[0]!r}; the topics are {known}", "--only")
     chosen = {
         title: tuple(c for c in claims if not keys or keys & {*c.about, c.name})
         for title, claims in SECTIONS.items()

@@ -137,7 +137,7 @@ def build_class(text: str, out_dir: Path) -> Path:
 def _component(module: str, attribute: str, text: str) -> tuple[Component, Path]:
     """The component, made once to look at, and its file."""
     if not module or not attribute.isidentifier():
-        raise ScenarioError(f"{text!r} is no component; expected module:Class")
+        raise ScenarioError(f"{text!r} is not a component; expected module:Class")
     try:
         found = importlib.import_module(module)
         make = vars(found)[attribute]
@@ -146,7 +146,7 @@ def _component(module: str, attribute: str, text: str) -> tuple[Component, Path]
     except KeyError:
         raise ScenarioError(f"module {module!r} has no {attribute!r}") from None
     except (ImportError, TypeError, AttributeError, CosimError) as error:
-        raise ScenarioError(f"{text} is no component: {error}") from None
+        raise ScenarioError(f"{text} is not a component: {error}") from None
     for port in ports:
         if not isinstance(port, Port | Parameter):
             raise ScenarioError(f"{text}: {port!r} is neither a Port nor a Parameter")

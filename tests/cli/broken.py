@@ -93,7 +93,7 @@ def no_library() -> Files:
 
 
 def escaping() -> Files:
-    """An entry that would be written outside of the folder."""
+    """An entry that would be written outside the folder."""
     return contents() | {"../outside.txt": b""}
 
 
@@ -108,7 +108,7 @@ def _is_binary(name: str) -> bool:
 
 #: How it is broken, and what the message has to say.
 BROKEN: tuple[tuple[Callable[[], Files], str], ...] = (
-    (without_description, "holds no modelDescription.xml"),
+    (without_description, "contains no modelDescription.xml"),
     (damaged_xml, "modelDescription.xml is not well-formed: "),
     (fmi1, "fmiVersion is '1.0'"),
     (model_exchange, "no CoSimulation interface (found: ModelExchange)"),
@@ -118,6 +118,6 @@ BROKEN: tuple[tuple[Callable[[], Files], str], ...] = (
     (other_token3, "the token is 'another', expected '{"),
     (no_functions, "the binary lacks fmi2Instantiate"),
     (no_library, "cannot load planar2r"),
-    (escaping, "entry '../outside.txt' would be written outside of the folder"),
+    (escaping, "entry '../outside.txt' would be written outside the folder"),
     (twice, "variable 'tau[0]' is declared twice"),
 )

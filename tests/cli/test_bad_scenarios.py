@@ -112,7 +112,7 @@ def test_a_loop_is_printed_with_the_ways_out_of_it(cosim: Command) -> None:
         (
             "plant.fmu",
             "PK",
-            "plant.fmu: an FMU is no scenario; expected a file (.toml, .ssp) where",
+            "plant.fmu: an FMU is not a scenario; expected a file (.toml, .ssp) that",
         ),
         ("latin.toml", "title = '\udce9'\n", "latin.toml: cannot be read: "),
     ],
@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_made_is_said_before_the_run(
 ) -> None:
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     said = cosim.refused("run", CONFIG, *SHORT, "--out", "file/here")
-    assert said == "file/here: no run folder here: Not a directory"
+    assert said == "file/here: cannot use this run folder: Not a directory"
 
 
 def nowhere_to_write(tmp_path: Path) -> Path:
@@ -150,7 +150,7 @@ def test_a_working_directory_that_cannot_be_written_needs_out(tmp_path: Path) ->
     said = finished("run", CONFIG, *SHORT, cwd=cwd)
     assert (said.code, said.out) == (2, "")
     assert said.err.startswith("error: runs/teleoperation-")
-    assert "no run folder here: " in said.err
+    assert "cannot use this run folder: " in said.err
     done = finished("run", CONFIG, *SHORT, "--out", tmp_path / "here", cwd=cwd)
     assert (done.code, done.err) == (0, "")
 

@@ -111,7 +111,7 @@ def test_what_a_component_raises_is_named_with_its_line(cosim: Command) -> None:
         ("import nothing_of_this_name", "No module named 'nothing_of_this_name'"),
         ("x = 1 / 0", "ZeroDivisionError: division by zero (own.py, line 1)"),
         ("def f(:", "SyntaxError: invalid syntax (own.py, line 1)"),
-        ("class Own: pass", "Own is no component: it has no kind, inputs, "),
+        ("class Own: pass", "Own is not a component: it has no kind, inputs, "),
         ("def Own(): return 1 / 0", "ZeroDivisionError: division by zero (own.py, line 1)"),
         ("def Own(n): ...", "missing 1 required positional argument: 'n'"),
         (
@@ -217,10 +217,10 @@ def test_a_signal_ends_a_sweep_after_the_runs_under_way(
     finally:
         process.kill()
     assert process.returncode == 128 + number, said
-    assert "stopping: waiting for the runs that are under way" in said
+    assert "stopping after the current runs" in said
     done = int(said.split("interrupted; ")[1].split()[0])
     assert 0 < done < 2000
-    assert f"interrupted; {done} runs more are in here, --resume goes on" in said
+    assert f"interrupted; {done} more runs are in here; continue with --resume" in said
 
 
 def _sizes(folder: Path) -> list[int]:

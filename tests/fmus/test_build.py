@@ -273,7 +273,7 @@ def port(name: str, **options) -> Variable:
         (replace(HAND, identifier="two words"), "'two words' is not a valid C name"),
         (replace(HAND, variables=(port("x y"),)), "'x y' is not a valid C name"),
         (replace(HAND, variables=(port("y"), port("y"))), r"operator\.y: declared twice"),
-        (replace(HAND, variables=(port("time"),)), "'time' is there already"),
+        (replace(HAND, variables=(port("time"),)), "'time' is reserved"),
         (
             replace(HAND, variables=(port("y", shape=(3,), start=(1.0,)),)),
             "1 start values, expected 3",

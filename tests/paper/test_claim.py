@@ -122,7 +122,7 @@ def test_selections_by_topic_or_name(given_: str) -> None:
 
 @pytest.mark.parametrize("given_", ["16", "thm6", "fig0", "x"])
 def test_what_nothing_is_about_is_refused_with_what_there_is(given_: str) -> None:
-    with pytest.raises(ScenarioError, match=r"nothing is about .* fig1, .* thm1, "):
+    with pytest.raises(ScenarioError, match=r"no claim is about .* fig1, .* thm1, "):
         select([given_])
 
 

@@ -126,7 +126,7 @@ def test_a_reproduction_is_replaced_by_force_only(tmp_path: Path) -> None:
 
 
 def test_what_nothing_is_about_runs_nothing(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match="nothing is about 'fig99'"):
+    with pytest.raises(ScenarioError, match="no claim is about 'fig99'"):
         reproduction.reproduce(tmp_path / "out", ["99"], jobs=1)
     assert not (tmp_path / "out").exists()
 

@@ -208,8 +208,8 @@ def test_periods_are_containers_in_a_container(tmp_path: Path, periods: dict[str
 @pytest.mark.parametrize(
     ("periods", "message"),
     [
-        ({"master": 2, "slave": 3}, "every 2 and every 3 ticks; in a container a period is a mul"),
-        ({"master_control": 4}, "its ends step every 4 and every 1 ticks; expected one period"),
+        ({"master": 2, "slave": 3}, "every 2 and every 3 ticks; in a container a period must be a mul"),
+        ({"master_control": 4}, "its ends step every 4 and every 1 ticks; expected equal periods"),
     ],
 )
 def test_periods_that_do_not_nest_are_refused(
@@ -227,7 +227,7 @@ def test_a_python_component_is_refused(tmp_path: Path) -> None:
     document = teleoperation(stop=0.1)
     document["components"]["own"] = {"model": "fmus.models.xi:Xi"}
     read = scenario(document)
-    with pytest.raises(ScenarioError, match="is a Python component, and an SSP holds FMUs"):
+    with pytest.raises(ScenarioError, match="is a Python component, but an SSP contains FMUs"):
         write(read, assemble(read), tmp_path / "x.ssp")
 
 

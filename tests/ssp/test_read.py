@@ -282,7 +282,7 @@ def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("SystemStructure.ssd", "<a/>")
         archive.writestr("../evil", "")
-    with pytest.raises(ScenarioError, match="outside of the folder"):
+    with pytest.raises(ScenarioError, match="outside the folder"):
         load(path)
 
 

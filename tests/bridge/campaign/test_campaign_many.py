@@ -109,7 +109,7 @@ def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
     again = driver.campaign(job, 20, 1, observer=RunsObserver(begun=begun.append))
     assert begun[0].to_run == 0 and len(again) == len(records)
     assert "| drop |" in campaign_table.markdown(records, "Title")
-    with pytest.raises(ScenarioError, match="was begun with another seed"):
+    with pytest.raises(ScenarioError, match="was started with another seed"):
         driver.campaign(replace(job, seed=2), 20, 1)
 
 

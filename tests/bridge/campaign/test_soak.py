@@ -239,7 +239,7 @@ def test_runs_that_are_there_are_not_made_again(tmp_path):
     assert [(b.points, b.found, b.to_run) for b in begun] == [(2, 2, 0)]
     assert [r["run"] for r in records] == ["00000", "00001"]
     assert (tmp_path / soak_driver.TABLE).is_file()
-    with pytest.raises(ScenarioError, match="was begun with another seed, 0; expected 1"):
+    with pytest.raises(ScenarioError, match="was started with another seed, 0; expected 1"):
         soak_driver.soak(job(tmp_path, seed=1), 2, 1)
 
 

@@ -115,7 +115,7 @@ def test_the_answer_of_a_drive_has_its_format(flags, monkeypatch):
     if flags == 0:
         drive_enable._watchdog(drive, SimpleNamespace(bus=bus))
         return
-    with pytest.raises(RunError, match="does not say its TIMEOUT"):
+    with pytest.raises(RunError, match="did not answer with its TIMEOUT"):
         drive_enable._watchdog(drive, SimpleNamespace(bus=bus))
 
 

@@ -135,7 +135,7 @@ def test_what_has_no_range_is_told(tmp_path):
     ("spec", "said"),
     [
         ({"range": -1.0}, "expected more than 0"),
-        ({"range": [3.0, 1.0]}, "expected the least value first"),
+        ({"range": [3.0, 1.0]}, "expected the lower value first"),
         ({"range": "5 N.m"}, "rad/s"),
         ({"rate": 0.0}, "expected more than 0"),
     ],

@@ -247,7 +247,7 @@ GOOD = (FOLDER / "damiao.toml").read_text(encoding="utf-8")
         ('dq_max = "30 rad/s"', 'dq_max = "30 rad"', r"limits\.dq_max: \[rad\] cannot feed"),
         ("damping = 0.05", "damping = -1", r"drive\.damping: is -1"),
         ("title =", 'side = "left"\ntitle =', "side: is 'left'"),
-        ("title =", "refuses_simulated = true\ntitle =", "carries no status"),
+        ("title =", "refuses_simulated = true\ntitle =", "has no status"),
         ("[command]", "[command", r"p\.toml: not valid TOML"),
         ("step = 1   ", "pace = 1   ", r"command: has no 'pace'"),
     ],

@@ -277,7 +277,7 @@ def test_the_scripts_name_what_the_deployment_has():
             "run.0.sees: unknown 'ghosts'; expected one of",
         ),
         ('script = "drop.toml"\nends = "stopped"\nbecause = ["x"]', "run.0.because: unknown 'x'"),
-        ('script = "drop.toml"\nnode = "a"', "run.0.ends: says who stopped and why"),
+        ('script = "drop.toml"\nnode = "a"', "run.0.ends: node and because describe a stop"),
         ('script = "none.toml"', "none.toml: no such file"),
     ],
 )

@@ -213,5 +213,5 @@ def test_the_figure_is_a_png_and_needs_slots(made, watched, tmp_path):
     for tail in watched.lives.values():
         tail.close()
     watched.lives.clear()
-    with pytest.raises(ScenarioError, match="no node has done a slot"):
+    with pytest.raises(ScenarioError, match="no node has completed a slot"):
         draw(watched, tmp_path / "none.png")

@@ -189,7 +189,7 @@ def test_where_nobody_is(tmp_path: Path):
         (["--connect", "here"], "unknown protocol 'here'"),
         (["--mcap", "a.mcap"], "expected no --mcap"),
         (["--bus", "left"], "no bus 'left'; there are: net"),
-        (["--set", "deploy.buses.net.options.listen={}"], "nowhere to connect to"),
+        (["--set", "deploy.buses.net.options.listen={}"], "no address to connect to"),
     ],
 )
 def test_what_cannot_be_listened_to_is_a_sentence(given: list[str], said: str):

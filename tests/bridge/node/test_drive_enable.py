@@ -116,5 +116,8 @@ def test_a_watchdog_that_is_off_is_refused(system: System) -> None:
 
 
 def test_a_drive_that_is_not_there_is_an_error(system: System) -> None:
-    with pytest.raises(RunError, match="does not say its TIMEOUT"), enabled(system, CONTROLLERS):
+    with (
+        pytest.raises(RunError, match="did not answer with its TIMEOUT"),
+        enabled(system, CONTROLLERS),
+    ):
         pass

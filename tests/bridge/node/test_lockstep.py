@@ -45,7 +45,7 @@ def test_all_buses_or_none():
     assert not asked("zenoh") and not asked("can") and asked("zenoh", said)
     with pytest.raises(ScenarioError, match="lockstep on net, but not on left, right"):
         asked("mixed", said)
-    with pytest.raises(ScenarioError, match="at sync: lock-step has no SYNC"):
+    with pytest.raises(ScenarioError, match="at sync: lock-step does not support SYNC"):
         asked("zenoh", said, 'deploy.sync="master"')
 
 

@@ -210,5 +210,5 @@ def test_where_no_node_came_to_a_slot_it_is_said_why(monkeypatch, request, tmp_p
     told = ScheduledEvent(-60.0, "told to stop", lambda rehearsal: rehearsal.stop())
     ended = rehearse(tmp_path, request.node.name, [told])
     system = load_system(TELEOPERATION, str(CAN), changes(request.node.name))
-    with pytest.raises(RunError, match=r"no node came to its first slot \(.*told to stop"):
+    with pytest.raises(RunError, match=r"no node reached its first slot \(.*told to stop"):
         complete(system, tmp_path, ended, {})

@@ -423,7 +423,9 @@ def test_faults_of_one_link_add_up_and_end_one_by_one(system):
 
 def test_a_network_that_is_not_there_is_an_error(system):
     given = script({"kind": "net-down", "at": 1, "for": 1, "link": "slave>x"})
-    with pytest.raises(ScenarioError, match=r"fault\.0\.kind: net-down needs nodes on hosts"):
+    with pytest.raises(
+        ScenarioError, match=r"fault\.0\.kind: net-down needs nodes on separate hosts"
+    ):
         injector.events(given, system)
     with pytest.raises(ScenarioError, match=r"fault\.0\.link: no link 'slave>x'; there are: mas"):
         injector.events(given, system, Told())

@@ -32,4 +32,4 @@ def test_a_warning_is_said_and_with_strict_it_is_refused(tmp_path):
     found = document("can")
     del found["set"]["components.master_control.parameters.tau_max"]
     text = refused(tmp_path, found, "--strict")
-    assert "check: " in text and "its estimates wind up" in text
+    assert "check: " in text and "the estimates wind up" in text

@@ -141,7 +141,7 @@ def test_without_apt_it_says_what_is_missing(cache: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(VcanError, match=r"apt-get was not found.*user-mode-linux"):
         packages.obtain()
-    assert not capabilities.uml().possible and "nor is apt" in capabilities.uml().why
+    assert not capabilities.uml().possible and "apt-get is missing" in capabilities.uml().why
 
 
 def test_without_lists_of_packages_it_says_how_to_get_them(

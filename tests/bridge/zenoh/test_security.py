@@ -127,7 +127,7 @@ def test_a_stranger_is_refused(pair: tuple[ZenohAttachment, ZenohAttachment, str
 
 
 def test_without_certificates_a_sentence(tmp_path: Path):
-    with pytest.raises(ScenarioError, match=r"root_ca_certificate: no file .*cosim keys makes"):
+    with pytest.raises(ScenarioError, match=r"root_ca_certificate: no file .*cosim keys creates"):
         end("a", "b", tmp_path / "none")
 
 

@@ -79,7 +79,7 @@ def test_what_is_sampled_stays_held():
         "plant": {"model": "Integrator", "inputs": {"u": "control.y"}, "start": {"x": 1.0}},
         "control": {"model": "Gain", "inputs": {"u": "x.y"}},
     }
-    with pytest.raises(PlanError, match="what is sampled or comes over a link is held"):
+    with pytest.raises(PlanError, match="sampled signals and signals of links are held"):
         plan(linear(sensed, ["plant"]))
     with pytest.raises(PlanError, match="it is sampled; expected a continuous component"):
         plan(linear(sensed, ["control"]))

@@ -18,7 +18,7 @@ from tests.cosim.fmi.exporter import export, strict2
 CONFIGS = Path("configs").resolve()
 SCENARIO = CONFIGS / "teleoperation.toml"
 FORGOTTEN = 'components.master_control.inputs={q="master.q"}'
-SAID = "warning: master_control.dq: nothing feeds this input, and the scenario sets no start value"
+SAID = "warning: master_control.dq: the input is unconnected, and the scenario sets no start value"
 
 
 def run(*arguments: str) -> tuple[int, str]:

@@ -58,9 +58,9 @@ def test_an_operator_may_limit_every_controller(tmp_path: Path) -> None:
     ("was", "now", "says"),
     [
         ('hears = "r4"\n', "", "no 'hears' here"),
-        ('hears = "r4"', 'hears = "r1"', "r1 hears itself, expected another role"),
+        ('hears = "r4"', 'hears = "r1"', "r1 receives from itself; expected another role"),
         ('hears = "r4"', 'hears = "r9"', "no role 'r9'"),
-        ('r3 = "r1", ', 'r3 = "r3", ', "at links.tree.hears.r3: r3 hears itself"),
+        ('r3 = "r1", ', 'r3 = "r3", ', "at links.tree.hears.r3: r3 receives from itself"),
         ('r3 = "r1", ', 'x = "r1", ', "at links.tree.hears: no key 'x'"),
     ],
 )

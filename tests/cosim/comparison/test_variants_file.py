@@ -116,7 +116,7 @@ WRONG = {
         ("master = { k_p = 10.0, k_d = 5.0 }", 'without = ["efort"]'),
         "at operators.light.without: no column 'efort'; did you mean 'effort'?",
     ),
-    "no delay": ((_LINK, ""), "at links.constant: no 'delay' here"),
+    "no delay": ((_LINK, ""), "at links.constant: missing key 'delay'"),
     "a link's key": ((_LINK, f"{_LINK}\nhold = 1"), "at links.constant: no key 'hold'"),
     "a column's kind": (
         ('kind = "norm"', 'kind = "sum"'),

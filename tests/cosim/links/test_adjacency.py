@@ -79,7 +79,7 @@ def test_a_csv_error_has_its_line(tmp_path, text, message):
         ("[[graphs]]\nweights = [[0, 1], [true, 0]]\n", r"weights\[1\]: \[True, 0\]; expected"),
         ("[[graphs]]\nweights = [[0, 1], [0]]\n", r"weights\[1\]: 1 values; expected 2"),
         ("[[graphs]]\nweights = [[0, -1], [0, 0]]\n", r"at graphs\[0\].weights: w_1,2 = -1"),
-        ("[[graphs]]\nrobots = 0\nedges = []\n", "robots = 0; expected how many there are"),
+        ("[[graphs]]\nrobots = 0\nedges = []\n", "robots = 0; expected the number of robots"),
         ("[[graphs]]\nrobots = 2\nedges = [1]\n", r"edges = \[1\]; expected a list of"),
         (
             "[[graphs]]\nrobots = 2\nedges = [[1, 3]]\n",

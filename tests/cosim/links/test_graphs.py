@@ -117,7 +117,7 @@ def test_a_graph_does_not_change_behind_its_back():
         (lambda: Graph.of(3, [(1, 1)]), "w_1,1 = 1: a robot does not"),
         (lambda: Graph.of(3, [(1, 4)]), r"edge \[1, 4\]: robot 4; expected 1 to 3"),
         (lambda: Graph.of(3, [(0, 1)]), r"edge \[0, 1\]: robot 0; expected 1 to 3"),
-        (lambda: Graph.of(3, [(1, 2), (1, 2)]), "is there a second time"),
+        (lambda: Graph.of(3, [(1, 2), (1, 2)]), "is listed twice"),
         (lambda: Graph.of(3, [(1, 2, 0)]), "weight 0; expected more than 0"),
         (lambda: Graph.of(3, [(1, 2.5)]), r"edge \[1, 2.5\]; expected \[i, j\] or"),
         (lambda: Graph.of(3, [(1, float("nan"))]), r"expected \[i, j\] or"),

@@ -56,7 +56,7 @@ def test_the_first_line_is_arguments(law, loss, expected):
 def test_a_law_that_brings_its_loss_is_the_same_line():
     loss = GilbertElliott(0.01, 0.1)
     assert netem(Lossy(PAPER, loss), period=0.005) == netem(PAPER, loss, period=0.005)
-    with pytest.raises(ScenarioError, match="netem takes one loss"):
+    with pytest.raises(ScenarioError, match="netem supports one loss"):
         netem(Lossy(PAPER, loss), loss)
 
 

@@ -237,7 +237,7 @@ def link(**given):
 def test_any_link_takes_a_preset_with_its_losses():
     table = link(delay={"law": "preset", "name": "wifi5"})
     assert table.law.loses_packets and table.facts()["delay"]["loss"]["law"] == "gilbert-elliott"
-    with pytest.raises(ScenarioError, match="has losses of its own; expected no key loss"):
+    with pytest.raises(ScenarioError, match="already defines losses; expected no key loss"):
         link(delay={"law": "preset", "name": "wifi5"}, loss={"law": "independent", "p": 0.1})
     both = link(delay={"law": "preset", "name": "lan"}, loss={"law": "independent", "p": 0.1})
     assert isinstance(both.law, Lossy) and both.law.loss == Independent(0.1)

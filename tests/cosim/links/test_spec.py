@@ -196,7 +196,7 @@ def test_playout_has_its_buffer():
         (CONSTANT + 'semantics = "playout"', "needs the length of its buffer, playout"),
         (CONSTANT + "playout = 1.0", 'playout = 1.0 is a buffer, but semantics = "signal"'),
         (CONSTANT + 'semantics = "playout"\nplayout = -1', "playout = -1 s; expected a time"),
-        (CONSTANT + 'semantics = "playout"\nplayout = 0.05', "playout = 0.05 s never plays"),
+        (CONSTANT + 'semantics = "playout"\nplayout = 0.05', "playout = 0.05 s delivers no sample"),
     ],
 )
 def test_what_cannot_be_gets_a_sentence_and_its_place(tmp_path, text, message):
@@ -239,7 +239,7 @@ def test_a_run_longer_than_its_data_is_refused_at_load(tmp_path):
     table(stored, folder=tmp_path, receiver_period=3, ticks=300)
     with pytest.raises(ScenarioError, match=r"links.0: .*end after 400 samples.*asks for 401"):
         table(trace, folder=tmp_path, ticks=401)
-    with pytest.raises(ScenarioError, match=r"links.0: .*100 rows, the run asks for 101"):
+    with pytest.raises(ScenarioError, match=r"links.0: .*100 rows, the run needs 101"):
         table(stored, folder=tmp_path, receiver_period=3, ticks=301)
 
 

@@ -116,7 +116,7 @@ def test_a_table_that_never_received_is_no_wire(tmp_path):
 
 def test_a_run_longer_than_the_file_is_refused(tmp_path):
     stored = open_table(write(tmp_path / "t.parquet", [0, 1, 2]), name="x", grid=GRID)
-    with pytest.raises(ScenarioError, match=r"t.parquet: 3 rows, the run asks for 4"):
+    with pytest.raises(ScenarioError, match=r"t.parquet: 3 rows, the run needs 4"):
         stored.stream(4)
     stream = stored.stream(3)
     stream.rows(3)
@@ -140,7 +140,7 @@ def test_files_that_are_no_table_of_this_link_are_refused(tmp_path):
     with pytest.raises(ScenarioError, match=r"none.parquet: no such file"):
         open_table(tmp_path / "none.parquet", name="x", grid=GRID)
     (tmp_path / "a.parquet").write_text("sent\n1\n")
-    with pytest.raises(ScenarioError, match=r"a.parquet: no Parquet file"):
+    with pytest.raises(ScenarioError, match=r"a.parquet: not a Parquet file"):
         load_table(tmp_path / "a.parquet")
     pq.write_table(pa.table({"sent": pa.array([1], pa.int32())}), tmp_path / "b.parquet")
     with pytest.raises(ScenarioError, match=r"b.parquet: columns sent; expected a link table"):

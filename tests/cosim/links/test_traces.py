@@ -67,7 +67,7 @@ def test_files_of_another_kind_are_refused(tmp_path):
     with pytest.raises(ScenarioError, match=r"none.csv: no such file"):
         read_trace(tmp_path / "none.csv")
     (tmp_path / "b.csv").write_bytes(b"t_send,delay\n\xff\xfe,\x00\n")
-    with pytest.raises(ScenarioError, match=r"b.csv:\d+: this is no text"):
+    with pytest.raises(ScenarioError, match=r"b.csv:\d+: this is not UTF-8 text"):
         read_trace(tmp_path / "b.csv")
     write(tmp_path / "b.parquet", "t_send,delay\n0,1\n")
     with pytest.raises(ScenarioError, match=r"b.parquet: this cannot be read as a trace"):

@@ -316,8 +316,8 @@ def test_an_earlier_recording_is_not_overwritten(tmp_path: Path) -> None:
         ({"h": 0.0}, "base step 0.0 s, expected one above 0"),
         ({"every": 0}, r"record\.every: found 0, expected 1 or more"),
         ({"n_signals": 3}, "'b.tau' is entry 3 of the signal vector, which has 3"),
-        ({"columns": (COLUMNS[0], COLUMNS[0])}, "'a.q.0.' is there twice"),
-        ({"columns": (Column("t", "s", 0),)}, "'t' is there twice"),
+        ({"columns": (COLUMNS[0], COLUMNS[0])}, "'a.q.0.' is listed twice"),
+        ({"columns": (Column("t", "s", 0),)}, "'t' is listed twice"),
     ],
 )
 def test_settings_that_cannot_be(tmp_path: Path, change: dict[str, object], sentence: str) -> None:
@@ -329,7 +329,7 @@ def test_settings_that_cannot_be(tmp_path: Path, change: dict[str, object], sent
 
 def test_misuse_is_said(tmp_path: Path) -> None:
     with Recorder(tmp_path, COLUMNS, h=H, n_signals=SIGNALS, rows_per_chunk=1024) as recorder:
-        with pytest.raises(RunError, match="did not hand out"):
+        with pytest.raises(RunError, match="did not provide"):
             recorder.submit(np.zeros((1024, SIGNALS)), 0, 1)
         buffers = [recorder.buffer() for _ in range(3)]
         with pytest.raises(RunError, match="all 3 buffers"):

@@ -26,7 +26,7 @@ def test_what_is_there_is_kept_without_force(tmp_path: Path) -> None:
     for name in ("trajectories.parquet", "run.json", "a.png", "b.png"):
         (tmp_path / name).write_text("x")
     with pytest.raises(
-        ScenarioError, match=r"not empty \(it holds a\.png, b\.png, run\.json and 1 more"
+        ScenarioError, match=r"not empty \(it contains a\.png, b\.png, run\.json and 1 more"
     ):
         claim_folder(tmp_path)
     assert len(list(tmp_path.iterdir())) == 4
@@ -46,14 +46,14 @@ def test_force_deletes_the_files_of_a_run_and_nothing_else(tmp_path: Path) -> No
 
 def test_force_does_not_touch_a_folder_that_is_no_run(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
-    with pytest.raises(ScenarioError, match=r"holds thesis\.tex but no earlier run"):
+    with pytest.raises(ScenarioError, match=r"contains thesis\.tex but no earlier run"):
         claim_folder(tmp_path, force=True)
     assert (tmp_path / "thesis.tex").read_text() == "x"
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ScenarioError, match="no run folder here") as caught:
+    with pytest.raises(ScenarioError, match="cannot use this run folder") as caught:
         claim_folder(tmp_path / "file" / "run")
     assert caught.value.place.endswith("run")
 

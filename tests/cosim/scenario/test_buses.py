@@ -164,7 +164,7 @@ def test_check_says_how_the_bus_was_computed_and_warns_of_losses(tmp_path):
     ("old", "new", "says"),
     [
         ('bus = "can0"', 'bus = "can1"', "can1"),
-        ('bus = "can0"', 'bus = "can0"\ndelay = { law = "constant", delay = 1 }', "besides bus"),
+        ('bus = "can0"', 'bus = "can0"\ndelay = { law = "constant", delay = 1 }', "expected no "),
         ("0x102", "0x101", "one identifier in two frames"),
         ("0x102", "0x902", "11 bits"),
         ("bytes = 8", "bytes = 9", "9 bytes"),

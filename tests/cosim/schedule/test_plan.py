@@ -233,7 +233,7 @@ def test_run_times_must_be_whole_ticks():
 def test_two_links_may_not_share_a_name():
     components = {"a": {"model": "Gain"}, "b": {"model": "Gain"}, "c": {"model": "Gain"}}
     links = [{"from": "a.y", "to": "b.u", "name": "x"}, {"from": "a.y", "to": "c.u", "name": "x"}]
-    with pytest.raises(ScenarioError, match="a second link is called 'x'"):
+    with pytest.raises(ScenarioError, match="a second link has the name 'x'"):
         plan(components, links)
 
 

@@ -136,7 +136,7 @@ BAD = [
     ("title = 'x'", "study.toml: Object missing required field `scenario`"),
     ("scenario = ", "study.toml: not valid TOML"),
     (STUDY, "at vary.gain: found none of them; expected one of values, range, "),
-    (STUDY + "values = [1]\ncount = 2", "at vary.gain: count and scale are for range"),
+    (STUDY + "values = [1]\ncount = 2", "at vary.gain: count and scale require range"),
     (STUDY + "values = [1]\nuniform = [1, 2]", "at vary.gain: found values and uniform; expected"),
     (STUDY + "values = []", "at vary.gain.values: no value"),
     (STUDY + "values = [1979-05-27]", "at vary.gain.values.0: datetime.date(1979, 5, 27) cannot"),
@@ -150,7 +150,7 @@ BAD = [
     (STUDY + "integers = [0.5, 1]", "at vary.gain.integers: found [0.5, 1], expected"),
     (STUDY + "normal = [0, 0]", "at vary.gain.normal: found deviation 0, expected"),
     (STUDY + "cases = { a = ['b=1'] }", "at vary.gain: cases name their own paths"),
-    (STUDY + "values = [1]\n[sample]\ncount = 3", "at sample: nothing to be drawn"),
+    (STUDY + "values = [1]\n[sample]\ncount = 3", "at sample: no axis has a law to draw from"),
     (STUDY + "values = [1]\n[vary.g]\npath = 'components.gain.parameters.gain'\nvalues = [2]",
      "at vary.g: components.gain.parameters.gain is varied by 'gain' already"),
     (STUDY.replace("gain]", "stable]") + "values = [1]",
@@ -160,7 +160,8 @@ BAD = [
     ("scenario = 'loop.toml'\n[vary.a.cases]\nb = ['c']",
      "at vary.a.cases.b: found 'c', expected path"),
     ("scenario = 'loop.toml'\nsettings = ['c']", "at settings: found 'c', expected path=value"),
-    ("scenario = 'loop.toml'\nseeds = []", "at seeds: no seed; expected how many, or which"),
+    ("scenario = 'loop.toml'\nseeds = []",
+     "at seeds: no seed; expected a number of seeds or a list"),
 ]  # fmt: skip
 
 

@@ -118,7 +118,7 @@ def test_a_study_grows_and_what_is_there_stays(cosim: Command, tmp_path: Path) -
     written(tmp_path, GRID.replace("[1, 10,", "[10, 20, 30,"))
     done = cosim("sweep", "study.toml", *flags, "--resume")
     assert "6 points; 4 there already; 2 to run" in done.out
-    assert "the study has changed: 1 rows here are not part of it now" in done.out
+    assert "the study has changed: 1 rows in this folder are no longer part of it" in done.out
     assert [r["gain"] for r in table(tmp_path / "here")] == [10, 20, 30, 150, 205, 1500]
     rows = dataset(tmp_path / "here")
     assert len(rows) == len({r["run"] for r in rows}) == 7
@@ -164,7 +164,7 @@ def test_another_scenario_is_another_sweep(cosim: Command, tmp_path: Path) -> No
     flags = ("--workers", "threads", "--out", "here", "--no-plot")
     cosim("sweep", written(tmp_path, GRID), *flags)
     written(tmp_path, GRID, SCENARIO.replace("stop = 4", "stop = 2"))
-    assert "is not what the runs in here were made from" in cosim.refused(
+    assert "has changed since the runs in this folder" in cosim.refused(
         "sweep", "study.toml", *flags, "--resume"
     )
     assert "5 to run" in cosim("sweep", "study.toml", *flags, "--resume", "--force").out
@@ -236,7 +236,7 @@ def test_ctrl_c_ends_cleanly(cosim: Command, tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
-    assert "--resume goes on" in err
+    assert "continue with --resume" in err
     assert "Traceback" not in err
     assert journal(tmp_path / "here") == []
     there = dataset(tmp_path / "here")

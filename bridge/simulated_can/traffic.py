@@ -15,7 +15,7 @@ from bridge.simulated_can.node import WireNode
 from cosim.bus.dbc_traffic import dbc_sources, read_messages, senders
 from cosim.bus.frames import FRAME, frame_of
 from cosim.bus.timing import BusTiming
-from cosim.bus.traffic import LogSource, TrafficError, TrafficSource, merged, random_load
+from cosim.bus.traffic import LogSource, TrafficError, TrafficSource, merged, random_load, refuse_fd
 
 BLOCK_PS = 10**11
 """Requests are made for so much time at once, ps."""
@@ -44,8 +44,7 @@ def load_sources(
         names = senders(messages)
         numbers = {name: i for i, name in enumerate(names)}
         found = dbc_sources(messages, numbers, jitter, seed)
-        if any(m.format.fd for m in messages) and not timing.fd:
-            raise TrafficError(f"{path}: found CAN FD messages on a classic bus, expected --fd")
+        refuse_fd(path, any(m.format.fd for m in messages), timing)
         return list(found), names
     return [_log_source(path, timing)], (path.name,)
 
@@ -66,8 +65,7 @@ def _log_source(path: Path, timing: BusTiming) -> LogSource:
     frames["flags"] = rows["flags"] & 31
     frames["length"] = rows["length"]
     frames["data"] = rows["data"]
-    if not timing.fd and (frames["flags"] & 1).any():
-        raise TrafficError(f"{path}: found CAN FD frames on a classic bus, expected --fd")
+    refuse_fd(path, bool((frames["flags"] & 1).any()), timing)
     times = (rows["t_ns"].astype(np.int64) - int(rows["t_ns"][0])) * 1000
     return LogSource(0, times + _LEAD_PS, frames, timing)
 

@@ -216,6 +216,12 @@ class LogSource:
         return self._rows[low:high].copy()
 
 
+def refuse_fd(where: object, fd: bool, timing: BusTiming) -> None:
+    """Raises TrafficError if there are CAN FD frames (`fd`) for a classic bus."""
+    if fd and not timing.fd:
+        raise TrafficError(f"{where}: found CAN FD frames on a classic bus, expected one with fd")
+
+
 def _received_after(row: np.void, timing: BusTiming) -> int:
     """From the start of frame to the end of its last bit, ps."""
     frame = frame_of(row)

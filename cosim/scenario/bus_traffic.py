@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from cosim.base.errors import ScenarioError
+from cosim.bus.candump import read_candump
 from cosim.bus.dbc_traffic import dbc_sources, read_messages, senders
-from cosim.bus.frames import FRAME, BusFrame
+from cosim.bus.frames import BusFrame
 from cosim.bus.settings import (
     Disturbance,
     ErrorRate,
@@ -18,13 +16,14 @@ from cosim.bus.settings import (
     LineLevel,
     ScriptedError,
 )
-from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat
+from cosim.bus.timing import BusTiming, FrameFormat
 from cosim.bus.traffic import (
     LogSource,
     PeriodicSource,
     TrafficSource,
     babbling,
     random_load,
+    refuse_fd,
 )
 from cosim.scenario.bus_spec import (
     BabblingTraffic,
@@ -37,8 +36,6 @@ from cosim.scenario.bus_spec import (
     ScriptErrors,
 )
 from cosim.scenario.spec import Scenario
-
-_LINE = re.compile(r"\((\d+)\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})(##?)(\S*)")
 
 
 def traffic(
@@ -59,7 +56,8 @@ def traffic(
     for i, t in enumerate(scenario.buses[bus].traffic):
         seed = scenario.run.seed + 1000 + i
         if isinstance(t, DbcTraffic):
-            messages = read_messages(scenario.path.parent / t.file)
+            messages = read_messages(path := scenario.path.parent / t.file)
+            refuse_fd(path, any(m.format.fd for m in messages), timing)
             numbers = {name: node(name) for name in senders(messages)}
             sources += dbc_sources(messages, numbers, t.jitter, seed)
         elif isinstance(t, RandomTraffic):
@@ -101,35 +99,11 @@ def _periodic(
 def log_source(path: Path, node: int, timing: BusTiming, start_ps: int) -> LogSource:
     """The frames of a candump log, the first received at `start_ps` or as soon as it can be.
 
-    Raises ScenarioError for a line that is no frame.
+    Raises TrafficError for a file that is no such log, or CAN FD frames on a classic bus.
     """
-    try:
-        lines = path.read_text("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: {error}; expected a log of candump -l") from error
-    times, frames = [], []
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        match = _LINE.match(line)
-        if match is None:
-            raise ScenarioError(f"{path}, line {number}: found {line!r}, expected a CAN frame")
-        times.append(int(match[1]) * 10**12 + int(match[2].ljust(12, "0")))
-        frames.append(_frame(match[3], match[4] == "##", match[5]).row())
-    at = np.array([t - times[0] + start_ps for t in times], np.int64)
-    return LogSource(node, at, np.array(frames, FRAME), timing)
-
-
-def _frame(identifier: str, fd: bool, text: str) -> BusFrame:
-    extended = len(identifier) == 8
-    if fd:
-        kind = FrameFormat(extended=extended, fd=True, brs=bool(int(text[0], 16) & 1))
-        return BusFrame(int(identifier, 16), bytes.fromhex(text[1:]), kind)
-    kind = FrameFormat(extended=extended, remote=text.startswith("R"))
-    if kind.remote:
-        return BusFrame(int(identifier, 16), b"", kind, int(text[1:2] or "0"))
-    data = bytes.fromhex(text.replace(".", ""))
-    return BusFrame(int(identifier, 16), data, kind if extended else CLASSIC)
+    times, frames = read_candump(path)
+    refuse_fd(path, bool((frames["flags"] & 1).any()), timing)
+    return LogSource(node, times - times[0] + start_ps, frames, timing)
 
 
 def disturbances(scenario: Scenario, bus: str, number: Mapping[str, int]) -> list[Disturbance]:

@@ -290,7 +290,7 @@ def test_the_command_runs_a_dbc_file_in_simulated_time(cosim: Command) -> None:
         (["--listen", "here"], "expected NAME@HOST:PORT"),
         (["--mirror", "nocan7"], "nocan7: "),
         (["--bitrate", "-5"], "found a bit rate of -5"),
-        (["--load", "configs/can/link_fd2.dbc"], "CAN FD messages on a classic bus"),
+        (["--load", "configs/can/link_fd2.dbc"], "CAN FD frames on a classic bus"),
     ],
 )
 def test_bad_arguments_get_one_sentence(cosim: Command, arguments: list[str], text: str) -> None:

@@ -150,6 +150,18 @@ def test_a_log_is_load(tmp_path):
     assert loaded[1000] > quiet[1000]
 
 
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [("(1.0) can0 050#0\n", "bus.log, line 1: found the data"), ("", "found no frames"),
+     ("(1.0) can0 050##100\n", "CAN FD frames on a classic bus, expected one with fd")],
+)  # fmt: skip
+def test_a_log_that_is_none_is_refused_with_the_place_of_the_bus(tmp_path, content, says):
+    (tmp_path / "bus.log").write_text(content)
+    with pytest.raises(ScenarioError, match=says) as error:
+        plan_of(tmp_path, '[[bus.can0.traffic]]\nkind = "log"\nfile = "bus.log"\n')
+    assert "bus.can0" in str(error.value)
+
+
 def test_check_says_how_the_bus_was_computed_and_warns_of_losses(tmp_path):
     rules = {f.rule: f for f in check(*plan_of(tmp_path))}
     assert "ahead of the run" in rules["bus-response"].reason

@@ -1,0 +1,79 @@
+"""Logs of ``candump -l``: a line for each frame, ``(1.000000) can0 123#11223344``."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.bus.frames import FRAME, BusFrame
+from cosim.bus.timing import FrameFormat, TimingError
+from cosim.bus.traffic import TrafficError
+
+_LINE = re.compile(
+    r"\((?P<s>\d{1,12})\.(?P<part>\d{1,9})\)\s+(?P<bus>\S+)\s+"
+    r"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?P<rest>\S*)(\s+[RT])?\s*"
+)
+_CLASSIC = re.compile(r"(?:[0-9A-Fa-f]{2}\.?){0,8}(?:_[9A-Fa-f])?")
+_REMOTE = re.compile(r"R([0-8]?)(?:_[9A-Fa-f])?")
+_FLEXIBLE = re.compile(r"#([0-9A-Fa-f])((?:[0-9A-Fa-f]{2}\.?){0,64})")
+#: The flag of an error frame in an identifier, as in ``linux/can.h``.
+_ERROR = 0x20000000
+
+
+def read_candump(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+    """The data and remote frames of a log in the order of their times; error frames are left out.
+
+    Returns the times in ps (n,) and the frames (n,), rows of ``FRAME``. Raises TrafficError for a
+    file that cannot be read, has no frame, frames of several buses, or a line that is no frame.
+    """
+    try:
+        lines = Path(path).read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TrafficError(f"{path}: {error}; expected a log of candump -l") from error
+    times, rows, buses = [], [], dict[str, int]()
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        place = f"{path}, line {number}"
+        match = _LINE.fullmatch(line.strip())
+        if match is None:
+            raise TrafficError(f"{place}: found {line[:80]!r}, expected (TIME) BUS IDENTIFIER#DATA")
+        if len(match["id"]) == 8 and int(match["id"], 16) & _ERROR:
+            continue
+        buses.setdefault(match["bus"], number)
+        times.append(int(match["s"]) * 10**12 + int(match["part"].ljust(12, "0")))
+        rows.append(_frame(match["id"], match["rest"], place).row())
+    if not rows:
+        raise TrafficError(f"{path}: found no frames, expected one or more")
+    if len(buses) > 1:
+        found = ", ".join(f"{name} (line {number})" for name, number in buses.items())
+        raise TrafficError(f"{path}: found frames of the buses {found}; expected those of one bus")
+    at = np.array(times, np.int64)
+    order = np.argsort(at, kind="stable")
+    return at[order], np.array(rows, FRAME)[order]
+
+
+def _frame(identifier: str, text: str, place: str) -> BusFrame:
+    """The frame of the text behind the first #. Raises TrafficError."""
+    number, extended = int(identifier, 16), len(identifier) == 8
+    try:
+        if fd := _FLEXIBLE.fullmatch(text):
+            flags = int(fd[1], 16)
+            kind = FrameFormat(extended=extended, fd=True, brs=bool(flags & 1), esi=bool(flags & 2))
+            data = bytes.fromhex(fd[2].replace(".", ""))
+            return BusFrame(number, data, kind)
+        if remote := _REMOTE.fullmatch(text):
+            kind = FrameFormat(extended=extended, remote=True)
+            return BusFrame(number, b"", kind, int(remote[1] or "0"))
+        if _CLASSIC.fullmatch(text):
+            data = bytes.fromhex(text.partition("_")[0].replace(".", ""))
+            return BusFrame(number, data, FrameFormat(extended=extended))
+    except TimingError as error:
+        raise TrafficError(f"{place}: {error}") from error
+    raise TrafficError(
+        f"{place}: found the data {text[:80]!r}; expected up to 8 bytes as hexadecimal digits, R "
+        "with a length, or for CAN FD # with a digit of flags and up to 64 bytes"
+    )

@@ -27,7 +27,7 @@ from cosim.bus.frames import FRAME, REQUEST, BusFrame, frame_of
 from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, frame_bits, mean, padded
 
 #: Random frames are drawn in blocks of so much time, ps.
-BLOCK_PS = 10**11
+BLOCK_PS = 10**12
 
 
 class TrafficError(CosimError, ValueError):

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.numbers import finite
 from cosim.cli.options import Set, Strict, Verify
 
 if TYPE_CHECKING:
+    from cosim.scenario.spec import Scenario
     from cosim.schedule.parts import Link, Slot, Step, Wire
     from cosim.schedule.plan import Plan
 
@@ -20,10 +22,23 @@ def show(
     set_: Set = None,
     strict: Strict = False,
     check: Verify = True,
+    bus: Annotated[
+        str, typer.Option(help="Print the account of this simulated bus instead.", metavar="NAME")
+    ] = "",
+    from_: Annotated[
+        float, typer.Option("--from", callback=finite, min=0.0, help="With --bus: begin, s.")
+    ] = 0.0,
+    for_: Annotated[
+        float, typer.Option("--for", callback=finite, min=1e-6, help="With --bus: length, s.")
+    ] = 0.02,
+    picture: Annotated[
+        Path | None, typer.Option(help="With --bus: a PNG of the frames in that time.")
+    ] = None,
 ) -> None:
     """Print how a scenario runs: components, rates, order, and what every input samples.
 
     For a run folder: what ran, how it ended, what was recorded, and whether files have changed.
+    With --bus: load, response times and lost frames of a simulated CAN bus in a stretch of time.
     """
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import report_unconnected_inputs
@@ -37,6 +52,10 @@ def show(
             typer.echo(line)
         return
     loaded = load(scenario, set_ or [])
+    if bus:
+        for line in bus_account(loaded, bus, from_, for_, picture):
+            typer.echo(line)
+        return
     plan = assemble(loaded)
     report_unconnected_inputs([plan], strict=strict, quiet=False)
     typer.echo(loaded.title)
@@ -54,6 +73,32 @@ def show(
         if rows:
             typer.echo(f"\n{title}")
             typer.echo("\n".join(aligned(rows)))
+
+
+def bus_account(
+    scenario: Scenario, name: str, begin: float, length: float, picture: Path | None
+) -> list[str]:
+    """The account of a simulated bus from `begin` (s) for `length` (s), and its picture.
+
+    Raises ScenarioError for an unknown bus, RunError for a picture that cannot be drawn.
+    """
+    from cosim.base.errors import ScenarioError
+    from cosim.base.names import unknown
+    from cosim.reporting.bus_account import account_lines, draw_account
+    from cosim.scenario.assemble import scenario_components
+    from cosim.scenario.buses import bus_history
+    from cosim.scenario.connect_links import frames_on_buses
+
+    if name not in scenario.buses:
+        raise ScenarioError(unknown(name, scenario.buses, "bus"), f"{scenario.path}: --bus")
+    frames = frames_on_buses(scenario_components(scenario)).get(name, [])
+    first, last = round(begin * 1e12), round((begin + length) * 1e12)
+    h = bus_history(scenario, name, frames, last)
+    lines = list(account_lines(h.names, h.requests, h.events, h.timing, first, last))
+    if picture is not None:
+        drawn = draw_account(picture, h.names, h.requests, h.events, h.timing, first, last)
+        lines.append(f"picture          {drawn}")
+    return lines
 
 
 def recorded_run(folder: Path, *, check: bool) -> list[str]:

@@ -28,22 +28,28 @@ MOST_TICKS = 2**53
 
 def assemble(scenario: Scenario) -> Plan:
     """The plan of a scenario. Raises ScenarioError, FmuError or PlanError."""
+    parts = scenario_components(scenario)
+    connect_nodes(scenario, list(parts.steps.values()))
+    wires, links, players = connect.wires(parts), connected_links(parts), connect.players(parts)
+    connect.check_single_sources(parts, wires, links, players)
+    try:
+        return compile_plan(
+            parts.h, parts.ticks, list(parts.steps.values()), wires, links,
+            scenario.run.algorithm, players, scenario.run.order,
+        )  # fmt: skip
+    except PlanError as error:
+        raise PlanError(f"{scenario.path}: {error}") from None
+
+
+def scenario_components(scenario: Scenario) -> connect.ScenarioComponents:
+    """The components of a scenario with their ticks. Raises ScenarioError, FmuError."""
     h = scenario.seconds(scenario.run.step, "run.step")
     stop = scenario.seconds(scenario.run.stop, "run.stop")
     if not 0 < h < float("inf") or not 0 < stop < float("inf"):
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
     ticks = _ticks(stop, h, scenario.place("run.stop"))
     steps = _steps(scenario, h)
-    connect_nodes(scenario, steps)
-    parts = connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks)
-    wires, links, players = connect.wires(parts), connected_links(parts), connect.players(parts)
-    connect.check_single_sources(parts, wires, links, players)
-    try:
-        return compile_plan(
-            h, ticks, steps, wires, links, scenario.run.algorithm, players, scenario.run.order
-        )
-    except PlanError as error:
-        raise PlanError(f"{scenario.path}: {error}") from None
+    return connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks)
 
 
 def _steps(scenario: Scenario, h: float) -> list[Step]:

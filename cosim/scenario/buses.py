@@ -48,6 +48,30 @@ class FrameOnBus:
     random_data: bool
 
 
+@dataclass(frozen=True, slots=True)
+class BusHistory:
+    """What happened on a bus: `requests` (n,) rows of ``REQUEST``, `events` (m,) of ``EVENT``.
+
+    `names`: of the nodes, by their number.
+    """
+
+    timing: BusTiming
+    names: tuple[str, ...]
+    requests: NDArray[np.void]
+    events: NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True)
+class _PreparedBus:
+    """A bus, its requests by time, and of each the index of its frame (-1: other traffic)."""
+
+    bus: SimulatedBus
+    timing: BusTiming
+    names: tuple[str, ...]
+    requests: NDArray[np.void]
+    owner: NDArray[np.intp]
+
+
 def frame_on_bus(
     spec: LinkFrameSpec, fast: bool, name: str, ends: tuple[str, str], period_ps: int, offset: float
 ) -> FrameOnBus:
@@ -75,38 +99,65 @@ def simulate_bus(
         raise ScenarioError(str(error), place) from None
 
 
+def bus_history(
+    scenario: Scenario, name: str, frames: Sequence[FrameOnBus], until_ps: int
+) -> BusHistory:
+    """All that happens on a bus of a scenario up to `until_ps` (ps), for accounts and pictures.
+
+    Raises ScenarioError with the place of the bus.
+    """
+    try:
+        prepared = _prepared(scenario, name, frames, until_ps, tuple(BusEvent))
+        events = _run(prepared.bus, prepared.requests, until_ps)
+    except CosimError as error:
+        raise ScenarioError(str(error), scenario.place("bus", name)) from None
+    return BusHistory(prepared.timing, prepared.names, prepared.requests, events)
+
+
 def _simulate(
     scenario: Scenario, name: str, frames: Sequence[FrameOnBus], length_ps: int
 ) -> dict[tuple[str, str], BusDelays]:
+    spec = scenario.buses[name]
+    prepared = _prepared(scenario, name, frames, length_ps, (BusEvent.RECEIVED,))
+    bounds = _bounds(spec, frames, prepared.timing)
+    events = _run(prepared.bus, prepared.requests, length_ps)
+    found = {}
+    for i, frame in enumerate(frames):
+        mine = np.flatnonzero(prepared.owner == i)
+        known = _known(name, spec, frame, bounds.get(frame.name))
+        for receiver in frame.receivers:
+            node = prepared.names.index(receiver)
+            delay = _delays(prepared.requests, mine, events, node, frame)
+            found[frame.name, receiver] = BusDelays(delay, _measured(known, delay))
+    return found
+
+
+def _prepared(
+    scenario: Scenario,
+    name: str,
+    frames: Sequence[FrameOnBus],
+    length_ps: int,
+    record: Sequence[BusEvent],
+) -> _PreparedBus:
+    """The bus at time 0, and all requests up to `length_ps`."""
     spec, seed = scenario.buses[name], scenario.run.seed
     timing = BusTiming(spec.bitrate, spec.data_bitrate, spec.fd)
-    names = _nodes(spec, frames)
-    others, names = traffic(scenario, name, timing, names)
+    others, names = traffic(scenario, name, timing, _nodes(spec, frames))
     number = {node: i for i, node in enumerate(names)}
-    bounds = _bounds(spec, frames, timing)
     parts = [_source(f, number, seed + i).requests(0, length_ps) for i, f in enumerate(frames)]
     owner = [np.full(len(p), i) for i, p in enumerate(parts)]
     parts += [source.requests(0, length_ps) for source in others]
     owner += [np.full(len(p), -1) for p in parts[len(frames) :]]
     rows, whose = np.concatenate(parts), np.concatenate(owner)
     order = np.argsort(rows["at"], kind="stable")
-    rows, whose = rows[order], whose[order]
     bus = SimulatedBus(
         timing,
         [node_settings(spec, node) for node in names],
         disturbances=disturbances(scenario, name, number),
         seed=seed,
-        record=(BusEvent.RECEIVED,),
+        record=record,
     )
-    events = _run(bus, rows, length_ps)
-    found = {}
-    for i, frame in enumerate(frames):
-        mine = np.flatnonzero(whose == i)
-        known = _known(name, spec, frame, bounds.get(frame.name))
-        for receiver in frame.receivers:
-            delay = _delays(rows, mine, events, number[receiver], frame)
-            found[frame.name, receiver] = BusDelays(delay, _measured(known, delay))
-    return found
+    return _PreparedBus(bus, timing, tuple(names), rows[order], whose[order])
 
 
 def _nodes(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> list[str]:

@@ -36,14 +36,7 @@ def links(parts: ScenarioComponents) -> list[Link]:
 
 def _on_buses(parts: ScenarioComponents) -> Simulated:
     """The delays of all links that have a bus. Raises ScenarioError."""
-    groups: dict[str, dict[str, FrameOnBus]] = {}
-    at: dict[str, tuple[str, str, str]] = {}  # bus, frame, receiver of a link
-    for i, spec in enumerate(parts.scenario.links):
-        if spec.bus:
-            place = parts.scenario.place("links", i)
-            frames = groups.setdefault(spec.bus, {})
-            name, receiver = _add_frame(parts, spec, frames, place)
-            at[place] = spec.bus, name, receiver
+    groups, at = _frames(parts)
     if not groups:
         return {}
     from cosim.scenario.buses import simulate_bus
@@ -54,6 +47,25 @@ def _on_buses(parts: ScenarioComponents) -> Simulated:
         for bus, frames in groups.items()
     }
     return {place: done[bus][name, receiver] for place, (bus, name, receiver) in at.items()}
+
+
+def frames_on_buses(parts: ScenarioComponents) -> dict[str, list[FrameOnBus]]:
+    """The frames of the links, by bus. Raises ScenarioError."""
+    return {bus: list(frames.values()) for bus, frames in _frames(parts)[0].items()}
+
+
+def _frames(
+    parts: ScenarioComponents,
+) -> tuple[dict[str, dict[str, FrameOnBus]], dict[str, tuple[str, str, str]]]:
+    """(frames by bus and name; of each link's place its bus, frame and receiver)."""
+    groups: dict[str, dict[str, FrameOnBus]] = {}
+    at: dict[str, tuple[str, str, str]] = {}
+    for i, spec in enumerate(parts.scenario.links):
+        if spec.bus:
+            place = parts.scenario.place("links", i)
+            name, receiver = _add_frame(parts, spec, groups.setdefault(spec.bus, {}), place)
+            at[place] = spec.bus, name, receiver
+    return groups, at
 
 
 def _add_frame(

@@ -1,0 +1,83 @@
+"""What happened on a CAN bus as text: load, response times, lost frames, nodes that are bus-off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.bus.accounting import accounts, losses, waits
+from cosim.bus.frames import BusEvent, ControllerState
+from cosim.bus.timing import BusTiming
+from cosim.bus.transmissions import busy_share, transmissions
+from cosim.reporting.bus_timeline import draw_timeline
+
+#: The load is also that of the busiest window of this length, ps.
+WINDOW_PS = 10**11
+_MOST = 10
+
+
+def account_lines(
+    names: Sequence[str],
+    requests: NDArray[np.void],
+    events: NDArray[np.void],
+    timing: BusTiming,
+    begin_ps: int,
+    end_ps: int,
+) -> Iterator[str]:
+    """The account of a bus from `begin_ps` to `end_ps` (ps), line by line.
+
+    `names`: of the nodes. `requests` (n,) rows of ``REQUEST``, `events` (m,) all events of the bus
+    up to the end, rows of ``EVENT``.
+    """
+    if end_ps <= begin_ps:
+        yield "no time has passed"
+        return
+    busy = transmissions(events, timing, end_ps)
+    share = busy_share(busy, begin_ps, end_ps, end_ps - begin_ps)[0]
+    windows = busy_share(busy, begin_ps, end_ps, min(WINDOW_PS, end_ps - begin_ps))[:, 0]
+    yield (
+        f"{(end_ps - begin_ps) / 1e12:.3f} s: load {share[0]:.1%}, of that {share[1]:.1%} by "
+        f"failed attempts; highest in 0.1 s {windows.max():.1%}"
+    )
+    if len(requests):
+        yield from _identifiers(requests, events)
+    for loss in losses(requests, events, busy)[:_MOST] if len(requests) else ():
+        by = max(loss.blocked_by, key=lambda n: loss.blocked_by[n], default=-1)
+        who = f"; the bus had mostly {names[by]}" if by >= 0 else ""
+        yield f"lost at {loss.time_ps / 1e12:.6f} s: {loss.cause.name} at {names[loss.node]}{who}"
+    off = events[(events["kind"] == BusEvent.STATE) & (events["code"] == ControllerState.OFF)]
+    for row in off[:_MOST]:
+        yield f"bus-off at {row['time'] / 1e12:.6f} s: {names[row['node']]}"
+
+
+def _identifiers(requests: NDArray[np.void], events: NDArray[np.void]) -> Iterator[str]:
+    yield "identifier    sent  failed  lost   mean     99 %    worst   response time, ms"
+    for a in accounts(requests, events):
+        name = f"{a.identifier:08X}" if a.extended else f"{a.identifier:03X}"
+        ms = [t / 1e9 for t in (a.mean, a.quantile(0.99), a.worst)]
+        lost = sum(a.lost.values())
+        yield (
+            f"{name:<10} {a.sent:>7} {a.errors:>7} {lost:>5} "
+            f"{ms[0]:>8.3f} {ms[1]:>8.3f} {ms[2]:>8.3f}"
+        )
+
+
+def draw_account(
+    path: Path,
+    names: Sequence[str],
+    requests: NDArray[np.void],
+    events: NDArray[np.void],
+    timing: BusTiming,
+    begin_ps: int,
+    end_ps: int,
+) -> Path:
+    """Draw the bus from `begin_ps` to `end_ps` (ps); the arguments are those of
+    :func:`account_lines`. Raises RunError.
+    """
+    busy = transmissions(events, timing, end_ps)
+    labels = {i: f"{row['frame']['id']:X}" for i, row in enumerate(requests)}
+    waiting = [w for w in waits(requests, events) if w[2] > begin_ps and w[1] < end_ps]
+    return draw_timeline(path, busy, names, begin_ps, end_ps, labels=labels, waiting=waiting)

@@ -27,7 +27,7 @@ def account_lines(
     begin_ps: int,
     end_ps: int,
 ) -> Iterator[str]:
-    """The account of a bus from `begin_ps` to `end_ps` (ps), line by line.
+    """The account of a bus from `begin_ps` to `end_ps` (ps), line by line: of the requests then.
 
     `names`: of the nodes. `requests` (n,) rows of ``REQUEST``, `events` (m,) all events of the bus
     up to the end, rows of ``EVENT``.
@@ -42,6 +42,7 @@ def account_lines(
         f"{(end_ps - begin_ps) / 1e12:.3f} s: load {share[0]:.1%}, of that {share[1]:.1%} by "
         f"failed attempts; highest in 0.1 s {windows.max():.1%}"
     )
+    requests, events = _since(requests, events, begin_ps)
     if len(requests):
         yield from _identifiers(requests, events)
     for loss in losses(requests, events, busy)[:_MOST] if len(requests) else ():
@@ -51,6 +52,17 @@ def account_lines(
     off = events[(events["kind"] == BusEvent.STATE) & (events["code"] == ControllerState.OFF)]
     for row in off[:_MOST]:
         yield f"bus-off at {row['time'] / 1e12:.6f} s: {names[row['node']]}"
+
+
+def _since(
+    requests: NDArray[np.void], events: NDArray[np.void], begin_ps: int
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """The requests from a time (ps) on and what became of them, numbered from 0."""
+    kept = requests["at"] >= begin_ps
+    number = np.append(np.cumsum(kept) - 1, -1)  # the last entry is for events of no request
+    mine = events[np.append(kept, True)[events["request"]]].copy()
+    mine["request"] = number[mine["request"]]
+    return requests[kept], mine
 
 
 def _identifiers(requests: NDArray[np.void], events: NDArray[np.void]) -> Iterator[str]:
@@ -74,7 +86,7 @@ def draw_account(
     begin_ps: int,
     end_ps: int,
 ) -> Path:
-    """Draw the bus from `begin_ps` to `end_ps` (ps); the arguments are those of
+    """Draw the bus from `begin_ps` to `end_ps` (ps); `requests` (n,) and `events` (m,) as of
     :func:`account_lines`. Raises RunError.
     """
     busy = transmissions(events, timing, end_ps)

@@ -111,7 +111,8 @@ def bus_history(
         events = _run(prepared.bus, prepared.requests, until_ps)
     except CosimError as error:
         raise ScenarioError(str(error), scenario.place("bus", name)) from None
-    return BusHistory(prepared.timing, prepared.names, prepared.requests, events)
+    seen = events[events["time"] <= until_ps]
+    return BusHistory(prepared.timing, prepared.names, prepared.requests, seen)
 
 
 def _simulate(

@@ -145,3 +145,16 @@ def test_version_and_help(cosim: Command, tmp_path: Path) -> None:
     done = cosim("run", "--help")
     options = ("--set", "--seed", "--out", "--force", "--csv", "--no-plot", "--quiet")
     assert all(option in done.out for option in options)
+
+
+def test_show_prints_and_draws_a_simulated_bus(cosim: Command, tmp_path: Path) -> None:
+    scenario = CONFIG.parent / "can" / "teleoperation-bus.toml"
+    picture = tmp_path / "bus.png"
+    done = cosim("show", scenario, "--bus", "can0", "--from", "0.1", "--picture", picture)
+    assert done.code == 0, done.err
+    assert done.out.startswith("0.020 s: load ")
+    assert "\n101 " in done.out and "\n102 " in done.out
+    assert picture.stat().st_size > 5000
+    done = cosim("show", scenario, "--bus", "can1")
+    assert done.code != 0
+    assert "no bus 'can1'; did you mean 'can0'?" in done.err

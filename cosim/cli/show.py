@@ -91,7 +91,12 @@ def bus_account(
 
     if name not in scenario.buses:
         raise ScenarioError(unknown(name, scenario.buses, "bus"), f"{scenario.path}: --bus")
-    frames = frames_on_buses(scenario_components(scenario)).get(name, [])
+    frames = frames_on_buses(scenario_components(scenario)).get(name)
+    if not frames:
+        raise ScenarioError(
+            "found no link on this bus, expected one: an account is of buses that carry links",
+            scenario.place("bus", name),
+        )
     first, last = round(begin * 1e12), round((begin + length) * 1e12)
     h = bus_history(scenario, name, frames, last)
     lines = list(account_lines(h.names, h.requests, h.events, h.timing, first, last))

@@ -158,3 +158,9 @@ def test_show_prints_and_draws_a_simulated_bus(cosim: Command, tmp_path: Path) -
     done = cosim("show", scenario, "--bus", "can1")
     assert done.code != 0
     assert "no bus 'can1'; did you mean 'can0'?" in done.err
+    links = (
+        '{from="master_control.xi", to="slave_control.xi_in[0]", delay={law="constant", delay=1}}'
+    )
+    done = cosim("show", scenario, "--bus", "can0", "--set", f"links=[{links}]")
+    assert done.code != 0
+    assert "bus.can0: found no link on this bus" in done.err

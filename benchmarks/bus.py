@@ -3,19 +3,21 @@
 Sixteen nodes with sorted queues, random 11-bit identifiers of which no two nodes share one, 8
 random bytes, exact stuffing, at 1 Mbit/s. `burst`: 512 requests of each node at once, so that
 sixteen arbitrate for each frame. `load 60 %`: requests at random times. Measured is the processor
-time of this process in `request_many` and `advance`, the best of several repetitions (the machine
-is shared); preparing the random requests is not part of it.
+time of this process in `request_many` and `advance`, without that for preparing the requests: the
+median and the best of several repetitions.
 """
 
 from __future__ import annotations
 
 import argparse
+import statistics
 import time
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.bus_python_can import print_costs
 from benchmarks.tables import machine
 from cosim.bus.frames import REQUEST, BusEvent
 from cosim.bus.settings import BusNodeSettings, ErrorRate
@@ -62,58 +64,20 @@ def nanoseconds(rows: NDArray[np.void], record: Sequence[BusEvent], rate: float 
     return taken / len(rows)
 
 
-def python_can(interface: str, frames: int, **options: object) -> float:
-    """Wall time of one message, sent and received by python-can in this thread, us."""
-    import can
-
-    sent = can.Message(arbitration_id=0x123, data=bytes(8), is_extended_id=False)
-    with can.Bus(interface=interface, **options) as a, can.Bus(interface=interface, **options) as b:
-        begin = time.perf_counter_ns()
-        for _ in range(frames):
-            a.send(sent)
-            assert b.recv(5.0) is not None
-        return (time.perf_counter_ns() - begin) / frames / 1e3
-
-
-def print_python_can(frames: int) -> None:
-    """Print the cost of a message through python-can; a vcan row where there is a vcan0."""
-    import socket
-
-    from bridge.simulated_can.channel import Channel
-    from bridge.simulated_can.listener import listen
-    from bridge.simulated_can.options import channel_options
-    from bridge.simulated_can.protocol import parse_address
-    from bridge.simulated_can.server import BusServer
-
-    options = {"bitrate": 1_000_000, "speed": "simulated"}
-    channel = Channel("bench", channel_options("bench", **options))
-    server = BusServer(channel, listen(parse_address("bench@127.0.0.1:0")))
-    cases: list[tuple[str, str, dict[str, object]]] = [
-        ("virtual", "virtual", {"channel": "bench"}),
-        ("cosim, one process, simulated time", "cosim", {"channel": "bench", **options}),
-        ("cosim, served", "cosim", {"channel": f"bench@127.0.0.1:{server.port}"}),
-    ]
-    if "vcan0" in (name for _, name in socket.if_nameindex()):
-        cases.append(("socketcan on vcan", "socketcan", {"channel": "vcan0"}))
-    print("| python-can interface | us per message, send and recv |")
-    print("|---|---|")
-    for name, interface, given in cases:
-        print(f"| {name} | {python_can(interface, frames, **given):.0f} |", flush=True)
-    server.close()
-
-
 def main() -> None:
     """Print the tables of docs/bus.md."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=400_000)
     parser.add_argument("--repeat", type=int, default=5)
-    parser.add_argument("--python-can", type=int, metavar="N", help="N messages by python-can only")
+    parser.add_argument(
+        "--python-can", type=int, metavar="N", help="cost of N messages by python-can"
+    )
     given = parser.parse_args()
     print(machine())
     if given.python_can:
-        print_python_can(given.python_can)
+        print_costs(given.python_can, given.repeat)
         return
-    print("| traffic | events | ns per frame | frames/s |")
+    print("| traffic | events | ns per frame: median (best) | frames/s: median (best) |")
     print("|---|---|---|---|")
     sent, all_kinds = [BusEvent.SENT], list(BusEvent)
     cases = (
@@ -125,9 +89,11 @@ def main() -> None:
     )
     for name, load, record, rate in cases:
         rows = requests(given.frames, load)
-        ns = min(nanoseconds(rows.copy(), record, rate) for _ in range(given.repeat))
+        times = [nanoseconds(rows.copy(), record, rate) for _ in range(given.repeat)]
+        ns, best = statistics.median(times), min(times)
         kinds = "SENT" if record is sent else "all"
-        print(f"| {name} | {kinds} | {ns:.0f} | {1e9 / ns / 1e6:.2f} M |", flush=True)
+        rates = f"{1e3 / ns:.2f} M ({1e3 / best:.2f} M)"
+        print(f"| {name} | {kinds} | {ns:.0f} ({best:.0f}) | {rates} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from typing import Protocol, final
 
 import can
 
+from bridge.simulated_can.busy_time import HISTORY_S
 from bridge.simulated_can.error_frames import error_message
 from bridge.simulated_can.frames import frame_of_message, message_of_frame
 from bridge.simulated_can.node import Happening, WireNode, WireRecorder
@@ -23,7 +24,7 @@ from bridge.simulated_can.options import (
     PortOptions,
 )
 from bridge.simulated_can.pace import BusPace, SimulatedPace, WallPace
-from bridge.simulated_can.wire import HISTORY_S, CanWire
+from bridge.simulated_can.wire import CanWire
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
+from functools import cache
 
 import can
 
@@ -10,6 +11,11 @@ from bridge.simulated_can.options import ChannelOperationError
 from cosim.base.errors import CosimError
 from cosim.bus.frames import BusFrame
 from cosim.bus.timing import BusTiming, FrameFormat, padded
+
+
+@cache
+def _format(extended: bool, remote: bool, fd: bool, brs: bool, esi: bool) -> FrameFormat:
+    return FrameFormat(extended, fd, fd and brs, remote, fd and esi)
 
 
 def frame_of_message(message: can.Message, channel: Hashable, timing: BusTiming) -> BusFrame:
@@ -26,12 +32,12 @@ def frame_of_message(message: can.Message, channel: Hashable, timing: BusTiming)
             f"channel {channel!r}: found a CAN FD message on a classic bus, expected fd=True"
         )
     try:
-        kind = FrameFormat(
-            extended=message.is_extended_id,
-            fd=message.is_fd,
-            brs=message.is_fd and message.bitrate_switch,
-            remote=message.is_remote_frame,
-            esi=message.is_fd and message.error_state_indicator,
+        kind = _format(
+            message.is_extended_id,
+            message.is_remote_frame,
+            message.is_fd,
+            message.bitrate_switch,
+            message.error_state_indicator,
         )
         data = b"" if kind.remote else bytes(message.data)
         data = data.ljust(padded(len(data), kind.fd), b"\0")

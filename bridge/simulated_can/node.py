@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings
-from cosim.bus.timing import frame_bits
-
-INTERMISSION = 3
-"""Bits after a frame before the next can start."""
 
 
 @dataclass(eq=False)
@@ -28,6 +24,12 @@ class WireNode:
     state: ControllerState = ControllerState.ACTIVE
     leaving: bool = False
     """Sends what it has, receives nothing more."""
+
+    @property
+    def recovering(self) -> bool:
+        """Whether it comes back to the bus by itself."""
+        off = self.state == ControllerState.OFF or self.state == ControllerState.INTEGRATING
+        return off and self.settings.recovers
 
 
 class Happening(NamedTuple):
@@ -53,12 +55,6 @@ class WireRecorder(Protocol):
 
     def add(self, events: NDArray[np.void], until_ps: int) -> None:
         """Events up to `until_ps` (ps), rows of ``cosim.bus.frames.EVENT``, shape (n,)."""
-
-
-def length_ps(frame: BusFrame, bit_ps: int, data_bit_ps: int) -> int:
-    """From the start of frame to the end of its last bit, ps; bits of `bit_ps`, `data_bit_ps`."""
-    bits = frame_bits(frame.identifier, frame.data, frame.format, frame.dlc)
-    return (int(bits.nominal) - INTERMISSION) * bit_ps + int(bits.data) * data_bit_ps
 
 
 def told(

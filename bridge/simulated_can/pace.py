@@ -159,7 +159,8 @@ class SimulatedPace:
 
     def _move(self, channel: Paced, patience: int | None, end_ns: int | None) -> None:
         """Advance if no thread is busy, else sleep until something may have changed."""
-        if any(waiter.ready() for waiter in self._waiters.values()):
+        alone = len(self._waiters) == 1
+        if not alone and any(waiter.ready() for waiter in self._waiters.values()):
             patience = PATIENCE_NS
         target = None
         if patience is None or patience <= 0:
@@ -169,7 +170,8 @@ class SimulatedPace:
             target = min([*ends, *([] if target is None else [target])], default=None)
         if target is not None:
             channel.advance(target)
-            channel.lock.notify_all()
+            if not alone:
+                channel.lock.notify_all()
             return
         left = None if end_ns is None else end_ns - monotonic_ns()
         waits = [w for w in (left, patience) if w is not None and w > 0]
@@ -177,9 +179,13 @@ class SimulatedPace:
 
     def _missing(self) -> int | None:
         """How long to wait for threads that are elsewhere, ns; None: there are none."""
-        self._seen = {t: seen for t, seen in self._seen.items() if t.is_alive()}
-        away = [seen for t, seen in self._seen.items() if t not in self._waiters]
-        return max(away) + PATIENCE_NS - monotonic_ns() if away else None
+        latest = 0
+        for thread in [t for t in self._seen if t not in self._waiters]:
+            if thread.is_alive():
+                latest = max(latest, self._seen[thread])
+            else:
+                del self._seen[thread]
+        return latest + PATIENCE_NS - monotonic_ns() if latest else None
 
 
 def _reached(channel: Paced, moment_ps: int | None) -> bool:

@@ -18,10 +18,6 @@ from bridge.simulated_can.options import ChannelOptionError
 
 _MOST = 1 << 24
 """Bytes of a call; more is no call."""
-_FLAGS = (
-    "is_extended_id", "is_remote_frame", "is_error_frame", "is_fd", "bitrate_switch",
-    "error_state_indicator", "is_rx",
-)  # fmt: skip
 
 
 class BusAddress(NamedTuple):
@@ -80,6 +76,7 @@ class CallSocket:
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
+        self._got = bytearray()
 
     def __del__(self) -> None:
         """A thread's connection ends with the thread."""
@@ -91,13 +88,15 @@ class CallSocket:
         self._socket.sendall(len(content).to_bytes(4, "big") + content)
 
     def receive(self) -> Any:
-        """The next value; None at the end of the connection, also of one that is no bus's."""
-        head = self._exactly(4)
-        size = int.from_bytes(head, "big")
-        if len(head) < 4 or size > _MOST:
+        """The next value; None at the end of the connection, or where there is no such value."""
+        if not self._gather(4):
             return None
-        content = self._exactly(size)
-        return msgpack.unpackb(content) if len(content) == size else None
+        end = 4 + int.from_bytes(self._got[:4], "big")
+        if end > _MOST or not self._gather(end):
+            return None
+        value = msgpack.unpackb(self._got[4:end])
+        del self._got[:end]
+        return value
 
     def close(self) -> None:
         """End the connection; a thread that waits for a value gets None."""
@@ -105,35 +104,49 @@ class CallSocket:
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
 
-    def _exactly(self, size: int) -> bytes:
-        found = b""
-        while len(found) < size:
+    def _gather(self, size: int) -> bool:
+        """Receive until `size` bytes are there; False at the end of the connection."""
+        while len(self._got) < size:
             try:
-                part = self._socket.recv(size - len(found))
+                part = self._socket.recv(65536)
             except OSError:
-                return b""
+                return False
             if not part:
-                return b""
-            found += part
-        return found
+                return False
+            self._got += part
+        return True
 
 
 def pack_message(message: can.Message) -> list[Any]:
     """A message as msgpack can carry it."""
-    flags = sum(bool(getattr(message, name)) << i for i, name in enumerate(_FLAGS))
+    flags = (
+        bool(message.is_extended_id)
+        | bool(message.is_remote_frame) << 1
+        | bool(message.is_error_frame) << 2
+        | bool(message.is_fd) << 3
+        | bool(message.bitrate_switch) << 4
+        | bool(message.error_state_indicator) << 5
+        | bool(message.is_rx) << 6
+    )
     data = bytes(message.data or b"")
-    return [message.arbitration_id, flags, message.dlc, data, message.timestamp]
+    return [message.arbitration_id, int(flags), message.dlc, data, message.timestamp]
 
 
 def unpack_message(packed: list[Any], channel: str) -> can.Message:
     """The message of :func:`pack_message`, as received on `channel`."""
     identifier, flags, dlc, data, timestamp = packed
-    fields: dict[str, Any] = {name: bool(flags >> i & 1) for i, name in enumerate(_FLAGS)}
+    remote = bool(flags & 2)
     return can.Message(
         timestamp=timestamp,
         arbitration_id=identifier,
+        is_extended_id=bool(flags & 1),
+        is_remote_frame=remote,
+        is_error_frame=bool(flags & 4),
+        is_fd=bool(flags & 8),
+        bitrate_switch=bool(flags & 16),
+        error_state_indicator=bool(flags & 32),
+        is_rx=bool(flags & 64),
         dlc=dlc,
-        data=None if fields["is_remote_frame"] else data,
+        data=None if remote else data,
         channel=channel,
-        **fields,
     )

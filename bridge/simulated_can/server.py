@@ -175,11 +175,7 @@ class RemotePort:
         self._channel, self._port = channel, port
         self._filters: list[list[Any]] = []
         self._tasks: list[PeriodicTask] = []
-
-    def call(self, method: str, *arguments: Any) -> Any:
-        """The answer to a call of the client. Raises LookupError for a method there is not."""
-        channel, port = self._channel, self._port
-        methods: dict[str, Callable[..., Any]] = {
+        self._methods: dict[str, Callable[..., Any]] = {
             "time": lambda: channel.time(port),
             "status": lambda: list(channel.state(port)),
             "lost": lambda: port.lost,
@@ -196,7 +192,10 @@ class RemotePort:
             "stop": lambda n: self._tasks[n].stop(),
             "modify": lambda n, m: self._tasks[n].modify_data([unpack_message(x, "") for x in m]),
         }
-        return methods[method](*arguments)
+
+    def call(self, method: str, *arguments: Any) -> Any:
+        """The answer to a call of the client. Raises LookupError for a method there is not."""
+        return self._methods[method](*arguments)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Queue a message of a periodic task, waiting up to `timeout` (s) for room."""

@@ -12,26 +12,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import final
 
+import numpy as np
+
+from bridge.simulated_can.busy_time import BusyTime
 from bridge.simulated_can.disturbances import Disturbances
-from bridge.simulated_can.node import (
-    INTERMISSION,
-    Happening,
-    WireNode,
-    WireRecorder,
-    length_ps,
-    told,
-)
-from cosim.bus.frames import BusEvent, BusFrame, ControllerState
+from bridge.simulated_can.node import Happening, WireNode, WireRecorder, told
+from cosim.bus.frames import EVENT, BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
 
-HISTORY_S = 10
-"""How long the wire remembers when it was busy, s."""
-_AFTER_ERROR = 6 + 8 + INTERMISSION
-"""Least bits from the detection of an error to the end of the intermission: flag, delimiter."""
 _STEP = 16
 """Bits to go on while a frame waits and none is on the wire; shorter than any frame."""
+
+_KINDS = tuple(BusEvent)
 
 
 @final
@@ -44,7 +38,7 @@ class CanWire:
         self.timing = timing
         self.now_ps = 0
         self._bit_ps = round(1e12 / timing.bitrate)
-        self._data_bit_ps = round(1e12 / (timing.data_bitrate or timing.bitrate))
+        self._busy = BusyTime(timing)
         self._disturbances, self._seed = Disturbances(), seed
         for disturbance in disturbances:
             self._disturbances.add(disturbance, 0)
@@ -55,11 +49,6 @@ class CanWire:
         self._stale = False
         self._early: list[tuple[WireNode, BusFrame]] = []
         self._requests: dict[int, tuple[WireNode, BusFrame]] = {}
-        self._ends: dict[WireNode, tuple[int, BusFrame]] = {}
-        self._free_ps = 0
-        self._troubled = False
-        self._began_ps: int | None = None
-        self._busy: deque[tuple[int, int]] = deque()
         self.recorder: WireRecorder | None = None
         self._recorded: dict[WireNode, int] = {}
         self._numbers: list[int] = []
@@ -97,7 +86,8 @@ class CanWire:
 
     def waiting(self, node: WireNode) -> int:
         """How many frames are in the transmit queue of a node."""
-        return len(node.pending) + sum(owner is node for owner, _ in self._early)
+        early = sum(owner is node for owner, _ in self._early) if self._early else 0
+        return len(node.pending) + early
 
     def abort(self, node: WireNode) -> None:
         """Drop the frames of a node that wait; one on the wire is finished."""
@@ -120,23 +110,23 @@ class CanWire:
 
     def advance(self, until_ps: int) -> list[Happening]:
         """Go on to `until_ps` (ps); returns what happened, in the order of time."""
+        if not self._stale:
+            return self._run(until_ps)
         found: list[Happening] = []
-        while self._stale and not self._renew() and self.now_ps < until_ps:
+        while not self._renew() and self.now_ps < until_ps:
             found += self._run(min(until_ps, self._next_gap()))
         return found + self._run(until_ps)
 
     def next_ps(self) -> int | None:
         """When a frame may next be received, ps: not later than it is; None: nothing is sent."""
-        later = [end for end, _ in self._ends.values() if end > self.now_ps]
-        if later:
-            return min(later)
-        recovering = any(
-            node.state in (ControllerState.OFF, ControllerState.INTEGRATING)
-            and node.settings.recovers
-            for node in self._nodes
-        )
-        if recovering or self._early or any(node.pending for node in self._nodes):
-            return max(self.now_ps, self._free_ps) + _STEP * self._bit_ps
+        end = self._busy.next_end(self.now_ps)
+        if end is not None:
+            return end
+        if len(self._requests) == 1 and not self._early and not self._offered:
+            _, frame = next(iter(self._requests.values()))
+            return max(self.now_ps, self._busy.free_ps) + self._busy.length_ps(frame)
+        if self._early or any(node.pending or node.recovering for node in self._nodes):
+            return max(self.now_ps, self._busy.free_ps) + _STEP * self._bit_ps
         if self._offered:
             return max(self.now_ps, self._offered[0][0]) + _STEP * self._bit_ps
         return None
@@ -146,22 +136,19 @@ class CanWire:
 
         Busy is from a start of frame to the end of the intermission, also of a failed attempt.
         """
-        begin = max(0, self.now_ps - window_ps)
-        spans = [*self._busy, *self._current()]
-        taken = sum(max(0, min(end, self.now_ps) - max(start, begin)) for start, end in spans)
-        return taken / (self.now_ps - begin) if self.now_ps > begin else 0.0
+        return self._busy.share(self.now_ps, window_ps)
 
     def _next_gap(self) -> int:
         """When the transmission under way may be over, ps."""
-        if not self._ends and self._free_ps > self.now_ps:
-            return self._free_ps
+        if not self._busy.sending and self._busy.free_ps > self.now_ps:
+            return self._busy.free_ps
         return self.next_ps() or self.now_ps + self._bit_ps
 
     def _renew(self) -> bool:
         """Make the bus anew with the nodes there are now, if nothing is on the wire."""
         if not self._stale:
             return True
-        if self._ends or self._troubled or self.now_ps < self._free_ps:
+        if self._busy.under_way or self.now_ps < self._busy.free_ps:
             return False
         self.count()
         numbers = [self._numbers[request] for request in self._requests] if self._numbers else []
@@ -224,80 +211,52 @@ class CanWire:
         self._numbers.append(known)
 
     def _run(self, until_ps: int) -> list[Happening]:
-        if self._bus is not None:
-            self._feed(self._bus, until_ps)
+        bus = self._bus
+        if bus is not None:
+            self._feed(bus, until_ps)
         self.now_ps = max(self.now_ps, until_ps)
-        if self._bus is None:
+        if bus is None:
             return []
-        events = self._bus.advance(self.now_ps - self._start_ps)
+        rows = bus.step(self.now_ps - self._start_ps)
         if self.recorder is not None:
             nodes = [self._recorded[node] for node in self._nodes]
+            events = np.array(rows, EVENT)
             self.recorder.add(told(events, self._start_ps, nodes, self._numbers), self.now_ps)
-        rows = events.tolist()
-        found = []
-        for place, row in enumerate(rows):
-            if row[7] == BusEvent.FREE:
-                self._free_ps, self._troubled = row[0] + self._start_ps, False
-                continue
-            happening = self._read(*row[:10])
-            if row[2] >= 0 and happening.frame and happening.frame.format.fd:
-                sent = self._bus.frame(events[place])  # with the ESI of its sender
-                happening = happening._replace(frame=sent)
-            found.append(happening)
+        if not rows:
+            return []
+        found = [happening for row in rows if (happening := self._read(bus, row)) is not None]
         for row in rows:
-            if row[7] in (BusEvent.SENT, BusEvent.DROPPED):
+            if row[7] == BusEvent.SENT or row[7] == BusEvent.DROPPED:
                 self._requests.pop(row[1], None)
-        self._ends = {n: last for n, last in self._ends.items() if last[0] > self.now_ps}
+        self._busy.forget(self.now_ps)
         self._retire()
-        oldest = self.now_ps - HISTORY_S * 10**12
-        while self._busy and self._busy[0][1] < oldest:
-            self._busy.popleft()
         return found
 
-    def _read(
-        self,
-        time: int, request: int, _frame: int, bit: int, number: int,
-        tec: int, rec: int, kind: int, code: int, role: int,
-    ) -> Happening:  # fmt: skip
-        time_ps, node = time + self._start_ps, self._nodes[number]
+    def _read(self, bus: SimulatedBus, row: tuple[int, ...]) -> Happening | None:
+        """What an event means for its node; None for events of which no program is told."""
+        time, request, frame, bit, number, tec, rec, kind, code, role, _ = row
+        time_ps = time + self._start_ps
+        if kind == BusEvent.FREE:
+            self._busy.free(time_ps)
+            return None
+        node = self._nodes[number]
         node.tec, node.rec = tec, rec
         known = self._requests.get(request)
-        event = BusEvent(kind)
-        self._follow(event, time_ps, node, known)
-        if event == BusEvent.STATE:
+        sent = known[1] if known else None
+        if kind == BusEvent.STARTED:
+            self._busy.start(time_ps, node, sent)
+            return None
+        if kind == BusEvent.LOST:
+            self._busy.lose(node)
+        elif kind == BusEvent.SENT or kind == BusEvent.ERROR or kind == BusEvent.OVERLOAD:
+            for attempted in self._busy.end(time_ps, kind != BusEvent.SENT):
+                self._disturbances.attempted(attempted)
+        if kind == BusEvent.STATE:
             node.state = ControllerState(code)
-        elif event == BusEvent.RECOVERED:
+        elif kind == BusEvent.RECOVERED:
             node.state = ControllerState.ACTIVE
-        elif event in (BusEvent.SENT, BusEvent.DROPPED):
+        elif kind == BusEvent.SENT or kind == BusEvent.DROPPED:
             node.pending.pop(request, None)
-        return Happening(time_ps, node, event, code, role, bit, known[1] if known else None)
-
-    def _follow(
-        self, event: BusEvent, time_ps: int, node: WireNode, known: tuple[WireNode, BusFrame] | None
-    ) -> None:
-        """Who is on the wire until when, and from when on it is free."""
-        if event == BusEvent.STARTED:
-            if not self._ends:
-                self._busy.extend(self._current())
-                self._began_ps = time_ps
-            if known:
-                self._ends[node] = (
-                    time_ps + length_ps(known[1], self._bit_ps, self._data_bit_ps),
-                    known[1],
-                )
-        elif event == BusEvent.LOST:
-            self._ends.pop(node, None)
-        elif event in (BusEvent.SENT, BusEvent.ERROR, BusEvent.OVERLOAD):
-            for _, frame in self._ends.values():
-                self._disturbances.attempted(frame)
-            self._ends.clear()
-            self._troubled |= event != BusEvent.SENT
-            after = _AFTER_ERROR if self._troubled else INTERMISSION
-            self._free_ps = time_ps + after * self._bit_ps
-
-    def _current(self) -> list[tuple[int, int]]:
-        """The transmission that began last, as far as it is known."""
-        if self._began_ps is None:
-            return []
-        under_way = self._ends or self._troubled
-        return [(self._began_ps, self.now_ps if under_way else self._free_ps)]
+        if frame >= 0 and sent is not None and sent.format.fd:
+            sent = bus.frame_of_row(frame)  # with the ESI of its sender
+        return Happening(time_ps, node, _KINDS[kind], code, role, bit, sent)

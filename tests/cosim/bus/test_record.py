@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cosim.bus.described import BusSimulationError
 from cosim.bus.frames import BusEvent, BusFrame
 from cosim.bus.settings import BusNodeSettings, Interruption, LineLevel, QueueKind
-from cosim.bus.simulation import SimulatedBus
-from cosim.bus.timing import BusTiming
+from cosim.bus.simulation import SimulatedBus, bits_on_bus
+from cosim.bus.timing import BusTiming, FrameFormat, frame_bits
 
 BIT = 2_000_000
 NODES = 5
@@ -44,6 +45,32 @@ def test_what_happens_does_not_depend_on_what_is_recorded(seed, queue):
     everything, little = run(seed, list(BusEvent), queue), run(seed, QUIET, queue)
     assert (everything["kind"] == BusEvent.DROPPED).sum() > 5
     assert everything.tolist() == little.tolist()
+
+
+def test_events_as_tuples_are_those_of_the_array_with_their_frames():
+    def ready() -> SimulatedBus:
+        settings = [BusNodeSettings(f"n{i}", queue_length=500, inbox=500) for i in range(3)]
+        bus = SimulatedBus(BusTiming(500e3, 2e6, fd=True), settings)
+        for i in range(500):  # more events than there is room for at first
+            bus.request(i % 2, 0, BusFrame(i, bytes([i % 251]), FrameFormat(fd=i % 3 == 0)))
+        return bus
+
+    array, tuples = ready(), ready()
+    events, rows = array.advance(10**12), tuples.step(10**12)
+    assert len(rows) > 2000
+    assert events.tolist() == rows
+    for event, row in zip(events, rows, strict=True):
+        if row[7] in (BusEvent.SENT, BusEvent.RECEIVED):
+            frame = tuples.frame_of_row(row[2])
+            assert (frame.identifier, array.frame(event)) == (row[1], frame)
+    with pytest.raises(BusSimulationError, match="or later"):
+        tuples.step(1)
+
+
+def test_the_bits_of_a_frame_are_those_of_the_analysis():
+    for frame in (BusFrame(0x123, b"abc"), BusFrame(5, bytes(64), FrameFormat(fd=True, brs=True))):
+        bits = frame_bits(frame.identifier, frame.data, frame.format, frame.dlc)
+        assert bits_on_bus(frame) == (bits.nominal, bits.data)
 
 
 @pytest.mark.parametrize("queue", [QueueKind.FIFO, QueueKind.SORTED])

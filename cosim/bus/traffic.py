@@ -26,8 +26,10 @@ from cosim.bus.described import bit_ps
 from cosim.bus.frames import FRAME, REQUEST, BusFrame, frame_of
 from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, frame_bits, mean, padded
 
-#: Random frames are drawn in blocks of so much time, ps.
-BLOCK_PS = 10**12
+#: The number of random frames is drawn for blocks of so much time, ps,
+BLOCK_PS = 10**11
+#: and a block has fewer than 2 to the power of this.
+_BLOCK_BITS = 24
 
 
 class TrafficError(CosimError, ValueError):
@@ -151,27 +153,39 @@ class RandomSource:
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:
         """Requests from `start_ps` to before `end_ps` (ps), by time: (n,), rows of ``REQUEST``."""
-        blocks = range(start_ps // BLOCK_PS, -(-end_ps // BLOCK_PS))
-        rows = np.concatenate([np.zeros(0, REQUEST), *(self._block(n) for n in blocks)])
-        return rows[(rows["at"] >= start_ps) & (rows["at"] < end_ps)]
-
-    def _block(self, number: int) -> NDArray[np.void]:
-        """All requests of a block of time; its random numbers depend on its number alone."""
-        random = np.random.default_rng((self.seed, number))
-        count = int(random.poisson(self.rate * BLOCK_PS / 1e12))
-        rows = np.zeros(count, REQUEST)
-        rows["at"] = np.sort(random.integers(0, BLOCK_PS, count)) + number * BLOCK_PS
-        which = random.integers(0, len(self.identifiers), count)
-        rows["node"] = np.array(self.nodes)[which % len(self.nodes)]
-        frames = rows["frame"]
-        frames["id"] = np.array(self.identifiers)[which]
-        frames["flags"] = _flags(self.format)
+        numbers = self._numbers(start_ps // BLOCK_PS, -(-end_ps // BLOCK_PS))
+        late = _draws(self.seed, numbers, 1) % np.uint64(BLOCK_PS)
+        at = np.sort((numbers >> _BLOCK_BITS) * BLOCK_PS + late.astype(np.int64))
+        kept = slice(*np.searchsorted(at, [start_ps, end_ps]))
+        at, numbers = at[kept], numbers[kept]
+        rows = np.zeros(len(at), REQUEST)
+        rows["at"], frames = at, rows["frame"]
+        which = _draws(self.seed, numbers, 2) % np.uint64(len(self.identifiers))
+        rows["node"] = np.array(self.nodes)[which % np.uint64(len(self.nodes))]
+        frames["id"], frames["flags"] = np.array(self.identifiers)[which], _flags(self.format)
         sizes = np.array([padded(n, self.format.fd) for n in self.lengths])
-        frames["length"] = sizes[random.integers(0, len(sizes), count)]
+        frames["length"] = sizes[_draws(self.seed, numbers, 3) % np.uint64(len(sizes))]
         width = int(sizes.max())
-        data = random.integers(0, 256, (count, width), dtype=np.uint8)
-        frames["data"][:, :width] = np.where(np.arange(width) < frames["length"][:, None], data, 0)
+        data = _random_bytes(self.seed, numbers, width, 4)
+        if sizes.min() < width:
+            data = np.where(np.arange(width) < frames["length"][:, None], data, 0)
+        frames["data"][:, :width] = data
         return rows
+
+    def _numbers(self, first: int, last: int) -> NDArray[np.int64]:
+        """Numbers of the requests of blocks `first` to before `last`: block * 2^24 + 0, 1, ...
+
+        How many a block has is Poisson distributed, by one draw of its own.
+        """
+        blocks = np.arange(first, max(first, last), dtype=np.int64)
+        mean_count = self.rate * BLOCK_PS / 1e12
+        most = int(mean_count + 12 * mean_count**0.5 + 12)
+        steps = np.log(mean_count) - np.log(np.arange(1, most + 1))
+        below = np.cumsum(np.exp(np.concatenate([[0.0], np.cumsum(steps)]) - mean_count))
+        drawn = (_draws(self.seed, blocks, 0) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+        counts = np.searchsorted(below, drawn, side="right")
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        return (np.repeat(blocks, counts) << _BLOCK_BITS) + within
 
 
 def random_load(
@@ -251,7 +265,15 @@ def _fill(rows: NDArray[np.void], seed: int, numbers: NDArray[np.int64]) -> None
     if not len(rows):
         return
     length = int(rows["frame"]["length"][0])
-    words = [_draws(seed, numbers, 1 + i) for i in range(-(-length // 8))]
-    if words:
-        data = np.stack(words, axis=1).astype("<u8").view(np.uint8).reshape(len(rows), -1)
-        rows["frame"]["data"][:, :length] = data[:, :length]
+    rows["frame"]["data"][:, :length] = _random_bytes(seed, numbers, length, 1)
+
+
+def _random_bytes(
+    seed: int, numbers: NDArray[np.int64], width: int, column: int
+) -> NDArray[np.uint8]:
+    """Random bytes for each event, (n, width), from the draws of `column` and those behind it."""
+    words = [_draws(seed, numbers, column + i) for i in range(-(-width // 8))]
+    if not words:
+        return np.zeros((len(numbers), 0), np.uint8)
+    data = np.stack(words, axis=1).astype("<u8").view(np.uint8)
+    return data.reshape(len(numbers), 8 * len(words))[:, :width]

@@ -208,8 +208,8 @@ def _delays(
 ) -> NDArray[np.float64]:
     """From each sample to its first reception at `node`, (n,), s."""
     arrived = np.full(len(rows), np.iinfo(np.int64).max)
-    heard = events[(events["node"] == node) & (events["request"] >= 0)]
-    np.minimum.at(arrived, heard["request"], heard["time"])
+    heard = events[(events["node"] == node) & (events["request"] >= 0)][::-1]
+    arrived[heard["request"]] = heard["time"]  # the first of two receptions is written last
     late = arrived[mine] - rows["at"][mine] + frame.offset_ps
     return np.where(arrived[mine] < np.iinfo(np.int64).max, late / PS, np.inf)
 

@@ -50,7 +50,7 @@ def merged(sources: Sequence[TrafficSource], start_ps: int, end_ps: int) -> NDAr
     """
     parts = [source.requests(start_ps, end_ps) for source in sources]
     rows = np.concatenate(parts) if parts else np.zeros(0, REQUEST)
-    return rows[np.argsort(rows["at"], kind="stable")]
+    return rows.take(np.argsort(rows["at"], kind="stable"))
 
 
 @final

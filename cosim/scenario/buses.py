@@ -9,7 +9,7 @@ run, and the engine reads one delay for each sample.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.bus.arbitration import rank
 from cosim.bus.frames import BusEvent, BusFrame
 from cosim.bus.response import FrameStream, responses
-from cosim.bus.settings import BusNodeSettings, QueueKind
+from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, QueueKind
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming, FrameFormat, padded, worst
 from cosim.bus.traffic import PeriodicSource
@@ -31,6 +31,8 @@ from cosim.scenario.spec import Scenario
 PS = 10**12
 #: Requests handed to the bus at once.
 BLOCK = 4096
+#: A filter that no frame passes: an identifier of 30 bits.
+NOTHING = AcceptanceFilter(1 << 29, 1 << 29)
 #: What waits at the end of the run may still take so long, ps; later it counts as lost.
 DRAIN_PS = 10**11
 
@@ -119,7 +121,7 @@ def _simulate(
     scenario: Scenario, name: str, frames: Sequence[FrameOnBus], length_ps: int
 ) -> dict[tuple[str, str], BusDelays]:
     spec = scenario.buses[name]
-    prepared = _prepared(scenario, name, frames, length_ps, (BusEvent.RECEIVED,))
+    prepared = _prepared(scenario, name, frames, length_ps, (BusEvent.RECEIVED,), listening(frames))
     bounds = _bounds(spec, frames, prepared.timing)
     events = _run(prepared.bus, prepared.requests, length_ps)
     found = {}
@@ -139,8 +141,12 @@ def _prepared(
     frames: Sequence[FrameOnBus],
     length_ps: int,
     record: Sequence[BusEvent],
+    filters: Mapping[str, tuple[AcceptanceFilter, ...]] | None = None,
 ) -> _PreparedBus:
-    """The bus at time 0, and all requests up to `length_ps`."""
+    """The bus at time 0, and all requests up to `length_ps`.
+
+    `filters`: what each node receives; a node that is not named receives nothing. None: everything.
+    """
     spec, seed = scenario.buses[name], scenario.run.seed
     timing = BusTiming(spec.bitrate, spec.data_bitrate, spec.fd)
     others, names = traffic(scenario, name, timing, _nodes(spec, frames))
@@ -153,12 +159,12 @@ def _prepared(
     order = np.argsort(rows["at"], kind="stable")
     bus = SimulatedBus(
         timing,
-        [node_settings(spec, node) for node in names],
+        [_filtered(node_settings(spec, node), filters) for node in names],
         disturbances=disturbances(scenario, name, number),
         seed=seed,
         record=record,
     )
-    return _PreparedBus(bus, timing, tuple(names), rows[order], whose[order])
+    return _PreparedBus(bus, timing, tuple(names), rows.take(order), whose[order])
 
 
 def _nodes(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> list[str]:
@@ -175,6 +181,24 @@ def node_settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
     return BusNodeSettings(
         name, queue, node.length, node.one_shot, recovers=node.recovers, inbox=BLOCK
     )
+
+
+def listening(frames: Sequence[FrameOnBus]) -> dict[str, tuple[AcceptanceFilter, ...]]:
+    """Which frames each receiver of a link takes: those of its links."""
+    found: dict[str, tuple[AcceptanceFilter, ...]] = {}
+    for f in frames:
+        own = AcceptanceFilter(f.frame.identifier, extended=f.frame.format.extended)
+        for receiver in f.receivers:
+            found[receiver] = (*found.get(receiver, ()), own)
+    return found
+
+
+def _filtered(
+    settings: BusNodeSettings, filters: Mapping[str, tuple[AcceptanceFilter, ...]] | None
+) -> BusNodeSettings:
+    if filters is None:
+        return settings
+    return replace(settings, filters=filters.get(settings.name, (NOTHING,)))
 
 
 def _source(f: FrameOnBus, number: Mapping[str, int], seed: int) -> PeriodicSource:

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
+from cosim.bus.frames import BusEvent
+from cosim.bus.traffic import RandomSource
 from cosim.checks import check
 from cosim.engine.simulate import simulate
 from cosim.links.bus_delays import BusDelays
 from cosim.loading.files import load
 from cosim.record import Run
-from cosim.scenario.assemble import assemble
+from cosim.scenario.assemble import assemble, scenario_components
+from cosim.scenario.buses import bus_history
+from cosim.scenario.connect_links import frames_on_buses
 from cosim.scenario.spec import as_data, build
 
 ROOT = Path(__file__).parents[3]
@@ -204,3 +208,30 @@ def test_a_run_keeps_its_buses() -> None:
     written = json.loads(json.dumps(as_data(scenario)))
     again = build({k: v for k, v in written.items() if k != "path"}, path)
     assert again == scenario and again.buses
+
+
+def test_receivers_that_take_only_their_frames_have_them_when_all_frames_are_taken(tmp_path):
+    noise = '[[bus.can0.errors]]\nkind = "rate"\nrate = 2e-4\n'
+    loaded, plan = plan_of(tmp_path, LOAD + noise)
+    frames = frames_on_buses(scenario_components(loaded))["can0"]
+    history = bus_history(loaded, "can0", frames, 2 * 10**12)
+    heard = history.events[history.events["kind"] == BusEvent.RECEIVED]
+    receivers = {f.name: f.receivers[0] for f in frames}
+    identifiers = {f.name: f.frame.identifier for f in frames}
+    for name, late in delays(plan).items():
+        mine = np.flatnonzero(history.requests["frame"]["id"] == identifiers[name])
+        node = history.names.index(receivers[name])
+        for k, request in enumerate(mine[:1990]):
+            times = heard["time"][(heard["node"] == node) & (heard["request"] == request)]
+            assert times.min() - history.requests["at"][request] == round(late[k] * 1e12)
+
+
+def test_random_traffic_has_the_distribution_that_it_says():
+    """Counts of 0.1 s are Poisson distributed: variance and mean are equal."""
+    rows = RandomSource((0, 1), 500.0, seed=4).requests(0, 400 * 10**12)
+    counts = np.bincount(rows["at"] // 10**11, minlength=4000)
+    assert counts.mean() == pytest.approx(50, rel=0.01)
+    assert counts.var() == pytest.approx(50, rel=0.08)
+    within = rows["at"] % 10**11 / 10**11
+    assert np.histogram(within, 10, (0, 1))[0] == pytest.approx(20_000, rel=0.03)
+    assert np.bincount(rows["frame"]["data"][:, 5]).min() > 600

@@ -185,7 +185,8 @@ class RandomSource:
         drawn = (_draws(self.seed, blocks, 0) >> np.uint64(11)).astype(np.float64) * 2.0**-53
         counts = np.searchsorted(below, drawn, side="right")
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        return (np.repeat(blocks, counts) << _BLOCK_BITS) + within
+        numbers: NDArray[np.int64] = (np.repeat(blocks, counts) << _BLOCK_BITS) + within
+        return numbers
 
 
 def random_load(

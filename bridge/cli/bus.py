@@ -14,44 +14,46 @@ if TYPE_CHECKING:
     from bridge.simulated_can.channel import Channel
 
 _TURN = 0.1
-"""How long the channel runs between two looks at the end, s of the wall clock."""
+"""Time for which the channel runs before the end is checked again, s of the wall clock."""
 
 
 def bus(
     channel: Annotated[str, typer.Option(help="Name of the bus.")] = "bench",
     bitrate: Annotated[float, typer.Option(callback=finite, help="Bit rate, bit/s.")] = 500_000.0,
-    fd: Annotated[bool, typer.Option("--fd", help="CAN FD.")] = False,
+    fd: Annotated[bool, typer.Option("--fd", help="Use CAN FD.")] = False,
     data_bitrate: Annotated[
         float | None, typer.Option(callback=finite, help="Bit rate of the data phase, bit/s.")
     ] = None,
     load: Annotated[
-        str, typer.Option(help="Other traffic: a .dbc file, a log, or a share such as 30%.")
+        str, typer.Option(help="Other traffic: a .dbc file, a log, or a bus load such as 30%.")
     ] = "",
     jitter: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Jitter of DBC messages, share of a period.")
+        float,
+        typer.Option(min=0.0, max=1.0, help="Jitter of DBC messages, as a fraction of the period."),
     ] = 0.0,
     error_rate: Annotated[
         float, typer.Option(callback=finite, help="Probability that a bit is inverted.")
     ] = 0.0,
-    seed: Annotated[int, typer.Option(help="Of random traffic and errors.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of random traffic and errors.")] = 0,
     speed: Annotated[
-        str, typer.Option(help="Times as fast as the wall clock, or 'simulated'.")
+        str, typer.Option(help="Speed relative to the wall clock, or 'simulated'.")
     ] = "1.0",
     listen: Annotated[
-        str, typer.Option(help="HOST:PORT or /path/of/a/socket for python-can programs.")
+        str,
+        typer.Option(help="Address for python-can programs: HOST:PORT or the path of a socket."),
     ] = "127.0.0.1:29530",
     socketcand: Annotated[
-        str, typer.Option(help="HOST:PORT for socketcand clients. Default: none.")
+        str, typer.Option(help="Address for socketcand clients, HOST:PORT. Default: none.")
     ] = "",
-    mirror: Annotated[
-        str, typer.Option(help="SocketCAN interface with the same frames, such as vcan0.")
-    ] = "",
+    mirror: Annotated[str, typer.Option(help="SocketCAN interface to mirror, such as vcan0.")] = "",
     for_: Annotated[
         float | None,
-        typer.Option("--for", callback=finite, min=0.001, help="End after so many s of the bus."),
+        typer.Option(
+            "--for", callback=finite, min=0.001, help="End after this time of the bus, s."
+        ),
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="PNG of the last --window seconds, at the end.")
+        Path | None, typer.Option(help="Write a PNG of the last --window seconds at the end.")
     ] = None,
     window: Annotated[
         float, typer.Option(callback=finite, min=1e-4, help="Time in the picture, s.")
@@ -60,7 +62,7 @@ def bus(
     """Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.
 
     Programs join with can.Bus(interface="cosim", channel="bench@127.0.0.1:29530"). Ctrl-C ends it
-    and prints an account of the last 10 s: load, response times, errors and losses.
+    and prints a summary of the last 10 s: load, response times, errors and losses.
     """
     from bridge.simulated_can.channel import Channel
     from bridge.simulated_can.options import channel_options
@@ -86,7 +88,7 @@ def bus(
 
 
 def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirror: str) -> None:
-    """Open all doors, and say where they are."""
+    """Start all servers and print their addresses."""
     from bridge.simulated_can.listener import listen as listen_at
     from bridge.simulated_can.mirror import BusMirror
     from bridge.simulated_can.protocol import parse_address
@@ -105,7 +107,7 @@ def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirr
         typer.echo(f"socketcand at {address.host}:{foreign.port}")
     if mirror:
         stack.callback(BusMirror(shared, mirror).close)
-        typer.echo(f"the same frames on {mirror}")
+        typer.echo(f"mirrored on {mirror}")
 
 
 def _run(shared: Channel, seconds: float | None) -> None:

@@ -33,7 +33,7 @@ def replay(
         bool,
         typer.Option(
             "--offline",
-            help="Instead: one offline run over what was recorded of the network, side by side.",
+            help="Compare with one offline run over the recorded network instead.",
         ),
     ] = False,
     check: Verify = True,

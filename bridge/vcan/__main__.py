@@ -61,16 +61,20 @@ def _status() -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m bridge.vcan", description="A kernel with CAN.")
+    parser = argparse.ArgumentParser(
+        prog="python -m bridge.vcan", description="Run a command on a kernel with CAN."
+    )
     actions = parser.add_subparsers(dest="action", required=True)
-    actions.add_parser("setup", help="download what User-Mode Linux needs")
-    actions.add_parser("status", help="what this host can do, and why")
+    actions.add_parser("setup", help="download the packages for User-Mode Linux")
+    actions.add_parser("status", help="print the available backends, with reasons")
     run = actions.add_parser("run", help="run a command in a network with vcan0, vcan1, ...")
     run.add_argument("--backend", choices=("auto", *_BACKENDS), default="auto")
-    run.add_argument("--timeout", type=float, default=float("inf"), metavar="S", help="seconds")
+    run.add_argument(
+        "--timeout", type=float, default=float("inf"), metavar="S", help="time limit, s"
+    )
     run.add_argument("--mem", default="1G", help="memory of the guest (default 1G)")
     run.add_argument("--cpu", default="", metavar="N|free", help="CPU to run on (default: idlest)")
-    run.add_argument("--buses", type=int, default=2, metavar="N", help="vcan interfaces")
+    run.add_argument("--buses", type=int, default=2, metavar="N", help="number of vcan interfaces")
     run.add_argument("command", nargs=argparse.REMAINDER, metavar="-- COMMAND ...")
     return parser
 

@@ -202,10 +202,10 @@ def _pole(net: RobotNetwork, where: str) -> Iterator[Finding]:
         return
     rate = float(roots[0].real)
     away = float(np.abs(np.asarray(place) - np.asarray(arm.q)).max())
-    text = f"the slowest pole in the hand is {rate:.3g} 1/s, estimate right (O3)"
+    text = f"the slowest pole with the hand is {rate:.3g} 1/s with exact estimates (O3)"
     if away > 0.05:
         soonest = log(away / 0.05) / -rate
-        text += f"; closer than 0.05 rad to where the hand wants it not before {soonest:.2g} s"
+        text += f"; the error is below 0.05 rad after {soonest:.2g} s at the earliest"
     yield _note("slow-pole", where, rate, "1/s", text)
 
 

@@ -12,9 +12,7 @@ if TYPE_CHECKING:
 
 
 def delays(
-    name: Annotated[
-        str, typer.Argument(help="A preset or trace: print what it is, as a link takes it.")
-    ] = "",
+    name: Annotated[str, typer.Argument(help="Preset or trace to describe.")] = "",
     verify: Annotated[
         bool, typer.Option("--verify", help="Compute every frozen trace, and check its sum.")
     ] = False,

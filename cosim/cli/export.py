@@ -13,7 +13,9 @@ from cosim.cli.options import Set
 def export(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
     ssp: Annotated[Path | None, typer.Option(help="SSP 1.0 file to write.")] = None,
-    fmu: Annotated[Path | None, typer.Option(help="One FMU 2.0 of the whole loop.")] = None,
+    fmu: Annotated[
+        Path | None, typer.Option(help="FMI 2.0 FMU of the whole loop to write.")
+    ] = None,
     links: Annotated[
         str,
         typer.Option(

@@ -9,7 +9,7 @@ import typer
 
 
 def recover(
-    run: Annotated[Path, typer.Argument(help="Run folder of a run that was cut short.")],
+    run: Annotated[Path, typer.Argument(help="Run folder of an interrupted run.")],
 ) -> None:
     """Complete a run folder after the run was killed or the disk was full.
 

@@ -91,9 +91,9 @@ def run_numbers(soak: Soak, done: RunDone) -> dict[str, float]:
 
 
 def torque(system: System, rows: Mapping[Life, Rows]) -> float:
-    """The greatest torque that went on, N.m: what a guard let through, or else what was computed.
+    """Return the greatest torque that was sent, N.m: after the guard, or computed without a guard.
 
-    NaN if one was not a number.
+    `rows`: the rows (slots,) of each life. NaN if a torque was NaN.
     """
     worst = [0.0]
     for life, recorded in rows.items():

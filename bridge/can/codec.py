@@ -73,7 +73,10 @@ class Codec:
         return frame
 
     def decode(self, data: bytes) -> tuple[Decoded, Vector, Header]:
-        """What became of it, the values (n,), NaN unless OK, and the header."""
+        """Return the result, the values (n,), each in the unit of its signal, and the header.
+
+        The values are NaN unless the result is OK.
+        """
         values = np.full(len(self.signals), np.nan)
         header = Header()
         frame = Frame.of(self.layout.identifier, data, self.message.flags)

@@ -22,7 +22,10 @@ def verify(codec: Codec, n: int = 8, seed: int = 0) -> None:
 
 
 def vectors(signals: Iterable[Signal], n: int, seed: int) -> list[Vector]:
-    """Vectors of values that show what may go wrong: (n + 6) of shape (len(signals),)."""
+    """Return n + 6 vectors (signals,) of limits, special and random values.
+
+    Values are in the units of the signals.
+    """
     random = np.random.default_rng(seed)
     ends = [sorted((s.scale * r + s.offset) for r in s.raw_range) for s in signals]
     low, high = np.array([e[0] for e in ends]), np.array([e[1] for e in ends])
@@ -37,9 +40,9 @@ def vectors(signals: Iterable[Signal], n: int, seed: int) -> list[Vector]:
 def compare(codec: Codec, vectors: Iterable[Vector]) -> None:
     """Raise CodecError if C and cantools differ; the error names message and signal.
 
-    Raises LayoutError if the message is not from a DBC file.
-
-    Compared are: the bytes without the CRC, the CRC, and what C reads of bytes that cantools made.
+    `vectors`: values (n_signals,) to encode. Compares the bytes without the CRC, the CRC, and the
+    values that C decodes from bytes of cantools. Raises LayoutError if the message is not from a
+    DBC file.
     """
     if not codec.layout.source:
         raise LayoutError(

@@ -164,7 +164,7 @@ def _quantiles(values: Floats) -> str:
 
 
 def histogram(values: Floats, bins: int = 12, width: int = 40) -> list[str]:
-    """Text bars of how many values (s) lie where, on a logarithmic axis."""
+    """Return text bars of the numbers of `values` (n,), s, in bins of a logarithmic axis."""
     import numpy as np
 
     there = values[~np.isnan(values)] * 1e3

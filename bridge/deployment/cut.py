@@ -98,10 +98,10 @@ class NodePlan:
 
 
 def cut_plan(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, NodePlan]:
-    """The nodes' plans, by name. Raises ScenarioError where the deployment does not fit.
+    """Return the plans of the nodes, by name. Raises ScenarioError if the deployment does not fit.
 
-    `start`: the signal vector of the whole plan once it is initialized, (n_signals,): what inputs
-    hold that come from other nodes before anything has come (:func:`start_values`).
+    `start`: the signal vector (n_signals,) of the initialized plan, in the units of the signals
+    (:func:`start_values`). Inputs from other nodes hold these values until the first sample.
     """
     if plan.algorithm != "sampled":
         raise ScenarioError(
@@ -120,7 +120,10 @@ def cut_plan(plan: Plan, deployment: Deployment, start: Vector) -> dict[str, Nod
 
 
 def start_values(plan: Plan) -> Vector:
-    """The signal vector (n_signals,) of a plan at its start. Its components are used up by it."""
+    """Return the signal vector (n_signals,) of a plan at its start, in the units of the signals.
+
+    The components of the plan cannot be used afterwards.
+    """
     with Engine(plan) as engine:
         engine.initialize()
         return engine.signals.copy()

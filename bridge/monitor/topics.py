@@ -119,7 +119,7 @@ class TopicSource:
         }
 
     def samples(self, rows: Rows, rate: float) -> list[TopicMessage]:
-        """Of these rows, at most `rate` (Hz) of them."""
+        """Return messages for the rows (n,), at most `rate` per second (Hz)."""
         every = max(1, ceil(1.0 / (self._node.h * rate) - 1e-9))
         found: list[TopicMessage] = []
         for row in rows[rows["slot"] % every == 0]:

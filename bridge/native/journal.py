@@ -108,7 +108,7 @@ class Journal:
 
     @property
     def rows(self) -> Rows:
-        """A view of the rows written so far."""
+        """Return a view (n,) of the rows written so far."""
         return self._rows[: len(self)]
 
     def append(self, *values: object) -> bool:

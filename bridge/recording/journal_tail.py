@@ -79,7 +79,7 @@ class JournalTail:
         return self.rows(count - n, count)
 
     def since(self, field: str, span: int) -> Rows:
-        """The rows whose `field` is within `span` of the last one's; `field` ascends."""
+        """Return the rows (n,) whose `field`, which ascends, is within `span` of the last one's."""
         n = 1024
         while True:
             found = self.newest(n)

@@ -180,7 +180,7 @@ class LiveRun:
         return lives_of(self.lives, node)
 
     def recent(self, seconds: float) -> dict[str, Rows]:
-        """Rows of the newest life of each node that has any, of its last so many seconds."""
+        """Return the rows (n,) of the last `seconds` (s), by node, of its newest life with rows."""
         found: dict[str, Rows] = {}
         for life in sorted(self.lives):  # a node's newest life comes last
             tail, node = self.lives[life], life.node
@@ -189,7 +189,7 @@ class LiveRun:
         return found
 
     def everything(self) -> dict[str, Rows]:
-        """Rows by node, all lives one after the other."""
+        """Return all rows (n,) by node, with the rows of all lives in sequence."""
         parts = {
             node: [self.lives[life].rows(0, len(self.lives[life])) for life in self.lives_of(node)]
             for node in self.system.nodes

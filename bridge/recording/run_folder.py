@@ -54,8 +54,8 @@ def collect(
 ) -> Collected:
     """Write trajectories, link tables and bus logs of the lives in `nodes` into the folder `into`.
 
-    `wall_ns`: what is added to times of frames, for the wall clock. Raises RunError where a file
-    cannot be written.
+    `rows`: the rows (slots,) of each life. `wall_ns`: offset from frame times to the wall clock,
+    ns. Raises RunError if a file cannot be written.
     """
     ticks = write_trajectories(system, rows, into)
     ages = write_tables(system, rows, into)
@@ -65,10 +65,10 @@ def collect(
 
 
 def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) -> int:
-    """Write ``trajectories.parquet``: outputs and what was received; returns its ticks.
+    """Write ``trajectories.parquet`` with outputs and received inputs; return its number of ticks.
 
-    It ends with the node that got furthest, and has the signals of the nodes that ran. Raises
-    RunError where the file cannot be written.
+    `rows`: the rows (slots,) of each life. The file ends with the last slot of any node and
+    contains the signals of the nodes that ran. Raises RunError if the file cannot be written.
     """
     plan, scenario = system.plan, system.scenario
     parts = [
@@ -108,7 +108,7 @@ def _join_lives(
 
 
 def places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:
-    """Places of the node's signals in the whole plan's vector, and in its own."""
+    """Return the indices (n,) of the node's signals in the whole plan's vector and in its own."""
     whole, own = system.plan.slots(), node.plan.slots()
     pairs = [
         (whole[name].start + i, slot.start + i)
@@ -166,7 +166,10 @@ def held_samples(system: System, rows: Mapping[Life, Rows], link: Link) -> IntAr
 def write_tables(
     system: System, rows: Mapping[Life, Rows], folder: Path
 ) -> dict[str, LinkStatistics]:
-    """Store the tables of the links that cross cuts, for replays offline; their statistics."""
+    """Store the tables of the links that cross cuts, for offline replay; return their statistics.
+
+    `rows`: the rows (slots,) of each life.
+    """
     found: dict[str, LinkStatistics] = {}
     d = system.deployment
     recorded = {"deployment": d.name, "latency": d.latency}  # held is the network's work as well

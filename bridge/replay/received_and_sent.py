@@ -92,7 +92,10 @@ class AlteredSamples:
 
 
 def received_history(rows: Rows, carried: Carried, plan: Plan) -> History:
-    """Of one message as a life heard it. Raises ScenarioError for numbers that no run has."""
+    """Return the history of one message from the samples (n,) that a life received.
+
+    Raises ScenarioError for sequence numbers that no run can have.
+    """
     width = carried.outlet.width
     if not len(rows):
         return History(width, 1)
@@ -111,9 +114,10 @@ def received_history(rows: Rows, carried: Carried, plan: Plan) -> History:
 
 
 def sent_histories(system: System, lives: Mapping[Life, Rows]) -> dict[str, History]:
-    """Empty ones of all messages that the nodes recorded send, and gateways make of them.
+    """Return empty histories of all messages that recorded nodes and their gateways send.
 
-    Without a counter, which sample was heard is known by its time only: such messages have none.
+    `lives`: the rows (slots,) of each life. Without a counter only its time identifies a received
+    sample, so such messages have no history.
     """
     found: dict[str, History] = {}
     for life in lives:
@@ -132,7 +136,10 @@ def compare_with_senders(
     heard: Mapping[Life, Rows],
     sent: Mapping[str, History],
 ) -> tuple[tuple[AlteredSamples, ...], set[str]]:
-    """(samples heard otherwise than sent, messages of which some could not be compared)."""
+    """Return the samples that differ from those sent, and the messages not completely compared.
+
+    `recorded`: rows (slots,) of each life; `heard`: its received samples (n,).
+    """
     altered: list[AlteredSamples] = []
     alone: set[str] = set()
     for life, rows in heard.items():
@@ -157,7 +164,10 @@ def compare_with_senders(
 def missing_in_journal(
     system: System, life: Life, rows: Rows, histories: Mapping[str, History]
 ) -> Iterator[str]:
-    """Messages of which a life held samples that are not in the journal of what it heard."""
+    """Yield the messages of which a life held samples that its journal of received samples lacks.
+
+    `rows`: the rows (slots,) of the life.
+    """
     for i, inlet in enumerate(system.nodes[life.node].inlets):
         held = rows["inlets"]["held"][:, i]
         if not histories[inlet.message].known(held[held >= 0]).all():

@@ -69,11 +69,12 @@ def replay(
 ) -> ReplayReport:
     """Compute the recorded lives again, into journals in `folder`, and compare every bit.
 
-    Each life hears what it heard, whoever sent it: no other node is needed. What it heard is then
-    held against what its sender computed, where that was recorded. Gateways compute nothing.
+    Each life receives its recorded samples, from any sender, so no other node is needed. These
+    samples are then compared with those that the sender computed, if it was recorded. Gateways
+    compute nothing.
 
-    `recorded`: rows by life; `heard`: of :func:`received_by_life`. Raises ScenarioError where
-    they are not of this system.
+    `recorded`: rows (slots,) by life; `heard`: result of :func:`received_by_life`. Raises
+    ScenarioError if they do not belong to this system.
     """
     lives = {life: r for life, r in recorded.items() if system.nodes[life.node].plan.components}
     there = {life: rows for life, rows in heard.items() if life in recorded}
@@ -100,7 +101,7 @@ def replay(
 
 
 def load(folder: Path) -> ByLife[Rows]:
-    """The journals of a run folder by life. Raises ScenarioError where there are none."""
+    """Return the rows (slots,) of a folder by life. Raises ScenarioError without journals."""
     found = {life: Journal.open(path) for life, path in files(folder, "journal").items()}
     if not found:
         raise ScenarioError("no journals (*.journal) of nodes", str(folder))
@@ -108,7 +109,7 @@ def load(folder: Path) -> ByLife[Rows]:
 
 
 def received_by_life(folder: Path) -> ByLife[Rows]:
-    """What each life of a run folder heard (:func:`bridge.wiring.wiring.heard_dtype`)."""
+    """Return the received samples (n,) of each life (:func:`bridge.wiring.wiring.heard_dtype`)."""
     return ByLife({life: Journal.open(path) for life, path in files(folder, HEARD).items()})
 
 

@@ -107,7 +107,7 @@ class Received:
 
 
 def received(life: Life, record: Rows, system: System) -> Received:
-    """The record of one life (INJECTED), by what its node listens to and counts."""
+    """Return the record (n,) of one life (INJECTED), by its subscriptions and counters."""
     listened, buses = system.subscriptions(life.node), system.buses_of(life.node)
     counted = {"SYNC", *system.received_by(life.node)}
     frames = {}

@@ -32,7 +32,7 @@ class PacketRecord(Protocol):
     names: Sequence[str]
 
     def of(self, link: str) -> Rows:
-        """Packets of a link."""
+        """Return the packets (n,) of a link."""
         ...
 
 

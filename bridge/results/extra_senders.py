@@ -53,7 +53,10 @@ class Surplus:
 def extra_frames(
     system: System, rows: Mapping[Life, Rows], reports: Sequence[NodeReport]
 ) -> Iterator[Surplus]:
-    """Messages of which more was heard than sent: a flood, a recording, a second sender."""
+    """Yield messages with more received than sent frames: a flood, a replay or a second sender.
+
+    `rows`: the rows (slots,) of each life.
+    """
     for report in reports:
         for message, counts in (report.statement.messages if report.statement else {}).items():
             heard = sum(counts.get(name, 0) for name in FRAMES)

@@ -29,9 +29,9 @@ def begin_node(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[s
 def complete_node(
     system: System, folder: Path, report: Statement, facts: Mapping[str, Any]
 ) -> Mapping[Life, Rows]:
-    """Complete the folder; the rows of the node. `facts`: of :func:`begin_node`.
+    """Complete the folder and return the rows (slots,) of the node. `facts`: of :func:`begin_node`.
 
-    Raises RunError where a file cannot be written.
+    Raises RunError if a file cannot be written.
     """
     nodes = folder / NODES
     rows = replay.load(nodes) if report.slots else {}

@@ -37,10 +37,10 @@ OFFLINE = "offline"
 
 
 def run_offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> Path:
-    """Run the scenario with the inputs of the run folder `run` into ``RUN/offline``; returns it.
+    """Run the scenario with the inputs of the folder `run` into ``RUN/offline``; return its path.
 
-    `rows`: of the journals, by life. Raises ScenarioError where a link did not cross a cut (it has
-    no table).
+    `rows`: the rows (slots,) of each life. Raises ScenarioError for a link that does not cross a
+    cut, because it has no table.
     """
     try:
         plan = _recorded_plan(system, run, rows, recorded_inputs(system, rows))
@@ -51,7 +51,10 @@ def run_offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> Path:
 
 
 def recorded_inputs(system: System, rows: Mapping[Life, Rows]) -> list[tuple[str, Inlet]]:
-    """Inputs that are fed with what their node gave them, by node: all but links held as sent."""
+    """Return the inputs that use recorded values, by node: all except links that match fully.
+
+    `rows`: the rows (slots,) of each life.
+    """
     return [x for x in _crossing(system) if not _as_sent(system, rows, *x)]
 
 

@@ -79,7 +79,7 @@ class NodeReport:
 
 
 def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list[NodeReport]:
-    """One a life, in the order of the deployment."""
+    """Return one report per life, in the order of the deployment. `rows`: (slots,) of each life."""
     found = []
     for name, plan in system.nodes.items():
         for life in lives_of(rows, name):
@@ -102,7 +102,10 @@ def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list
 
 
 def age_lines(system: System, rows: Mapping[Life, Rows]) -> list[str]:
-    """Configured, real and total age of everything that crosses a cut."""
+    """Return lines with configured, real and total age of every signal that crosses a cut.
+
+    `rows`: the rows (slots,) of each life.
+    """
     lines = []
     for name, plan in system.nodes.items():
         for i, inlet in enumerate(plan.inlets):

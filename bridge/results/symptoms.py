@@ -85,7 +85,7 @@ class FinishedRun:
         return lives_of(self.rows, node)
 
     def record(self, life: Life) -> Rows | None:
-        """What was done to frames as a life received them (INJECTED); None: no script."""
+        """Return the faults (n,) on frames of a life (INJECTED); None without a script."""
         path = self.nodes / life.file("faults")
         return Journal.open(path) if path.is_file() else None
 

@@ -23,7 +23,7 @@ Rows = NDArray[np.void]
 
 
 def corrupted_frames(rows: Rows, accept: Accept) -> Rows:
-    """Of a record (INJECTED rows) the frames of a message that went on corrupted."""
+    """Return the frames (m,) of a message that were delivered corrupted; `rows` (n,): INJECTED."""
     flipped = rows["kinds"] >> CORRUPT & 1 == 1
     found: Any = rows[
         flipped & accept.among(rows) & (rows["copies"] > 0) & (rows["crc"] != rows["crc_after"])
@@ -63,9 +63,10 @@ def sequences(
 
 
 def undetected(corrupted: IntArray, accepted: Iterable[int]) -> list[int]:
-    """Sequence numbers of corrupted frames that a receiver accepted all the same, ascending.
+    """Return the sequence numbers of corrupted frames that a receiver accepted, ascending.
 
-    A campaign passes where there is none. (A frame of which an intact copy was received as well
-    shows up here; scripts that corrupt and duplicate the same message cannot be judged this way.)
+    `corrupted`: sequence numbers (n,). A campaign passes if there are none. (A frame of which an
+    intact copy was received, too, is included; scripts that corrupt and duplicate the same message
+    cannot be evaluated in this way.)
     """
     return sorted(set(corrupted.tolist()) & set(accepted))

@@ -249,7 +249,10 @@ def per_joint(value: PerJoint, joints: int, unit: str, place: str) -> Array | No
 
 
 def limits(value: PerJoint, joints: int, unit: str, place: str) -> Array | None:
-    """One limit a joint, 0 or more, (joints,); None: not limited. Raises ScenarioError."""
+    """Return one limit per joint, (joints,), 0 or more, in `unit`; None: not limited.
+
+    Raises ScenarioError for invalid values.
+    """
     values = per_joint(value, joints, unit, place)
     if values is not None and not (values >= 0).all():
         raise ScenarioError(f"is {values.tolist()} {unit}, expected 0 or more", place)
@@ -267,7 +270,7 @@ def _stops(stops: Iterable[str], place: str) -> int:
 
 
 def vector(values: ArrayLike, joints: int, place: str) -> Array:
-    """Values of a vector (joints,) for C. Raises ScenarioError for another shape."""
+    """Return values (joints,) for C, in their own unit. Raises ScenarioError for another shape."""
     found = np.ascontiguousarray(values, dtype=np.float64)
     if found.shape != (joints,):
         raise ScenarioError(f"shape is {found.shape}, expected ({joints},)", place)
@@ -275,7 +278,7 @@ def vector(values: ArrayLike, joints: int, place: str) -> Array:
 
 
 def address(values: Array) -> object:
-    """Pointer to the values of a vector (n,), for C."""
+    """Return a pointer for C to the values (n,), of any unit."""
     return values.ctypes.data_as(native.Doubles)
 
 

@@ -161,9 +161,10 @@ def evaluate_stamps(sent: Sequence[float] | Floats, stamps: Floats) -> PingResul
 
 
 def write_trace(path: Path, sent: Floats, delay: Floats) -> None:
-    """A trace as links take it (``law = "trace"``): t_send, delay in s; empty: lost.
+    """Write a trace for links (``law = "trace"``): `sent` and `delay` (n,), s; NaN: lost.
 
-    One way is only known to within the asymmetry of the fastest: 1 us is the least.
+    The one-way delay is known only to within the asymmetry of the fastest round trip; the least
+    delay is 1 us.
     """
     lines = ["t_send,delay"]
     lines += [

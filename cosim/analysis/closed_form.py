@@ -49,7 +49,7 @@ def static_stiffness(law: DynamicFeedback, weight: float, K: float) -> float:
 
 
 def quasi_static_poles(law: DynamicFeedback, K: float, k_p: float, k_d: float) -> Complex:
-    """O3, poles of one robot in the operator's hand without inertia, slowest first, 1/s.
+    """Return the poles (2,) of one robot in a hand without inertia (O3), slowest first, 1/s.
 
     (1 + k_d/K) p² + (alpha + (lambda_M k_d + k_p)/K) p + lambda_M k_p/K = 0
     """
@@ -64,10 +64,11 @@ def poles(
     k_p: Sequence[float],
     k_d: Sequence[float],
 ) -> Complex:
-    """Poles of the network with the operator's hand at its port, slowest first, 1/s.
+    """Return the poles (n,) of the network with a hand at its port, slowest first, 1/s.
 
-    Roots of det(A(p) + k_p + k_d p) = 0, k_p and k_d at the port, inertia and all. With delays
-    there are infinitely many: those are found that Newton's method reaches from a fan of starts.
+    Roots of det(A(p) + k_p + k_d p) = 0, with k_p and k_d at the port and with inertia. With delays
+    there are infinitely many; the result contains those that Newton's method finds from a fan of
+    starts.
     """
     m, n = len(q), len(net.laws)
     linear = net.at(q, estimates)

@@ -44,10 +44,11 @@ def response_by_steps(G: Callable[[Complex], Complex], t: float, n: int) -> Arra
 
 
 def finite_gain(G: Callable[[Complex], Complex], t: float, n: int = SAMPLES) -> float:
-    """The supremum of ‖G f‖₂/‖f‖₂ over forces f on [0, `t`] (s), from rest, in units of G.
+    """Return the supremum of ‖G f‖₂/‖f‖₂ over forces f on [0, `t`] (s), from rest, in units of G.
 
-    Of forces held over `n` steps and the mean response in each, which is a lower bound of the
-    supremum over all forces, and as close as the square of the step.
+    `G` maps p (n,) to G(p), (n,) or (n, m, m). Uses forces held over `n` steps and the mean
+    response in each step. The result is a lower bound of the supremum over all forces; its error
+    decreases with the square of the step.
     """
     spectrum = np.fft.rfft(response_by_steps(G, t, n), 2 * n, axis=0)
     backwards = np.swapaxes(spectrum, 1, 2)

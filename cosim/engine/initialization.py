@@ -18,13 +18,13 @@ from cosim.schedule.plan import Plan
 def initialize(
     plan: Plan, signals: Vector, inputs: Sequence[Views], outputs: Sequence[Views]
 ) -> Termination | None:
-    """Start all components, and fill in `signals` (n_signals,).
+    """Start all components, and fill in `signals` (n_signals,), in the units of the signals.
 
-    Initial outputs travel along wires and links until nothing changes, FMUs being in Initialization
-    Mode. Then each FMU leaves it, with the events at its start, and its outputs are read again:
-    they may differ, and travel on. `inputs`, `outputs`: the signals of each component. Returns how
-    an FMU ended the simulation in these events. Raises ScenarioError where a component does not
-    start, RunError where an output is no finite number.
+    Initial outputs are propagated along wires and links until no value changes, with FMUs in
+    Initialization Mode. Then each FMU leaves this mode, with the events at its start. Its outputs
+    are read again, because they may differ, and are propagated. `inputs`, `outputs`: the signals of
+    each component. Returns how an FMU ended the simulation in these events. Raises ScenarioError if
+    a component does not start, RunError if an output is not a finite number.
     """
     fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
     edges: list[Wire | Link] = [*plan.wires, *plan.links]

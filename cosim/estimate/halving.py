@@ -38,10 +38,10 @@ class StepGroup:
 
 
 def step_in_parts(behind: Engine, group: StepGroup, used: Vector, tick: int, parts: int) -> Vector:
-    """Signals after the group's step from `tick` in `parts` parts; the components go back then.
+    """Return the signals (n_signals,) after the group's step from `tick` in `parts` parts.
 
-    `used`: signals after the whole step: its inputs are those that were held. Raises RunError for
-    a part that fails.
+    The components are then restored. `used`: signals (n_signals,) after the whole step, with the
+    inputs that were held. Raises RunError if a part fails.
     """
     plan, signals = behind.plan, behind.signals.copy()
     for step in group.steps:
@@ -104,5 +104,5 @@ def slot_slice(slot: Slot) -> slice:
 
 
 def outputs(signals: Vector, step: Step) -> Vector:
-    """All outputs of a component: (scalars,)."""
+    """Return all outputs of a component, (scalars,), in the units of its ports."""
     return np.concatenate([np.zeros(0), *(signals[slot_slice(s)] for s in step.outputs)])

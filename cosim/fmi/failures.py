@@ -41,7 +41,10 @@ def starting(name: str) -> Iterator[None]:
 
 
 def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
-    """The message that names the outputs that are not finite; `signals` (n,), all of the plan."""
+    """Return the message that names the outputs that are not finite.
+
+    `signals` (n,): all signals of the plan, in their units.
+    """
     bad = [
         f"{name} = {value}"
         for slot in slots

@@ -44,9 +44,9 @@ def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int)
 def step_refused(
     step: Step, signals: NDArray[np.float64], result: EngineResult, status: int, place: int
 ) -> str:
-    """The message for a step that an FMU refused.
+    """Return the message for a step that an FMU refused.
 
-    `signals` (n,) are all of the plan; `place` is the index of the signal at fault.
+    `signals` (n,): all signals of the plan, in their units; `place`: index of the signal at fault.
     """
     assert isinstance(step.component, FmuComponent)
     slots = (*step.inputs, *step.outputs)

@@ -44,7 +44,7 @@ class Grid:
         return self.n_r * (rows - 1) // self.n_s + 1 if rows else 0
 
     def ticks_up(self, T: FloatArray) -> FloatArray:
-        """ceil(T/h), forgiving 1e-9 tick; whole numbers, or not finite as T is."""
+        """Return ceil(T/h) for times T (n,), s, to 1e-9 tick; not finite where T is not."""
         return np.ceil(T / self.h - TOLERANCE)
 
     def ticks(self, T: float) -> int:

@@ -70,7 +70,7 @@ class Static:
         return (0,)
 
     def shares(self, graphs: int, period: Fraction) -> FloatArray:
-        """All looks see the graph, (1,)."""
+        """Return the fraction of reads that see the graph: 1, of shape (1,)."""
         return np.ones(1)
 
     def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:
@@ -110,7 +110,7 @@ class Random:
         return tuple(range(graphs))
 
     def shares(self, graphs: int, period: Fraction) -> FloatArray:
-        """All graphs are equally likely, (graphs,)."""
+        """Return the fractions (graphs,): all graphs are equally likely."""
         return np.full(graphs, 1.0 / graphs)
 
     def stream(self, graphs: int, period: Fraction, rng: Generator) -> Choices:

@@ -142,7 +142,7 @@ class WeightStream:
         return self._row
 
     def rows(self, n: int) -> FloatArray:
-        """The next `n` rows, (n, senders): the weight of each sender's edge, 0: not there.
+        """Return the next `n` rows, (n, senders): the dimensionless weight of each edge, 0: none.
 
         Raises RunError beyond the length the stream was opened for.
         """

@@ -23,9 +23,9 @@ def arrow(values: NDArray[Any]) -> Any:
 
 
 def numpy(column: Any, dtype: type[np.float64] | type[np.int32]) -> NDArray[Any]:
-    """A copy, (n,), of a column of a table, which is cast to `dtype` where it is another.
+    """Return a copy (n,) of a column of a table in its unit, cast to `dtype` if necessary.
 
-    What is null becomes NaN; of an integer column, ValueError is raised (pyarrow.ArrowInvalid).
+    Null becomes NaN; in an integer column it raises ValueError (pyarrow.ArrowInvalid).
     """
     import pyarrow as pa
 

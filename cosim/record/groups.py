@@ -48,7 +48,7 @@ def schema(columns: Sequence[Column], h: float, every: int, metadata: Mapping[st
 
 
 def batch(values: NDArray[np.float64], fields: Any) -> Any:
-    """An Arrow batch of `values` (columns, rows) as they lie there."""
+    """Return an Arrow batch that shares `values` (columns, rows), in the units of the columns."""
     import pyarrow as pa
 
     return pa.RecordBatch.from_arrays([arrow(column) for column in values], schema=fields)

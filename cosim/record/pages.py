@@ -23,9 +23,9 @@ _DATA_PAGE = 0
 
 
 def groups(path: Path, columns: int, rows: int, count: int) -> Iterator[NDArray[np.float64]]:
-    """The first `count` row groups, each (columns, rows) of float64.
+    """Yield the first `count` row groups (columns, rows), in the units of the columns.
 
-    Raises ScenarioError where the file does not hold them.
+    Raises ScenarioError if the file does not contain them.
     """
     import pyarrow as pa
 

@@ -91,7 +91,7 @@ class ValueStream(Protocol):
     """Values in order, in chunks whose sizes do not change them."""
 
     def rows(self, n: int) -> NDArray[np.float64]:
-        """The next values, (n,)."""
+        """Return the next values (n,), in the unit of the signal."""
 
 
 class ValueSource(Protocol):

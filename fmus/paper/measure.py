@@ -29,7 +29,7 @@ def time_to_target(
 
 
 def spread(run: Run, names: Sequence[str]) -> Array:
-    """Consensus error max over i, j and joints of |q_i - q_j| in each row, (n,)."""
+    """Return the consensus error max over i, j and joints of |q_i - q_j| in each row, (n,), rad."""
     stacked = np.stack([run.array(name) for name in names])
     return np.asarray((stacked.max(axis=0) - stacked.min(axis=0)).max(axis=1))
 
@@ -76,9 +76,9 @@ def peak(run: Run, names: Sequence[str]) -> float:
 
 
 def manipulability(run: Run, force: str, response: Sequence[str]) -> Array:
-    """M^t = ‖y‖₂ / ‖f‖₂ over [0, t], (n,); y is the mean of `response`, less its first value.
+    """Return M^t = ‖y‖₂ / ‖f‖₂ over [0, t], (n,), rad/(N.m).
 
-    NaN as long as no force has acted.
+    y is the mean of `response` minus its first value. NaN as long as the force is zero.
     """
     y = np.mean([run.array(name) for name in response], axis=0)
     return observed(run.t, run.array(force), y)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -31,6 +31,9 @@ SHAPE = re.compile(
     r"|\bper (row|sample|tick)\b"
 )
 ARRAY = re.compile(r"(?<!c\.)\b(NDArray|ndarray|ArrayLike|Array)\b")  # c.Array is of ctypes
+#: Names of array types, such as ``FloatArray``, and a type with float64 entries.
+ALIAS = re.compile(r"^(\w+)(?:: TypeAlias)? = (\S*(?:NDArray|ndarray)\[.*)$", re.MULTILINE)
+FLOATS = re.compile(r"\bfloat\b|np\.float64")
 #: Errors that the type or the framework explains.
 PLAIN = {"NotImplementedError", "AssertionError", "StopIteration", "SystemExit"}
 
@@ -85,13 +88,33 @@ def annotations(function: Function) -> str:
     return " ".join(ast.unparse(x) for x in (*types, *filter(None, [function.returns])))
 
 
-def missing(function: Function, text: str) -> list[str]:
-    """What the docstring does not say."""
+def aliases(text: str) -> dict[str, str]:
+    """The array types that a module names, by their names."""
+    return {name: type_ for name, type_ in ALIAS.findall(text) if name != "Values"}
+
+
+def shared_aliases() -> dict[str, str]:
+    """The array types that modules of the packages name, for those that import them."""
+    found: dict[str, str] = {}
+    for folder in FOLDERS:
+        for path in (ROOT / folder).glob("*.py"):
+            for name, type_ in aliases(path.read_text(encoding="utf-8")).items():
+                found[name] = type_ if found.get(name, type_) == type_ else "NDArray[Any]"
+    return found
+
+
+SHARED = shared_aliases()
+
+
+def missing(function: Function, text: str, own: Mapping[str, str] = {}) -> list[str]:
+    """What the docstring does not say; `own`: the array types of its module."""
     types = annotations(function)
+    named = {**SHARED, **own}
+    types = re.sub(r"(?<![.\w])\w+", lambda word: named.get(word[0], word[0]), types)
     said = []
     if "typer." in types:  # a command: its docstring is its --help, whose options have texts
         text = f"{text}\n{types}"
-    if re.search(r"\bfloat\b", types) and not UNIT.search(text):
+    if FLOATS.search(types) and not UNIT.search(text):
         said.append("a unit (or that a number has none)")
     if ARRAY.search(types) and not SHAPE.search(text):
         said.append("the shape of an array")
@@ -106,8 +129,9 @@ def findings(folder: str) -> list[str]:
     return [
         f"{path.relative_to(ROOT)}:{function.lineno}: {function.name} does not say {what}"
         for path in sorted((ROOT / folder).glob("*.py"))
-        for function, text in public(ast.parse(path.read_text(encoding="utf-8")))
-        for what in missing(function, text)
+        for code in (path.read_text(encoding="utf-8"),)
+        for function, text in public(ast.parse(code))
+        for what in missing(function, text, aliases(code))
     ]
 
 
@@ -126,6 +150,9 @@ def test_docstrings_give_units_shapes_and_errors(folder: str) -> None:
         ("def f(x: float): 'The factor of x.'", ""),
         ('def f(x: float): "The caller\'s m, as it is."', "a unit"),
         ("def f(x: NDArray[np.int32]): 'Sum.'", "the shape"),
+        ("def f(x: FloatArray): 'Sum (n,).'", "a unit"),
+        ("def f(x: IntArray): 'Sum.'", "the shape"),
+        ("def f(x: IntArray): 'Sum of x (n,).'", ""),
         ("def f(x: NDArray[np.int32]): 'Sum of x, of shape (n,).'", ""),
         ("def f(x: NDArray[np.int32]): 'Sum of x (n, m).'", ""),
         ("def f(x: NDArray[np.int32]): 'Sum (of all, if any).'", "the shape"),

@@ -1,7 +1,7 @@
 """The C kernel of a model as a Component, without FMI in between.
 
-The library is the one inside the FMU: the same bytes, so the same numbers. What a kernel stands
-on is four functions (``fmus/c/kernel.c``) over one array of doubles, the struct `Model`.
+The library is the one inside the FMU, so its results are the same. A kernel uses four functions
+(``fmus/c/kernel.c``) over one array of doubles, the struct `Model`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""NumPy for the laws of models, imported when the first of them is evaluated.
+"""NumPy for the laws of models, imported when the first law is evaluated.
 
-Declarations are read without it: an installation builds the FMUs where there is no NumPy.
+Declarations are read without it, because an installation builds the FMUs without NumPy.
 """
 
 from __future__ import annotations

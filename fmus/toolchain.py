@@ -1,12 +1,12 @@
 """The C compiler: C99 sources in, one shared library out, the same numbers from every compiler.
 
-The host's own compiler serves the host (``$CC``, ``cc``, ``gcc`` or ``clang``, the first that
-builds a small library); where there is none, and for every other platform, the PyPI package
-`ziglang` does. Knows nothing of FMI and nothing of models.
+The host's own compiler builds for the host (``$CC``, ``cc``, ``gcc`` or ``clang``, the first that
+builds a small library). If there is none, and for every other platform, the PyPI package `ziglang`
+is used. This module does not depend on FMI or on models.
 
-What makes the numbers equal: C99, no fused multiply-add (``-ffp-contract=off``), no fast-math,
-no instruction set beyond the platform's baseline. The sources must bring their own sin and cos;
-sqrt, rounded correctly everywhere, may come from libm.
+Equal numbers require C99, no fused multiply-add (``-ffp-contract=off``), no fast-math, and no
+instruction set beyond the platform's baseline. The sources must bring their own sin and cos; sqrt,
+which is correctly rounded on every platform, may come from libm.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A run with faults on a simulated clock: as fast as it can be computed, and the same every time.
+"""A reproducible run with faults on a simulated clock, as fast as it can be computed.
 
-The nodes, receivers, guards, drives and the injector are those of a rehearsal, and so are journals,
-reports and what is concluded from them; processes, networks and the wall clock are not there.
+Nodes, receivers, guards, drives, the injector, journals, reports and the evaluation are those of a
+rehearsal. There are no processes, no networks and no wall clock.
 """
 
 from __future__ import annotations

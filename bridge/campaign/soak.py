@@ -1,6 +1,6 @@
-"""One run of a soak: real nodes, faults drawn from a seed, and whether all was as it has to be.
+"""One run of a soak test: real nodes, faults drawn from a seed, and the checks of the run.
 
-Plain data goes in and comes out; it runs in a process of its own (:mod:`cosim.sweeps.workers`).
+Input and output are plain data; the run has its own process (:mod:`cosim.sweeps.workers`).
 """
 
 from __future__ import annotations

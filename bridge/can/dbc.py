@@ -1,9 +1,9 @@
 """DBC files, read by cantools (this module is the only one that imports it).
 
-A message says how it is protected by two attributes: ``E2EProfile`` (None, P02, P05) and
-``E2EDataId`` (hexadecimal: 16 bytes for P02, 16 bits for P05); then its signals `crc` and `counter`
-are where the profile has them, and `status`, `t_us`, if there, belong to the header too. A signal
-says by ``InvalidRaw`` which raw value is no number.
+Two attributes of a message define its protection: ``E2EProfile`` (None, P02, P05) and ``E2EDataId``
+(hexadecimal: 16 bytes for P02, 16 bits for P05). The signals `crc` and `counter` of a protected
+message are at the positions of the profile, and `status` and `t_us`, if present, belong to the
+header, too. The attribute ``InvalidRaw`` of a signal defines the raw value that is not a number.
 """
 
 from __future__ import annotations

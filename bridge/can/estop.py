@@ -1,10 +1,11 @@
 """Emergency stop from outside: ``python -m bridge.can.estop -i socketcan -c vcan0``.
 
-Sends the ESTOP frame every 10 ms until it is told to stop (SIGTERM, SIGINT), or for some seconds.
-Whoever hears it ramps down, latches, and passes it on to its other buses. Buses are named as
-python-can users know them; ``udp_multicast`` stays on this machine.
+Sends the ESTOP frame every 10 ms until SIGTERM or SIGINT, or for a given time. Every node that
+receives it ramps its torque down, latches the stop, and forwards it to its other buses. Buses are
+named as in python-can; ``udp_multicast`` stays on this machine.
 
-This is a frame on a bus. It replaces no emergency stop that cuts the power without software.
+This is a frame on a bus. It does not replace an emergency stop that cuts the power without
+software.
 """
 
 from __future__ import annotations

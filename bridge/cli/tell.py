@@ -1,4 +1,4 @@
-"""``cosim tell``: nodes on Zenoh started, stopped, armed, reset, or asked how they are."""
+"""``cosim tell``: start, stop, arm, reset or query nodes on Zenoh."""
 
 from __future__ import annotations
 

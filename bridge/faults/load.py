@@ -1,7 +1,7 @@
 """Reading of fault scripts: TOML decoded into frozen structs.
 
-A key that is no field of a kind is an error; every error names the file and the place in it. What
-the kinds mean is in docs/faults.md; what is done with a script, in :mod:`bridge.faults.script`.
+An unknown key of a fault is an error; every error names the file and the place in it.
+docs/faults.md describes the kinds of faults, :mod:`bridge.faults.script` executes a script.
 """
 
 from __future__ import annotations

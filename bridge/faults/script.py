@@ -1,7 +1,7 @@
 """A fault script prepared for execution: rules for C, and events for a supervisor.
 
 Faults of frames act where a node receives (``bridge/c/faults.h``): :meth:`FaultScript.frames_for`.
-Faults of processes and buses are a list of events that whoever supervises the nodes carries out:
+Faults of processes and buses are a list of events that the supervisor of the nodes carries out:
 :meth:`FaultScript.process_events`. Times count from the start of the run.
 """
 

@@ -1,8 +1,8 @@
 """A passive listener: state of a deployment's nodes from the traffic of its buses.
 
-Nothing is sent (a CAN controller still acknowledges frames, unless its interface is set to listen
-only). Heartbeats tell the state of a node; messages tell values, and losses by their counters; on
-Zenoh tokens tell who is there.
+It sends nothing (a CAN controller still acknowledges frames, unless its interface is set to listen
+only). Heartbeats give the state of a node, messages give values, counters of messages give losses,
+and on Zenoh tokens give the nodes that are present.
 """
 
 from __future__ import annotations

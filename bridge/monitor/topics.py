@@ -1,9 +1,9 @@
 """Rows of nodes as messages for plotting tools: MCAP files, Foxglove, PlotJuggler.
 
-A component is a topic, ``/master``, whose fields are its ports, flattened; a node is another,
-``/nodes/master``: what its journal says of a slot. Messages are JSON with a schema, so that readers
-need nothing of ours; a number that is not finite is ``null``. Times are those of the deadlines:
-log time 0 is t = 0 where nobody knows when that was.
+A component is a topic, ``/master``, whose fields are its ports, flattened. A node is another topic,
+``/nodes/master``, with the data of its journal for each slot. Messages are JSON with a schema, so
+readers need no code of this project; a number that is not finite is ``null``. Times are those of
+the deadlines: log time 0 is t = 0 if the date of t = 0 is unknown.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What others may tell a running node, and what of its answers is passed on.
+"""Commands to a running node, and the answers that are passed on.
 
-The node itself is C without the GIL (``bridge/c/live.c``); these are threads beside it.
+The node itself is C code without the GIL (``bridge/c/live.c``); the threads here run next to it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Drives with their own protocols: watchdog set and read back, enabled, disabled at the end.
 
-What a profile says in raw frames (``configs/drives``), sent by who supervises nodes that move real
-drives. A drive whose watchdog does not read back as written is not enabled, and nothing starts.
+Sends the raw frames of a drive's profile (``configs/drives``) on behalf of the supervisor of nodes
+that move real drives. If the watchdog of a drive does not read back as written, the drive is not
+enabled, and nothing starts.
 """
 
 from __future__ import annotations

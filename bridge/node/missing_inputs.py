@@ -1,9 +1,8 @@
 """Messages that a node has not received before its start or no longer receives.
 
-A node is ready when it has heard a preview of every message that it needs and a heartbeat of every
-node that it requires: a connection that exists, a subscription that is declared or a token that is
-there do not show that samples arrive. A run whose nodes are all ready is one in which everybody is
-heard by everybody who needs it.
+A node is ready when it has received a preview of every message that it needs and a heartbeat of
+every node that it requires. A connection, a declared subscription or a token does not show that
+samples arrive. If all nodes of a run are ready, each one receives everything that it needs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Entry point of a node's process, before anything heavy is imported.
+"""Entry point of a node's process, before slow imports.
 
-python-can imports asammdf wherever that is installed, half a second that only who writes MF4 logs
-needs; a node does not.
+python-can imports asammdf if it is installed, which takes half a second. Only writers of MF4 logs
+need it, and a node does not write them.
 """
 
 from __future__ import annotations

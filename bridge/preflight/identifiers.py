@@ -1,8 +1,8 @@
 """Users of each identifier on a CAN bus: messages, services and drives, in both directions.
 
-A drive has more frames than the messages that a deployment names: those that enable, disable and
-clear it, its registers and their answers, feedback nobody listens to, and what CANopen devices send
-by themselves. Two parties with one identifier are an error, also where one of them is no message.
+A drive has more frames than the messages that a deployment names: frames that enable, disable and
+clear it, its registers and their answers, unused feedback, and frames that CANopen devices send on
+their own. Two users of one identifier are an error, even if one of them is not a message.
 """
 
 from __future__ import annotations

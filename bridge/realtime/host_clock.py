@@ -1,7 +1,7 @@
-"""Which clock a host has: its number in EPOCH, and whether a time server keeps its date.
+"""Identification of a host's clock: its number in EPOCH, and whether it is synchronized.
 
-Processes of one host share its clocks. Two hosts share the date (CLOCK_REALTIME) as far as both are
-kept by time servers (NTP, PTP): the kernel says whether, and with which error.
+Processes of one host share its clocks. Two hosts share the date (CLOCK_REALTIME) if time servers
+(NTP, PTP) synchronize both; the kernel reports whether, and with which error.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Each thing a node asks of the operating system: how, and why it was not granted.
+"""Implementation of each request to the operating system, with the reason for a refusal.
 
-Linux; elsewhere everything but Python's own settings is refused and said to be. Whatever is done
-is put on a stack that undoes it.
+Linux only; on other systems all requests except Python's own settings are refused and reported as
+such. Every setting is put on a stack that restores it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Requests of a node to the operating system (priority, memory, timers), and their results.
 
-Each item is asked for on its own, and what was granted, what was not and why is said in one row
-each. `ask` goes on with what there is (rehearsal); `enforce` refuses to start (hardware). The
-kernel's throttling of real-time tasks is left as it is, so that a node that never sleeps cannot
-take the machine; threads and processes started later are not real-time ones. See
+The requests are independent, and the report has one row for each: granted or refused, and why. With
+`ask` a node continues without refused requests (rehearsal); with `enforce` it refuses to start
+(hardware). The kernel's throttling of real-time tasks is not changed, so that a node that never
+sleeps cannot block the machine. Threads and processes started later are not real-time. See
 ``docs/real-time.md``.
 """
 

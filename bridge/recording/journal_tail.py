@@ -1,7 +1,7 @@
-"""A journal that is being written, read by another process: no mapping, no lock, no trace.
+"""A journal that is being written, read by another process without mapping or locking it.
 
-A writer that ends cuts its file; who has it mapped then dies of SIGBUS where it reads beyond the
-end. So this reads with ``pread``, and gets less instead.
+A writer that ends truncates its file, and a process that has mapped the file would receive SIGBUS
+when it reads beyond the end. This module uses ``pread``, which returns fewer bytes instead.
 """
 
 from __future__ import annotations

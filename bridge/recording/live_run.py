@@ -1,7 +1,7 @@
 """A run folder of nodes that may still be running, read without disturbing them.
 
-Everything comes from files: ``rehearsal.json`` (what runs, since when, by whom), the journals and
-bus logs of the nodes, and what they reported at their end.
+All data comes from files: ``rehearsal.json`` (the deployment, its processes and the start), the
+journals and bus logs of the nodes, and their reports at the end.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Journals of nodes -> a run folder like that of an offline run, with bus logs and link tables.
 
-Signals stand on the base tick of the scenario: what a node computed in a slot holds until its next
-one, and what a node that has died knew last stays as it was.
+Signals are on the base tick of the scenario: values that a node computed in a slot hold until its
+next slot, and the last values of a node that has ended remain.
 """
 
 from __future__ import annotations

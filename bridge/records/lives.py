@@ -1,9 +1,9 @@
-"""A life of a node: which node it is, and the how many-th process of it in a run.
+"""A life of a node: the node, and the number of its process in a run.
 
-A life has one text form, which names its files and stands in reports: ``slave`` is the first life
-of the node ``slave``, ``slave@2`` the second. Characters that a file name or the text form cannot
-hold are percent-encoded, so two lives never have the same files. The text is made and read here
-only.
+A life has one text form, which is used in file names and reports: ``slave`` is the first life of
+the node ``slave``, ``slave@2`` the second. Characters that are not allowed in a file name or in the
+text form are percent-encoded, so two lives never have the same files. Only this module writes and
+parses the text form.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What nodes and their supervisor report: typed records, written as JSON and read back.
+"""Reports of nodes and of their supervisor: typed records, written as JSON and read back.
 
-Everything that decides something reads fields. The sentences that people read are made of the
-fields by ``text()`` here, and nobody parses them.
+Decisions read fields. The method ``text()`` makes messages for people from these fields; no code
+parses them.
 """
 
 from __future__ import annotations

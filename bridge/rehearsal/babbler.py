@@ -1,10 +1,9 @@
 """A babbling peer: ``python -m bridge.rehearsal.babbler -i socketcan -c vcan0 --id 0x10 --rate
 2000``.
 
-Sends frames of one identifier at a rate until it is told to stop (SIGTERM, SIGINT), or for so many
-seconds. The data is a counter. What the bus does not take is counted and not sent again. Buses are
-named as python-can users know them (``-i``, ``-c``, ``--fd`` ...); ``udp_multicast`` stays on this
-machine.
+Sends frames of one identifier at a rate until SIGTERM or SIGINT, or for a given time. The data is a
+counter. Frames that the bus does not accept are counted and not repeated. Buses are named as in
+python-can (``-i``, ``-c``, ``--fd`` ...); ``udp_multicast`` stays on this machine.
 """
 
 from __future__ import annotations

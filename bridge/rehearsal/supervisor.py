@@ -1,7 +1,7 @@
-"""A rehearsal: one process a node on the wall clock, started together, watched, and collected.
+"""A rehearsal: one process per node on the wall clock, started together, monitored, and collected.
 
-What is left behind is in the run folder whatever happens: journals survive the death of who writes
-them, and a node that is killed is a line of the report.
+All results are in the run folder in every case: journals survive the end of the process that
+writes them, and a killed node is a line of the report.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""A network that delays and loses packets as told, in user space: for tests on a real IP stack.
+"""A network with given delays and losses, in user space: for tests on a real IP stack.
 
 Hosts are network namespaces, each with one TUN interface; the router between them is a process of
-ours. What happens to a packet is drawn from the laws of :mod:`cosim.links`, seeded, a directed link
-on its own, and what became of every packet is recorded. Linux, as root.
+this project. Delays and losses of each directed link are drawn separately from the laws of
+:mod:`cosim.links`, with a seed, and the result for every packet is recorded. Requires Linux and
+root.
 """

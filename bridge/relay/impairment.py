@@ -1,7 +1,7 @@
-"""What happens to the packets of one directed link: delay, loss, order, rate, partition.
+"""Impairment of the packets of one directed link: delay, loss, order, rate, partition.
 
-Delays are drawn as a function of time, every `GRID`, losses a packet: as on a link of a scenario
-whose sender sends at that rate. Time is an argument.
+Delays are drawn as a function of time, every `GRID`; losses are drawn per packet, as on a link of a
+scenario whose sender sends at that rate. Time is an argument.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Comparison of every fault of a script with the evidence in the report of the run.
 
-A fault is *seen* where the report has a sign of it (:data:`SIGNS`), *unseen* where it has none,
-and *idle* where there was nothing to act on: no frame came while it held, or none that another
-fault had left, or nobody was there to receive.
+A fault is *seen* if the report has a symptom of it (:data:`SIGNS`), *unseen* if it has none, and
+*idle* if there was nothing to act on: no frame arrived while the fault was active, other faults had
+removed all frames, or there was no receiver.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Faults of the network between hosts, held against what receivers report
+"""Comparison of faults of the network between hosts with the reports of receivers
 (bridge.results.detection).
 """
 

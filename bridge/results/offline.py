@@ -1,11 +1,11 @@
 """A recorded run as one offline run: no nodes, no buses, inputs as they were received.
 
-The replay computes every node again; this asks whether the scenario, as one program, gives the
-same. A link whose receiver held what was sent runs over its recorded table. Every other input that
-crossed the cut is fed with what its node gave it: torques as drives made them, values as buses
-rounded them, samples of strangers. Where a node told a controller for how long it had heard
-nothing, the controller is told the same. So the run is the recorded one to the last bit, or
-something was altered.
+The replay computes every node again. This module checks whether the scenario, as one program, gives
+the same result. A link whose receiver held the samples that were sent uses its recorded table.
+Every other input that crossed the cut uses the values that its node gave it: torques modified by
+drives, values rounded by buses, samples of foreign senders. If a node told a controller the time
+since the last sample, the controller receives the same time. The result therefore equals the
+recorded run to the last bit, unless something was altered.
 """
 
 from __future__ import annotations

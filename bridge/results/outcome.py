@@ -3,11 +3,11 @@
 ::
 
     RUN/run.json               scenario, deployment, settings, versions, verdict
-    RUN/trajectories.parquet   signals on the base tick, as an offline run has them
-    RUN/links/*.parquet        which sent sample each link's receiver held
-    RUN/nodes/LIFE.journal     a row a slot; LIFE.heard a row a sample that it heard;
+    RUN/trajectories.parquet   signals on the base tick, as in an offline run
+    RUN/links/*.parquet        sample that each link's receiver held
+    RUN/nodes/LIFE.journal     one row per slot; LIFE.heard one row per received sample;
                                LIFE.json its report; LIFE.BUS.frames every frame;
-                               LIFE is NODE, or NODE@2 where it was started again
+                               LIFE is NODE, or NODE@2 after a restart
     RUN/buses/BUS.log          candump
     RUN/twin/                  the same on a simulated clock
 """

@@ -1,8 +1,8 @@
-"""The record of injected faults, held against what receivers accepted.
+"""Comparison of the record of injected faults with the samples that receivers accepted.
 
-A frame that was corrupted has to be refused by its receiver's checks. Its sequence number is known:
-the record has the data as it was, hence the counter, and when it came. No such number may be among
-those accepted.
+The checks of a receiver must refuse a corrupted frame. Its sequence number is known, because the
+record contains the original data with the counter, and the time of arrival. No such number may be
+among the accepted ones.
 """
 
 from __future__ import annotations

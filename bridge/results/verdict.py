@@ -1,9 +1,9 @@
 """The verdict of a rehearsal: passed, failed or inconclusive, with reasons.
 
-*Failed*: a node did not come to the end, the replay is not the run, more samples were heard than
-their senders sent, or others, values were out of their range, or a fault on purpose is not in the
-report. *Inconclusive*: only what a machine that stands still causes as well, and a node was that
-late although no fault made it so.
+*Failed*: a node stopped before the end, the replay differs from the run, more or other samples were
+received than sent, values were out of range, or an injected fault is not in the report.
+*Inconclusive*: a slow machine can explain all problems, and a node was so late that it would cause
+them, although no fault made it late.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A node's C struct, made of its plan, its deployment, its buses and the clock it runs on.
+"""A node's C struct, built from its plan, its deployment, its buses and its clock.
 
-What a node is does not depend on the clock; what is behind its inlets and buses does. Everything C
-points to is kept alive by :class:`WiredNode`.
+The struct does not depend on the clock; the connections of inlets and buses do.
+:class:`WiredNode` keeps all memory alive to which the C code points.
 """
 
 from __future__ import annotations

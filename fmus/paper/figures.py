@@ -1,7 +1,7 @@
-"""Figs 1-15 in the paper's layout: one diagram a figure, as a PNG and the numbers as CSV.
+"""Figs 1-15 in the paper's layout: one diagram per figure, as a PNG, and the numbers as CSV.
 
-The paper's own pictures are not at hand: what is drawn is what the captions say, over a time
-after which nothing happens any more. Figs 4 and 5 are the graphs chosen here.
+The paper's own pictures are not available. The figures show what the captions describe, until the
+motion has settled. Figs 4 and 5 are the graphs chosen here.
 """
 
 from __future__ import annotations

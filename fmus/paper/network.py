@@ -1,9 +1,9 @@
 """Sec. V and VII-B, Theorems 3 and 4, Figs 6-11: six arms, one of them in the operator's hand.
 
-The paper's graphs are lost. The figures show `ring`; claims are checked on `ring`, `tree3` and
-`dense` of :mod:`cosim.links.graphs`. Bands of what is random: an independent simulation with
-another generator gave them over 8 seeds; here they are what 200 seeds of our own give, rounded
-outwards, which is wider, as 200 seeds must be.
+The paper's graphs are not available. The figures show `ring`; claims are checked on `ring`, `tree3`
+and `dense` of :mod:`cosim.links.graphs`. An independent simulation with another random generator
+gave the bands of random results over 8 seeds. The bands here are the range of 200 seeds of this
+project, rounded outwards.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Sec. VI and VII-C, Theorem 5, Figs 12-15: master and slave over links with varying delay.
 
-Bands of what is random: an independent simulation with another generator gave them over 8 seeds;
-here they are as wide as what 200 seeds of our own links give, which is a little wider.
+An independent simulation with another random generator gave the bands of random results over 8
+seeds. The bands here cover 200 seeds of this project's links, which is slightly wider.
 """
 
 from __future__ import annotations

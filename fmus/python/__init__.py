@@ -1,4 +1,4 @@
-"""FMUs of what is not in ``fmus.models``: a Python class, or a C model declared in a file."""
+"""FMUs of models outside ``fmus.models``: a Python class, or a C model declared in a file."""
 
 from fmus.python.declared import load_module
 from fmus.python.slave import build_class

@@ -1,8 +1,8 @@
-"""``fmus build path/to/model.py``: a model in C, declared in a file that lies anywhere.
+"""``fmus build path/to/model.py``: a C model declared in a Python file at any place.
 
-The file has a function ``model()`` that gives a :class:`fmus.model.Model`; its C source is named by
-an absolute path, as ``str(Path(__file__).with_name("law.c"))``. Everything else is the layer every
-model of this project has.
+The function ``model()`` of the file returns a :class:`fmus.model.Model` with an absolute path of
+its C source, such as ``str(Path(__file__).with_name("law.c"))``. The other layers are those of all
+models of this project.
 """
 
 from __future__ import annotations

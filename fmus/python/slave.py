@@ -1,9 +1,9 @@
 """``fmus build my_module:MyController``: an FMU 2.0 of a Python component, by PythonFMU.
 
-The FMU couples to a tool, the Python it runs in: wherever it is used there must be Python of the
-same minor version with this project and NumPy, and the master has to be a Python process or to
-have libpython loaded. A step costs some microseconds. Such an FMU cannot save its state. For
-anything else write the law in C (``fmus build path/to/model.py``).
+The FMU is a wrapper (tool coupling) around Python. The machine that runs it needs Python of the
+same minor version with this project and NumPy, and the importer must be a Python process or have
+loaded libpython. A step costs some microseconds. Such an FMU cannot save its state. For other
+requirements write the law in C (``fmus build path/to/model.py``).
 """
 
 from __future__ import annotations

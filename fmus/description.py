@@ -1,6 +1,6 @@
 """The XML files of an FMU, for FMI 2.0.5 and FMI 3.0.2, from a model's declaration.
 
-An annotation in both says whether the FMU is sampled or continuous, for whoever schedules it
+An annotation in both gives the kind of the FMU, sampled or continuous, which the schedule uses
 (:mod:`cosim.base.component`); other tools ignore it.
 """
 

@@ -1,8 +1,8 @@
-"""Shared libraries of models: each C file is compiled once for all the models it is the same for.
+"""Shared libraries of models: each C file is compiled once for all models that share it.
 
-The FMI layer reads what it has to know of a model from tables (``fmus/c/declaration.h``). Only the
-model's own C file and these tables include what is generated from the declaration; the objects of
-all other files are linked into every library.
+The FMI layer reads the properties of a model from tables (``fmus/c/declaration.h``). Only the
+model's own C file and these tables include generated code; the objects of all other files are
+linked into every library.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""FMUs that came with the installation, found without the builder: a command starts sooner.
+"""FMUs of the installation, found without the builder, which makes commands start faster.
 
-``built.json`` beside them says what they were made from: the sources, as one digest, and the
-declaration of each model. Where both still hold, the FMU is that of the model.
+``built.json`` next to them records their inputs: a digest of the sources, and the declaration of
+each model. If both are unchanged, the FMU is that of the model.
 """
 
 from __future__ import annotations

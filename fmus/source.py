@@ -1,8 +1,8 @@
-"""A model in C: the files its library is compiled from, some of them generated here.
+"""A model in C: the source files of its library, some of them generated here.
 
-``variables.h`` (the struct `Model`) and ``variables.c`` (the tables for the FMI layer) follow from
-the declaration; the rest lies in ``fmus/c``. Together with the declaration they determine the token
-by which an FMU's description and its binary recognise each other.
+``variables.h`` (the struct `Model`) and ``variables.c`` (the tables for the FMI layer) are
+generated from the declaration; the other files are in ``fmus/c``. Together with the declaration
+they determine the token by which an FMU's description and its binary recognize each other.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Guards, drives and stale inputs of a deployment, located in a node's plan.
 
-What names nothing is an error here, before a node is made: a guard that guards no message, or a
-drive behind which no torque arrives, would protect nobody without a word.
+An entry that refers to nothing is an error, before a node is built: a guard without a message, or a
+drive that receives no torque, would silently have no effect.
 """
 
 from __future__ import annotations

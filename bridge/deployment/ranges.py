@@ -1,17 +1,17 @@
-"""What received values may be, a range and a rate each: C refuses samples outside of them.
+"""Valid range and rate of each received value: C refuses samples outside.
 
-The range of a value is what all of these have in common:
+The range of a value is the intersection of:
 
-* what its DBC signal can hold, and the range the DBC file gives it;
-* what the components declare: min and max of the output it comes from and the input it goes to;
-* what the deployment says of the signal (``[signals]``), or else
-* torque of a drive: twice the drive's `tau_max`; what lies between the drive cuts off;
-* position, velocity and torque in a drive's profile: its `q_max`, twice its `dq_max` and `tau_max`.
+* the range that its DBC signal can represent, and the range declared in the DBC file;
+* the min and max that the components declare for the output and the input;
+* the range of the signal in the deployment (``[signals]``); without it
+* for a torque of a drive: twice the drive's `tau_max`, since the drive limits smaller torques;
+* for position, velocity and torque in a drive's profile: `q_max`, twice `dq_max` and `tau_max`.
 
-A guard's limits make no range: what breaks them has to reach the guard.
+The limits of a guard define no range, because the guard must see values that exceed them.
 
-The rate is the deployment's, or else the whole range in `CROSSING`, for torques in
-`TORQUE_CROSSING`. Torques may fall to 0 at any rate: guards and ramps take them away at once.
+The rate is that of the deployment; without it, the whole range in `CROSSING`, or for torques in
+`TORQUE_CROSSING`. Torques may fall to 0 at any rate, because guards and ramps remove them at once.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Services of a bus: messages of nodes in addition to those of the deployment.
 
-NMT (commands), SYNC, ESTOP (stop, everybody), EPOCH (which run this is, and its t = 0) and
-heartbeats. Each bus has its own: a CAN bus those that its deployment lists, as the messages NMT,
-SYNC, ESTOP, EPOCH and HEARTBEAT_n of its DBC file with their identifiers (nothing listed: all that
-the file has); a bus with the frames of drives that have a protocol of their own has none; a Zenoh
-bus has all but SYNC.
+The services are NMT (commands), SYNC, ESTOP (emergency stop of all nodes), EPOCH (the run and its
+t = 0) and heartbeats. A CAN bus has those that its deployment lists, as the messages NMT, SYNC,
+ESTOP, EPOCH and HEARTBEAT_n of its DBC file (default: all of the file). A bus with the frames of
+drives with their own protocol has none; a Zenoh bus has all except SYNC.
 """
 
 from __future__ import annotations

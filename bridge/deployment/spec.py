@@ -1,7 +1,7 @@
-"""A deployment: which components live in which node, which message carries what crosses a cut.
+"""A deployment: the node of each component, and the message of each signal that crosses a cut.
 
-TOML read into frozen structs, as scenarios are (:mod:`cosim.scenario.spec`): numbers are SI or
-texts with a unit, a key that is no field is an error, and every error names file and place.
+TOML is read into frozen structs, as for scenarios (:mod:`cosim.scenario.spec`): numbers are SI or
+texts with a unit, an unknown key is an error, and every error names file and place.
 """
 
 from __future__ import annotations

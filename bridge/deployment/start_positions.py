@@ -1,8 +1,7 @@
 """Comparison of arm positions before the start: arms too far apart are not coupled.
 
-``nodes.X.apart = { of = "master.q", other = "slave.q", within = "0.1 rad" }``: both are outputs
-that messages carry; X hears both, and refuses to start (``WHY_APART``) while any entry differs by
-more.
+``nodes.X.apart = { of = "master.q", other = "slave.q", within = "0.1 rad" }``: messages carry both
+outputs; X receives both, and refuses to start (``WHY_APART``) while any entry differs by more.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A scenario under a deployment: the nodes' plans, and the messages between them with their codecs.
 
-Everybody who has to agree makes it from the same two files: each node, the twin, the replay.
+Each node, the twin and the replay build it from the same two files and therefore agree.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Present state of a rehearsal: nodes, ages, buses, metrics and signals of the last second.
 
-A snapshot is made of what stands in files (:mod:`bridge.recording.live_run`); it changes nothing
-and needs no memory of an earlier one.
+A snapshot is computed from files (:mod:`bridge.recording.live_run`). It changes nothing and does
+not depend on earlier snapshots.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Rows of one kind in a file mapped into memory (``bridge/c/journal.h``).
 
-C appends (:attr:`Journal.address`), or Python (:meth:`Journal.append`); whoever reads sees what
-was written so far, also after the writer was killed: the rows are in the page cache. What a row is
-made of stands behind the last row, so that a file says by itself what is in it. The writer holds a
-lock on the file, by which :func:`cosim.record.live.in_use` sees that it is still being written.
+C (:attr:`Journal.address`) or Python (:meth:`Journal.append`) appends rows. Readers see all rows
+written so far, even after the writer was killed, because the rows are in the page cache. The
+description of the rows follows the last row, so the file is self-describing. The writer holds a
+lock on the file, by which :func:`cosim.record.live.in_use` detects that it is still being written.
 """
 
 from __future__ import annotations

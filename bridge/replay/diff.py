@@ -1,15 +1,15 @@
 """Comparison of two runs (offline, twin, rehearsal or hardware): differences and a verdict.
 
-Runs are compared on the rows of the one that was recorded more coarsely, over the time both have;
-the other holds its last value. Two runs of one scenario are *equal* where they are no further apart
-than one of them is from itself a period later, and a step of the quantisation::
+The runs are compared on the rows of the run with fewer rows, over their common time; the other run
+holds its last value. Two runs of one scenario are *equal* if their difference is at most the change
+of either run within one period, plus a step of the quantization::
 
     d(t) = b(t) - a(t),   v(t) = x(t + T) - x(t) for x = a, b
     RMS(d) <= RMS(v) + LSB   and   max |d| <= max |v| + LSB
 
-T is the slowest component's period (s), LSB that of the message that carries the signal, if one is
-there. What nobody is sent (a controller's estimates and states) is shown, but not judged: it
-integrates every difference.
+T is the slowest component's period (s), LSB that of the message that carries the signal, if there
+is one. Signals that are not sent (a controller's estimates and states) are listed without a
+verdict, because they integrate every difference.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Controllers run on the frames of a bus log; their torques are compared with the sent ones.
 
-No journal is needed, so it works for any run with hardware that somebody logged. Each controller's
-node runs as it is (receivers, delay lines, guard, codec, life cycle) in slots at the times that its
-own frames tell, and hears what the log says had arrived. What a log does not tell is a reason to
-differ: a state from before its first frame, a command that came by no bus, an arrival that was not
-in the order of the log.
+No journal is needed, so it works for any run with hardware with a bus log. Each controller's node
+runs unchanged (receivers, delay lines, guard, codec, life cycle) in slots at the times of its own
+frames, and receives the frames that had arrived according to the log. Data that the log lacks can
+cause differences: a state from before its first frame, a command that came over no bus, an arrival
+in another order than in the log.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Comparison of received with sent samples, by message and number.
 
-A sender's samples are those it computes again in a replay, encoded and decoded as on its bus, and
-passed on as gateways do. A sample that was heard with other values did not come from the recorded
-sender, was altered on its way, or was given a wrong number by its receiver.
+A sender's samples are those that it computes in a replay, encoded and decoded as on its bus, and
+forwarded as by gateways. A received sample with other values did not come from the recorded
+sender, was altered in transit, or was given a wrong number by its receiver.
 """
 
 from __future__ import annotations

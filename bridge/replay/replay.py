@@ -1,9 +1,9 @@
 """Replay of a recorded run: every node computes its slots from its journals.
 
-Nothing but the samples heard, the sequence numbers held and the events of the life cycle is taken
-from the recording: so every signal of every node comes out the same to the last bit, whoever its
-peers were, or something was altered. Whether what was heard is what its sender sent is another
-question (:mod:`bridge.replay.received_and_sent`).
+Only the received samples, the sequence numbers held and the events of the life cycle are taken from
+the recording. Every signal of every node must therefore be equal to the last bit, independently of
+its peers; otherwise something was altered. :mod:`bridge.replay.received_and_sent` checks whether
+the received samples are those that were sent.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Whatever happens to the launcher, nothing of a run stays behind.
+"""Supervision of a guest: no process remains after a run, even if the launcher is killed.
 
-Two processes. The *front* is what the caller started: it hands signals on and gives the exit
-status. The *watcher*, in a session of its own so that signals to the caller's process group do
-not reach it, runs the guest. When the front dies, even by SIGKILL, the kernel sends SIGTERM to
-the watcher (PR_SET_PDEATHSIG), which stops the guest in good order. Both adopt orphans
-(PR_SET_CHILD_SUBREAPER), so each can end exactly what descends from it.
+There are two processes. The *front* is the process that the caller started: it forwards signals and
+returns the exit status. The *watcher* runs the guest, in a separate session, so that signals to the
+caller's process group do not reach it. When the front ends, even by SIGKILL, the kernel sends
+SIGTERM to the watcher (PR_SET_PDEATHSIG), which stops the guest in an orderly way. Both adopt
+orphans (PR_SET_CHILD_SUBREAPER), so each can end all its descendants.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Permissions to publish, derived from the deployment: a node has its own keys; all receive.
 
-Subjects are the common names of certificates, which are the names of the nodes. The rules are in
-every listener, and in a router; what is not allowed is denied.
+Subjects are the common names of certificates, which are the names of the nodes. Every listener and
+every router has these rules and denies everything else.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A passive listener on a Zenoh bus: it publishes nothing, has no token and answers no query.
 
-A node is ready once somebody subscribes to each of its messages, and anybody counts. So at first
-only tokens and heartbeats are listened to: a node that sends heartbeats waits no more, and its
-messages are subscribed to from the first one until its token has gone.
+A node becomes ready when each of its messages has a subscriber, including this listener. The
+listener therefore first subscribes only to tokens and heartbeats. A node that sends heartbeats no
+longer waits, so its messages are subscribed to from its first heartbeat until its token disappears.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Peers whose messages no longer arrive although the session exists, and their recovery.
 
-After a partition that only one end of a connection has noticed, Zenoh's other end may keep a
-transport that nothing comes through: the peer's token is still there. After a pause of a second, a
-UDP listener may hold a datagram of a connection that it has given up, and accepts nobody from then
-on: the token is gone for ever. A declaration that was lost leaves one key unheard, and the others
-not. In each case only a new session hears the peer again.
+There are three cases. After a partition that only one end of a connection has noticed, the other
+end may keep a transport without traffic, and the peer's token remains. After a pause of a second, a
+UDP listener may hold a datagram of a connection that it has given up, and then accepts no
+connection, and the token is permanently lost. If a declaration was lost, only one key receives no
+samples. In each case only a new session receives from the peer again.
 """
 
 from __future__ import annotations

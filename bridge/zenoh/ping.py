@@ -1,8 +1,9 @@
 """Round trips over a Zenoh bus between two nodes, and estimates of the one-way delays.
 
-The pinging node says ``PREFIX/NODE/ping``, the other answers on ``PREFIX/OTHER/pong`` with when it
-heard it. The two clocks need not agree: the fastest round trip gives their difference, its
-two ways taken as equally long. What is sent is as long as a message with four values.
+The pinging node publishes ``PREFIX/NODE/ping``; the other node answers on ``PREFIX/OTHER/pong``
+with the time of reception. The clocks may differ: their difference is estimated from the fastest
+round trip, whose two directions are assumed to take equally long. The size of a ping is that of a
+message with four values.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A Zenoh router as a process: ``python -m bridge.zenoh.router FILE ENDPOINT ...``.
 
-For nodes in client mode where there is no zenohd. It says ``ready`` on standard output, and ends
-with its standard input, or on SIGTERM. With ``--insecure`` it may listen in clear text beyond this
-machine; ``--keys FOLDER`` is what ``{keys}`` stands for in the file.
+It serves nodes in client mode if no zenohd is available. It prints ``ready`` on standard output,
+and ends when its standard input is closed or on SIGTERM. With ``--insecure`` it may listen without
+encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file.
 """
 
 from __future__ import annotations

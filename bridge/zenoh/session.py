@@ -1,8 +1,8 @@
 """A Zenoh session from its configuration file and a deployment's options, checked before it opens.
 
-Zenoh itself refuses unknown keys, but finds out at opening, or never, what an endpoint's protocol
-or a file of certificates is. Where the file says nothing, what follows holds: no scouting, nothing
-connects by itself, retries within 200 ms.
+Zenoh refuses unknown keys, but it detects an invalid protocol of an endpoint or an invalid
+certificate file only when it opens, or never. Defaults for missing entries: no scouting, no
+automatic connections, retries within 200 ms.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The address of a UDP listener that does not close, given back to the kernel.
+"""Release of the address of a UDP listener that does not close.
 
-Zenoh's UDP listener (1.10) waits for ever for the reader of a datagram of a connection that it has
-given up. Its session does not close then, and its socket holds the address: no other session can
-listen there. The socket's descriptor is put on ``/dev/null``: its owner may still close it.
+Zenoh's UDP listener (1.10) waits forever for the reader of a datagram of a connection that it has
+given up. Its session then does not close, and its socket keeps the address, so no other session can
+listen there. The socket's descriptor is redirected to ``/dev/null``; its owner may still close it.
 """
 
 from __future__ import annotations

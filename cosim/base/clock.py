@@ -1,8 +1,8 @@
 """The only reader of clocks in Python; in C it is ``bridge/c/pace.c``.
 
-Everything else gets time as an argument. Two kinds: the *monotonic* clock paces and measures and
-is never set; the *real-time* clock is the date, can be set while a run goes on, and only names
-things and relates them to the world outside.
+All other code receives time as an argument. There are two clocks. The *monotonic* clock is never
+set and is used for pacing and measuring. The *real-time* clock is the date; it can be set during a
+run and is used only for names and to relate times to the outside world.
 """
 
 from __future__ import annotations

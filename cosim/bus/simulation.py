@@ -240,7 +240,10 @@ class SimulatedBus:
         return self.frame_of_row(int(event["frame"]))
 
     def frame_of_row(self, row: int) -> BusFrame:
-        """As `frame`, by the field `frame` of the event; also of the last `step`."""
+        """Return the frame of the field `frame` of an event of the last `advance` or `step`.
+
+        Raises BusSimulationError for another row.
+        """
         if not 0 <= row < len(self._frames):
             raise BusSimulationError(
                 f"found an event with frame {row}, expected one of the last call"

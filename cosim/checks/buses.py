@@ -1,4 +1,4 @@
-"""Links on simulated CAN buses: response times beside their analysis, and losses."""
+"""Links on simulated CAN buses: simulated and analyzed response times, and losses."""
 
 from __future__ import annotations
 

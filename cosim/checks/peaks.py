@@ -1,11 +1,11 @@
-"""How fast things will get: the robots' linear behaviour from where they start.
+"""Estimates of the peak velocities: the robots' linear behavior from their start positions.
 
-Each joint by itself, inertia M_jj of the start, estimate 0 in the feed-forward, weights at their
-means, no delays::
+Each joint is computed separately, with inertia M_jj at the start, estimate 0 in the feed-forward,
+mean weights and no delays::
 
     M ddq = -K (dq - z) + k_p (q_h - q) - k_d dq,   dz = -alpha dq + lambda_M (dq - z) - coupling
 
-An estimate: good to a factor of two or so.
+The estimate is accurate to about a factor of two.
 """
 
 from __future__ import annotations

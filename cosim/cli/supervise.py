@@ -1,9 +1,9 @@
 """Execution of a command in a child process, supervised by the process that was started.
 
 An FMU is foreign code in the process that runs it: it may crash, or call `exit(0)`. The command
-therefore works in a child process, which tells its exit code over a pipe as the last thing it does.
-A child that ends without that did not finish, whatever its exit status says. The child is forked
-before anything large is imported: that costs about a millisecond.
+therefore runs in a child process, which sends its exit code over a pipe as its last action. A child
+that ends without this message did not finish, whatever its exit status is. The child is forked
+before large imports, which takes about a millisecond.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Calls spread over processes. A process that dies takes one call with it, not the others.
 
-A component that crashes ends its process, and with it the whole pool. Calls begin in the order
-they were given, so that the culprit is one of the first unfinished; these are made again one by
-one, each in a pool of its own, and everybody else goes on.
+A component that crashes ends its process, and with it the whole pool. Calls start in the given
+order, so the faulty call is one of the first unfinished ones. These are repeated one by one, each
+in a separate pool, and then the other calls continue.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The roles of a variants file, and the graph of who hears whom."""
+"""The roles of a variants file, and the graph that defines from which roles each one receives."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A comparison as rows of texts: what the terminal, Markdown and CSV show, and JSON holds.
+"""A comparison as rows of texts, for the terminal, Markdown, CSV and JSON.
 
-With several seeds a number is the median, with the least and the largest behind it. Of one seed, a
-number that is estimated has two standard deviations behind it.
+With several seeds a number is the median, followed by minimum and maximum. With one seed, an
+estimated number is followed by two standard deviations.
 """
 
 from __future__ import annotations

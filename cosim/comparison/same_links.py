@@ -1,8 +1,8 @@
-"""Did all controllers run over the same links? The recorded tables say, run by run.
+"""Check that all controllers run over the same links, by the recorded tables.
 
-A table is one integer a look of the receiver: which sent sample it holds. It depends on the seed
-and the channel's name, not on what is sent; but also on how often samples are sent. A controller
-that sends more often than another runs over other tables, and this is where that is noticed.
+A table has one integer for each read of the receiver: the sample that it holds. It depends on the
+seed and the channel's name, not on the sent values, but also on the sampling period. A controller
+that sends more often than another one uses other tables, which this module detects.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Components of which some are FMUs: what other rooms ask of them, answered for either kind.
+"""Queries about components, which are FMUs or Python components, for other packages.
 
-This is the only module that tells FMUs and Python components apart. What it answers for a Python
-component is what is true of one: no file, no texts, no log, nothing to free.
+Only this module distinguishes FMUs from Python components. For a Python component its answers are:
+no file, no texts, no log, nothing to free.
 """
 
 from __future__ import annotations

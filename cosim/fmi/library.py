@@ -1,9 +1,8 @@
 """An instance of an FMU, and the checked functions of its shared library.
 
-One class a standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
-:class:`cosim.fmi.fmi3.Instance3` (FMI 3.0.2), and one for an FMU in a process of its own
-(:mod:`cosim.fmi.isolated`), with the same members; which one an FMU needs is decided once, in
-:func:`instantiate`.
+There is one class per standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
+:class:`cosim.fmi.fmi3.Instance3` (FMI 3.0.2), and one for an FMU in a separate process
+(:mod:`cosim.fmi.isolated`), with the same members. :func:`instantiate` selects the class.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Recorded data that is not in a file yet, in a memory-mapped file that outlives the process.
 
-``trajectories.live`` is mapped into memory. In it stand, one after the other: a header of 64
-bytes; a JSON text that says what is recorded; for each chunk of the engine the tick it begins with
-and the number of its rows; the row group that is being filled; the chunks. The engine writes each
-row straight into the mapping and then counts it, so that a process that is killed loses no row
-that was counted: the pages belong to the kernel. Complete row groups are in
-``trajectories.parquet.part``, which has no footer yet. Both files go when the recording is closed.
+``trajectories.live`` is mapped into memory. It contains in this order: a header of 64 bytes; a JSON
+text that describes the recording; for each chunk of the engine its first tick and its number of
+rows; the row group that is being filled; the chunks. The engine writes each row directly into the
+mapping and then counts it, so a killed process loses no counted row: the pages belong to the
+kernel. Complete row groups are in ``trajectories.parquet.part``, which has no footer yet. Both
+files are removed when the recording is closed.
 """
 
 from __future__ import annotations

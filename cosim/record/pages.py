@@ -1,8 +1,9 @@
 """Reads row groups of a Parquet file that has no footer yet, as :mod:`cosim.record.groups` writes.
 
-The footer, which tells where everything is, is written last. But the pages stand one after the
-other and each has a header (Thrift's compact protocol, ``parquet.thrift``: PageHeader): so many
-values, so many bytes. With the number of columns and of rows in a group known, that is enough.
+The footer, which contains the positions of all parts, is written last. But the pages follow each
+other, and each has a header (Thrift's compact protocol, ``parquet.thrift``: PageHeader) with the
+numbers of values and bytes. Together with the numbers of columns and of rows per group, this is
+enough to read them.
 """
 
 from __future__ import annotations

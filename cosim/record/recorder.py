@@ -1,11 +1,10 @@
-"""Recorder: takes chunks of the signal vector from the engine and writes them behind its back.
+"""Recorder: takes chunks of the signal vector from the engine and writes them in another thread.
 
-The engine fills a buffer, hands it over and takes the next one; a thread selects, transposes and
-encodes. Buffers are few and allocated once: memory does not grow with the length of a run (the
-index at the end of the Parquet file does: some kilobytes a row group). What the buffers still
-hold is the flight recorder: the last ticks of *all* signals, recorded or not. They lie in a file
-that is mapped into memory (:mod:`cosim.record.live`), so that a process that is killed loses none
-of them.
+The engine fills a buffer, submits it and takes the next one; a thread selects, transposes and
+encodes. The few buffers are allocated once, so memory does not grow with the length of a run (the
+index at the end of the Parquet file does: some kilobytes per row group). The data that remains in
+the buffers is the flight recorder: the last ticks of *all* signals, recorded or not. It is in a
+memory-mapped file (:mod:`cosim.record.live`), so a killed process loses none of it.
 """
 
 from __future__ import annotations

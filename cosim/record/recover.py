@@ -1,9 +1,9 @@
 """Data of an interrupted run: read directly, or completed to a regular file.
 
-Nothing has to be asked of who wrote it: the row groups in ``trajectories.parquet.part``, the rows
-in ``trajectories.live`` and the rows of link tables are there whenever and however the process has
-ended. Ticks that are in two of the files are taken once. The trajectories and link tables of nodes
-are made of their journals, by :mod:`bridge.recording.recovered`.
+No cooperation of the writer is needed: the row groups in ``trajectories.parquet.part``, the rows in
+``trajectories.live`` and the rows of link tables exist however and whenever the process ended.
+Ticks that are in two of the files are used once. :mod:`bridge.recording.recovered` makes the
+trajectories and link tables of nodes from their journals.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """SHA-256 sums of the files of a run folder: whether one was altered since it was written.
 
-``SHA256SUMS`` is written last. It is what `sha256sum` writes, so that `sha256sum -c SHA256SUMS`
-checks a folder as well. Files that were added later are in no list and are nobody's concern.
+``SHA256SUMS`` is written last, in the format of `sha256sum`, so that `sha256sum -c SHA256SUMS`
+checks a folder as well. Files that were added later are not checked.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Figures: recorded signals over time, one panel below the other, as a PNG.
 
-Drawn with matplotlib's Agg canvas, without pyplot, in a style of its own whatever the user's
-matplotlibrc says: the same run gives the same bytes (with the same matplotlib). matplotlib is
-imported by the first figure, not before.
+Drawn with matplotlib's Agg canvas, without pyplot, in a fixed style that ignores the user's
+matplotlibrc: the same run gives the same bytes (with the same matplotlib). matplotlib is imported
+for the first figure.
 """
 
 from __future__ import annotations

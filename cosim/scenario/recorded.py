@@ -1,7 +1,7 @@
-"""Run -> table, table -> run: a plan over the links of a run that was recorded.
+"""Run -> table, table -> run: a plan over the links of a recorded run.
 
-Whatever made the run (the engine, a twin, a rehearsal over a network), a link of it is a table of
-the samples its receiver held; the same scenario, or another controller, then hears the same.
+For any kind of run (engine, twin, rehearsal over a network), a link is a table of the samples that
+its receiver held. The same scenario, or another controller, can therefore receive the same samples.
 """
 
 from __future__ import annotations

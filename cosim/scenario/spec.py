@@ -1,8 +1,7 @@
 """A scenario: TOML read into frozen structs. Every error names the file and the place in it.
 
-Numbers are SI, or texts with a unit: ``step = "1 ms"``. A key that is no field of these structs is
-an error; whether components, ports and shapes fit together is seen by
-:mod:`cosim.scenario.assemble`.
+Numbers are SI, or texts with a unit: ``step = "1 ms"``. An unknown key is an error.
+:mod:`cosim.scenario.assemble` checks whether components, ports and shapes fit together.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Topological orders of names: deterministic for given edges, ties resolved by name.
 
-An edge (a, b) says that b wants to come after a. Cost is linear in edges, but for the ties.
+An edge (a, b) means that b comes after a. The cost is linear in edges, except for ties.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A whole scenario as one FMU 2.0: a container, made by fmu-manipulation-toolbox.
 
-Inside everybody sees the last step (Jacobi), and links are delay FMUs. FMUs of one period step
-together; a container of faster ones is an FMU among the slower, which does several steps of its
-own in one of theirs. So periods are multiples of each other, and the outermost step is the longest.
-Outputs are called ``component_output``; inputs that nothing feeds keep their start value.
+Inside, all components read the previous step (Jacobi), and links are delay FMUs. FMUs of one period
+step together; a container of faster FMUs is one FMU among the slower ones and makes several steps
+per step. The periods must therefore be multiples of each other, and the outermost step is the
+longest. Outputs are named ``component_output``; unconnected inputs keep their start values.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Links as small FMUs: what ``cosim export --links fmu`` puts between sender and receiver.
+"""Links as small FMUs, which ``cosim export --links fmu`` puts between sender and receiver.
 
-The rows of a link's table go into the FMU. A master in which everybody sees the last step (Jacobi)
-then hands the receiver in step k the sample that the link holds at its hit k.
+The FMU contains the rows of the link's table. A Jacobi master, in which all components read the
+previous step, then gives the receiver in step k the sample that the link holds at its hit k.
 """
 
 from __future__ import annotations

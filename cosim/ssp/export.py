@@ -1,8 +1,8 @@
-"""A scenario as SSP 1.0: FMUs, connections and start values, for tools that know no links.
+"""A scenario as SSP 1.0: FMUs, connections and start values, for tools without links.
 
-Every FMU goes into ``resources/``, every scalar is a connector, values stand in parameter sets
-inside the components. What SSP has no words for is an annotation (:mod:`cosim.ssp.annotation`), so
-that reading the file again gives the same run.
+Every FMU is in ``resources/``, every scalar is a connector, and values are in parameter sets inside
+the components. An annotation (:mod:`cosim.ssp.annotation`) contains what SSP cannot express, so
+that the exported file gives the same run.
 """
 
 from __future__ import annotations

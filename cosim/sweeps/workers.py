@@ -1,8 +1,8 @@
 """Points spread over threads, processes or a cluster: an Executor each, and one loop over it.
 
-Threads run side by side in the engine, which releases the GIL, and one after the other where Python
-reads a scenario and computes metrics. Processes have no such part, and a component that crashes
-takes one of them with it, not the sweep: they are what is used unless one asks for something else.
+Threads run in parallel in the engine, which releases the GIL, but not in the Python code that reads
+a scenario and computes metrics. Processes run in parallel everywhere, and a component that crashes
+ends one of them and not the sweep. Processes are the default.
 """
 
 from __future__ import annotations

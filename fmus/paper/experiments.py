@@ -1,9 +1,10 @@
 """The experiments of the paper as scenario documents, equivalent to TOML files.
 
-Numbers are those of the paper's Sec. VII. What it leaves open is chosen here, once: the arm is
-the preset SL91, horizontal; every robot starts at rest with z = 0 and theta_hat = 0; controllers
-are sampled every 5 ms, arms integrated at 1 ms or finer, with the operator's grip and the wall
-inside the arm; a delay is T = 0.3 s + U[0, 0.9] s, redrawn every 30 ms, of each link by itself.
+Numbers are those of the paper's Sec. VII. Values that the paper leaves open are defined here: the
+arm is the preset SL91, horizontal; every robot starts at rest with z = 0 and theta_hat = 0;
+controllers are sampled every 5 ms, arms integrated at 1 ms or finer, with the operator's grip and
+the wall inside the arm; delays are T = 0.3 s + U[0, 0.9] s, redrawn every 30 ms, independently for
+each link.
 """
 
 from __future__ import annotations

@@ -78,46 +78,66 @@ uint32_t can_code(int32_t length)
     return length <= 24 ? 6u + (uint32_t)length / 4 : 11u + (uint32_t)length / 16;
 }
 
-/* Start of frame to the bit before the DLC; of FD frames to BRS. */
-static void send_header(wire_t *w, uint32_t id, uint32_t flags)
+/* A classic frame from the start of frame to the end of the intermission. The recessive bit before it
+ * and the CRC delimiter are sent, too: then all fields together are a multiple of four bits. The CRC
+ * begins so that it is 0 behind that first bit; a stuff bit due behind the CRC comes before the
+ * delimiter. */
+static int32_t classic(uint32_t id, uint32_t flags, int32_t length, const uint8_t *data)
 {
-    uint32_t remote = (flags & CAN_REMOTE) != 0;
+    wire_t w = { 0x4000u, 0, -1 };
+    uint64_t remote = (flags & CAN_REMOTE) != 0, extended = (flags & CAN_EXTENDED) != 0;
+    uint64_t last = remote << 6 | can_code(length), header;
+    if (extended)
+        header = 1ull << 39 | (uint64_t)(id >> 18 & 0x7FFu) << 27 | 3ull << 25
+               | (uint64_t)(id & 0x3FFFFu) << 7 | last;
+    else
+        header = 1ull << 19 | (uint64_t)(id & 0x7FFu) << 7 | last;
+    for (int32_t bits = extended ? 36 : 16; bits >= 0; bits -= 4)
+        send_four(&w, (uint32_t)(header >> bits) & 15u);
+    for (int32_t i = 0; !remote && i < length; i++) {
+        send_four(&w, data[i] >> 4);
+        send_four(&w, data[i] & 15u);
+    }
+    header = w.crc << 1 | 1u;
+    for (int32_t bits = 12; bits >= 0; bits -= 4)
+        send_four(&w, (uint32_t)(header >> bits) & 15u);
+    return w.count + 12;
+}
+
+/* An FD frame from the start of frame to BRS. */
+static void send_fd_header(wire_t *w, uint32_t id, uint32_t flags)
+{
     if (flags & CAN_EXTENDED) {
         send(w, id >> 18 & 0x7FFu, 12);     /* the start of frame is the zero before */
         send(w, 3, 2);
         send(w, id & 0x3FFFFu, 18);
-        send(w, remote, 1);
+        send(w, 0, 1);
     } else {
         send(w, id & 0x7FFu, 12);
-        send(w, remote << 1, 2);
+        send(w, 0, 2);
     }
-    if (flags & CAN_FD)
-        send(w, 4u | ((flags & CAN_BRS) != 0), 3);
-    else
-        send(w, 0, flags & CAN_EXTENDED ? 2 : 1);
+    send(w, 4u | ((flags & CAN_BRS) != 0), 3);
 }
 
 bits_t can_bits(uint32_t id, uint32_t flags, int32_t given, const uint8_t *data)
 {
-    int32_t length = can_padded(flags, given), fd = flags & CAN_FD, early;
+    int32_t length = can_padded(flags, given), early;
     wire_t w = { 0, 5, 0 };
     bits_t bits = { 0, 0 };
     if (length < 0)
         return bits;
-    send_header(&w, id, flags);
+    if (!(flags & CAN_FD)) {
+        bits.nominal = classic(id, flags, length, data);
+        return bits;
+    }
+    send_fd_header(&w, id, flags);
     early = w.count;
-    if (fd)
-        send(&w, (flags & CAN_ESI) != 0, 1);
+    send(&w, (flags & CAN_ESI) != 0, 1);
     send(&w, can_code(length), 4);
-    for (int32_t i = 0; !(flags & CAN_REMOTE) && i < length; i++) {
+    for (int32_t i = 0; i < length; i++) {
         uint32_t byte = i < given ? data[i] : 0;
         send_four(&w, byte >> 4);
         send_four(&w, byte & 15u);
-    }
-    if (!fd) {
-        send(&w, w.crc, 15);
-        bits.nominal = w.count + (w.state % 5 == 4) + 13;
-        return bits;
     }
     bits.data = w.count - early + (length <= 16 ? 27 : 32) + 1;
     bits.nominal = early + 12;

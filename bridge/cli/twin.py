@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,24 +12,69 @@ from cosim.base.errors import Interrupted, ScenarioError
 from cosim.checks.finding import Finding
 from cosim.cli.supervise import announce_run_folder
 
+if TYPE_CHECKING:
+    from bridge.can.messages import BusMessage
+    from cosim.bus.timing import BusTiming
+
 
 def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
     """What there is to say of the buses; prints their loads and messages."""
-    from bridge.cli.check import load_rows, message_rows
     from bridge.deployment.system import load_system
     from bridge.preflight import deployment
-    from cosim.cli.show import aligned
 
     system = load_system(scenario, deploy, settings)
     messages, timings = deployment.messages(system), deployment.timings(system)
     typer.echo(f"{system.deployment.title}\n")
+    _print_buses(messages, timings)
+    return deployment.check(system)
+
+
+def layout_findings(
+    path: Path, bitrate: float, data_bitrate: float | None, fd: bool
+) -> list[Finding]:
+    """What there is to say of the messages of a DBC file on one bus; prints load and messages.
+
+    `bitrate`, `data_bitrate` in bit/s; `fd`: classic messages become CAN FD frames, too. Raises
+    TrafficError for a file without messages that have a period.
+    """
+    from bridge.can.messages import BusMessage
+    from bridge.preflight.bus_checks import check_buses
+    from cosim.bus.dbc_traffic import read_messages
+    from cosim.bus.timing import BusTiming
+
+    found = read_messages(path)
+    flexible = fd or data_bitrate is not None or any(m.format.fd for m in found)
+    timing = BusTiming(bitrate, data_bitrate, flexible)
+    messages = [
+        BusMessage(
+            name=m.name,
+            identifier=m.identifier,
+            length=m.length,
+            period=m.period_ps * 1e-12,
+            node=m.sender,
+            bus=path.stem,
+            extended=m.format.extended,
+            fd=m.format.fd or fd,
+            brs=(m.format.brs or fd) and data_bitrate is not None,
+            role="drive",
+        )
+        for m in found
+    ]
+    _print_buses(messages, {path.stem: timing})
+    return check_buses(messages, {path.stem: timing})
+
+
+def _print_buses(messages: Sequence[BusMessage], timings: Mapping[str, BusTiming]) -> None:
+    """Load and control rate of each bus, and its messages with their response times."""
+    from bridge.cli.check import load_rows, message_rows
+    from cosim.cli.show import aligned
+
     for text in aligned(load_rows(messages, timings)):
         typer.echo(text)
     for bus, timing in timings.items():
         typer.echo(f"\nbus {bus}")
         for text in aligned(message_rows([m for m in messages if m.bus == bus], timing)):
             typer.echo(text)
-    return deployment.check(system)
 
 
 def run(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.numbers import finite
 from cosim.cli.options import Set
 
 if TYPE_CHECKING:
@@ -25,7 +26,9 @@ MARK = "check: "
 
 
 def check(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    scenario: Annotated[
+        Path, typer.Argument(help="Scenario file (.toml), or messages of a CAN bus (.dbc).")
+    ],
     set_: Set = None,
     deploy: Annotated[
         str | None,
@@ -37,21 +40,34 @@ def check(
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the findings as JSON.")
     ] = None,
+    bitrate: Annotated[
+        float, typer.Option(callback=finite, min=1.0, help="Of a .dbc file: the bit rate, bit/s.")
+    ] = 1e6,
+    data_bitrate: Annotated[
+        float | None,
+        typer.Option(callback=finite, min=1.0, help="Of a .dbc file: of the data phase, bit/s."),
+    ] = None,
+    fd: Annotated[
+        bool, typer.Option("--fd", help="Of a .dbc file: send all messages as CAN FD frames.")
+    ] = False,
 ) -> None:
     """Check a scenario without running it: stability margins, links, wiring, predictions.
 
+    For a DBC file: the load of the bus, the response time of each message by analysis and on the
+    simulated bus, and the control rate that the messages of the shortest period can reach.
+
     Exit status 1 if there is an error, or with --strict a warning.
     """
-    from cosim.checks import check as findings
-    from cosim.loading.files import load
-    from cosim.scenario.assemble import assemble
+    from cosim.base.errors import ScenarioError
 
-    loaded = load(scenario, [s for s in set_ or [] if not s.startswith("deploy.")])
-    found = findings(loaded, assemble(loaded))
-    typer.echo(loaded.title)
-    if deploy is not None:
-        more = importlib.import_module(BUSES).findings(scenario, deploy, set_ or [])
-        found = (*found, *(f for f in more if f not in found))
+    if scenario.suffix == ".dbc":
+        if deploy is not None or set_:
+            raise ScenarioError("found --deploy or --set besides a .dbc file; expected neither")
+        found = tuple(
+            importlib.import_module(BUSES).layout_findings(scenario, bitrate, data_bitrate, fd)
+        )
+    else:
+        found = _scenario_findings(scenario, set_ or [], deploy)
     for f in found:
         typer.echo("")
         for line in paragraph(f):
@@ -59,9 +75,26 @@ def check(
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     typer.echo("\n" + ", ".join(f"{n} {s}{'' if n == 1 else 's'}" for s, n in counts.items()))
     if json is not None:
-        _write(json, loaded, found)
+        _write(json, scenario, found)
     if counts["error"] or (strict and counts["warning"]):
         raise typer.Exit(1)
+
+
+def _scenario_findings(
+    path: Path, settings: Sequence[str], deploy: str | None
+) -> tuple[Finding, ...]:
+    """The findings of a scenario and of a deployment; prints its title and its buses."""
+    from cosim.checks import check as findings
+    from cosim.loading.files import load
+    from cosim.scenario.assemble import assemble
+
+    loaded = load(path, [s for s in settings if not s.startswith("deploy.")])
+    found = findings(loaded, assemble(loaded))
+    typer.echo(loaded.title)
+    if deploy is not None:
+        more = importlib.import_module(BUSES).findings(path, deploy, settings)
+        found = (*found, *(f for f in more if f not in found))
+    return found
 
 
 def paragraph(finding: Finding) -> list[str]:
@@ -102,13 +135,13 @@ def _print_findings(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:
         typer.echo(f"{MARK}{line}", err=True)
 
 
-def _write(path: Path, scenario: Scenario, found: tuple[Finding, ...]) -> None:
+def _write(path: Path, scenario: Path, found: tuple[Finding, ...]) -> None:
     import json
     import os
 
     from cosim.base.errors import RunError
 
-    data = {"scenario": str(scenario.path), "findings": [f.as_data() for f in found]}
+    data = {"scenario": str(scenario), "findings": [f.as_data() for f in found]}
     try:
         path.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", "utf-8")
     except OSError as error:

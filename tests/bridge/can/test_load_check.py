@@ -221,9 +221,9 @@ def test_a_node_without_heartbeat() -> None:
 def test_rows_line_up() -> None:
     messages = nodes(2)
     table = message_rows(messages, FAST)
-    assert table[1] == ["0x3a1", "LINK_1", "n1", "64", "1", "0.169", "0.338", "yes"]
+    assert table[1] == ["0x3a1", "LINK_1", "n1", "64", "1", "0.169", "0.338", "0.145", "yes"]
     assert load_rows(messages, {"can0": FAST})[1][:3] == ["can0", "1000 / 5000", "4"]
-    assert load_rows(messages, {"can0": FAST})[1][-1] == "34.3%"
+    assert load_rows(messages, {"can0": FAST})[1][5] == "34.3%"
     text = "\n".join(aligned(rows(found(nodes(6)))))
     assert text.split()[:2] == ["error", "bus-load"]
     event = message_rows([link(1, None), link(2, extended=True)], FAST)

@@ -161,7 +161,7 @@ def pack(
     entries = {
         "modelDescription.xml": model_description(model, version),
         "documentation/index.html": _documentation(model, version),
-        **_licences(version),
+        **licences(version),
         **{f"sources/{name}": text for name, text in sources(model).items()},
     }
     if version == "3.0":
@@ -174,7 +174,7 @@ def pack(
         folder = platform if version == "3.0" else _folder2(platform, binaries)
         content[f"binaries/{folder}/{model.identifier}{suffix}"] = binary
     target = Path(out_dir) / file_name(model, version)
-    _archive(content, target)
+    write_archive(content, target)
     return target
 
 
@@ -198,8 +198,11 @@ def _folder2(platform: str, platforms: Iterable[str]) -> str:
     return platform
 
 
-def _archive(content: Mapping[str, bytes], target: Path) -> None:
-    """A ZIP archive with nothing in it but names and contents; it appears at once, complete."""
+def write_archive(content: Mapping[str, bytes], target: Path) -> None:
+    """A ZIP archive with nothing in it but names and contents; it appears at once, complete.
+
+    Raises FmuError if it cannot be written.
+    """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, scratch = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.parent)
@@ -233,7 +236,8 @@ def _is_of(path: Path, model: Model) -> bool:
     return path.is_file() and _token_of(path, path.stat().st_mtime_ns) == token(model)
 
 
-def _licences(version: Version) -> dict[str, str]:
+def licences(version: Version) -> dict[str, str]:
+    """Entries of an archive with the licence of what is in it."""
     folder = "documentation/licenses"
     return {f"{folder}/license.txt": _LICENCE, f"{folder}/spdx.txt": "Apache-2.0\n"}
 

@@ -76,6 +76,28 @@ def build(
             typer.echo(f"{path}  FMI {version}, {', '.join(binaries)}")
 
 
+@app.command("build-bus")
+def build_bus_fmu(
+    nodes: Annotated[int, typer.Option(help="CAN terminals: one for each node.", min=1, max=64)],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The .fmu file.")] = Path("bus.fmu"),
+    bitrate: Annotated[float, typer.Option(help="bit/s; of FD frames, in arbitration.")] = 500e3,
+    data_bitrate: Annotated[
+        float | None, typer.Option(help="bit/s, in the data phase of CAN FD frames; makes it FD.")
+    ] = None,
+    platforms: Annotated[
+        str,
+        typer.Option(help=f"Comma-separated, or all: {', '.join(PLATFORMS)}.", show_default="host"),
+    ] = "",
+) -> None:
+    """Build the simulated CAN bus as an FMU for other tools (FMI 3.0, FMI-LS-BUS 1.0)."""
+    from cosim.bus.timing import BusTiming
+    from fmus.bus_fmu import build_bus
+
+    timing = BusTiming(bitrate, data_bitrate, data_bitrate is not None)
+    made = build_bus(nodes, timing, out, _platforms(platforms))
+    typer.echo(f"{made}  FMI 3.0, {nodes} CAN terminals, {bitrate:g} bit/s")
+
+
 @app.command("list")
 def list_models() -> None:
     """List the models of this package, with kind, sizes and default step."""

@@ -22,9 +22,9 @@ Version = Literal["2.0", "3.0"]
 def model_description(model: Model, version: Version) -> str:
     """``modelDescription.xml`` of `model`. Raises FmuError for a version that is neither."""
     if version == "2.0":
-        return _text(description2.describe(model))
+        return xml_text(description2.describe(model))
     if version == "3.0":
-        return _text(description3.describe(model))
+        return xml_text(description3.describe(model))
     raise FmuError(f"FMI version is {version!r}; expected '2.0' or '3.0'")
 
 
@@ -37,7 +37,7 @@ def build_description(model: Model, flags: Iterable[str]) -> str:
     )
     for name in c_files(model):
         SubElement(files, "SourceFile", name=name)
-    return _text(root)
+    return xml_text(root)
 
 
 def terminals(model: Model) -> str:
@@ -56,10 +56,11 @@ def terminals(model: Model) -> str:
                 memberName=name,
                 variableKind="signal",
             )
-    return _text(root)
+    return xml_text(root)
 
 
-def _text(root: Element) -> str:
+def xml_text(root: Element) -> str:
+    """An XML document, indented."""
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'

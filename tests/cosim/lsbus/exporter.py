@@ -13,7 +13,8 @@ from cosim.fmi import FmuComponent
 from cosim.lsbus.node import NodeFmu
 from fmus.toolchain import compile_shared, shared_suffix
 
-SOURCE = Path(__file__).parent / "c" / "node3.c"
+FOLDER_C = Path(__file__).parent / "c"
+SOURCES = [FOLDER_C / "node3.c", FOLDER_C / "rest3.c"]
 FOLDER = tempfile.TemporaryDirectory(prefix="lsbus-")
 MIME = "application/org.fmi-standard.fmi-ls-bus.can; version=&quot;1.0.0&quot;"
 PARAMETERS = ("kind", "id", "bytes", "count", "first", "period", "baud", "discard", "bad")
@@ -72,7 +73,7 @@ MANIFEST = """<fmiLayeredStandardManifest xmlns:fmi-ls="http://fmi-standard.org/
 @lru_cache
 def library() -> bytes:
     """The compiled C file."""
-    return compile_shared([SOURCE], Path(FOLDER.name) / f"node3{shared_suffix()}").read_bytes()
+    return compile_shared(SOURCES, Path(FOLDER.name) / f"node3{shared_suffix()}").read_bytes()
 
 
 def export(path: Path, model: str, terminals: str = TERMINALS) -> Path:

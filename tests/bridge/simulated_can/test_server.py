@@ -271,6 +271,28 @@ def cosim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     return Command(monkeypatch, capsys)
 
 
+def test_the_logger_of_python_can_prints_what_a_served_bus_carries() -> None:
+    """The program that comes with python-can, unchanged, in a process of its own."""
+    if "cosim" not in can.VALID_INTERFACES:
+        pytest.skip("installed before the entry point was there: pip install -e . again")
+    served = Served(speed=1.0)
+    logger = [sys.executable, "-u", "-m", "can.logger", "-i", "cosim", "-c", served.name]
+    process = subprocess.Popen(logger, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert any("Logger" in line for line in process.stdout)
+        sender = served.bus()
+        for i in range(5):
+            sender.send(message(0x100 + i, bytes([i])))
+        lines = list(itertools.islice((x for x in process.stdout if "ID:" in x), 5))
+    finally:
+        process.kill()
+        process.communicate()
+        served.close()
+    found = [re.findall(r"ID:\s+(\w+).*DL:\s+1\s+(\w+)", line)[0] for line in lines]
+    assert found == [(f"10{i}", f"0{i}") for i in range(5)]
+
+
 def test_the_command_runs_a_dbc_file_in_simulated_time(cosim: Command) -> None:
     done = cosim(
         "bus", "--listen", "127.0.0.1:0", "--load", "configs/can/link_fd2.dbc", "--fd", "--speed",

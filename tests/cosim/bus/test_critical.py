@@ -83,6 +83,33 @@ def test_the_critical_instant_reaches_the_analysis():
         assert worst[i] + bit == 1000 * bounds[i]
 
 
+@pytest.mark.parametrize("rate", [125e3, 250e3, 500e3, 1e6])
+def test_each_sae_message_reaches_its_bound_at_its_critical_instant(rate):
+    """The longest lower frame began a bit before; all higher ones come with their whole jitter."""
+    bit = round(1e12 / rate)
+    frames = [BusFrame(16 * i, bytes([0x55] * size)) for i, (_, size, *_) in enumerate(SAE)]
+    lengths = [int(frame_bits(f.identifier, f.data).nominal) for f in frames]
+    jitters, periods = ([round(row[k] * MS) for row in SAE] for k in (2, 3))
+    streams = [
+        FrameStream(str(i), 16 * i, periods[i] // 1000, n * bit // 1000, jitters[i] // 1000)
+        for i, n in enumerate(lengths)
+    ]
+    bounds = [1000 * r.worst for r in responses(streams, bit // 1000)]
+    messages = [(node, frame) for (node, *_), frame in zip(SAE, frames, strict=True)]
+    for i, bound in enumerate(bounds):
+        below = max(range(i + 1, len(SAE)), key=lambda j: lengths[j], default=None)
+        begin = MS + (bit if below is not None else 0)
+        released = [[] for _ in SAE]
+        for j in range(i + 1):
+            events = [begin - jitters[j] + k * periods[j] for k in range(-(-60 * MS // periods[j]))]
+            released[j] = [(event, max(event, begin)) for event in events]
+        if below is not None:
+            released[below] = [(MS, MS)]
+        worst = simulated(rate, messages, released, 2000 * MS)[i]
+        # the analysis lets it wait for the whole lower frame, of which one bit is over
+        assert worst + (bit if below is not None else 0) == bound
+
+
 def test_the_set_of_davis_misses_its_deadline_in_the_second_instance():
     """Three messages of one length C: R = 2, 3, 3.5 C, the last in its second instance."""
     frames = [BusFrame(identifier, b"\x55" * 8) for identifier in (0x111, 0x122, 0x133)]

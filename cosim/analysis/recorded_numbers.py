@@ -15,7 +15,7 @@ from cosim.analysis.facts import Array, Hand
 from cosim.analysis.felt_impedance import fit_impedance, is_operator
 from cosim.analysis.finite_gain import network_gain
 from cosim.analysis.manipulability import growth, manipulability, running_integral
-from cosim.analysis.network import RobotNetwork
+from cosim.analysis.network import Complex, RobotNetwork
 from cosim.analysis.port import PortSignals
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.signals import Signals
@@ -222,42 +222,61 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
 def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
     """Rate at which the error to where the hand wants the arm decays, against the slowest pole."""
     error = np.abs(found.response - np.asarray(hand.place)).max(axis=1)
-    rate, uncertain = approach(found.t, error)
+    rate, uncertain, seconds = approach(found.t, error)
     label, how = "rate of approach", "slope of log |q - q_h|, from 1 % of the start down"
     if np.isnan(rate):
         return absent("approach", label, "1/s", how, "the error does not decay so far")
     ended = bool(found.estimates) and all(found.estimates)
     estimates = found.estimates if ended else net.initial_estimates()
     roots = poles(net, found.response[-1], estimates, hand.stiffness, hand.damping)
+    close, names = _not_told_apart(roots, seconds)
     simple = quasi_static_poles(net.law, least_feedback(net), *_softest(hand))[0].real
     o3 = f"; O3 without inertia {simple:.4g}" if len(net.laws) == 1 else ""
     return quantity(
-        "approach", label, rate, "1/s", how, error=uncertain,
+        "approach", label, rate, "1/s", how, error=uncertain + close,
         expected=roots[0].real if len(roots) else (),
         formula=f"slowest pole, theta_hat as it {'ended' if ended else 'starts'}{o3}",
-        note="" if ended else "theta_hat was not recorded: the closed form is that of the start",
+        note=names if ended else "theta_hat was not recorded: the closed form is that of the start",
     )  # fmt: skip
+
+
+def _not_told_apart(roots: Complex, seconds: float) -> tuple[float, str]:
+    """How much faster the poles decay that a run does not tell from the slowest, 1/s; a note.
+
+    A mode whose rate is larger by d (1/s) becomes smaller by exp(d `seconds`) than the slowest mode
+    (`seconds` in s). If that is less than e², both are seen, and the rate found lies between them.
+    """
+    faster = [p for p in roots[1:] if (roots[0].real - p.real) * seconds < 2.0]
+    faster = [p for p in faster if roots[0].real - p.real > 1e-9]
+    if not faster:
+        return 0.0, ""
+    last = min(p.real for p in faster)
+    return (
+        float(roots[0].real - last),
+        f"modes down to {last:.4g} 1/s are not told from the slowest in {seconds:.3g} s",
+    )
 
 
 def _softest(hand: Hand) -> tuple[float, float]:
     return min(hand.stiffness), min(hand.damping)
 
 
-def approach(t: Array, error: Array) -> tuple[float, float]:
+def approach(t: Array, error: Array) -> tuple[float, float, float]:
     """Rate (1/s) of the exponential that the envelope of `error` (n,) follows as it decays.
 
     From where it is last above 1e-2 of its start to where it is last above 1e-5 of it, and its
     uncertainty (1/s): two standard deviations of the mean rate of its three thirds, as the envelope
-    of an error that swings has steps. NaN where it is not smaller than that at the end, or there
-    are fewer than ten rows in between.
+    of an error that swings has steps; last, how long that is (s). NaN if the error is not smaller
+    than that at the end, or there are fewer than ten rows in between.
     """
     envelope = np.maximum.accumulate(error[::-1])[::-1]
     first, last = (int((envelope > share * error[0]).sum()) for share in (1e-2, 1e-5))
     if error[0] <= 0 or last >= len(t) or last - first < 10:
-        return float("nan"), float("nan")
+        return float("nan"), float("nan"), float("nan")
     ends = np.linspace(first, last, 4).astype(int)
     whole, *parts = (
         float(np.polyfit(t[a:b], np.log(envelope[a:b]), 1)[0])
         for a, b in ((first, last), *pairwise(ends))
     )
-    return whole, 2 * float(np.std(parts, ddof=1)) / sqrt(len(parts))
+    uncertain = 2 * float(np.std(parts, ddof=1)) / sqrt(len(parts))
+    return whole, uncertain, float(t[last - 1] - t[first])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cosim.analysis.energy import effort, observer
 from cosim.analysis.felt_impedance import fit_impedance, is_operator
 from cosim.analysis.manipulability import growth, local_growth, manipulability
-from cosim.analysis.recorded_numbers import approach
+from cosim.analysis.recorded_numbers import _not_told_apart, approach
 
 T = np.linspace(0.0, 100.0, 10001)
 STILL = np.zeros((len(T), 1))
@@ -159,10 +159,19 @@ def test_a_motion_that_tells_nothing_gives_no_number() -> None:
 
 
 def test_rate_of_an_exponential_and_of_an_oscillation() -> None:
-    assert approach(T, 3.0 * np.exp(-0.4 * T)) == pytest.approx((-0.4, 0.0), rel=1e-3, abs=1e-3)
+    assert approach(T, 3.0 * np.exp(-0.4 * T))[:2] == pytest.approx((-0.4, 0.0), rel=1e-3, abs=1e-3)
+    assert approach(T, np.exp(-0.4 * T))[2] == pytest.approx(np.log(1e3) / 0.4, rel=0.01)
     swing = np.abs(np.exp(-0.4 * T) * np.cos(5 * T))
-    rate, error = approach(T, swing)
+    rate, error, _ = approach(T, swing)
     assert rate == pytest.approx(-0.4, rel=0.03) and error < 0.03
+
+
+def test_modes_that_a_run_does_not_tell_from_the_slowest_widen_the_uncertainty() -> None:
+    roots = np.array([-0.5, -0.5 + 1j, -0.6 + 2j, -0.9])
+    assert _not_told_apart(roots, 10.0) == (pytest.approx(0.1), _not_told_apart(roots, 10.0)[1])
+    assert "-0.6 1/s are not told from the slowest in 10 s" in _not_told_apart(roots, 10.0)[1]
+    assert _not_told_apart(roots, 30.0) == (0.0, "")
+    assert _not_told_apart(roots[:0], 10.0) == (0.0, "")
 
 
 def test_what_does_not_arrive_has_no_rate() -> None:

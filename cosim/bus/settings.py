@@ -34,6 +34,24 @@ class LineLevel(IntEnum):
     DISCONNECTED = 3
 
 
+class FrameEncoding(IntEnum):
+    """``ENCODING_``: how a frame carries values, one behind the other, low byte first.
+
+    NONE: it carries none. Integers: the nearest to value/scale, within the range of their type.
+    """
+
+    NONE = 0
+    FLOAT32 = 1
+    FLOAT64 = 2
+    INT16 = 3
+    INT32 = 4
+
+    @property
+    def size(self) -> int:
+        """Bytes of a value."""
+        return (0, 4, 8, 2, 4)[self]
+
+
 @dataclass(frozen=True, slots=True)
 class AcceptanceFilter:
     """Frames whose identifier equals `identifier` under `mask`; `extended` None: of both kinds."""

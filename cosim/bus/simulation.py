@@ -116,6 +116,11 @@ class SimulatedBus:
         return self._now
 
     @property
+    def address(self) -> int:
+        """Where the ``bus_t`` of C is, for C code that steps this bus; it lives as long as this."""
+        return int(self._bus)
+
+    @property
     def totals(self) -> BusTotals:
         """How much was computed in which way."""
         found = TotalsStruct()

@@ -130,6 +130,78 @@ class FrameBitsStruct(c.Structure):
     _fields_ = (("nominal", c.c_int32), ("data", c.c_int32))
 
 
+class TickFrameStruct(c.Structure):
+    """``tick_frame_t`` of ``cosim/c/bus/tick.h``."""
+
+    _fields_ = (
+        ("pending", c.c_void_p),
+        ("request", c.c_void_p),
+        ("places", c.c_void_p),
+        ("scale", c.c_double),
+        ("offset", c.c_int64),
+        ("requested", c.c_int64),
+        ("head", c.c_int32),
+        ("count", c.c_int32),
+        ("room", c.c_int32),
+        ("n_places", c.c_int32),
+        ("encoding", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class TickReceiverStruct(c.Structure):
+    """``tick_receiver_t``."""
+
+    _fields_ = (
+        ("table", c.c_void_p),
+        ("row", c.c_int64),
+        ("frame", c.c_int32),
+        ("node", c.c_int32),
+        ("held", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class TickBusStruct(c.Structure):
+    """``tick_bus_t``."""
+
+    _fields_ = (
+        ("bus", c.c_void_p),
+        ("frames", c.c_void_p),
+        ("receivers", c.c_void_p),
+        ("known", c.c_void_p),
+        ("owners", c.c_void_p),
+        ("frame_of", c.c_void_p),
+        ("sample_of", c.c_void_p),
+        ("output", OutputStruct),
+        ("step", c.c_int64),
+        ("n_known", c.c_int64),
+        ("next_known", c.c_int64),
+        ("n_requests", c.c_int64),
+        ("room", c.c_int64),
+        ("room_events", c.c_int64),
+        ("n_frames", c.c_int32),
+        ("n_receivers", c.c_int32),
+    )
+
+
+class TickGateStruct(c.Structure):
+    """``tick_gate_t``."""
+
+    _fields_ = (("bus", c.c_void_p), ("index", c.c_int32), ("reserved", c.c_int32))
+
+
+def tick_gates() -> tuple[int, int]:
+    """The addresses of the gates of a sender and of a receiver. Raises CosimError."""
+    bus = library()
+    send, receive = (
+        c.cast(function, c.c_void_p).value for function in (bus.bus_tick_send, bus.bus_tick_receive)
+    )
+    assert send is not None
+    assert receive is not None
+    return send, receive
+
+
 def library_path() -> Path:
     """Where the shared library of the simulated bus is, built at installation."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding
@@ -43,8 +44,13 @@ def simulated_response(system: AnalyzedSystem) -> Iterator[Finding]:
             number=law.maximum,
             unit="s",
             reason=f"frame {known['identifier']} on bus {known['bus']}, simulated ahead of the run"
-            f" with {known['data']} data: at most {law.maximum * 1e3:.4g} ms, {said}",
+            f" with {_data(known)} data: at most {law.maximum * 1e3:.4g} ms, {said}",
         )
+
+
+def _data(known: Mapping[str, Any]) -> str:
+    """The data of the frames: random also where the run has the values of signals instead."""
+    return "zero" if known["data"] == "zeros" else "random"
 
 
 def _on_buses(system: AnalyzedSystem) -> Iterator[tuple[str, BusDelays]]:

@@ -65,6 +65,7 @@ class Binding:
         self.failure: BaseException | None = None
         self._inputs, self._outputs, self._gates = inputs, outputs, gates
         self._sampled = frozenset(plan.order)
+        self._kept = {name: n for bus in plan.buses for name, n in bus.history.items()}
         self._alive: list[Any] = []  # what C points to
 
     def bind(self, tick: int = 0) -> None:
@@ -181,7 +182,7 @@ class Binding:
     def _link(self, index: int) -> structs.LinkStruct:
         link = self.plan.links[index]
         width = link.source.size
-        history = np.zeros((link.table.history, width))
+        history = np.zeros((self._kept.get(link.name, link.table.history), width))
         at = link.target.start
         initial = self.signals[at : at + width].copy()
         self._alive += [history, initial]

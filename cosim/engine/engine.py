@@ -23,7 +23,7 @@ from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import EngineResult
-from cosim.schedule.parts import Slot, Step
+from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
 
@@ -32,7 +32,8 @@ class Engine:
 
     `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
     link's table as they are used, if `keep_tables` is given: called with (link name, rows).
-    `gates`: (address of the function, of its context) of each gate of the plan, by its name.
+    `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
+    of the plan's buses come with them.
     """
 
     def __init__(
@@ -48,7 +49,13 @@ class Engine:
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._rows: dict[str, NDArray[Any]] = {}
-        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates or {})
+        self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
+        gates = dict(gates or {})
+        for bus in plan.buses:
+            running = bus.start()
+            self._buses |= dict.fromkeys(bus.history, running)
+            gates |= running.gates
+        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates)
         self._state = self._bound.state
         self._library = structs.library()
 
@@ -98,6 +105,7 @@ class Engine:
         state.recorded = recorded or None
         with stop_on_signal(self.stop):
             result = EngineResult(self._library.engine_run(c.byref(state), ticks))
+        self._keep_filled_tables()
         if result not in (EngineResult.OK, EngineResult.STOPPED):
             self.ended = self.end(result)
             if self.ended is None:
@@ -135,10 +143,12 @@ class Engine:
             self.plan.links, self._bound.links, self._streams, strict=True
         ):
             hits = self._hits(link.target.component, ticks)
-            rows = np.ascontiguousarray(stream.rows(hits), dtype=np.int32)
+            bus = self._buses.get(link.name)
+            found = bus.rows(link.name, hits) if bus else stream.rows(hits)
+            rows = np.ascontiguousarray(found, dtype=np.int32)
             bound.table, bound.row, bound.rows = rows.ctypes.data, 0, hits
             self._rows[link.name] = rows
-            if self._keep_tables:
+            if self._keep_tables and not bus:
                 self._keep_tables(link.name, rows)
         for player, played, values in zip(
             self.plan.players, self._bound.players, self._played, strict=True
@@ -147,6 +157,12 @@ class Engine:
             chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
             played.values, played.row, played.rows = chunk.ctypes.data, 0, hits
             self._rows[player.target.name] = chunk
+
+    def _keep_filled_tables(self) -> None:
+        """Keep the rows that the run has filled in, as far as it came."""
+        for link, bound in zip(self.plan.links, self._bound.links, strict=True):
+            if self._keep_tables and link.name in self._buses:
+                self._keep_tables(link.name, self._rows[link.name][: bound.row])
 
     def _hits(self, name: str, ticks: int) -> int:
         """How often a component is due in the next `ticks` ticks."""

@@ -17,6 +17,7 @@ from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
 from cosim.scenario import connect
 from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
+from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.models import load_component
 from cosim.scenario.spec import ComponentSpec, Scenario
 from cosim.schedule.parts import Slot, Step
@@ -36,6 +37,7 @@ def assemble(scenario: Scenario) -> Plan:
         return compile_plan(
             parts.h, parts.ticks, list(parts.steps.values()), wires, links,
             scenario.run.algorithm, players, scenario.run.order,
+            buses=stepped_buses(parts, links),
         )  # fmt: skip
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None

@@ -33,17 +33,19 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=65535)]
 
 
 class LinkFrameSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The frame that carries a link: `data` as random bytes from the seed, or all zero bits.
+    """The frame that carries a link: `data` as random bytes from the seed, all zero bits, or the
+    values of its links in this type, one behind the other, low byte first.
 
-    `offset`: how long after the sample the sender requests it.
+    `offset`: how long after the sample the sender requests it. `scale`: the value of 1 in integers.
     """
 
     id: int
     bytes: Annotated[int, msgspec.Meta(ge=0, le=64)] = 8
     extended: bool = False
     fd: bool = False
-    data: Literal["random", "zeros"] = "random"
+    data: Literal["random", "zeros", "float32", "float64", "int16", "int32"] = "random"
     offset: Number = 0
+    scale: Annotated[float, msgspec.Meta(gt=0)] = 1.0
 
 
 class ScenarioBusNodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -146,11 +148,15 @@ BusErrors = RateErrors | ScriptErrors | InterruptionErrors
 
 
 class ScenarioBusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A bus: bit rates (bit/s), nodes by name, traffic besides the links, and errors."""
+    """A bus: bit rates (bit/s), nodes by name, traffic besides the links, and errors.
+
+    `simulated`: ahead of the run or inside its ticks; "auto": ahead unless frames carry values.
+    """
 
     bitrate: float = 500e3
     data_bitrate: float | None = None
     fd: bool = False
+    simulated: Literal["auto", "ahead", "in-tick"] = "auto"
     nodes: dict[str, ScenarioBusNodeSpec] = {}
     traffic: tuple[Traffic, ...] = ()
     errors: tuple[BusErrors, ...] = ()

@@ -1,32 +1,34 @@
 """The simulated CAN buses of a scenario: their links' delays, computed ahead of the run.
 
 A frame is requested when its sender's sample is there, for every sample of the run; other traffic
-and errors are those of the scenario. Nothing on the bus depends on the values that the frames
-carry: their data is random bytes from the seed, or zeros. So a whole bus is simulated before the
-run, and the engine reads one delay for each sample.
+and errors are those of the scenario. Where nothing on the bus depends on the values that the frames
+carry (their data is random bytes from the seed, or zeros), the whole bus is simulated before the
+run, and the engine reads one delay for each sample. Otherwise see :mod:`cosim.scenario.bus_ticks`;
+what is computed here, with random data, is then an estimate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.bus.arbitration import rank
 from cosim.bus.frames import BusEvent, BusFrame
-from cosim.bus.response import FrameStream, responses
-from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, QueueKind
+from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, FrameEncoding, QueueKind
 from cosim.bus.simulation import SimulatedBus
-from cosim.bus.timing import BusTiming, FrameFormat, padded, worst
+from cosim.bus.timing import BusTiming, FrameFormat, padded
 from cosim.bus.traffic import PeriodicSource
 from cosim.links.bus_delays import BusDelays
+from cosim.scenario.bus_bounds import analysed_bounds
 from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 from cosim.scenario.bus_traffic import disturbances, traffic
 from cosim.scenario.spec import Scenario
+from cosim.schedule.parts import Slot
 
 PS = 10**12
 #: Requests handed to the bus at once.
@@ -39,7 +41,11 @@ DRAIN_PS = 10**11
 
 @dataclass(frozen=True, slots=True)
 class FrameOnBus:
-    """A frame of a scenario's link: its sender, its receivers, a request every `period_ps`."""
+    """A frame of a scenario's link: its sender, its receivers, a request every `period_ps`.
+
+    With an encoding it carries the values of `sources` (integers: in steps of `scale`); ahead of
+    the run it has random data.
+    """
 
     name: str
     sender: str
@@ -48,6 +54,9 @@ class FrameOnBus:
     period_ps: int
     offset_ps: int
     random_data: bool
+    encoding: FrameEncoding = FrameEncoding.NONE
+    scale: float = 1.0
+    sources: tuple[Slot, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +73,10 @@ class BusHistory:
 
 
 @dataclass(frozen=True, slots=True)
-class _PreparedBus:
+class PreparedBus:
     """A bus, its requests by time, and of each the index of its frame (-1: other traffic)."""
 
-    bus: SimulatedBus
+    new: Callable[[], SimulatedBus]
     timing: BusTiming
     names: tuple[str, ...]
     requests: NDArray[np.void]
@@ -83,8 +92,12 @@ def frame_on_bus(
     """
     kind = FrameFormat(extended=spec.extended, fd=spec.fd, brs=spec.fd and fast)
     frame = BusFrame(spec.id, bytes(padded(spec.bytes, spec.fd)), kind)
-    random = spec.data == "random"
-    return FrameOnBus(name, ends[0], (ends[1],), frame, period_ps, round(offset * PS), random)
+    known = spec.data in ("random", "zeros")
+    encoding = FrameEncoding.NONE if known else FrameEncoding[spec.data.upper()]
+    return FrameOnBus(
+        name, ends[0], (ends[1],), frame, period_ps, round(offset * PS), spec.data != "zeros",
+        encoding, spec.scale,
+    )  # fmt: skip
 
 
 def simulate_bus(
@@ -109,8 +122,8 @@ def bus_history(
     Raises ScenarioError with the place of the bus.
     """
     try:
-        prepared = _prepared(scenario, name, frames, until_ps, tuple(BusEvent))
-        events = _run(prepared.bus, prepared.requests, until_ps)
+        prepared = prepared_bus(scenario, name, frames, until_ps, tuple(BusEvent))
+        events = _run(prepared.new(), prepared.requests, until_ps)
     except CosimError as error:
         raise ScenarioError(str(error), scenario.place("bus", name)) from None
     seen = events[events["time"] <= until_ps]
@@ -121,13 +134,15 @@ def _simulate(
     scenario: Scenario, name: str, frames: Sequence[FrameOnBus], length_ps: int
 ) -> dict[tuple[str, str], BusDelays]:
     spec = scenario.buses[name]
-    prepared = _prepared(scenario, name, frames, length_ps, (BusEvent.RECEIVED,), listening(frames))
-    bounds = _bounds(spec, frames, prepared.timing)
-    events = _run(prepared.bus, prepared.requests, length_ps)
+    prepared = prepared_bus(
+        scenario, name, frames, length_ps, (BusEvent.RECEIVED,), listening(frames)
+    )
+    bounds = analysed_bounds(spec, frames, prepared.timing)
+    events = _run(prepared.new(), prepared.requests, length_ps)
     found = {}
     for i, frame in enumerate(frames):
         mine = np.flatnonzero(prepared.owner == i)
-        known = _known(name, spec, frame, bounds.get(frame.name))
+        known = _known(name, spec, frame, bounds.get(frame.name), in_ticks(spec, frames))
         for receiver in frame.receivers:
             node = prepared.names.index(receiver)
             delay = _delays(prepared.requests, mine, events, node, frame)
@@ -135,15 +150,15 @@ def _simulate(
     return found
 
 
-def _prepared(
+def prepared_bus(
     scenario: Scenario,
     name: str,
     frames: Sequence[FrameOnBus],
     length_ps: int,
     record: Sequence[BusEvent],
     filters: Mapping[str, tuple[AcceptanceFilter, ...]] | None = None,
-) -> _PreparedBus:
-    """The bus at time 0, and all requests up to `length_ps`.
+) -> PreparedBus:
+    """How to make the bus at time 0, and all requests up to `length_ps`. Raises CosimError.
 
     `filters`: what each node receives; a node that is not named receives nothing. None: everything.
     """
@@ -157,14 +172,15 @@ def _prepared(
     owner += [np.full(len(p), -1) for p in parts[len(frames) :]]
     rows, whose = np.concatenate(parts), np.concatenate(owner)
     order = np.argsort(rows["at"], kind="stable")
-    bus = SimulatedBus(
+    new = partial(
+        SimulatedBus,
         timing,
         [_filtered(node_settings(spec, node), filters) for node in names],
         disturbances=disturbances(scenario, name, number),
         seed=seed,
         record=record,
     )
-    return _PreparedBus(bus, timing, tuple(names), rows.take(order), whose[order])
+    return PreparedBus(new, timing, tuple(names), rows.take(order), whose[order])
 
 
 def _nodes(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> list[str]:
@@ -181,6 +197,20 @@ def node_settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
     return BusNodeSettings(
         name, queue, node.length, node.one_shot, recovers=node.recovers, inbox=BLOCK
     )
+
+
+def in_ticks(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> bool:
+    """Whether the run steps the bus inside its ticks: as said, or because frames carry values.
+
+    Raises ScenarioError where frames carry values and the bus is to be simulated ahead of the run.
+    """
+    carried = [f.name for f in frames if f.encoding]
+    if spec.simulated == "ahead" and carried:
+        raise ScenarioError(
+            f'found simulated = "ahead" and values in the frame {carried[0]}; expected data ='
+            ' "random" or "zeros", whose bits are known before the run'
+        )
+    return bool(carried) or spec.simulated == "in-tick"
 
 
 def listening(frames: Sequence[FrameOnBus]) -> dict[str, tuple[AcceptanceFilter, ...]]:
@@ -238,13 +268,15 @@ def _delays(
     return np.where(arrived[mine] < np.iinfo(np.int64).max, late / PS, np.inf)
 
 
-def _known(name: str, spec: ScenarioBusSpec, f: FrameOnBus, bound: int | None) -> dict[str, Any]:
+def _known(
+    name: str, spec: ScenarioBusSpec, f: FrameOnBus, bound: int | None, in_ticks: bool
+) -> dict[str, Any]:
     return {
         "bus": name,
         "identifier": f"{f.frame.identifier:#x}",
         "bytes": f.frame.length,
-        "computed": "ahead of the run",
-        "data": "random" if f.random_data else "zeros",
+        "computed": "in the tick" if in_ticks else "ahead of the run",
+        "data": f.encoding.name.lower() if f.encoding else "random" if f.random_data else "zeros",
         "bitrate": spec.bitrate,
         "analysed_worst": None if bound is None else bound / 1e9,
     }
@@ -255,25 +287,3 @@ def _measured(known: dict[str, Any], delay: NDArray[np.float64]) -> dict[str, An
     worst_delay = float(delay[there].max()) if there.any() else None
     lost = int(len(delay) - there.sum())
     return known | {"simulated_worst": worst_delay, "frames": len(delay), "lost": lost}
-
-
-def _bounds(
-    spec: ScenarioBusSpec, frames: Sequence[FrameOnBus], timing: BusTiming
-) -> dict[str, int | None]:
-    """Worst-case response by analysis, ns, up to the end of EOF; empty where it does not apply."""
-    fifo = any(node.queue != "sorted" or node.one_shot for node in spec.nodes.values())
-    streams = []
-    for f in frames:
-        kind = f.frame.format
-        key = rank(f.frame.identifier, kind.extended)
-        duration = timing.time_ns(worst(f.frame.length, kind))
-        streams.append(FrameStream(f.name, key, f.period_ps // 1000, duration))
-    if len({s.rank for s in streams}) < len(streams):
-        raise ScenarioError("found one identifier in two frames, expected one for each")
-    if fifo or spec.errors or spec.traffic:
-        return {}
-    ends = {f.name: f.offset_ps // 1000 - 3 * timing.bit_ns for f in frames}
-    return {
-        r.stream.name: None if r.worst is None else r.worst + ends[r.stream.name]
-        for r in responses(streams, timing.bit_ns)
-    }

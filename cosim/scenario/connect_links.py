@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.scenario.connect import ScenarioComponents, fit
 from cosim.scenario.spec import LinkSpec
-from cosim.schedule.parts import Link, Slot
+from cosim.schedule.parts import Link, Slot, SteppedBus
 
 if TYPE_CHECKING:
     from cosim.links.bus_delays import BusDelays
@@ -47,6 +48,26 @@ def _on_buses(parts: ScenarioComponents) -> Simulated:
         for bus, frames in groups.items()
     }
     return {place: done[bus][name, receiver] for place, (bus, name, receiver) in at.items()}
+
+
+def stepped_buses(parts: ScenarioComponents, links: Sequence[Link]) -> list[SteppedBus]:
+    """The buses that are simulated inside the ticks. Raises ScenarioError."""
+    groups, at = _frames(parts)
+    if not groups:
+        return []
+    from cosim.scenario.bus_ticks import bus_in_ticks
+    from cosim.scenario.buses import in_ticks
+
+    found: list[SteppedBus] = []
+    for bus, frames in groups.items():
+        if in_ticks(parts.scenario.buses[bus], list(frames.values())):
+            mine = [
+                (link, *at[place][1:])
+                for i, link in enumerate(links)
+                if at.get(place := parts.scenario.place("links", i), ("",))[0] == bus
+            ]
+            found.append(bus_in_ticks(parts, bus, list(frames.values()), mine))
+    return found
 
 
 def frames_on_buses(parts: ScenarioComponents) -> dict[str, list[FrameOnBus]]:
@@ -98,14 +119,15 @@ def _add_frame(
             made = frame_on_bus(spec.frame, fast, name, ends, period, offset)
         except CosimError as error:
             raise ScenarioError(str(error), f"{place}.frame") from None
-        if known is not None and replace(made, receivers=known.receivers) != known:
+        if known and replace(made, receivers=known.receivers, sources=known.sources) != known:
             raise ScenarioError(f"found a second frame of channel {name}, expected one", place)
         known = known or made
     assert known is not None
     if known.sender != source.component:
         raise ScenarioError(f"found a second sender of channel {name}, expected one", place)
     receivers = tuple(dict.fromkeys((*known.receivers, target.component)))
-    frames[name] = replace(known, receivers=receivers)
+    sources = tuple(dict.fromkeys((*known.sources, source)))
+    frames[name] = replace(known, receivers=receivers, sources=sources)
     return name, target.component
 
 

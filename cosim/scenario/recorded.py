@@ -37,9 +37,10 @@ def with_recorded_links(plan: Plan, run: str | Path, players: Iterable[Player] =
             )
         links.append(replace(link, table=_table(link, files[link.name], plan.ticks)))
     order = plan.later if plan.algorithm == "gauss-seidel" else ()
+    of_buses = {gate.name for bus in plan.buses for gate in bus.gates}  # the tables replace them
     return compile_plan(
         plan.h, plan.ticks, plan.components, plan.wires, links, plan.algorithm,
-        [*plan.players, *players], order, plan.gates,
+        [*plan.players, *players], order, [g for g in plan.gates if g.name not in of_buses],
     )  # fmt: skip
 
 

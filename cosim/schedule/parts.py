@@ -123,3 +123,29 @@ class Gate:
     name: str
     component: str
     out: bool
+
+
+class RunningBus(Protocol):
+    """One execution of a bus that is simulated inside the ticks."""
+
+    @property
+    def gates(self) -> Mapping[str, tuple[int, int]]:
+        """(address of the function, of its context) by the name of each gate."""
+
+    def rows(self, link: str, n: int) -> NDArray[np.int32]:
+        """Room for the next `n` rows of a link's table, (n,), which the run fills in."""
+
+
+class SteppedBus(Protocol):
+    """A bus that is simulated inside the ticks, since the bits of its frames are signals."""
+
+    @property
+    def gates(self) -> tuple[Gate, ...]:
+        """Where it takes part in a tick."""
+
+    @property
+    def history(self) -> Mapping[str, int]:
+        """Its links by name, and how many samples each must keep."""
+
+    def start(self) -> RunningBus:
+        """Make the bus of one execution, at time 0."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from cosim.base.errors import PlanError
 from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
-from cosim.schedule.parts import Gate, Link, Player, Slot, Step, Wire
+from cosim.schedule.parts import Gate, Link, Player, Slot, Step, SteppedBus, Wire
 
 if TYPE_CHECKING:
     pass
@@ -42,6 +42,7 @@ class Plan:
     order: tuple[str, ...]
     later: tuple[str, ...] = ()
     gates: tuple[Gate, ...] = ()
+    buses: tuple[SteppedBus, ...] = ()
 
     def component(self, name: str) -> Step:
         """The component of that name, which must be there (they are sorted by name)."""
@@ -62,6 +63,7 @@ def compile_plan(
     players: Iterable[Player] = (),
     order: Sequence[str] = (),
     gates: Iterable[Gate] = (),
+    buses: Sequence[SteppedBus] = (),
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
@@ -69,6 +71,8 @@ def compile_plan(
     PlanError with the loop printed when sampled components wait for each other, for an `order`
     that is none of all components, and for an extrapolation without a meaning. Behind the slots
     of the components, the signal vector keeps the last values of what is extrapolated, and slopes.
+    `buses`: those simulated inside the ticks, which fill the tables of their links; their gates
+    come on top of `gates`.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
@@ -79,7 +83,8 @@ def compile_plan(
     later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
     n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
     lines = _lines({c.name: c for c in steps}, wires_)
-    gates_ = tuple(sorted(gates, key=lambda g: g.name))
+    every_gate = [*gates, *(gate for bus in buses for gate in bus.gates)]
+    gates_ = tuple(sorted(every_gate, key=lambda g: g.name))
     connections = Connections.of(wires_, links_, players_, lines, n_signals, gates_)
     newest = algorithm == "gauss-seidel"
     return Plan(
@@ -95,6 +100,7 @@ def compile_plan(
         order=now,
         later=later,
         gates=gates_,
+        buses=tuple(buses),
     )
 
 

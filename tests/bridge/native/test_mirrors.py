@@ -48,7 +48,7 @@ MODULES = (
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
 ENGINE = [ROOT / "cosim/c/engine.h", ROOT / "cosim/c/fmu_log.h"]
 ENGINE_MODULES = (cosim.native.structs, cosim.native.fmu_log)
-BUS = [ROOT / "cosim/c/bus/bus.h", ROOT / "cosim/c/bus/length.h"]
+BUS = [ROOT / "cosim/c/bus" / name for name in ("bus.h", "length.h", "tick.h")]
 BUS_MODULES = (cosim.bus.frames, cosim.bus.settings, cosim.bus.structs)
 #: What modules have of C besides structs and enums, by its name there.
 CONSTANTS = {

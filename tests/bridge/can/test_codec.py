@@ -177,8 +177,8 @@ def test_signals_that_cannot_be_carried(signals, complaint):
 @pytest.mark.parametrize(
     ("signal", "complaint"),
     [
-        (Signal("x", 60, 8), "bit 64 is not in 8 bytes"),
-        (Signal("x", 9, 16), "taken by other"),
+        (Signal("x", 60, 8), "bit 64 is outside the 8 bytes"),
+        (Signal("x", 9, 16), "already used by other"),
         (Signal("x", 32, 16, FieldKind.FLOAT), "expected one of .32, 64."),
         (Signal("x", 32, 8, scale=0.0), "scale 0"),
         (Signal("x", 32, 8, low=200), "no value between"),

@@ -1,4 +1,4 @@
-/* bus_wait.c: a sleep that ends when something has come; see bus_wait.h */
+/* bus_wait.c: sleep until a frame has arrived; see bus_wait.h */
 #define _GNU_SOURCE
 #include "bus_wait.h"
 
@@ -16,7 +16,7 @@ static int64_t earlier(int64_t a, int64_t b)
 #include <time.h>
 #include <unistd.h>
 
-/* What tells that something has come, -1: nothing does. */
+/* The descriptor that signals an arrival; -1: none. */
 static int descriptor(const bus_t *bus)
 {
     if (bus->kind == BUS_SOCKET)

@@ -1,5 +1,5 @@
-/* delay.c: see delay.h. The rounding is that of cosim/links/semantics.py and grid.py, operation by
- * operation in double precision: that is why rows agree exactly. */
+/* delay.c: see delay.h. Every operation rounds as in cosim/links/semantics.py and grid.py, in double
+ * precision, so rows agree exactly. */
 #include "delay.h"
 
 #include <string.h>

@@ -1,25 +1,25 @@
-/* delay.h: the configured latency of a link, at its receiving side, on top of what the network takes.
+/* delay.h: the configured latency of a link, at its receiver, in addition to the delay of the network.
  *
- * The same laws, seeds and semantics as cosim.links: delays T are drawn before the run by Python
- * (`delays`, s; not finite: lost). Samples come in with their number j, their arrival a_j and the
- * time s_j at which they were nominally sent; what the network took is d_j = a_j - s_j (below 0: 0).
- * A link then does what its table would do with the delays T + d:
+ * Laws, seeds and semantics are those of cosim.links: Python draws the delays T before the run
+ * (`delays`, s; not finite: lost). A sample has its number j, its arrival a_j and the nominal time s_j
+ * of its transmission; the delay of the network is d_j = a_j - s_j (0 if negative). The link behaves
+ * as its table would with the delays T + d:
  *
  *   DELAY_NONE     the newest sample that was put, whatever `now`
  *   DELAY_SIGNAL   delays[row], T at reception: the sample nearest to now - T - d, d of the newest
  *                  that has arrived; if it is missing, the next older one. Can go back to -1.
  *   DELAY_LAST     delays[j], T at sending: arrives at a_j + T_j; the newest arrival wins, and of
  *                  two in one base tick the later sent
- *   DELAY_STAMP    as LAST, but what was sent no later than what is held is ignored
- *   DELAY_FIFO     as LAST, but nothing arrives before what was sent before it. What the network
- *                  lost is not waited for; what it overtook is ignored.
+ *   DELAY_STAMP    as LAST, but a sample that is not newer than the held one is ignored
+ *   DELAY_FIFO     as LAST, but no sample arrives before an earlier sent one. Samples that the
+ *                  network lost are not waited for; overtaken samples are ignored.
  *   DELAY_PLAYOUT  plays the newest sent at or before now - buffer if its a_j + T_j has passed, else
  *                  holds
  *
  * Time is counted in base ticks as the tables do, so that it is exact for any h: sample j is sent at
  * tick period*j, row r looks at tick look*r, and only d is in ns. With d = 0 the rows are those of
- * cosim.links exactly; that is its test. But for DELAY_NONE what counts is the nominal time of a
- * look, not when it was done: a late node holds what it would have held in time.
+ * cosim.links exactly, which a test checks. Except for DELAY_NONE, the nominal time of a read counts,
+ * not the actual one: a late node holds the sample that it would have held on time.
  */
 #ifndef BRIDGE_DELAY_H
 #define BRIDGE_DELAY_H

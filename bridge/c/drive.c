@@ -1,4 +1,4 @@
-/* drive.c: a motor drive as a plant meets it; see drive.h. */
+/* drive.c: an emulated motor drive; see drive.h. */
 #include "drive.h"
 
 /* 1 - exp(-x), x >= 0, without libm: the same number everywhere. x = n ln 2 + r, |r| <= ln 2 / 2. */

@@ -1,7 +1,7 @@
-/* drive.h: what a motor drive makes of a torque command; emulated on the plant side.
+/* drive.h: the response of a motor drive to a torque command; emulated on the plant side.
  *
- * Deterministic: its inputs are recorded, so a replay takes the same decisions. Every rule, and how to
- * reset it: docs/safety.md. */
+ * Deterministic: its inputs are recorded, so a replay takes the same decisions. docs/safety.md describes
+ * every rule and how to reset it. */
 #ifndef BRIDGE_DRIVE_H
 #define BRIDGE_DRIVE_H
 

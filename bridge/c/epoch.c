@@ -1,11 +1,11 @@
-/* epoch.c: the numbers that EPOCH carries; see epoch.h. */
+/* epoch.c: the values of EPOCH; see epoch.h. */
 #include "epoch.h"
 
 #include "pace.h"
 
 enum { UNIT_NS = 10000 };
 static const int64_t TURN_NS = ((int64_t)1 << 33) * UNIT_NS;
-static const int64_t AHEAD_NS = 300000000000;   /* an origin lies at most so far in the future */
+static const int64_t AHEAD_NS = 300000000000;   /* the latest origin, from now */
 
 int64_t epoch_origin_ns(double us, int64_t arrival_ns)
 {

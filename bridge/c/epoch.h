@@ -1,10 +1,10 @@
-/* epoch.h: which run is on the buses and when its t = 0 was, as the message EPOCH says it.
+/* epoch.h: the message EPOCH, which identifies the run on the buses and gives the date of its t = 0.
  *
- * EPOCH carries a number of the run, the sender's host, whether that host's date is kept by a time
- * server, and the origin: the date (CLOCK_REALTIME) of t = 0, us, a multiple of 10, modulo 2^33 * 10 us
- * (23.9 h). A receiver turns the origin into its own CLOCK_MONOTONIC, and believes it where the sender
- * has the same clock: the same host, or both dates are kept. EPOCH is said by whoever commands a start,
- * before START, and by a running node that hears a peer wait for a start. See run_epoch.h.
+ * EPOCH carries a number of the run, the sender's host, whether a time server synchronizes that host's
+ * clock, and the origin: the date (CLOCK_REALTIME) of t = 0, us, a multiple of 10, modulo 2^33 * 10 us
+ * (23.9 h). A receiver converts the origin to its own CLOCK_MONOTONIC, and accepts it if the sender
+ * has the same clock: the same host, or both hosts are synchronized. The sender of START sends EPOCH
+ * before START, and a running node sends it when a peer waits for a start. See run_epoch.h.
  */
 #ifndef BRIDGE_EPOCH_H
 #define BRIDGE_EPOCH_H

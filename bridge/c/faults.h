@@ -1,16 +1,16 @@
-/* faults.h: faults on purpose, in frames as they come in, before anything is checked.
+/* faults.h: fault injection into received frames, before any check.
  *
- * A rule holds from t0 to t1 (ns since the start, t1 not included) for the frames it accepts.
- * Rules are applied in order, each to what the one before made of the frame; the time that counts is
- * the arrival. Seeded: every rule has its own generator (SplitMix64), asked once a frame that fits,
- * whatever other rules do; what else it needs for that frame (how long, which bits) is drawn from
- * that one number. Before the start nothing is touched.
+ * A rule acts from t0 to t1 (ns since the start, t1 not included) on the frames that it accepts, by
+ * their time of arrival. Rules are applied in order, each to the result of the previous one. Every rule
+ * has its own seeded generator (SplitMix64), from which it draws once per matching frame, independently
+ * of other rules; all other random values for that frame (duration, bits) are derived from that number.
+ * Before the start no frame is changed.
  *
- * FORGE, REPLAY, ABSURD and FLOOD are what a hostile peer does, who knows the format, the CRC and the
- * data ID of a message: they need `message`. What they add arrives before the frame that was hit.
+ * FORGE, REPLAY, ABSURD and FLOOD model a hostile peer that knows the format, the CRC and the data ID of
+ * a message: they need `message`. Frames that they add arrive before the original frame.
  *
- * Every frame that was changed is a row of `journal`, with what it was: the ground truth against
- * which a receiver's checks are held.
+ * Every changed frame is a row of `journal`, with its original content: the ground truth for the
+ * evaluation of a receiver's checks.
  */
 #ifndef BRIDGE_FAULTS_H
 #define BRIDGE_FAULTS_H

@@ -1,4 +1,4 @@
-/* forward.c: what a gateway makes of what it hears; see forward.h. */
+/* forward.c: messages that a gateway makes from received messages; see forward.h. */
 #include "forward.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* forward.h: messages made of others as they come: what gateways do. */
+/* forward.h: messages that a gateway makes from received messages. */
 #ifndef BRIDGE_FORWARD_H
 #define BRIDGE_FORWARD_H
 

@@ -3,7 +3,7 @@
 
 #include <unistd.h>
 
-/* For who sleeps on a descriptor; that it is full means it has been rung. */
+/* Wakes a thread that sleeps on a descriptor; a full descriptor was already signaled. */
 static void ring_bell(const ring_t *ring)
 {
     const uint64_t one = 1;

@@ -1,9 +1,9 @@
-/* frame.h: what travels, and the queue it travels through inside a process.
+/* frame.h: a frame, and the queue for frames inside a process.
  *
  * A frame is a CAN frame (id as in linux/can.h, up to 64 bytes) or a message of another network
  * (id: the message's number in the deployment, up to FRAME_DATA bytes). Time is CLOCK_MONOTONIC.
  * A ring has one writer and one reader, which may be different threads; it never blocks, never
- * allocates, and counts what did not fit. In a ring `sequence` is the number of the frame, from 0.
+ * allocates, and counts frames that did not fit. In a ring `sequence` is the number of the frame, from 0.
  */
 #ifndef BRIDGE_FRAME_H
 #define BRIDGE_FRAME_H

@@ -1,4 +1,4 @@
-/* guard.c: what a torque may be before it leaves a node; see guard.h. */
+/* guard.c: limits of a torque before it leaves a node; see guard.h. */
 #include "guard.h"
 
 #include "life.h"

@@ -1,7 +1,7 @@
-/* guard.h: what a torque may be, after the controller and before the codec.
+/* guard.h: limits of a torque between controller and codec.
  *
- * Deterministic: its inputs are recorded, so a replay takes the same decisions. Every rule, and how to
- * reset it: docs/safety.md. */
+ * Deterministic: its inputs are recorded, so a replay takes the same decisions. docs/safety.md describes
+ * every rule and how to reset it. */
 #ifndef BRIDGE_GUARD_H
 #define BRIDGE_GUARD_H
 

@@ -1,4 +1,4 @@
-/* hear.c: the frames that reach a node, each to who takes it; see hear.h. */
+/* hear.c: reception of frames, each dispatched to its receiver; see hear.h. */
 #include "hear.h"
 
 #include <string.h>
@@ -10,9 +10,9 @@
 #include "service.h"
 
 /* On a bus without protection every data frame with its identifier is an emergency stop, classic or
- * CAN FD, of any length, whoever sends it: to stop is safe. A remote frame is none, nor is a frame whose
- * identifier is of the other size. With protection a message of somebody else, which a network has
- * delivered under this name, is none. */
+ * CAN FD, of any length and from any sender, because stopping is safe. A remote frame is not an emergency
+ * stop, nor is a frame whose identifier has the other size. With protection, a message of another sender
+ * that the network has delivered under this name is not an emergency stop. */
 int32_t node_is_estop(const node_t *n, const frame_t *frame)
 {
     double v[ESTOP_VALUES];

@@ -1,10 +1,10 @@
-/* hear.h: the frames that reach a node. */
+/* hear.h: reception of frames by a node. */
 #ifndef BRIDGE_HEAR_H
 #define BRIDGE_HEAR_H
 
 #include "node.h"
 
-/* Frames that have arrived by limit_ns (relative), each to who takes it. */
+/* Dispatches the frames that have arrived by limit_ns (relative) to their receivers. */
 void node_hear(node_t *n, int64_t limit_ns);
 /* Whether a frame is an emergency stop, which stops every node on its bus. */
 int32_t node_is_estop(const node_t *n, const frame_t *frame);

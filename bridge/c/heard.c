@@ -1,6 +1,6 @@
-/* heard.c: every sample that was accepted, as it was decoded, in a journal of its own; see heard.h.
+/* heard.c: every accepted sample, as it was decoded, in a separate journal; see heard.h.
  *
- * A replay takes its inputs from here, whoever the sender was, and so needs no other node.
+ * A replay takes its inputs from this journal, for any sender, and so needs no other node.
  */
 #include "heard.h"
 

@@ -1,10 +1,10 @@
-/* heard.h: the journal of what a node heard. */
+/* heard.h: the journal of the samples that a node has accepted. */
 #ifndef BRIDGE_HEARD_H
 #define BRIDGE_HEARD_H
 
 #include "node.h"
 
-/* A sample of r that was accepted, with r's values. */
+/* Records a sample of r that was accepted, with r's values. */
 void node_heard(node_t *n, const reception_t *r, int64_t sequence, int64_t arrival_ns, uint32_t status);
 
 #endif

@@ -1,4 +1,4 @@
-/* hostile.h: frames of a peer who knows the format of a message; kinds FORGE to FLOOD of faults.h. */
+/* hostile.h: frames of a peer that knows the format of a message; kinds FORGE to FLOOD of faults.h. */
 #ifndef BRIDGE_HOSTILE_H
 #define BRIDGE_HOSTILE_H
 

@@ -1,4 +1,4 @@
-/* inlet.c: what a node gives its components of what it has received; see inlet.h. */
+/* inlet.c: received values as inputs of a node's components; see inlet.h. */
 #include "inlet.h"
 
 #include <string.h>
@@ -10,7 +10,7 @@ static const inlet_row_t *recorded(const inlet_t *in)
     return (const inlet_row_t *)(row + n->inlet_offset) + (in - n->inlets);
 }
 
-/* Replay: whether what was held is in the journal of what was heard: it is, unless that was full. */
+/* Replay: whether the held sample is in the journal of accepted samples; it is, unless that was full. */
 static int32_t is_recorded(const history_t *h, int64_t held)
 {
     const int64_t k = h ? held - h->first : -1;

@@ -1,4 +1,4 @@
-/* inlet.h: what a node gives its components of what it has received. */
+/* inlet.h: received values as inputs of a node's components. */
 #ifndef BRIDGE_INLET_H
 #define BRIDGE_INLET_H
 

@@ -1,9 +1,9 @@
 /* journal.h: rows of one size appended to a file that is mapped into memory.
  *
- * What was written is in the page cache: it survives the death of the process (SIGKILL). The
- * mapping is made and pre-faulted by Python; writing is a memcpy and one store. A full journal
- * counts and drops. All rows begin at byte 64 of the mapping; behind the last of `capacity` rows
- * stands, for readers only, what a row is made of (bridge/native/journal.py). One writer.
+ * Written rows are in the page cache and survive the end of the process (SIGKILL). Python makes and
+ * pre-faults the mapping; writing is a memcpy and one store. A full journal counts and discards rows.
+ * The rows start at byte 64 of the mapping; a description of the rows, for readers only, follows the
+ * last of `capacity` rows (bridge/native/journal.py). There is one writer.
  */
 #ifndef BRIDGE_JOURNAL_H
 #define BRIDGE_JOURNAL_H

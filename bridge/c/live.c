@@ -6,7 +6,7 @@
 #include "slot.h"
 #include "start.h"
 
-enum { SETTLE_NS = 500000000 }; /* peers that were told the same START run by then */
+enum { SETTLE_NS = 500000000 }; /* peers that received the same START run by then */
 
 /* A node whose start lies behind it (it was started again) begins at a later slot, in which all its
  * components are due. They are started anew for it, with the time of the run. Nonzero: they cannot. */

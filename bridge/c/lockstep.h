@@ -1,10 +1,10 @@
-/* lockstep.h: a node that advances as fast as the samples it needs arrive.
+/* lockstep.h: a node that advances as fast as its samples arrive.
  *
- * The node runs on the simulated clock, over memory buses of its own; what it hears is given to it
- * slot by slot, with the times of the twin, from streams that hold every sample of the run. A slot
- * is due once all samples are there that were sent before it: at an earlier time, or at the same
- * time by a node that comes before this one. So the result is the twin's, to the last bit, on any
- * network that loses nothing. Buses must carry messages in order (reliable, blocking).
+ * The node runs on the simulated clock, over its own memory buses. It receives its samples slot by
+ * slot, with the times of the twin, from streams that contain every sample of the run. A slot is
+ * executed once all samples have arrived that were sent before it: at an earlier time, or at the same
+ * time by a node that precedes this one. The result therefore equals the twin's to the last bit, on
+ * any network without losses. Buses must carry messages in order (reliable, blocking).
  */
 #ifndef BRIDGE_LOCKSTEP_H
 #define BRIDGE_LOCKSTEP_H

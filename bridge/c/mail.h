@@ -1,6 +1,6 @@
-/* mail.h: a ring between a C loop and threads of Python, each of which may sleep until there is something.
+/* mail.h: a ring between a C loop and Python threads, each of which may sleep until a frame arrives.
  *
- * The loop says and hears by bus_send and bus_receive; here is the other side, and the loop's sleep.
+ * The loop uses bus_send and bus_receive; this file has the other side, and the sleep of the loop.
  */
 #ifndef BRIDGE_MAIL_H
 #define BRIDGE_MAIL_H

@@ -1,13 +1,13 @@
-/* message.h: numbers to bytes and back, from a table made of a DBC file.
+/* message.h: encoding and decoding of messages, by a table made from a DBC file.
  *
  * Fields are as in a DBC file: start bit, length, byte order, sign, scale, offset. An integer field
- * saturates, never wraps; rounds to nearest (halves to even); encodes what is not finite as its
- * `invalid` code if it has one, else as what is nearest to 0 (counted as saturated). A float field
+ * saturates, never wraps; rounds to nearest (ties to even); encodes a value that is not finite as its
+ * `invalid` code if it has one, else as the value nearest to 0 (counted as saturated). A float field
  * saturates too; its invalid code is a NaN, sent only if has_invalid. Headers: E2E Profile 2 (8-bit
  * CRC, 4-bit counter, classic CAN), Profile 5 (16-bit CRC, 8-bit counter, CAN FD), and for byte
  * streams Profile 4 (32-bit CRC, 16-bit counter, length). Nothing here allocates, keeps a state
- * outside its arguments or reads a clock. Fields must lie inside the message: whoever makes a table
- * checks that (bridge/can/codec.py).
+ * outside its arguments or reads a clock. Fields must be inside the message, which
+ * bridge/can/codec.py checks when it makes a table.
  */
 #ifndef BRIDGE_MESSAGE_H
 #define BRIDGE_MESSAGE_H

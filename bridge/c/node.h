@@ -1,4 +1,4 @@
-/* node.h: what a node is made of, on whatever clock. What it does: slot.h and the headers beside it.
+/* node.h: the structs of a node, for any clock. The functions are in slot.h and the other headers.
  *
  * All times named *_ns are relative to the start of the run, except start_ns and deadlines of pace.h.
  */

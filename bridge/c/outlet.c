@@ -1,4 +1,4 @@
-/* outlet.c: what leaves a component: torques guarded, values encoded and sent; see outlet.h. */
+/* outlet.c: outputs of a component: torques guarded, values encoded and sent; see outlet.h. */
 #include "outlet.h"
 
 #include <string.h>

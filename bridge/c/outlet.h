@@ -1,4 +1,4 @@
-/* outlet.h: what leaves a component: torques guarded, values encoded and sent. */
+/* outlet.h: outputs of a component: torques guarded, values encoded and sent. */
 #ifndef BRIDGE_OUTLET_H
 #define BRIDGE_OUTLET_H
 

@@ -1,4 +1,4 @@
-/* pace.h: absolute deadlines, and how late one woke. The only reader of clocks in C. */
+/* pace.h: absolute deadlines and wake-up latency. The only reader of clocks in C. */
 #ifndef BRIDGE_PACE_H
 #define BRIDGE_PACE_H
 

@@ -1,7 +1,7 @@
 /* receiver.c: see receiver.h */
 #include "receiver.h"
 
-/* Consecutive frames that have to agree before a counter that does not fit is believed. */
+/* Consecutive frames that must agree before an unexpected counter is accepted. */
 enum { WINDOW = 3 };
 
 static int64_t divided(int64_t a, int64_t b)    /* towards minus infinity, b > 0 */

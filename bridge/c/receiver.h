@@ -1,4 +1,4 @@
-/* receiver.h: which sample a frame is: its counter unwrapped, by its time stamp if it has one. */
+/* receiver.h: sequence number of a frame: its counter unwrapped, by its time stamp if it has one. */
 #ifndef BRIDGE_RECEIVER_H
 #define BRIDGE_RECEIVER_H
 
@@ -6,7 +6,7 @@
 
 #include "message.h"
 
-/* What became of the frames of one message, as its receiver saw it. period_ns > 0. */
+/* Results and counters of the receiver of one message. period_ns > 0. */
 typedef struct {
     int64_t ok, lost, repeated, reordered, wrong_sequence;      /* lost: by gaps of the counter */
     int64_t crc, length, invalid, range, simulated, stale;

@@ -1,4 +1,4 @@
-/* reception.c: a frame of a message this node hears: decoded, checked, into delay lines; see
+/* reception.c: decodes and checks a frame of a received message and puts it into delay lines; see
  * reception.h. */
 #include "reception.h"
 

@@ -1,10 +1,10 @@
-/* reception.h: a message that a node hears, from frame to delay line. */
+/* reception.h: a message that a node receives, from frame to delay line. */
 #ifndef BRIDGE_RECEPTION_H
 #define BRIDGE_RECEPTION_H
 
 #include "node.h"
 
-/* A frame of r: checked, decoded, numbered, forwarded, and put into the delay lines of its inlets. */
+/* Checks, decodes, numbers and forwards a frame of r, and puts it into the delay lines of its inlets. */
 void reception_take(node_t *n, reception_t *r, const frame_t *frame);
 
 #endif

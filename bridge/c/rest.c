@@ -1,4 +1,4 @@
-/* rest.c: how a node sleeps until its next deadline; see rest.h. */
+/* rest.c: sleep of a node until its next deadline; see rest.h. */
 #include "rest.h"
 
 #include "bus_wait.h"

@@ -1,11 +1,11 @@
-/* rest.h: how a node sleeps. */
+/* rest.h: sleep of a node. */
 #ifndef BRIDGE_REST_H
 #define BRIDGE_REST_H
 
 #include "node.h"
 
-/* Until the deadline (CLOCK_MONOTONIC) or `quit`; a gateway hears, and forwards, meanwhile. Returns the
- * time it woke at. */
+/* Sleeps until the deadline (CLOCK_MONOTONIC) or `quit`; a gateway receives and forwards meanwhile.
+ * Returns the time of the wake-up. */
 int64_t node_idle(node_t *n, int64_t deadline_ns);
 
 #endif

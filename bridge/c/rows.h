@@ -1,4 +1,4 @@
-/* rows.h: what is recorded of a run, and read again in a replay. */
+/* rows.h: the recorded rows of a run, which a replay reads. */
 #ifndef BRIDGE_ROWS_H
 #define BRIDGE_ROWS_H
 

@@ -1,4 +1,4 @@
-/* run_epoch.c: what a node says and believes of the run on its buses; see epoch.h and run_epoch.h. */
+/* run_epoch.c: sending and accepting EPOCH on the buses of a node; see epoch.h and run_epoch.h. */
 #include "run_epoch.h"
 
 #include <string.h>

@@ -1,10 +1,10 @@
-/* run_epoch.h: which run a node is in, said and heard; the message is in epoch.h. */
+/* run_epoch.h: sending and receiving the identification of the run; the message is in epoch.h. */
 #ifndef BRIDGE_RUN_EPOCH_H
 #define BRIDGE_RUN_EPOCH_H
 
 #include "node.h"
 
-/* EPOCH on all buses, of this node's run. */
+/* Sends EPOCH of this node's run on all buses. */
 void node_epoch(node_t *n);
 /* The same if a peer waits for a start, at most one in 100 ms. */
 void node_epoch_answer(node_t *n);

@@ -1,5 +1,5 @@
-/* sequence.c: drives with protocols of their own: disabled and enabled by the node that commands them,
- * and what an emulated one makes of such frames; see sequence.h. */
+/* sequence.c: drives with their own protocols: disabled and enabled by the node that commands them, and
+ * the response of an emulated drive to such frames; see sequence.h. */
 #include "sequence.h"
 
 #include <string.h>

@@ -1,12 +1,12 @@
-/* sequence.h: drives with protocols of their own: disabled, enabled, and emulated. */
+/* sequence.h: drives with their own protocols: disabled, enabled, and emulated. */
 #ifndef BRIDGE_SEQUENCE_H
 #define BRIDGE_SEQUENCE_H
 
 #include "node.h"
 
-/* Behind the torques of a slot. In FAULT (after the ramp) the drives are disabled, and again every 100 ms,
- * as a frame may get lost and a supervisor may enable them; ACTIVE again, cleared and enabled. Returns
- * ROW_DISABLED, ROW_ENABLED or 0. */
+/* Called after the torques of a slot. In FAULT (after the ramp) the drives are disabled, and again every
+ * 100 ms, because a frame may get lost or a supervisor may enable them. When the node is ACTIVE again,
+ * they are cleared and enabled. Returns ROW_DISABLED, ROW_ENABLED or 0. */
 uint32_t node_drives(node_t *n, int64_t now_ns);
 /* Disabled now. */
 void node_disable(node_t *n, int64_t now_ns);

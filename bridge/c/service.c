@@ -1,4 +1,4 @@
-/* service.c: what a node says besides its outlets: previews, heartbeats, SYNC, ESTOP; see service.h. */
+/* service.c: previews, heartbeats, SYNC and ESTOP of a node; see service.h. */
 #include "service.h"
 
 #include <string.h>

@@ -1,11 +1,11 @@
-/* service.h: what a node says besides its outlets. */
+/* service.h: messages that a node sends in addition to its outlets. */
 #ifndef BRIDGE_SERVICE_H
 #define BRIDGE_SERVICE_H
 
 #include "node.h"
 
-/* `preview`: what outlets would send first, only in messages that tell it from samples. `host`: CANopen's
- * heartbeat (one byte, the state as CiA 301 numbers it), when it is due; `host_sync`: its SYNC. */
+/* `preview`: the first values of outlets, only in messages that mark them as previews. `host`: CANopen's
+ * heartbeat (one byte, the state as numbered by CiA 301), when it is due; `host_sync`: its SYNC. */
 void node_heartbeat(node_t *n, int64_t now_ns);
 void node_preview(node_t *n, int64_t now_ns);
 void node_sync(node_t *n, int64_t now_ns);

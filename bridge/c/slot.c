@@ -8,7 +8,7 @@
 #include "sequence.h"
 #include "service.h"
 
-/* At its own end a node does not mind that its peers end, too. */
+/* At its own end a node ignores the end of its peers. */
 static void watch(node_t *n)
 {
     for (int32_t i = 0; i < n->n_peers && !n->ending; i++)

@@ -1,6 +1,6 @@
-/* slot.h: one slot of a node, on whatever clock: drain the buses, step the life cycle, run one tick of
- * the plan (whose gates are inlets and outlets), write a row of the journal. Nothing in it allocates,
- * prints or waits. */
+/* slot.h: one slot of a node, for any clock: read the buses, step the life cycle, run one tick of the
+ * plan (whose gates are inlets and outlets), write a row of the journal. It does not allocate, print
+ * or wait. */
 #ifndef BRIDGE_SLOT_H
 #define BRIDGE_SLOT_H
 

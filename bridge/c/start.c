@@ -1,4 +1,4 @@
-/* start.c: a node before its first slot, on the wall clock: who is there, and may it start? */
+/* start.c: a node before its first slot, on the wall clock: presence of peers, START and ARM. */
 #include "start.h"
 
 #include "hear.h"
@@ -9,7 +9,7 @@
 
 enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000 };
 
-/* A START that has come: from and until when it may be obeyed; until 0: none. */
+/* The interval in which a received START may be obeyed; until 0: there is no START. */
 typedef struct { int64_t from, until; } pending_t;
 
 static int32_t peer_present(const peer_t *peer, int64_t now)

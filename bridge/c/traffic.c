@@ -1,4 +1,4 @@
-/* traffic.c: what is on a bus, counted; see traffic.h */
+/* traffic.c: counters of the traffic on a bus; see traffic.h */
 #include "traffic.h"
 
 /* Bits of a classic frame with 3 bits of inter-frame space: 47 + 8 n, or 67 + 8 n extended, of which

@@ -1,13 +1,13 @@
-/* traffic.h: what is on a bus, counted. */
+/* traffic.h: counters of the traffic on a bus. */
 #ifndef BRIDGE_TRAFFIC_H
 #define BRIDGE_TRAFFIC_H
 
 #include "frame.h"
 
-/* What was on the bus, read by other threads at any time (each number for itself). Bits include
- * inter-frame space and the stuff bits that random data has on average, one in 30; those of a CAN
- * FD frame's data phase apart. The last second is the sum of the last ten slots of 100 ms that are
- * over: slot n % TRAFFIC_SLOTS, valid while number[] = n = t_ns / 100 ms. */
+/* Counters of the bus, read by other threads at any time (each number separately). Bits include the
+ * inter-frame space and the average stuff bits of random data, one in 30; bits of a CAN FD frame's data
+ * phase are counted separately. The last second is the sum of the last ten complete slots of 100 ms:
+ * slot n % TRAFFIC_SLOTS, valid while number[] = n = t_ns / 100 ms. */
 enum { TRAFFIC_SLOTS = 16, TRAFFIC_SLOT_NS = 100000000 };
 typedef struct {
     int64_t frames, error_frames;

@@ -1,4 +1,4 @@
-/* watchdog.c: watchdogs, and peers that are heard or not; see watchdog.h. */
+/* watchdog.c: watchdogs, and presence of peers; see watchdog.h. */
 #include "watchdog.h"
 
 #include "life.h"

@@ -1,7 +1,7 @@
-/* watchdog.h: something has to happen every so often, and peers have to be heard.
+/* watchdog.h: time limits between events, and presence of peers.
  *
- * Deterministic: its inputs are recorded, so a replay takes the same decisions. Every rule, and how to
- * reset it: docs/safety.md. */
+ * Deterministic: its inputs are recorded, so a replay takes the same decisions. docs/safety.md describes
+ * every rule and how to reset it. */
 #ifndef BRIDGE_WATCHDOG_H
 #define BRIDGE_WATCHDOG_H
 

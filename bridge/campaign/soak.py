@@ -153,7 +153,7 @@ def _rehearsed(
         script=str(script.path), events=injector.events(script, system, network),
     )  # fmt: skip
     if hosts is not None:
-        given = replace(given, inside=hosts.inside)
+        given = replace(given, on_host=hosts.on_host)
     facts = {"settings": list(changes), "faults": str(script.path), "real": False}
     begin(system, folder, facts)
     with Rehearsal(system, given, folder) as rehearsal:

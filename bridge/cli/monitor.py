@@ -193,12 +193,12 @@ def _listen(system: System, once: bool, connect: list[str], who: str, only: list
         begun, shown = monotonic_ns(), 0
         while not once or monotonic_ns() < max(begun, listener.new_ns) + SPAN_NS * 6 // 5:
             now = monotonic_ns()
-            listener.take(now)
+            listener.receive(now)
             if show is not None and now >= shown + round(REFRESH * 1e9):
                 shown = now
                 show(view(listener, now), now)
             sleep(DRAIN)
-        listener.take(now := monotonic_ns())
+        listener.receive(now := monotonic_ns())
         _print(view(listener, now))
 
 

@@ -117,13 +117,13 @@ class Listener:
             same = self._by_bus[bus].setdefault(int(one.message.id), [])
             same.append((Accept.of(one.message), one))
 
-    def take(self, now_ns: int) -> int:
-        """Everything that has come; how many frames. Call it some ten times a second."""
+    def receive(self, now_ns: int) -> int:
+        """Read all frames that have arrived; return their number. Call it ten times per second."""
         total = 0
         for name, ear in self.ears.items():
             for frame in ear.drain():
                 total += 1
-                self._told(name, frame)
+                self._receive_frame(name, frame)
         for heard in self.heard.values():
             heard.forget(now_ns)
         for net in self.nets.values():
@@ -131,14 +131,14 @@ class Listener:
                 self.new_ns = now_ns
         return total
 
-    def _told(self, bus: str, frame: Frame) -> None:
+    def _receive_frame(self, bus: str, frame: Frame) -> None:
         same = self._by_bus[bus].get(int(frame.id), ())
         match next((one for accept, one in same if accept.takes(frame)), None):
             case Beat() as beat:
-                if beat.take(frame):
+                if beat.decode(frame):
                     self._begin_new_life(beat)
             case ReceivedMessage() as heard:
-                heard.take(frame)
+                heard.decode(frame)
             case None:
                 self.unknown[bus] += 1
 

@@ -33,8 +33,8 @@ class Beat:
     boots: int = 0
     armed: bool = False
 
-    def take(self, frame: Frame) -> bool:
-        """A heartbeat; whether it is of a life that began since the one before."""
+    def decode(self, frame: Frame) -> bool:
+        """Decode a heartbeat; return whether the node has restarted since the previous one."""
         values, header = np.zeros(4), Header()
         if native.decode(self.message, frame, values.ctypes.data, header) is not Decoded.OK:
             return False
@@ -93,8 +93,8 @@ class ReceivedMessage:
         counts |= {"repeated": r.repeated, "older": r.reordered}
         return {why: int(n) for why, n in counts.items() if n}
 
-    def take(self, frame: Frame) -> None:
-        """A frame of it: values, status and counter."""
+    def decode(self, frame: Frame) -> None:
+        """Decode a frame of the message: values, status and counter."""
         header, values = Header(), np.full_like(self.values, np.nan)
         found = native.decode(self.message, frame, values.ctypes.data, header)
         if found is not Decoded.OK:

@@ -61,11 +61,11 @@ class NodeHandle(ABC):
         self.done: Mapping[str, Any] | None = None
         self.failed: Mapping[str, Any] | None = None
         self.refused: list[Mapping[str, Any]] = []  # START or ARM
-        self.waiting: tuple[str, ...] = ()  # messages it has to hear before it is ready
-        self.deaf: tuple[str, ...] = ()  # messages it no longer hears
+        self.waiting: tuple[str, ...] = ()  # messages that it must receive before it is ready
+        self.deaf: tuple[str, ...] = ()  # messages that no longer arrive
 
-    def take(self, event: Mapping[str, Any]) -> None:
-        """Keep what an event says. Events of other kinds are not kept."""
+    def keep_event(self, event: Mapping[str, Any]) -> None:
+        """Keep the content of an event. Events of unknown kinds are discarded."""
         match event.get("event"):
             case "ready":
                 self.ready = event
@@ -81,18 +81,18 @@ class NodeHandle(ABC):
                 self.deaf = tuple(event["to"])
 
     def check(self) -> None:
-        """Raise RunError if it has ended although it should not have."""
+        """Raise RunError if the node has ended unexpectedly."""
         self.poll()
         if self.failed or (self.code is not None and not self.done):
             raise RunError(f"node {self.start.life}: {self.reason()}")
 
     @abstractmethod
     def poll(self) -> None:
-        """Take in the events that have come."""
+        """Read the events that have arrived."""
 
     @abstractmethod
-    def tell(self, command: str, **values: int) -> None:
-        """Give it a command; one that has ended does not hear it."""
+    def send_command(self, command: str, **values: int) -> None:
+        """Send a command to the node; a node that has ended ignores it."""
 
     @abstractmethod
     def send_signal(self, number: signal.Signals) -> None:

@@ -50,9 +50,9 @@ class Process(NodeHandle):
         while not self.events.empty():
             event = self.events.get()
             if event is not None:
-                self.take(event)
+                self.keep_event(event)
 
-    def tell(self, command: str, **values: int) -> None:
+    def send_command(self, command: str, **values: int) -> None:
         """A command; a process that is gone does not hear it."""
         assert self._popen.stdin is not None
         try:
@@ -91,7 +91,7 @@ class Process(NodeHandle):
         """End the process: ask it to quit, and kill it if it still runs after so many seconds."""
         if self.code is None:
             self.send_signal(signal.SIGCONT)
-            self.tell("quit")
+            self.send_command("quit")
             if self.wait(seconds) is None:
                 self.send_signal(signal.SIGKILL)
                 self.wait(seconds)

@@ -24,23 +24,23 @@ class Thread(NodeHandle):
 
     def __init__(self, start: NodeStart) -> None:
         super().__init__(start)
-        self._told: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._commands: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=str(start.life), daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         try:
-            told = iter(self._told.get, None)
-            self.done = done(run_started(self.start, self.take, listen_to(told)))
+            commands = iter(self._commands.get, None)
+            self.done = done(run_started(self.start, self.keep_event, listen_to(commands)))
         except CosimError as error:
             self.failed = {"error": str(error), "exit_code": error.exit_code}
 
     def poll(self) -> None:
         """Nothing: events are taken in as they come."""
 
-    def tell(self, command: str, **values: int) -> None:
+    def send_command(self, command: str, **values: int) -> None:
         """A command."""
-        self._told.put(json.dumps({"command": command, **values}))
+        self._commands.put(json.dumps({"command": command, **values}))
 
     def send_signal(self, number: signal.Signals) -> None:
         """Raises RunError: threads have no signals of their own."""
@@ -66,9 +66,9 @@ class Thread(NodeHandle):
     def end(self, seconds: float = 3.0) -> None:
         """Ask the node to quit, and wait for it up to so many seconds."""
         if self.code is None:
-            self.tell("quit")
+            self.send_command("quit")
             self._thread.join(seconds)
-        self._told.put(None)
+        self._commands.put(None)
 
     def reason(self) -> str:
         """Why it ended too early, as far as it said."""

@@ -116,9 +116,9 @@ class Hosts:
         with stop_on_signal(lambda: None):  # a signal does not leave half of it behind
             self._stack.close()
 
-    def inside(self, node: str) -> AbstractContextManager[None]:
-        """The calling thread on the host of a node: what it starts belongs there."""
-        return namespaces.inside(self._namespace(self._of[node]))
+    def on_host(self, node: str) -> AbstractContextManager[None]:
+        """Move the calling thread to the host of a node, with all that it starts there."""
+        return namespaces.in_namespace(self._namespace(self._of[node]))
 
     def _namespace(self, host: str) -> str:
         return self._only if self.network is None else self.network.namespaces[host]
@@ -129,7 +129,7 @@ def missing() -> str:
     try:
         with _tried() as name:
             namespaces.multicast(name)
-            with namespaces.inside(name):
+            with namespaces.in_namespace(name):
                 os.close(os.open("/dev/net/tun", os.O_RDWR))
     except OSError as error:
         return str(error)

@@ -60,7 +60,7 @@ def _event_action(
         case "thaw":
             return lambda r: r.thaw(target)
         case "clock-jump":
-            return lambda r: r.current[target].tell("jump", by_ns=round(event.by * 1e9))
+            return lambda r: r.current[target].send_command("jump", by_ns=round(event.by * 1e9))
         case "bus-down":
             return lambda r: take_down(r, system, target)
         case "bus-up":

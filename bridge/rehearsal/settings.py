@@ -12,7 +12,7 @@ from bridge.faults.script import FaultEvent
 from bridge.node.handle import NodeHandle
 from bridge.records.records import Note
 
-Inside = Callable[[str], AbstractContextManager[None]]
+OnHost = Callable[[str], AbstractContextManager[None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Settings:
     script: str = ""
     events: Sequence[ScheduledEvent] = ()
     nodes: tuple[str, ...] = ()  # those started here; empty: all
-    inside: Inside = lambda node: nullcontext()  # the host a node's process is started on
+    on_host: OnHost = lambda node: nullcontext()  # the host a node's process is started on
 
 
 @dataclass(slots=True)

@@ -86,7 +86,7 @@ class Rehearsal:
             real=s.real,
             script=s.script,
         )
-        with s.inside(name):
+        with s.on_host(name):
             process = self._kind(start)
         self._stack.callback(process.end)
         self.ended.lives.append(process)
@@ -113,11 +113,11 @@ class Rehearsal:
             sleep(LEAD)  # heartbeats and first positions have been heard
             self._drives.enter_context(enabled(self.system, self.current))
             for process in self.current.values():
-                process.tell("arm")
+                process.send_command("arm")
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
         self._announce()
         for process in self.current.values():
-            process.tell("start", start_ns=self.ended.start_ns)
+            process.send_command("start", start_ns=self.ended.start_ns)
         try:
             with signals_as_interrupt():
                 self._watch(progress)
@@ -134,7 +134,7 @@ class Rehearsal:
         a request to be enabled.
         """
         for process in self.ended.lives:
-            process.tell("quit")
+            process.send_command("quit")
         with self._drives:
             self._stack.close()
 
@@ -224,7 +224,7 @@ class Rehearsal:
             return
         note = Deaf(t=self.t, life=process.start.life, to=process.deaf)
         self.ended.notes.append(note)
-        process.tell("stop")
+        process.send_command("stop")
         self.expected.add(process.start.life.node)
         self._stop_others(process)
 
@@ -237,7 +237,7 @@ class Rehearsal:
                     detail = missing_text(other.waiting)
                     self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
                 self.expected.add(life.node)
-                other.tell("stop")
+                other.send_command("stop")
 
     def _end_late_lives(self) -> bool:
         """Later lives that are not ready long after the end are ended: whether nobody else runs."""
@@ -262,12 +262,12 @@ class Rehearsal:
             raise RunError(note.describe())
         self.ended.notes.append(note)
         self.expected.add(process.start.life.node)
-        process.tell("quit")
+        process.send_command("quit")
 
     def stop(self) -> None:
         """Safe stop of all nodes, and wait for it."""
         for process in self.current.values():
-            process.tell("stop")
+            process.send_command("stop")
         for process in self.current.values():
             process.wait(3.0)
 
@@ -290,7 +290,7 @@ class Rehearsal:
         """A new life of a node that has ended, which joins the run."""
         self.expected.discard(name)
         process = self.start_node(name)
-        process.tell("start", start_ns=self.ended.start_ns)
+        process.send_command("start", start_ns=self.ended.start_ns)
 
 
 def _will_restart(events: Sequence[ScheduledEvent], length: float) -> bool:

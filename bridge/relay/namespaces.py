@@ -71,8 +71,8 @@ def ip(*arguments: str) -> str:
 
 
 @contextmanager
-def inside(name: str) -> Iterator[None]:
-    """The calling thread in a namespace: what it opens and starts belongs there.
+def in_namespace(name: str) -> Iterator[None]:
+    """Move the calling thread to a namespace, with all that it opens and starts there.
 
     Raises NetworkError.
     """

@@ -86,9 +86,9 @@ class RelayNetwork:
             raise NetworkError(f"the relay did not start: {event['error']}")
         self.names = event["links"]
 
-    def inside(self, host: str) -> AbstractContextManager[None]:
-        """The calling thread on a host: what it opens and starts belongs there."""
-        return namespaces.inside(self.namespaces[host])
+    def on_host(self, host: str) -> AbstractContextManager[None]:
+        """Move the calling thread to a host, with all that it opens and starts there."""
+        return namespaces.in_namespace(self.namespaces[host])
 
     def set(self, link: str, **spec: Any) -> None:
         """Change a link from now on, ``*``: all; without a spec it is perfect."""

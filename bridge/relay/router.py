@@ -12,7 +12,7 @@ from typing import Any, final
 
 from bridge.native.journal import Journal
 from bridge.relay.impairment import Impairment, RelayLinkSpec
-from bridge.relay.namespaces import NetworkError, inside, ip
+from bridge.relay.namespaces import NetworkError, in_namespace, ip
 from cosim.base.errors import ScenarioError
 
 _TUN, _NO_PI, _SETIFF = 0x0001, 0x1000, 0x400454CA
@@ -35,7 +35,7 @@ def open_tun(namespace: str, address: str) -> int:
     Raises NetworkError.
     """
     try:
-        with inside(namespace):
+        with in_namespace(namespace):
             descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             request = struct.pack("16sH22x", INTERFACE.encode(), _TUN | _NO_PI)
             fcntl.ioctl(descriptor, _SETIFF, request)
@@ -92,10 +92,10 @@ class Router:
                     if not command():
                         return
                 else:
-                    self._take(descriptor, now)
+                    self._forward_packet(descriptor, now)
             self._release(now)
 
-    def _take(self, descriptor: int, now: Callable[[], int]) -> None:
+    def _forward_packet(self, descriptor: int, now: Callable[[], int]) -> None:
         """All packets a host has sent; each came when it is read, not before."""
         while True:
             try:

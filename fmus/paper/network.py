@@ -65,15 +65,15 @@ def cases(seed: int) -> dict[str, Document]:
     }
 
 
-def _settled(r: Run) -> float:
+def _settling(r: Run) -> float:
     return m.time_to_target(r, ALL, Q_H)
 
 
-def _agreed(r: Run) -> float:
+def _agreement(r: Run) -> float:
     return m.time_to_agreement(r, ALL)
 
 
-def _held(r: Run) -> float:
+def _holding(r: Run) -> float:
     """Largest entry of the operator's torque at the end, N.m."""
     return float(np.abs(m.final(r, TAU_H)).max())
 
@@ -91,7 +91,7 @@ def _reached(kind: str, graphs: str, about: tuple[str, ...], band: Expected, sou
     text = {"10": "no delay", "delay": "delays"}[kind]
     return Claim(
         f"net-{kind}-{graphs}", about, f"{graphs}, {text}: six arms within 0.05 rad of q_h from",
-        "s", band, source, (f"net-{kind}-{graphs}",), _settled,
+        "s", band, source, (f"net-{kind}-{graphs}",), _settling,
     )  # fmt: skip
 
 
@@ -130,18 +130,18 @@ def _off_rest(r: Run) -> float:
 
 _FIGURES_8_9 = (
     Claim("fig8-agreed", _F8, "lambda_M = 0, ring: within 0.05 rad of each other from", "s",
-          within(19.0, 43.0), _S.format("23 to 33", "20.7 to 40.2"), _RING_0, _agreed),
+          within(19.0, 43.0), _S.format("23 to 33", "20.7 to 40.2"), _RING_0, _agreement),
     Claim("fig8-reached", _F8, "but within 0.05 rad of q_h from", "s", never(),
-          "Sec. VII-B: they do not converge to q_h", _RING_0, _settled, _ZERO),
+          "Sec. VII-B: they do not converge to q_h", _RING_0, _settling, _ZERO),
     Claim("fig8-error", _F8, "robot 3 is off q_h at 120 s by", "rad", at_least(2.8),
           "independent simulation: 2.8", _RING_0,
           lambda r: m.largest_error(m.final(r, "robot3.q"), Q_H), _ZERO),
     Claim("fig8-held", _F8, "held for ever: largest |tau_h| at 120 s", "N.m",
-          within(27.5, 35.5), _S.format("29 to 33", "28.3 to 34.7"), _RING_0, _held, _ZERO),
+          within(27.5, 35.5), _S.format("29 to 33", "28.3 to 34.7"), _RING_0, _holding, _ZERO),
     Claim("fig8-slope", _F8, "M^t has stopped growing: slope, 60 to 120 s", "1", at_most(0.15),
           "M^t has a limit", _RING_0, _slope, _ZERO),
     Claim("thm3-0-dense", ("thm3",), "lambda_M = 0, dense: within 0.05 rad of q_h from", "s",
-          never(), "Theorem 3 needs lambda_M > 0", ("net-0-dense",), _settled, _ZERO),
+          never(), "Theorem 3 needs lambda_M > 0", ("net-0-dense",), _settling, _ZERO),
     Claim("fig8-mean", ("fig8", "fig9"), "theta known, graphs in turn: rest is off O2 by", "rad",
           at_most(0.005), "O2 of the mean graph: (αq̄(0) + γ(k_p/K)q_h)/(α + γk_p/K), γ = 1/6",
           ("net-0-in-turn",), lambda r: m.largest_error(m.final(r, "robot3.q"), _MEAN)),
@@ -216,7 +216,7 @@ _THEOREMS = (
           at_least(0.1), "each goes to the last xi it heard", ("net-silent-free",),
           _spread(120.0), _SILENCE),
     Claim("thm4-silent", ("thm4",), "held, links silent: six arms within 0.05 rad of q_h from",
-          "s", never(), "each is held by the last xi it heard", ("net-silent",), _settled,
+          "s", never(), "each is held by the last xi it heard", ("net-silent",), _settling,
           _SILENCE),
 )  # fmt: skip
 

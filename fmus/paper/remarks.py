@@ -83,7 +83,7 @@ def cases(seed: int) -> dict[str, Document]:
 # ---- Remark 6: any bounded delay ----------------------------------------------------------------
 
 
-def _settled(r: Run) -> float:
+def _settling(r: Run) -> float:
     return m.time_to_target(r, ARMS, Q_H)
 
 
@@ -91,7 +91,7 @@ def _arrival(gain: int, name: str, band: Expected, source: str) -> Claim:
     said = {"5s": "U[0.3, 5] s", "20s": "U[1, 20] s", "20s-jumps": "U[1, 20] s held for 5 s"}[name]
     return Claim(
         f"remark6-{gain}-{name}", ("remark6", "thm5"), f"lambda_M = {gain}, T ~ {said}: at q_h "
-        "from", "s", band, source, (f"bounded-{gain}-{name}",), _settled,
+        "from", "s", band, source, (f"bounded-{gain}-{name}",), _settling,
     )  # fmt: skip
 
 
@@ -103,7 +103,7 @@ def _rate(gain: int, name: str, share: float) -> Claim:
     )  # fmt: skip
 
     def measured(r: Run) -> float:
-        start = _settled(r)
+        start = _settling(r)
         return m.decay(r, "master.q", Q_H[0], start, min(1.5 * start, float(r.t[-1])))
 
     return Claim(

@@ -52,7 +52,7 @@ def cases(seed: int) -> dict[str, Document]:
     }
 
 
-def _settled(r: Run) -> float:
+def _settling(r: Run) -> float:
     return m.time_to_target(r, ARMS, Q_H)
 
 
@@ -71,7 +71,7 @@ _FAST, _SLOW = ("pair-10",), ("pair-1",)
 _F12, _F14 = ("fig12", "fig13", "thm5"), ("fig14", "fig15", "thm5")
 _FIGURES = (
     Claim("fig12-settled", _F12, "lambda_M = 10: both arms within 0.05 rad of q_h from", "s",
-          within(11.2, 12.0), _S.format("11.5 to 11.7", "11.3 to 11.9"), _FAST, _settled),
+          within(11.2, 12.0), _S.format("11.5 to 11.7", "11.3 to 11.9"), _FAST, _settling),
     Claim("fig12-synchronised", _F12, "arms within 0.05 rad of each other from", "s",
           within(11.3, 12.1), _S.format("11.7", "11.5 to 11.9"), _FAST, _synchronised),
     Claim("fig12-effort", _F12, "effort of the operator, |tau_h|_2", "N.m.√s",
@@ -86,14 +86,14 @@ _FIGURES = (
     Claim("fig12-slope", _F12, "M^t grows: d log M/d log t, 30 to 60 s", "1", absolute(0.5, 0.1),
           "1/2 once the hand rests", _FAST, lambda r: m.growth(r, TAU_H, ARMS, 30.0, 60.0)),
     Claim("fig14-settled", _F14, "lambda_M = 1: both arms within 0.05 rad of q_h from", "s",
-          within(19.0, 21.0), _S.format("19.7 to 20.3", "19.2 to 20.8"), _SLOW, _settled),
+          within(19.0, 21.0), _S.format("19.7 to 20.3", "19.2 to 20.8"), _SLOW, _settling),
     Claim("fig14-synchronised", _F14, "arms within 0.05 rad of each other from", "s",
           within(14.5, 16.0), _S.format("15.3", "14.7 to 15.8"), _SLOW, _synchronised),
     Claim("fig14-effort", _F14, "effort of the operator, |tau_h|_2", "N.m.√s",
           within(82.0, 89.0), _S.format("85", "83.1 to 88.2"), _SLOW, _effort),
     Claim("fig14-time-ratio", (*_F14, "fig12"), "lambda_M = 1 takes longer than 10 by", "1",
           at_least(1.6), "independent simulation", (*_SLOW, *_FAST),
-          lambda slow, fast: _settled(slow) / _settled(fast)),
+          lambda slow, fast: _settling(slow) / _settling(fast)),
     Claim("fig14-effort-ratio", (*_F14, "fig12"), "lambda_M = 1 costs more effort than 10 by",
           "1", at_least(1.6), "independent simulation", (*_SLOW, *_FAST),
           lambda slow, fast: _effort(slow) / _effort(fast)),
@@ -104,13 +104,13 @@ _FIGURES = (
 
 _LINKS = (
     Claim("link-10-wire", ("link", "thm5"), "no delay, lambda_M = 10: at q_h from", "s",
-          relative(9.0, 0.02), "independent simulation", ("pair-10-wire",), _settled),
+          relative(9.0, 0.02), "independent simulation", ("pair-10-wire",), _settling),
     Claim("link-1-wire", ("link", "thm5"), "no delay, lambda_M = 1: at q_h from", "s",
-          relative(12.4, 0.02), "independent simulation", ("pair-1-wire",), _settled),
+          relative(12.4, 0.02), "independent simulation", ("pair-1-wire",), _settling),
     Claim("link-10-newest", ("link", "thm5"), "newest stamp, lambda_M = 10: at q_h from", "s",
-          within(10.0, 10.7), _S.format("10.2", "10.1 to 10.6"), ("pair-10-newest",), _settled),
+          within(10.0, 10.7), _S.format("10.2", "10.1 to 10.6"), ("pair-10-newest",), _settling),
     Claim("link-1-newest", ("link", "thm5"), "newest stamp, lambda_M = 1: at q_h from", "s",
-          within(13.5, 15.3), _S.format("14.2", "13.7 to 15.1"), ("pair-1-newest",), _settled),
+          within(13.5, 15.3), _S.format("14.2", "13.7 to 15.1"), ("pair-1-newest",), _settling),
 )  # fmt: skip
 
 
@@ -177,7 +177,7 @@ _REST = oracles.rest_position_pair(STARTS[:2], Q_H, K, ALPHA, K_P, LAMBDA, (0.75
 _SILENCE = "one link is silent from 3 s on: its delay has no bound"
 _BROKEN = (
     Claim("thm5-0-reached", ("thm5",), "lambda_M = 0: both arms within 0.05 rad of q_h from",
-          "s", never(), "Theorem 5 needs lambda_M > 0", ("pair-0",), _settled, "lambda_M = 0"),
+          "s", never(), "Theorem 5 needs lambda_M > 0", ("pair-0",), _settling, "lambda_M = 0"),
     Claim("thm5-0-held", ("thm5", "o2"), "lambda_M = 0, T = 0.75 s: rest is off O2 by", "rad",
           at_most(0.005), "O2 of the pair", ("pair-0-constant",),
           lambda r: max(m.largest_error(m.final(r, arm), _REST) for arm in ARMS), "lambda_M = 0"),

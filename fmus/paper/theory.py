@@ -152,11 +152,11 @@ def _cancelled(r: Run) -> float:
     return m.largest_error(estimated, [-1.0, 0.0])
 
 
-def _unreflected(r: Run) -> float:
+def _reflection_error(r: Run) -> float:
     return m.largest_error(m.final(r, "master.tau_h"), m.final(r, "slave.tau_e"))
 
 
-def _held(r: Run) -> float:
+def _holding(r: Run) -> float:
     return m.length(m.final(r, "master.tau_h"))
 
 
@@ -179,12 +179,12 @@ _GRAVITY = (
           lambda r: m.final(r, "master.tau_h")[0]),
     Claim("gravity-wall-adapted", ("gravity", "thm5"), "pair, gravity adapted: torque on the "
           "wall is off that felt by", "N.m", at_least(10.0), "s -> 0 lets q_1 - q_2 -> 0: "
-          "no static reflection", ("gravity-adapted-wall",), _unreflected, _ADAPTED),
+          "no static reflection", ("gravity-adapted-wall",), _reflection_error, _ADAPTED),
     Claim("gravity-pair", ("gravity", "thm5"), "pair, gravity compensated: |tau_h| at 60 s",
-          "N.m", at_most(1e-3), "Theorem 5", ("gravity-compensated-pair",), _held),
+          "N.m", at_most(1e-3), "Theorem 5", ("gravity-compensated-pair",), _holding),
     Claim("gravity-pair-adapted", ("gravity", "thm5"), "pair, gravity adapted: |tau_h| held for "
           "ever", "N.m", at_least(1.0), "the estimate balances the hand",
-          ("gravity-adapted-pair",), _held, _ADAPTED),
+          ("gravity-adapted-pair",), _holding, _ADAPTED),
 )  # fmt: skip
 
 CLAIMS = (*_POINT_MASS, *_THEOREM_1, *_OPTIONS, *_GRAVITY)

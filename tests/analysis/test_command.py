@@ -84,7 +84,7 @@ def test_another_port_may_be_looked_into(cosim: Command) -> None:
         ((CONFIG, "--port", "mister"), "no component with signals 'mister'; did you mean 'master'"),
         ((CONFIG, "--set", "run.stop=-1"), "must be positive"),
         ((".",), "not a run folder"),
-        ((".", "--set", "run.stop=1"), "--set changes a scenario"),
+        ((".", "--set", "run.stop=1"), "--set applies to a scenario"),
     ],
 )
 def test_what_cannot_be_analysed_is_refused(

@@ -40,7 +40,7 @@ def reached(listener: Listener, done: Callable[[], object], again: Callable[[], 
 
     def look() -> bool:
         again()
-        listener.take(monotonic_ns())
+        listener.receive(monotonic_ns())
         return bool(done())
 
     until(look)

@@ -24,7 +24,7 @@ def told(command):
 
     def do(rehearsal):
         for node in ARM:
-            rehearsal.current[node].tell(command)
+            rehearsal.current[node].send_command(command)
 
     return do
 

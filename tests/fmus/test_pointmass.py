@@ -104,7 +104,7 @@ def test_values_it_cannot_take_are_refused(mass: Component) -> None:
         with pytest.raises(CosimError, match=next(iter(values))):
             mass.initialize(values)
     mass.initialize(arrays(b=1e300, m=1e-300))
-    with pytest.raises(CosimError, match="range of numbers"):
+    with pytest.raises(CosimError, match="range of float64"):
         mass.step(0.0, 1.0, {})
 
 

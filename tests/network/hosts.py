@@ -57,7 +57,7 @@ class Router:
     def start(self) -> None:
         """Start it, and wait until it listens."""
         command = [sys.executable, "-m", "bridge.zenoh.router", str(CONFIGS / "zenoh/router.json5")]
-        with self._network.inside(ROUTER):
+        with self._network.on_host(ROUTER):
             self._process = subprocess.Popen(
                 [*command, self.endpoint, "--insecure"],
                 stdin=subprocess.PIPE,
@@ -199,7 +199,7 @@ def _prepared(case: Case, site: Site, folder: Path) -> tuple[System, Rehearsal]:
 
 def _place(running: Rehearsal, network: RelayNetwork, ahead: Mapping[str, int]) -> None:
     """Each node starts on its host, its clock `ahead` (ns)."""
-    running.settings = replace(running.settings, inside=network.inside)
+    running.settings = replace(running.settings, on_host=network.on_host)
     start = running.start_node
 
     def start_node(name: str) -> NodeHandle:

@@ -51,7 +51,7 @@ def test_a_preset_brings_its_losses_by_packet():
     lost = loss_model(own).stream(Fraction(1, 1000), generator(4, "a>b loss")).take(3000)
     assert [found.schedule_packet(7 * k, 100)[0] < 0 for k in range(3000)] == lost.tolist()
     assert lost.any()
-    with pytest.raises(ScenarioError, match="losses of its own"):
+    with pytest.raises(ScenarioError, match="already defines losses"):
         link(4, delay={"law": "preset", "name": "wifi5"}, loss=BURSTS)
 
 

@@ -71,13 +71,13 @@ class ByHand:
             (claimed := self.folder / "boot_id").write_text(boot_id)
             mounts = f'mount --bind "{claimed}" {BOOT_ID} && exec "$@"'
             call = ["unshare", "-m", "sh", "-c", mounts, "sh", *call]
-        with self.network.inside(host):
+        with self.network.on_host(host):
             node = subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
         self.nodes.append(node)
         return node
 
     def tell(self, host: str, what: str) -> None:
-        with self.network.inside(host):
+        with self.network.on_host(host):
             call = [sys.executable, "-c", COSIM, "tell", str(SCENARIO), what, *self.describe]
             subprocess.run(call, check=True, timeout=60.0)
 
@@ -180,7 +180,7 @@ def start(network: RelayNetwork) -> None:
         "with can.Bus('239.74.163.9', interface='udp_multicast', fd=True) as bus:\n"
         "    bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))\n"
     )
-    with network.inside("master"):
+    with network.on_host("master"):
         subprocess.run([sys.executable, "-c", said], check=True, timeout=30.0)
 
 

@@ -21,7 +21,7 @@ DELAY = {"law": "uniform", "low": "20 ms", "high": "30 ms"}
 def sockets(network: RelayNetwork) -> Iterator[tuple[socket.socket, socket.socket]]:
     made = []
     for host in ("a", "b"):
-        with network.inside(host):
+        with network.on_host(host):
             made.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         made[-1].bind((network.addresses[host], 5000))
         made[-1].settimeout(5.0)
@@ -68,7 +68,7 @@ def test_hosts_are_gone_afterwards_and_see_nothing_else(tmp_path: Path):
     with RelayNetwork(["a", "b"], tmp_path / "packets") as network:
         links = namespaces.ip("-n", network.namespaces["a"], "-o", "link")
         assert len(links.splitlines()) == 2  # its own loopback, and the way to the router
-        with network.inside("a"):
+        with network.on_host("a"):
             found = subprocess.run(["ip", "-o", "link"], capture_output=True, text=True, check=True)
         assert found.stdout.split() == links.split()
     assert not any(name in namespaces.ip("netns", "list") for name in network.namespaces.values())

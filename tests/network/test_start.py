@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 def command(network: RelayNetwork, host: str, what: str, *words: str) -> subprocess.Popen[str]:
     call = [*CALL, what, str(SCENARIO), *words]
-    with network.inside(host):
+    with network.on_host(host):
         return subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
 
 

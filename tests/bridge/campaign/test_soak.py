@@ -118,7 +118,7 @@ def test_nodes_find_each_other_by_the_addresses_of_their_hosts(system):
     assert tcp.startswith("tcp/10.0.0.2:7461?rel=1") and udp == "udp/10.0.0.2:7461?rel=0"
     assert again["insecure"]
     fixed = load_system(SCENARIO, "zenoh", ['deploy.buses.net.options.connect="tcp/127.0.0.1:1"'])
-    with pytest.raises(ScenarioError, match="connects to an address of its own"):
+    with pytest.raises(ScenarioError, match="connects to a fixed address"):
         hosts.settings(fixed, hosts.groups(fixed), addresses, "")
 
 

@@ -98,7 +98,7 @@ def test_a_listener_hears_messages_and_heartbeats_in_their_format(system, monkey
     ear = SimpleNamespace(drain=lambda: coming, close=lambda: None)
     monkeypatch.setattr(listen, "CanEar", lambda *_: ear)
     with listen.Listener(system, only=["left"]) as listener:
-        listener.take(1)
+        listener.receive(1)
         assert (listener.heard["LINK_2"].t_ns >= 0) == (flags == 0)
         assert (listener.beats["master"].t_ns >= 0) == (flags == 0)
         assert listener.unknown["left"] == (0 if flags == 0 else 2)

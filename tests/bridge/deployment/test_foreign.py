@@ -114,7 +114,7 @@ def test_a_drive_behaves_as_its_profile_says_and_by_the_joint(tmp_path):
             "port 's' is none of tau, q, dq",
         ),
         ({"carries": ["master_control.tau"]}, "has no message for tau, tau; it has COMMAND: 1 tau"),
-        ({"signals": ["tau"]}, "name and signals are the profile's"),
+        ({"signals": ["tau"]}, "the profile defines name and signals"),
         ({"profile": "none.toml"}, "none.toml"),
         ({"bus": "none"}, "no bus 'none'"),
     ],

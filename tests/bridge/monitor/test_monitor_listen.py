@@ -59,7 +59,7 @@ def taken(listener, n):
     """Take n frames; they come through a thread."""
     end, got = monotonic_ns() + 20 * SECOND, 0
     while got < n and monotonic_ns() < end:
-        got += listener.take(monotonic_ns())
+        got += listener.receive(monotonic_ns())
         sleep(0.005)
     return got
 
@@ -82,7 +82,7 @@ def test_values_status_and_losses(system, talker):
         now = monotonic_ns()
         row = next(r for r in tables(listener, now)[1].rows if r[0] == "LINK_2")
         assert row[1] == "master_control" and row[7] == "deadman simulated"
-        listener.take(now + 2 * SECOND)
+        listener.receive(now + 2 * SECOND)
         assert not heard.recent
         assert talker.bus.drain() == []  # nothing was sent to it
 

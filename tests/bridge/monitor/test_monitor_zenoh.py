@@ -185,7 +185,10 @@ def test_where_nobody_is(tmp_path: Path):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["--connect", "tcp/192.0.2.1:7461"], "leaves this machine in clear text"),
+        (
+            ["--connect", "tcp/192.0.2.1:7461"],
+            "is reachable from other machines without encryption",
+        ),
         (["--connect", "here"], "unknown protocol 'here'"),
         (["--mcap", "a.mcap"], "expected no --mcap"),
         (["--bus", "left"], "no bus 'left'; there are: net"),
@@ -206,7 +209,7 @@ def test_a_rehearsal_that_is_listened_to(tmp_path: Path):
     with Listener(system) as listener:
 
         def look(t: float, end: float) -> None:
-            listener.take(now := monotonic_ns())
+            listener.receive(now := monotonic_ns())
             words.append(view(listener, now).line)
 
         with running:

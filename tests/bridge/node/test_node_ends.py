@@ -112,7 +112,9 @@ def rehearse(folder, name, events, *more):
 
 def test_nobody_waits_for_a_start_after_one_has_failed(monkeypatch, request, tmp_path):
     monkeypatch.setattr(supervisor, "LEAD", 60.0)  # s; nobody starts before that
-    events = [ScheduledEvent(-59.9, "one is gone", lambda r: r.current["slave"].tell("quit"))]
+    events = [
+        ScheduledEvent(-59.9, "one is gone", lambda r: r.current["slave"].send_command("quit"))
+    ]
     ended = rehearse(tmp_path, request.node.name, events, "run.stop=30")
     assert {life.done["end"] for life in ended.lives} == {"never started"}
 
@@ -120,7 +122,7 @@ def test_nobody_waits_for_a_start_after_one_has_failed(monkeypatch, request, tmp
 def test_a_life_that_joins_after_the_end_is_a_note(request, tmp_path):
     def goes(rehearsal):
         rehearsal.expected.add("slave")
-        rehearsal.current["slave"].tell("quit")
+        rehearsal.current["slave"].send_command("quit")
 
     def comes_back(rehearsal):
         until(lambda: rehearsal.t > 0.5)
@@ -166,7 +168,7 @@ def test_when_a_rehearsal_is_left_all_nodes_are_told_before_any_is_waited_for(
         def check(self):
             raise RunError("cannot be configured")
 
-        def tell(self, command):
+        def send_command(self, command):
             order.append(command)
 
         def end(self):

@@ -59,7 +59,7 @@ def test_two_lives_never_have_the_same_files(a, bus, b, other):
 
 @pytest.mark.parametrize("text", ["x@one", "x@1", "x@02", "x@", "a b/c", "x@2@3", "%61"])
 def test_what_is_no_life(text):
-    with pytest.raises(ValueError, match=r"names no life|invalid literal"):
+    with pytest.raises(ValueError, match=r"not a valid name of a life|invalid literal"):
         Life.parse(text)
 
 
@@ -161,7 +161,9 @@ def test_a_rehearsal_with_such_names_is_whole(deployment, tmp_path):
     system = load_system(TELEOPERATION, str(deployment), LONGER)
     again = [
         ScheduledEvent(
-            0.2, "gone", lambda r: (r.expected.add("arm.2"), r.current["arm.2"].tell("quit"))
+            0.2,
+            "gone",
+            lambda r: (r.expected.add("arm.2"), r.current["arm.2"].send_command("quit")),
         ),
         ScheduledEvent(0.3, "back", lambda r: r.restart("arm.2"), restarts_node=True),
     ]

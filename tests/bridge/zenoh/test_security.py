@@ -132,7 +132,7 @@ def test_without_certificates_a_sentence(tmp_path: Path):
 
 
 def test_clear_text_is_refused_before_the_session(keys: Path):
-    with pytest.raises(ScenarioError, match="leaves this machine in clear text"):
+    with pytest.raises(ScenarioError, match="is reachable from other machines without encryption"):
         end("a", "b", keys, listen=("tcp/0.0.0.0:0",))
 
 

@@ -144,8 +144,8 @@ def test_axis_labels_carry_the_unit(run: Run, panel: Panel, label: str) -> None:
             "figure 'A', panel 2: .*'m.p'.*mean 'm",
         ),
         (Figure((Panel(("m.q",), reference=("m.r",)),), "A"), "panel 1: .*no signal 'm.r'"),
-        (Figure((Panel(()),), "A"), "figure 'A', panel 1: a panel needs a signal"),
-        (Figure((), "A"), "figure 'A': a figure needs a panel"),
+        (Figure((Panel(()),), "A"), "figure 'A', panel 1: a panel needs at least one signal"),
+        (Figure((), "A"), "figure 'A': a figure needs at least one panel"),
     ],
 )
 def test_what_cannot_be_drawn(run: Run, tmp_path: Path, figure: Figure, sentence: str) -> None:

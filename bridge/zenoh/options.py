@@ -141,7 +141,7 @@ def endpoints_of(deployment: Deployment, bus: str) -> tuple[str, ...]:
 
 
 def check_endpoint(endpoint: str, place: str, *, insecure: bool) -> None:
-    """Protocol, address; nothing is reachable from other machines without encryption unless `insecure`.
+    """Check protocol and address; unless `insecure`, other machines need encryption to reach it.
 
     Raises ScenarioError.
     """

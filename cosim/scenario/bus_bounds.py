@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from cosim.base.errors import ScenarioError
 from cosim.bus.arbitration import rank
 from cosim.bus.response import FrameStream, responses
 from cosim.bus.timing import BusTiming, worst
+from cosim.scenario.bus_frames import FrameOnBus
 from cosim.scenario.bus_spec import ScenarioBusSpec
-
-if TYPE_CHECKING:
-    from cosim.scenario.buses import FrameOnBus
 
 
 def analysed_bounds(

@@ -27,7 +27,8 @@ from cosim.bus.structs import (
     TickReceiverStruct,
     tick_gates,
 )
-from cosim.scenario.buses import PS, FrameOnBus, listening, prepared_bus
+from cosim.scenario.bus_frames import PS, FrameOnBus
+from cosim.scenario.buses import listening, prepared_bus
 from cosim.scenario.connect import ScenarioComponents
 from cosim.schedule.parts import Gate, Link
 

@@ -18,45 +18,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.bus.frames import BusEvent, BusFrame
-from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, FrameEncoding, QueueKind
+from cosim.bus.frames import BusEvent
+from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, QueueKind
 from cosim.bus.simulation import SimulatedBus
-from cosim.bus.timing import BusTiming, FrameFormat, padded
+from cosim.bus.timing import BusTiming
 from cosim.bus.traffic import PeriodicSource
 from cosim.links.bus_delays import BusDelays
 from cosim.scenario.bus_bounds import analysed_bounds
-from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
+from cosim.scenario.bus_frames import PS, FrameOnBus
+from cosim.scenario.bus_spec import ScenarioBusSpec
 from cosim.scenario.bus_traffic import disturbances, traffic
 from cosim.scenario.spec import Scenario
-from cosim.schedule.parts import Slot
 
-PS = 10**12
 #: Requests handed to the bus at once.
 BLOCK = 4096
 #: A filter that no frame passes: an identifier of 30 bits.
 NOTHING = AcceptanceFilter(1 << 29, 1 << 29)
 #: What waits at the end of the run may still take so long, ps; later it counts as lost.
 DRAIN_PS = 10**11
-
-
-@dataclass(frozen=True, slots=True)
-class FrameOnBus:
-    """A frame of a scenario's link: its sender, its receivers, a request every `period_ps`.
-
-    With an encoding it carries the values of `sources` (integers: in steps of `scale`); ahead of
-    the run it has random data.
-    """
-
-    name: str
-    sender: str
-    receivers: tuple[str, ...]
-    frame: BusFrame
-    period_ps: int
-    offset_ps: int
-    random_data: bool
-    encoding: FrameEncoding = FrameEncoding.NONE
-    scale: float = 1.0
-    sources: tuple[Slot, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,23 +60,6 @@ class PreparedBus:
     names: tuple[str, ...]
     requests: NDArray[np.void]
     owner: NDArray[np.intp]
-
-
-def frame_on_bus(
-    spec: LinkFrameSpec, fast: bool, name: str, ends: tuple[str, str], period_ps: int, offset: float
-) -> FrameOnBus:
-    """The frame of a link from `ends[0]` to `ends[1]`; `offset` in s.
-
-    Raises TimingError for one that CAN does not have.
-    """
-    kind = FrameFormat(extended=spec.extended, fd=spec.fd, brs=spec.fd and fast)
-    frame = BusFrame(spec.id, bytes(padded(spec.bytes, spec.fd)), kind)
-    known = spec.data in ("random", "zeros")
-    encoding = FrameEncoding.NONE if known else FrameEncoding[spec.data.upper()]
-    return FrameOnBus(
-        name, ends[0], (ends[1],), frame, period_ps, round(offset * PS), spec.data != "zeros",
-        encoding, spec.scale,
-    )  # fmt: skip
 
 
 def simulate_bus(

@@ -16,7 +16,7 @@ from cosim.schedule.parts import Link, Slot, SteppedBus
 if TYPE_CHECKING:
     from cosim.links.bus_delays import BusDelays
     from cosim.links.table import TableSpec
-    from cosim.scenario.buses import FrameOnBus
+    from cosim.scenario.bus_frames import FrameOnBus
 
 #: The delays of every link on a bus, by its name.
 Simulated = dict[str, "BusDelays"]
@@ -93,7 +93,7 @@ def _add_frame(
     parts: ScenarioComponents, spec: LinkSpec, frames: dict[str, FrameOnBus], place: str
 ) -> tuple[str, str]:
     """(name of the frame, receiver) of a link, whose frame is put into `frames`."""
-    from cosim.scenario.buses import frame_on_bus
+    from cosim.scenario.bus_frames import frame_on_bus
 
     buses = parts.scenario.buses
     if spec.bus not in buses:

@@ -54,7 +54,7 @@ def test_kill_9_loses_no_row_of_any_file(cosim: Command, tmp_path: Path) -> None
     killed(process, tmp_path / "here", 5_000_000)
     here = tmp_path / "here"
     assert not (here / "trajectories.parquet").exists()
-    with pytest.warns(CutShort, match="was cut short; it is recorded until t = "):
+    with pytest.warns(CutShort, match="was interrupted; it is recorded until t = "):
         found = Run.open(here)
     assert len(found) > 3 * 16384
     assert np.array_equal(found.t, np.arange(len(found)) * 1e-3)
@@ -140,7 +140,7 @@ def test_when_the_supervisor_is_killed_the_run_ends_too(tmp_path: Path) -> None:
     killed(process, tmp_path / "here", 1000)
     for _ in range(500):
         try:
-            with pytest.warns(CutShort, match="was cut short"):
+            with pytest.warns(CutShort, match="was interrupted"):
                 Run.open(tmp_path / "here")
             return
         except pytest.fail.Exception:

@@ -115,5 +115,5 @@ def test_a_kernel_is_the_library_of_the_fmu(empty: Path) -> None:
 
 def test_a_cache_that_cannot_be_written_is_named(empty: Path) -> None:
     (empty / "cache").write_text("a file, not a folder")
-    with pytest.raises(FmuError, match=r"cannot be made.*XDG_CACHE_HOME"):
+    with pytest.raises(FmuError, match=r"cannot be created.*XDG_CACHE_HOME"):
         find(HAND, "2.0")

@@ -240,7 +240,7 @@ GOOD = (FOLDER / "damiao.toml").read_text(encoding="utf-8")
         ('dbc = "damiao.dbc"', "", r"p\.toml: dbc: is None, expected a DBC file"),
         ('message = "COMMAND"', 'message = "COMAND"', "did you mean COMMAND"),
         ('q = ["q"]', 'q = ["qq"]', "has no signal 'qq'"),
-        ('tau = ["tau"]', "", r"p\.toml: command\.tau: names no signal"),
+        ('tau = ["tau"]', "", r"p\.toml: command\.tau: has no signal"),
         ("FF FC", "FF XX", r"sequences\.enable\[0\]: data .*expected at most 8 bytes"),
         ("FF FC", "FF FF FC", "expected at most 8 bytes"),
         ("[limits]", "[limit]", r"has no 'limit', expected some of"),

@@ -66,7 +66,7 @@ def test_all_frames_of_canopen_drives_and_of_their_host_are_known(tmp_path):
     assert taken(system, "right") == {0x000, 0x080, 0x704} | drives
     title = load_profile(DRIVES / "cia402.toml").title
     assert said(system) == [  # node 2 commands a drive that has number 2
-        f"bus left: identifier 0x702 is that of the heartbeat of drive 2 ({title}) and of the "
+        f"bus left: identifier 0x702 is used by the heartbeat of drive 2 ({title}) and by the "
         "CANopen heartbeat of master_control"
     ]
     assert "identifier" in {f.rule for f in deployment.check(system) if f.severity == "error"}
@@ -75,9 +75,9 @@ def test_all_frames_of_canopen_drives_and_of_their_host_are_known(tmp_path):
 @pytest.mark.parametrize(
     ("service", "signals", "party"),
     [
-        ("ESTOP", ["node", "reasons"], "0x001 is that of {} and of ESTOP, a service of the bus"),
-        ("NMT", ["command", "node"], "0x000 is that of {} and of NMT, a service of the bus"),
-        ("HEARTBEAT_1", ["state", "boots"], "0x701 is that of {} and of HEARTBEAT_1 of master"),
+        ("ESTOP", ["node", "reasons"], "0x001 is used by {} and by ESTOP, a service of the bus"),
+        ("NMT", ["command", "node"], "0x000 is used by {} and by NMT, a service of the bus"),
+        ("HEARTBEAT_1", ["state", "boots"], "0x701 is used by {} and by HEARTBEAT_1 of master"),
     ],
 )
 def test_a_message_with_the_identifier_of_a_service_is_refused(tmp_path, service, signals, party):
@@ -100,14 +100,14 @@ def test_a_message_with_the_identifier_of_a_service_is_refused(tmp_path, service
 def test_a_message_with_an_identifier_of_a_drive_is_refused(tmp_path, number, party):
     """Also one that no message of the deployment has."""
     found = said(own(tmp_path, number))
-    assert len(found) == 1 and f"identifier {number:#05x} is that of " in found[0]
+    assert len(found) == 1 and f"identifier {number:#05x} is used by " in found[0]
     assert party in found[0] and "message OWN of master_control" in found[0]
     assert said(own(tmp_path, 0x300)) == []
 
 
 def test_a_command_with_the_identifier_of_another_drive_s_feedback_is_refused(tmp_path):
     assert said(system_of(damiao(drive=0x11), tmp_path)) == [
-        "bus left: identifier 0x011 is that of message master_state_1 of master and of message "
+        "bus left: identifier 0x011 is used by message master_state_1 of master and by message "
         "master_tau_1 of master_control"
     ]
 
@@ -122,4 +122,4 @@ def test_two_messages_to_one_drive_are_refused(tmp_path):
     (error,) = [
         f for f in deployment.check(system_of(damiao(drive=2), tmp_path)) if f.severity == "error"
     ]
-    assert error.reason.startswith("identifier 0x002 is that of message")
+    assert error.reason.startswith("identifier 0x002 is used by message")

@@ -54,7 +54,7 @@ def same(a: Run, b: Run) -> bool:
 
 def test_a_reader_collects_the_journals_by_itself(cut: Path, whole: Run) -> None:
     before = sorted(cut.rglob("*"))
-    with pytest.warns(CutShort, match="was cut short; it is recorded until t = 1.999 s"):
+    with pytest.warns(CutShort, match="was interrupted; it is recorded until t = 1.999 s"):
         found = Run.open(cut)
     assert same(found, whole)
     assert sorted(cut.rglob("*")) == before  # nothing was written there

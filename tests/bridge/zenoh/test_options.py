@@ -105,7 +105,7 @@ def test_a_file_is_filled_in_and_checked(tmp_path: Path):
     with pytest.raises(ScenarioError, match=r"x\.json5"):
         configured("{mode: ")
     clear = "{listen: {endpoints: ['tcp/[::]:7447']}}"
-    with pytest.raises(ScenarioError, match=r"x.json5: connect: .*clear text"):
+    with pytest.raises(ScenarioError, match=r"x.json5: connect: .*without encryption"):
         configured(clear.replace("listen", "connect"), "buses.net.options={}")
     with pytest.raises(ScenarioError, match="multicast scouting"):
         configured("{scouting: {multicast: {enabled: true}}}")

@@ -110,9 +110,9 @@ def test_loops_are_begun_where_the_fewest_are_waited_for():
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        ({"order": ["x"]}, "look at v (there are: v, x)"),
-        ({"order": ["x", "v", "w"]}, "look at w"),
-        ({"order": ["x", "v", "x"]}, "look at x"),
+        ({"order": ["x"]}, "wrong: v (there are: v, x)"),
+        ({"order": ["x", "v", "w"]}, "wrong: w"),
+        ({"order": ["x", "v", "x"]}, "wrong: x"),
         ({"algorithm": "jacobi", "order": ["x", "v"]}, 'the algorithm is "jacobi"'),
     ],
 )

@@ -57,7 +57,7 @@ def test_an_operator_may_limit_every_controller(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("was", "now", "says"),
     [
-        ('hears = "r4"\n', "", "no 'hears' here"),
+        ('hears = "r4"\n', "", "missing key 'hears'"),
         ('hears = "r4"', 'hears = "r1"', "r1 receives from itself; expected another role"),
         ('hears = "r4"', 'hears = "r9"', "no role 'r9'"),
         ('r3 = "r1", ', 'r3 = "r3", ', "at links.tree.hears.r3: r3 receives from itself"),

@@ -90,8 +90,8 @@ WRONG = {
         ('[roles.slave]\narm = "slave"\ncontroller = "slave_control"\n', ""),
         "at roles: expected at least two roles, found master",
     ),
-    "a role's key": (('arm = "slave"\n', ""), "at roles.slave: no 'arm' here"),
-    "no model": (('model = "fmus.models.pd"\n', ""), "at controllers.pd: no 'model' here"),
+    "a role's key": (('arm = "slave"\n', ""), "at roles.slave: missing key 'arm'"),
+    "no model": (('model = "fmus.models.pd"\n', ""), "at controllers.pd: missing key 'model'"),
     "a controller's key": (
         ('preset = "PD(10,4)"', 'presets = "PD(10,4)"'),
         "at controllers.pd: no key 'presets'; did you mean 'preset'?",
@@ -138,7 +138,7 @@ WRONG = {
         ("position_limit = 100.0", 'position_limit = "100 s"'),
         "at stable.position_limit: ",
     ),
-    "no window": (("window = 1.0\n", ""), "at stable: no 'window' here"),
+    "no window": (("window = 1.0\n", ""), "at stable: missing key 'window'"),
     "the figure": (("[figure]", "[figure]\nuntil = true"), "at figure.until: expected a number"),
     "the default": (
         ("[figure]", '[default]\nlinks = ["paper"]\n[figure]'),

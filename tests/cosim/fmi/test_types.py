@@ -136,7 +136,7 @@ def test_sizes_that_are_none_are_refused(passing: Path, tmp_path: Path) -> None:
     [
         ({"factor": (-1.0,)}, "factor = -1 is below its minimum 0"),
         ({"factor": (11.0,)}, "factor = 11 is above its maximum 10"),
-        ({"mode": (1.5,)}, "mode = 1.5 is no Enumeration; expected a whole number"),
+        ({"mode": (1.5,)}, "mode = 1.5 is not a valid Enumeration; expected a whole number"),
     ],
 )
 def test_a_start_value_out_of_range_is_a_sentence(

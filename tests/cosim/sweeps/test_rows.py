@@ -130,7 +130,7 @@ CHECKED = [
     (gain(1, "[vary.how.cases]\na = ['run.seed=1']\nb = ['components.plant.model=x']\n"),
      "study.toml at vary.how (b): "),
     (gain(1, "[stable]\nrest.nothing = 1\n"), "stable: no measure 'rest.nothing'"),
-    (gain(1, "[stable]\nrest = 'small'\n"), "at stable.rest: found 'small', expected the lar"),
+    (gain(1, "[stable]\nrest = 'small'\n"), "at stable.rest: found 'small', expected its max"),
     (gain(1, "[stable]\n'rest.nothing' = 1\n"), "stable: no measure 'rest.nothing'; there are"),
     (gain(1, "[metrics.gain]\nkind = 'peak'\nof = ['plant.y']\n"), "the metric 'gain' has the"),
     (gain(1, "[metrics.rest]\nkind = 'peak'\nof = ['plant.y']\n"), "at metrics.rest: "),

@@ -1,0 +1,51 @@
+"""Frames of links on a simulated bus of a scenario."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cosim.bus.frames import BusFrame
+from cosim.bus.settings import FrameEncoding
+from cosim.bus.timing import FrameFormat, padded
+from cosim.scenario.bus_spec import LinkFrameSpec
+from cosim.schedule.parts import Slot
+
+#: Picoseconds in a second.
+PS = 10**12
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOnBus:
+    """A frame of a scenario's link: its sender, its receivers, a request every `period_ps`.
+
+    With an encoding it carries the values of `sources` (integers: in steps of `scale`); ahead of
+    the run it has random data.
+    """
+
+    name: str
+    sender: str
+    receivers: tuple[str, ...]
+    frame: BusFrame
+    period_ps: int
+    offset_ps: int
+    random_data: bool
+    encoding: FrameEncoding = FrameEncoding.NONE
+    scale: float = 1.0
+    sources: tuple[Slot, ...] = ()
+
+
+def frame_on_bus(
+    spec: LinkFrameSpec, fast: bool, name: str, ends: tuple[str, str], period_ps: int, offset: float
+) -> FrameOnBus:
+    """The frame of a link from `ends[0]` to `ends[1]`; `offset` in s.
+
+    Raises TimingError for one that CAN does not have.
+    """
+    kind = FrameFormat(extended=spec.extended, fd=spec.fd, brs=spec.fd and fast)
+    frame = BusFrame(spec.id, bytes(padded(spec.bytes, spec.fd)), kind)
+    known = spec.data in ("random", "zeros")
+    encoding = FrameEncoding.NONE if known else FrameEncoding[spec.data.upper()]
+    return FrameOnBus(
+        name, ends[0], (ends[1],), frame, period_ps, round(offset * PS), spec.data != "zeros",
+        encoding, spec.scale,
+    )  # fmt: skip

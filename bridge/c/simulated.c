@@ -6,32 +6,38 @@
 
 typedef struct {
     node_t **nodes;
-    const int32_t *routes;  /* n_nodes rows of n_routes: the network of each bus, -1: none */
-    int32_t n_nodes, n_routes;
-    int64_t (*frame_time)(const frame_t *, double, double);
-    const double *bitrates; /* two a network */
-    int64_t *busy;          /* a network: until */
+    network_t *networks;
+    const route_t *routes;  /* n_nodes rows of n_routes */
+    int32_t n_nodes, n_networks, n_routes;
+    int32_t forwarding;     /* a node forwards frames when they arrive */
 } twin_t;
 
-/* Hands a frame to all other nodes of a network, at the time at which its last bit is on the bus. */
-static void deliver(twin_t *w, int32_t from, int32_t network, frame_t *frame)
-{
-    const int64_t begin = frame->t_ns > w->busy[network] ? frame->t_ns : w->busy[network];
-    frame->t_ns = begin + w->frame_time(frame, w->bitrates[2 * network], w->bitrates[2 * network + 1]);
-    w->busy[network] = frame->t_ns;
-    for (int32_t i = 0; i < w->n_nodes; i++) {
-        for (int32_t b = 0; i != from && b < w->nodes[i]->n_buses; b++)
-            if (w->routes[i * w->n_routes + b] == network)
-                ring_put(w->nodes[i]->buses[b].rx, frame);
-    }
-}
-
-static void hand_over(twin_t *w, int32_t i)
+/* What a node has sent, to its networks. */
+static void hand_over(const twin_t *w, int32_t i)
 {
     frame_t frame;
     node_t *n = w->nodes[i];
-    for (int32_t b = 0; b < n->n_buses; b++)
-        while (ring_get(n->buses[b].tx, &frame)) deliver(w, i, w->routes[i * w->n_routes + b], &frame);
+    for (int32_t b = 0; b < n->n_buses; b++) {
+        const route_t *r = w->routes + i * w->n_routes + b;
+        while (ring_get(n->buses[b].tx, &frame))
+            if (r->network >= 0) network_send(w->networks + r->network, r->node, &frame);
+    }
+}
+
+static void go_on(const twin_t *w, int64_t until_ns)
+{
+    for (int32_t i = 0; i < w->n_networks; i++) network_advance(w->networks + i, until_ns);
+}
+
+/* When a frame may arrive next on any network. */
+static int64_t next_arrival(const twin_t *w)
+{
+    int64_t first = INT64_MAX;
+    for (int32_t i = 0; i < w->n_networks; i++) {
+        const int64_t next = network_next(w->networks + i);
+        if (next < first) first = next;
+    }
+    return first;
 }
 
 static int64_t deadline_of(const node_t *n)
@@ -57,12 +63,18 @@ static int64_t due(node_t *n)
     return frame < slot ? frame : slot;
 }
 
-API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
-                           int64_t (*frame_time)(const frame_t *, double, double),
-                           const double *bitrates, int64_t *busy, const int32_t *routes,
-                           int32_t n_routes, int64_t until_ns)
+static int32_t forwards(const twin_t *w)
 {
-    twin_t w = {nodes, routes, n_nodes, n_routes, frame_time, bitrates, busy};
+    for (int32_t i = 0; i < w->n_nodes; i++)
+        if (w->nodes[i]->gateway) return 1;
+    return 0;
+}
+
+API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, network_t *networks, int32_t n_networks,
+                           const route_t *routes, int32_t n_routes, int64_t until_ns)
+{
+    twin_t w = {nodes, networks, routes, n_nodes, n_networks, n_routes, 0};
+    w.forwarding = forwards(&w);
     for (;;) {
         int32_t next = -1, result = 0;
         int64_t now = INT64_MAX;
@@ -71,6 +83,9 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes,
             if (t < now) now = t, next = i;
         }
         if (next < 0 || now >= until_ns) return 0;
+        const int64_t arrival = w.forwarding ? next_arrival(&w) : INT64_MAX;
+        go_on(&w, arrival < now ? arrival : now);
+        if (arrival < now) continue; /* a gateway may have to forward it first */
         if (now < deadline_of(nodes[next])) node_hear(nodes[next], now);
         else result = node_slot(nodes[next], now, now, 0);
         if (result) return result;

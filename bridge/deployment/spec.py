@@ -19,6 +19,7 @@ from cosim.base import toml
 from cosim.base.convert import Number, convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import as_toml, change
+from cosim.bus.timing import BusTiming
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
@@ -35,6 +36,9 @@ class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     bus has, messages of that file (:mod:`bridge.deployment.services`). `options`: further
     arguments of the interface. `local`: keep ``udp_multicast`` on this machine. `zenoh`: a Zenoh
     configuration file (JSON5) beside the deployment; `prefix`: of its keys.
+
+    `queue`: the order in which a node sends what waits, `queue_length`: how many frames can wait;
+    both for the twin and the interface ``cosim``. Of a real interface, its driver decides.
     """
 
     kind: Literal["can", "zenoh"] = "can"
@@ -49,6 +53,13 @@ class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     zenoh: str = ""
     prefix: str = ""
     options: dict[str, Any] = {}
+    queue: Literal["fifo", "sorted", "mailboxes"] = "fifo"
+    queue_length: Annotated[int, msgspec.Meta(gt=0, le=65535)] = 1000
+
+    @property
+    def timing(self) -> BusTiming:
+        """Bit rates of a CAN bus."""
+        return BusTiming(self.bitrate, self.data_bitrate if self.fd else None, self.fd)
 
 
 class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -245,6 +256,12 @@ def _check(d: Deployment) -> None:
             _known(peer, d.nodes, "node", d.place("nodes", name, "requires"))
     for name, message in d.messages.items():
         _known(message.bus, d.buses, "bus", d.place("messages", name, "bus"))
+    for name, bus in d.buses.items():
+        for option in ("bitrate", "data_bitrate", "fd", "queue", "tx_queue_size"):
+            if bus.interface == "cosim" and option in bus.options:
+                key = {"tx_queue_size": "queue_length"}.get(option, option)
+                text = f"found {option} among the options; expected {key} of the bus itself"
+                raise ScenarioError(text, d.place("buses", name, "options"))
     if d.sync:
         _known(d.sync, d.nodes, "node", d.place("sync"))
 

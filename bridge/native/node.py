@@ -11,6 +11,7 @@ from bridge.native.epoch import Epoch
 from bridge.native.frame import Frame
 from bridge.native.journal import JournalStruct
 from bridge.native.library import library
+from bridge.native.network import NetworkStruct, RouteStruct
 from bridge.native.pace import Histogram
 
 WALL, SIMULATED, REPLAY = 1, 2, 3
@@ -318,8 +319,8 @@ def functions() -> c.CDLL:
     found.node_unheard.argtypes, found.node_unheard.restype = (node, i32), i32
     found.node_absent.argtypes, found.node_absent.restype = (node, i32, c.c_int64), i32
     found.nodes_simulate.argtypes = (
-        *(c.c_void_p, i32, c.c_void_p, c.c_void_p),
-        *(c.c_void_p, c.c_void_p, i32, c.c_int64),
+        *(c.c_void_p, i32, c.POINTER(NetworkStruct), i32),
+        *(c.POINTER(RouteStruct), i32, c.c_int64),
     )
     found.nodes_simulate.restype = i32
     found.node_follow.argtypes = (node, c.c_void_p, c.c_int64)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from bridge.zenoh.remote_control import Stoppable
 
 
+#: The interface of a simulated bus.
+SIMULATED = "cosim"
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
 GROUP = "239.74.163.{}"
 #: Rows of a log at least: somebody may babble.
@@ -37,6 +39,9 @@ def can_spec(deployment: Deployment, name: str) -> interface.CanBusSpec:
     channel = spec.channel
     if spec.interface == "udp_multicast" and "." not in channel and ":" not in channel:
         channel = GROUP.format(2 + list(deployment.buses).index(name))
+    options = spec.options
+    if spec.interface == SIMULATED:
+        options = {"queue": spec.queue, "tx_queue_size": spec.queue_length, **options}
     return interface.CanBusSpec(
         name,
         interface=spec.interface,
@@ -45,7 +50,7 @@ def can_spec(deployment: Deployment, name: str) -> interface.CanBusSpec:
         bitrate=spec.bitrate if _has_bitrate(spec) else None,
         data_bitrate=spec.data_bitrate if spec.fd and _has_bitrate(spec) else None,
         local=spec.local,
-        options=spec.options,
+        options=options,
     )
 
 

@@ -27,11 +27,7 @@ LIMIT = "tau_max"
 
 def timings(system: System) -> dict[str, BusTiming]:
     """Bit rates of the CAN buses."""
-    return {
-        name: BusTiming(b.bitrate, b.data_bitrate if b.fd else None, b.fd)
-        for name, b in system.deployment.buses.items()
-        if b.kind == "can"
-    }
+    return {name: bus.timing for name, bus in system.deployment.buses.items() if bus.kind == "can"}
 
 
 def messages(system: System) -> list[BusMessage]:

@@ -19,7 +19,7 @@ from bridge.native.load import frame_time_ns
 from bridge.native.message import Decoded
 from bridge.native.safety import LifeState
 from cosim.base.errors import ScenarioError
-from cosim.bus.timing import BusTiming
+from cosim.bus.timing import Bits
 
 #: Bits of a status byte that say in which state its sender is.
 LIFE = 7
@@ -32,7 +32,7 @@ ASKED, GUESSES = 50, 625
 class LoggedSample:
     """A frame of a message that passed its checks; times in ns, `t_ns` as logged.
 
-    `wire_ns`: what its bits take on the bus.
+    `wire_ns`: from its first bit to the end of its last, when it is received.
     """
 
     t_ns: int
@@ -81,14 +81,14 @@ def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[
     """The samples of a message, frame by frame; `rows` (n,) are the frames of its bus."""
     codec = carried.encoding
     assert isinstance(codec, Codec)
-    timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
+    intermission = bus.timing.time_ns(Bits(3))
     tells = codec.layout.status_mask & LIFE == LIFE
     for row in rows[Accept.of(codec.message).among(rows)]:
         frame = frame_of(row)
         result, values, header = codec.decode(frame.payload)
         if result is Decoded.OK:
             life = header.status & LIFE if tells else -1
-            wire = frame_time_ns(frame, timing)
+            wire = frame_time_ns(frame, bus.timing) - intermission
             yield LoggedSample(frame.t_ns, wire, header.counter, header.t_us, life, values)
 
 

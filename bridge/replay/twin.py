@@ -1,7 +1,8 @@
 """The twin: a deployment on a simulated clock, in one process, before anything real is touched.
 
 The nodes, codecs, guards, drives and delay lines are those of the rehearsal; only the clock and the
-buses are not: the next deadline is always on time, and a frame takes what its bits take.
+buses are not: the next deadline is always on time, and CAN buses are simulated, with arbitration
+(:mod:`bridge.replay.networks`).
 """
 
 from __future__ import annotations
@@ -11,14 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-import numpy as np
-
 from bridge.deployment.system import System
 from bridge.native import node as native
 from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Ring
 from bridge.native.safety import LifeState
 from bridge.records.lives import Life
+from bridge.replay.networks import Networks
 from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
@@ -73,24 +73,15 @@ def _buses(system: System, node: str) -> dict[str, Bus]:
 
 def run(system: System, nodes: Mapping[str, WiredNode]) -> None:
     """All nodes to the end. Raises RunError, and KeyboardInterrupt where a signal ends the run."""
-    networks = list(system.deployment.buses)
-    width = max(len(system.buses_of(node.name)) for node in nodes.values())
-    routes = np.full((len(nodes), width), -1, dtype=np.int32)
-    for i, node in enumerate(nodes.values()):
-        for b, bus in enumerate(system.buses_of(node.name)):
-            routes[i, b] = networks.index(bus)
-    rates = np.array(
-        [[b.bitrate, b.data_bitrate] for b in system.deployment.buses.values()], dtype=np.float64
-    )
+    networks = Networks(system, {n.name: n.buses for n in nodes.values()})
     pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes.values()))
-    busy = np.zeros(len(networks), dtype=np.int64)
     end = 1 + max(n.struct.slots * n.struct.h_ns + n.struct.phase_ns for n in nodes.values())
     pressed: list[bool] = []
     with stop_on_signal(lambda: pressed.append(True)):
         for until in range(LOOK_NS, end + LOOK_NS, LOOK_NS):
             result = native.functions().nodes_simulate(
-                pointers, len(nodes), native.address("frame_time_ns"), rates.ctypes.data,
-                busy.ctypes.data, routes.ctypes.data, width, until,
+                pointers, len(nodes), networks.structs, networks.count,
+                networks.routes, networks.width, until,
             )  # fmt: skip
             if result or pressed:
                 break

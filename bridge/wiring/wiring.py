@@ -202,6 +202,11 @@ class WiredNode:
             journal.close()
 
     @property
+    def buses(self) -> Sequence[Bus]:
+        """In the order of ``System.buses_of``; none in a replay."""
+        return self._buses
+
+    @property
     def receivers(self) -> Mapping[str, Receiver]:
         """By message heard: what became of its frames."""
         return self.inlet_bindings.receivers

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cosim.base.errors import CosimError
 
-ABI = 3
+ABI = 4
 
 
 class NodeSettingsStruct(c.Structure):
@@ -224,6 +224,7 @@ def library() -> c.CDLL:
         ("bus_request", i64, (pointer, pointer, i64)),
         ("bus_abort", i32, (pointer, i32, i64)),
         ("bus_advance", i32, (pointer, i64, pointer)),
+        ("bus_next", i64, (pointer,)),
         ("bus_reset", None, (pointer, i32)),
         ("bus_state", None, (pointer, i32, pointer)),
         ("bus_receive", i64, (pointer, i32, pointer, i64)),

@@ -8,11 +8,13 @@ import numpy as np
 
 from bridge.native import node as native
 from bridge.native.bus import Bus, BusKind
-from bridge.native.frame import Frame, Ring
+from bridge.native.frame import Frame, Ring, RingStruct
+from bridge.native.network import NetworkStruct, RouteStruct
 from bridge.native.safety import LifeState
 from bridge.wiring.wiring import WiredNode
 
-SEEN = c.CFUNCTYPE(c.c_int64, c.POINTER(Frame), c.c_double, c.c_double)
+#: Simulated time between two looks at what was sent, ns.
+LOOK_NS = 1_000_000_000
 
 
 class Slots:
@@ -58,18 +60,36 @@ class Slots:
         if begin:
             self.begin()
 
-        def seen(frame, *_):
-            copy = Frame()
-            c.pointer(copy)[0] = frame[0]
-            self.sent.append((self.names[copy.bus], copy))
-            return 0
-
         node = (c.c_void_p * 1)(c.addressof(self.struct))
-        rates, routes = np.ones(2 * len(self.names)), np.arange(len(self.names), dtype=np.int32)
-        busy = np.zeros(len(self.names), dtype=np.int64)
-        result = native.functions().nodes_simulate(
-            *(node, 1, c.cast(SEEN(seen), c.c_void_p), rates.ctypes.data, busy.ctypes.data),
-            *(routes.ctypes.data, len(self.names), 1 << 62),
-        )
-        assert result == 0
+        heard = [Ring(1 << 14) for _ in self.names]
+        networks, alive = _listened(heard)
+        routes = (RouteStruct * len(heard))(*((i, 0) for i in range(len(heard))))
+        end = 1 + self.struct.slots * self.struct.h_ns + self.struct.phase_ns
+        for until in range(LOOK_NS, end + LOOK_NS, LOOK_NS):
+            result = native.functions().nodes_simulate(
+                node, 1, networks, len(heard), routes, len(heard), until
+            )
+            assert result == 0
+            for name, ring in zip(self.names, heard, strict=True):
+                self.sent += [(name, frame) for frame in _taken(ring)]
+        del alive
         return self.wired.journal.rows.copy()
+
+
+def _listened(heard):
+    """Networks on which frames arrive when they are sent, and what they point to."""
+    networks, alive = (NetworkStruct * len(heard))(), []
+    for network, ring in zip(networks, heard, strict=True):
+        rings = (c.POINTER(RingStruct) * 2)(c.pointer(Ring(1).struct), c.pointer(ring.struct))
+        network.rx, network.n_nodes = c.addressof(rings), 2
+        alive.append(rings)
+    return networks, alive
+
+
+def _taken(ring):
+    """All frames of a ring, the oldest first."""
+    assert not ring.dropped
+    frames = [Frame()]
+    while ring.get(frames[-1]):
+        frames.append(Frame())
+    return frames[:-1]

@@ -219,6 +219,20 @@ int32_t bus_advance(bus_t *b, int64_t until, bus_output_t *output)
     return b->full;
 }
 
+int64_t bus_next(const bus_t *b)
+{
+    int64_t first;
+    if (b->bitwise)
+        return b->sampling ? b->t_end : b->t + 1;
+    if (b->in_flight)
+        return b->end;
+    first = next_start(b);
+    first = b->next_request < first ? b->next_request : first;
+    if (first == NEVER)
+        return NEVER;
+    return (first > b->now ? first : b->now) + 1;
+}
+
 void bus_state(const bus_t *b, int32_t node, bus_node_state_t *state)
 {
     const node_t *n = &b->nodes[node];

@@ -22,7 +22,7 @@
 #define BUS_API __attribute__((visibility("default")))
 #endif
 
-enum { BUS_ABI = 3 };
+enum { BUS_ABI = 4 };
 
 /* Transmit queues: order of requests; by arbitration, equals by age; as sorted, but a newer frame
  * replaces the pending one of the same identifier. */
@@ -158,6 +158,9 @@ BUS_API int32_t bus_abort(bus_t *bus, int32_t node, int64_t request);
 /* Go on to `until`: all events up to and with `until`; a frame that could start at `until` does so
  * in the next call. Returns 1 when the room for events or frames was used up before: call again. */
 BUS_API int32_t bus_advance(bus_t *bus, int64_t until, bus_output_t *output);
+/* No frame is received before this time, ps, if nothing more is requested: the end of the undisturbed
+ * frame that is being sent, otherwise a lower bound after now; INT64_MAX: no frame waits. */
+BUS_API int64_t bus_next(const bus_t *bus);
 /* Restart a controller: drop what is pending, counters 0, wait for 11 recessive bits (after bus-off
  * 128 times 11). The drops are in the output of the next bus_advance. */
 BUS_API void bus_reset(bus_t *bus, int32_t node);

@@ -36,7 +36,7 @@ void recover(bus_t *b, int32_t node)
     event(b, node, EVENT_RECOVERED, 0, -1, -1, 0);
 }
 
-static int64_t next_start(const bus_t *b)
+int64_t next_start(const bus_t *b)
 {
     int64_t first = NEVER;
     for (int32_t i = 0; i < b->n; i++) {

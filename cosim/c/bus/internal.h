@@ -180,6 +180,8 @@ int32_t clock_samples(bus_t *b, int32_t node, int32_t level);   /* how many in t
 
 /* clean.c, wire.c: go on a little; 0: nothing more to do until `until` (or the output is full). */
 int32_t clean_step(bus_t *b, int64_t until);
+/* When the first of the queued frames can start; NEVER: none is queued. */
+int64_t next_start(const bus_t *b);
 /* From now on the losses of the transmission in flight are followed, even where `follow` is 0. */
 void follow_losers(bus_t *b);
 void recover(bus_t *b, int32_t node);

@@ -25,6 +25,7 @@ from bridge.native import (
     lockstep,
     mail,
     message,
+    network,
     node,
     pace,
     safety,
@@ -43,7 +44,8 @@ from tests.c_probe import (
 
 ROOT = Path(__file__).parents[3]
 MODULES = (
-    bus, delay, epoch, faults, frame, journal, load, lockstep, mail, message, node, pace, safety,
+    bus, delay, epoch, faults, frame, journal, load, lockstep, mail, message, network, node,
+    pace, safety,
 )  # fmt: skip
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
 ENGINE = [ROOT / "cosim/c/engine.h", ROOT / "cosim/c/fmu_log.h"]

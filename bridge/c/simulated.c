@@ -93,6 +93,12 @@ API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, network_t *networks,
     }
 }
 
+API int32_t node_step(node_t *n)
+{
+    const int64_t now = deadline_of(n);
+    return node_slot(n, now, now, 0);
+}
+
 API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count)
 {
     frame_t frame;

@@ -16,6 +16,9 @@ typedef struct {
 API int32_t nodes_simulate(node_t **nodes, int32_t n_nodes, network_t *networks, int32_t n_networks,
                            const route_t *routes, int32_t n_routes, int64_t until_ns);
 
+/* The next slot of one node, at its deadline, with what has arrived. Its frames are in its buses' tx. */
+API int32_t node_step(node_t *n);
+
 /* Slots of one node, slot i with what has arrived by limits[i]: of a bus log. */
 API int32_t node_follow(node_t *n, const int64_t *limits, int64_t count);
 

@@ -54,8 +54,10 @@ def clock_settings(deployment: Deployment, clock: str) -> list[str]:
     """What a clock other than the wall's changes in a deployment. Raises ScenarioError."""
     if clock == "wall":
         return []
+    if clock == "simulated":
+        return ['deploy.clock="simulated"']
     if clock != "lockstep":
-        raise ScenarioError(f"--clock {clock}: expected wall or lockstep")
+        raise ScenarioError(f"--clock {clock}: expected wall, simulated or lockstep")
     can = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
     if can:
         raise ScenarioError(
@@ -64,6 +66,15 @@ def clock_settings(deployment: Deployment, clock: str) -> list[str]:
             str(deployment.path),
         )
     return [f"deploy.buses.{name}.options.lockstep=true" for name in deployment.buses]
+
+
+def refuse_in_simulated_time(deployment: Deployment, **given: bool) -> None:
+    """Raise ScenarioError for an option that was `given` and needs the wall clock."""
+    for option, said in given.items():
+        if said and deployment.clock == "simulated":
+            raise ScenarioError(
+                f"found --{option} with the simulated clock, expected it with --clock wall only"
+            )
 
 
 def unused_folder(folder: Path) -> Path:

@@ -68,7 +68,11 @@ def rehearse(
         typer.Option(metavar="A,B", help="Start these nodes only; the others are already running."),
     ] = None,
     clock: Annotated[
-        str, typer.Option(help="Clock: wall, or lockstep (as fast as samples arrive; Zenoh only).")
+        str,
+        typer.Option(
+            help="Clock: wall, simulated (the time of simulated CAN buses, with -i cosim), or "
+            "lockstep (as fast as samples arrive; Zenoh only)."
+        ),
     ] = "wall",
     faults: Annotated[
         Path | None,
@@ -107,7 +111,7 @@ def rehearse(
     were received that were not sent, or an injected fault is not in the report. Exit status 3 if
     the result is inconclusive because this machine was too slow.
     """
-    from bridge.cli.options import bus_settings, clock_settings
+    from bridge.cli.options import bus_settings, clock_settings, refuse_in_simulated_time
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
     from bridge.preflight import deployment
@@ -121,6 +125,9 @@ def rehearse(
         deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
     )
     system = load_system(scenario, str(path), changes)
+    refuse_in_simulated_time(
+        system.deployment, faults=faults is not None, nodes=nodes is not None, hardware=hardware
+    )
     report_findings(deployment.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
         with allow_terminal_input():
@@ -237,7 +244,8 @@ def header(system: System) -> str:
         for n, b in d.buses.items()
     )
     length = system.plan.ticks * system.plan.h
-    return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s on the wall clock"
+    clock = "in simulated time" if d.clock == "simulated" else "on the wall clock"
+    return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s {clock}"
 
 
 def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> Verdict:

@@ -125,7 +125,7 @@ def run(
     wall = watch()
     result = Run.open(folder)
     length = system.plan.ticks * system.plan.h
-    said = [header(system).replace("on the wall clock", "on a simulated clock")]
+    said = [header(system).replace("on the wall clock", "in simulated time")]
     said += [
         line(r.label, r.text) for r in evaluate(declared_metrics.metrics(system.scenario), result)
     ]

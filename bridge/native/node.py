@@ -323,6 +323,7 @@ def functions() -> c.CDLL:
         *(c.POINTER(RouteStruct), i32, c.c_int64),
     )
     found.nodes_simulate.restype = i32
+    found.node_step.argtypes, found.node_step.restype = (node,), i32
     found.node_follow.argtypes = (node, c.c_void_p, c.c_int64)
     found.node_follow.restype = i32
     return found

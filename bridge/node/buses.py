@@ -19,6 +19,7 @@ from bridge.native.journal import Journal
 from bridge.node.control import Control
 from bridge.node.missing_inputs import missing_before_start
 from bridge.records.lives import Life
+from bridge.simulated_can.attachment import SimulatedAttachment
 from bridge.wiring.wiring import WiredNode
 
 if TYPE_CHECKING:
@@ -86,6 +87,8 @@ def open_buses(system: System, life: Life, folder: Path) -> Iterator[dict[str, A
             stack.callback(log.close)
             if zenoh:
                 opened = _zenoh(system, name, node, number, log)
+            elif system.deployment.clock == "simulated":
+                opened = SimulatedAttachment(can_spec(system.deployment, name), number, log)
             else:
                 opened = interface.attach(can_spec(system.deployment, name), number=number, log=log)
             if system.nodes[node].forwards:

@@ -31,6 +31,7 @@ from bridge.node.control import Control, Say, listen_to, signals
 from bridge.node.fault_injection import inject
 from bridge.node.handle import NodeStart
 from bridge.node.missing_inputs import never_received, report_missing_inputs, silent_messages
+from bridge.node.simulated import is_simulated, run_simulated
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
 from bridge.realtime.requests import enter, warm_up, warm_up_warning
@@ -82,6 +83,8 @@ def run_node(
     journal = options.folder / options.life.file("journal")
     if lockstep.is_lockstep(system):
         return _in_lockstep(system, options, journal, say, listen)
+    if is_simulated(system):
+        return _in_simulated_time(system, options, journal, say, listen)
     with open_buses(system, options.life, options.folder) as buses:
         wired = WiredNode(
             system,
@@ -117,6 +120,27 @@ def _in_lockstep(
             stalled = stepping.error(result)
             report = node_statement(stepping.wired, buses, options, result, {}, "", None, stalled)
             return _write_report(options, report)
+
+
+def _in_simulated_time(
+    system: System,
+    options: NodeOptions,
+    journal: Path,
+    say: Say,
+    listen: Callable[[Control], None],
+) -> Statement:
+    """As :func:`run_node`, in the time of simulated buses."""
+    with open_buses(system, options.life, options.folder) as buses:
+        rings = {name: end.bus for name, end in buses.items()}
+        wired = WiredNode(system, options.life.node, rings, journal, native.SIMULATED)
+        with wired:
+            control = Control(wired.struct)
+            with signals(control):
+                say({"event": "ready", "refused": [], "warning": ""})
+                threading.Thread(target=listen, args=(control,), daemon=True).start()
+                result = run_simulated(wired, buses)
+                report = node_statement(wired, buses, options, result, {}, "", None)
+                return _write_report(options, report)
 
 
 def _configured(

@@ -20,12 +20,14 @@ from bridge.node.drive_enable import enabled
 from bridge.node.handle import NodeHandle, NodeStart, missing_text
 from bridge.node.lockstep import is_lockstep
 from bridge.node.process import Process
+from bridge.node.simulated import is_simulated
 from bridge.node.thread import Thread
 from bridge.records.lives import Life
 from bridge.records.records import Deaf, Gone, LifeEnd, Missed, Refused, record_note
 from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
+from bridge.rehearsal.simulated_buses import served
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
 from cosim.base.interrupts import signals_as_interrupt
@@ -56,12 +58,15 @@ class Rehearsal:
         self._stopped = False  # all were told to stop
         buses = system.deployment.buses.values()
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
-        self._timed = not is_lockstep(system)  # in lock-step nothing says when the end is
+        # without the wall clock nothing says when the end is
+        self._timed = not (is_lockstep(system) or is_simulated(system))
+        self._addresses: tuple[str, ...] = ()  # of buses that this process serves, as settings
         self._kind: type[Process] | type[Thread] = Thread if alone else Process
         self._stack, self._drives = ExitStack(), ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
 
     def __enter__(self) -> Rehearsal:
+        self._addresses = self._stack.enter_context(served(self.system))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -78,7 +83,7 @@ class Rehearsal:
         start = NodeStart(
             s.scenario,
             s.deployment,
-            s.changes,
+            (*s.changes, *self._addresses),
             life,
             self.folder / NODES,
             warm_up=s.warm_up if life.boot == 1 else 0.0,

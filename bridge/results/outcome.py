@@ -79,7 +79,7 @@ def complete(
     if not rows:
         why = "; ".join(map(str, ended.notes)) or "no reason was reported"
         raise RunError(f"no node reached its first slot ({why}); their output is in {nodes}")
-    offset = realtime_offset_ns()
+    offset = 0 if system.deployment.clock == "simulated" else realtime_offset_ns()
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)
     replayed, error = _replay_run(system, rows, heard)

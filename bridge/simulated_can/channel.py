@@ -23,7 +23,8 @@ from bridge.simulated_can.options import (
     ChannelTimeoutError,
     PortOptions,
 )
-from bridge.simulated_can.pace import BusPace, SimulatedPace, WallPace
+from bridge.simulated_can.pace import BusPace, Paced, SimulatedPace, WallPace
+from bridge.simulated_can.shared_time import SharedTime
 from bridge.simulated_can.wire import CanWire
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
@@ -49,15 +50,20 @@ class ChannelPort:
 
 @final
 class Channel:
-    """A bus with all its ports. Every method takes the lock itself; times are ps of the channel."""
+    """A bus with all its ports. Every method takes the lock itself; times are ps of the channel.
 
-    def __init__(self, name: Hashable, options: ChannelOptions) -> None:
+    `time`: that of other channels, too; the channel's `speed` is then that of simulated time.
+    """
+
+    def __init__(
+        self, name: Hashable, options: ChannelOptions, time: SharedTime | None = None
+    ) -> None:
         if options.timing is None:
             raise ChannelOptionError(
                 f"channel {name!r}: found no bitrate, expected one from the bus that opens the "
                 "channel, such as bitrate=500000"
             )
-        speed = 1.0 if options.speed is None else options.speed
+        speed = 0.0 if time else 1.0 if options.speed is None else options.speed
         self.name = name
         self.options = ChannelOptions(
             timing=options.timing,
@@ -68,14 +74,18 @@ class Channel:
             seed=options.seed or 0,
         )
         self.timing = options.timing
-        self.lock = threading.Condition(threading.RLock())
+        self.lock = time.lock if time else threading.Condition(threading.RLock())
         self.ports: list[ChannelPort] = []
+        self._paced: Paced = time or self
         self.pace: BusPace = WallPace(speed) if speed else SimulatedPace()
         errors = [ErrorRate(options.error_rate)] if options.error_rate else []
         self._wire = CanWire(self.timing, errors, self.options.seed or 0)
         self._by_node: dict[WireNode, ChannelPort] = {}
         self._due: list[tuple[int, int, Scheduled]] = []
         self._numbers = itertools.count()
+        if time is not None:
+            self.pace = time.pace
+            time.join(self)
 
     @property
     def now_ps(self) -> int:
@@ -85,7 +95,7 @@ class Channel:
     def open(self, options: PortOptions) -> ChannelPort:
         """A new port."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             settings = BusNodeSettings(
                 f"{self.name} {len(self.ports)}",
                 options.queue,
@@ -119,7 +129,7 @@ class Channel:
     def close(self, port: ChannelPort) -> None:
         """Let a port go; what it has queued is still sent while others are there."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             self.ports.remove(port)
             del self._by_node[port.node]
             port.inbox.clear()
@@ -133,11 +143,11 @@ class Channel:
         """
         frame = frame_of_message(message, self.name, self.timing)
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             if port.node.state == ControllerState.OFF:
                 raise ChannelOperationError(f"channel {self.name!r}: found the node bus-off")
             if not self._room(port) and not (
-                timeout and self.pace.wait(self, lambda: self._room(port), timeout, None)
+                timeout and self.pace.wait(self._paced, lambda: self._room(port), timeout, None)
             ):
                 error = ChannelTimeoutError if timeout else ChannelOperationError
                 raise error(
@@ -161,7 +171,7 @@ class Channel:
             return bool(port.inbox) or port.node.leaving
 
         with self.lock:
-            found = self.pace.wait(self, ready, timeout, None)
+            found = self.pace.wait(self._paced, ready, timeout, None)
             if port.node.leaving:
                 raise ChannelOperationError(
                     f"channel {self.name!r}: found a bus that was shut down while it waited"
@@ -185,13 +195,13 @@ class Channel:
     def sleep(self, seconds: float) -> None:
         """Wait for so many seconds (s) of the channel."""
         with self.lock:
-            self.pace.catch_up(self)
-            self.pace.wait(self, lambda: False, None, self.now_ps + round(seconds * 1e12))
+            self.pace.catch_up(self._paced)
+            self.pace.wait(self._paced, lambda: False, None, self.now_ps + round(seconds * 1e12))
 
     def state(self, port: ChannelPort) -> tuple[ControllerState, int, int]:
         """State, TEC and REC of a port now."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             self._wire.count()
             return port.node.state, port.node.tec, port.node.rec
 
@@ -206,32 +216,32 @@ class Channel:
                 f"at most {HISTORY_S} s"
             )
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             return self._wire.busy(round(window * 1e12))
 
     def disturb(self, disturbance: Disturbance) -> None:
         """Add a disturbance from the end of the transmission under way on."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             self._wire.disturb(disturbance)
 
     def flush(self, port: ChannelPort) -> None:
         """Drop what waits in the transmit queue of a port."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             self._wire.abort(port.node)
 
     def reset(self, port: ChannelPort) -> None:
         """Restart the controller of a port, as after bus-off."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             self._wire.reset(port.node)
             self.lock.notify_all()
 
     def schedule(self, item: Scheduled) -> None:
         """Fire `item` now, and again when it says."""
         with self.lock:
-            self.pace.catch_up(self)
+            self.pace.catch_up(self._paced)
             self._push(self.now_ps, item)
             self.lock.notify_all()
 

@@ -110,6 +110,10 @@ class _Waiter:
     ready: Callable[[], bool]
     until_ps: int | None
 
+    def is_due(self, channel: Paced) -> bool:
+        """Whether its call returns now; it has only to wake."""
+        return self.ready() or _reached(channel, self.until_ps)
+
 
 @final
 class SimulatedPace:
@@ -118,12 +122,13 @@ class SimulatedPace:
     When all wait, it moves to what happens next: a frame, a periodic message, the end of a
     time-out. When a thread has been away for longer than PATIENCE_NS of wall time, the others go
     on without it, but only to frames and periodic messages; time-outs are then in wall time. A call
-    with time-out 0 does not move time.
+    with time-out 0 does not move time. With `strict`, the others wait for it as long as it lives.
     """
 
     epoch = 0.0
 
-    def __init__(self) -> None:
+    def __init__(self, strict: bool = False) -> None:
+        self._strict = strict
         self._seen: dict[Participant, int] = {}
         self._waiters: dict[Participant, _Waiter] = {}
 
@@ -160,7 +165,7 @@ class SimulatedPace:
     def _move(self, channel: Paced, patience: int | None, end_ns: int | None) -> None:
         """Advance if no thread is busy, else sleep until something may have changed."""
         alone = len(self._waiters) == 1
-        if not alone and any(waiter.ready() for waiter in self._waiters.values()):
+        if not alone and any(waiter.is_due(channel) for waiter in self._waiters.values()):
             patience = PATIENCE_NS
         target = None
         if patience is None or patience <= 0:
@@ -185,6 +190,8 @@ class SimulatedPace:
                 latest = max(latest, self._seen[thread])
             else:
                 del self._seen[thread]
+        if latest and self._strict:
+            return PATIENCE_NS  # until then, whoever has ended is noticed
         return latest + PATIENCE_NS - monotonic_ns() if latest else None
 
 

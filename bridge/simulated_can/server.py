@@ -36,14 +36,19 @@ _DISTURBANCES = {kind.__name__: kind for kind in (ErrorRate, Interruption, Scrip
 
 @final
 class BusServer:
-    """Serves `channel` at `listener` to the interface ``cosim`` of other processes."""
+    """Serves `channel` at `listener` to the interface ``cosim`` of other processes.
 
-    def __init__(self, channel: Channel, listener: socket.socket) -> None:
+    Servers whose channels share their time share their `threads`, too: then a thread of a client
+    that uses several of the channels is one participant.
+    """
+
+    def __init__(
+        self, channel: Channel, listener: socket.socket, threads: RemoteThreads | None = None
+    ) -> None:
         self._channel = channel
         self._ports: dict[int, RemotePort] = {}
         self._tokens = itertools.count(1)
-        self._threads: dict[str, RemoteThread] = {}
-        self._lock = threading.Lock()
+        self._threads = threads or RemoteThreads()
         self._acceptor = Acceptor(listener, self._serve)
 
     @property
@@ -77,16 +82,12 @@ class BusServer:
             if token:
                 calls.receive()  # until the client closes it
             else:
-                with self._participant(first[2]):
+                with self._threads.of(first[2]):
                     _answer_all(calls, port)
         finally:
             if token:
                 del self._ports[token]
                 in_thread_of_its_own(port.close)
-
-    def _participant(self, key: str) -> RemoteThread:
-        with self._lock:
-            return self._threads.setdefault(key, RemoteThread())
 
     def _open(self, name: str, options: dict[str, Any], port: dict[str, Any]) -> int:
         if name != self._channel.name:
@@ -126,6 +127,20 @@ class RemoteThread:
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._connections -= 1
+
+
+@final
+class RemoteThreads:
+    """The threads of all clients, by their names."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, RemoteThread] = {}
+        self._lock = threading.Lock()
+
+    def of(self, name: str) -> RemoteThread:
+        """The thread of this name; it is made when it is new."""
+        with self._lock:
+            return self._known.setdefault(name, RemoteThread())
 
 
 def _answer_all(calls: CallSocket, port: RemotePort) -> None:

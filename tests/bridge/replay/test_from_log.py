@@ -7,7 +7,7 @@ import pytest
 
 from bridge.can.log import FrameLog, write_log
 from bridge.native.bus import Bus, BusKind
-from bridge.native.frame import Ring, frame_dtype
+from bridge.native.frame import Flags, Ring, frame_dtype
 from bridge.native.journal import Journal
 from bridge.replay import twin
 from bridge.replay.from_log import replay_log
@@ -41,7 +41,8 @@ def logged_twin(system, folder, monkeypatch):
 
 
 def once(rows):
-    """Each frame once, though several have heard it."""
+    """Each frame once, when it arrived, though several have heard it."""
+    rows = rows[rows["flags"] & Flags.SENT == 0]
     _, index = np.unique(rows[["t_ns", "id"]], return_index=True)
     rows = rows[np.sort(index)]
     rows["bus"] = 0

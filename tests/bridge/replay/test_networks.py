@@ -9,7 +9,7 @@ import pytest
 
 from bridge.can.load import kind_of
 from bridge.can.log import frame_of
-from bridge.native.frame import frame_dtype
+from bridge.native.frame import Flags, frame_dtype
 from bridge.native.journal import Journal
 from bridge.replay import twin
 from cosim.bus.arbitration import rank
@@ -41,7 +41,7 @@ def heard_by_all(system, folder):
     with twin.wired_nodes(system, folder, log) as nodes:
         twin.run(system, nodes)
         assert not any(n.buses[0].struct.send_failed for n in nodes.values())
-    rows = [row for log in logs for row in log.rows]
+    rows = [row for log in logs for row in log.rows if not row["flags"] & Flags.SENT]
     for log in logs:
         log.close()
     return {int(row["t_ns"]): frame_of(row) for row in sorted(rows, key=lambda r: r["t_ns"])}

@@ -1,0 +1,36 @@
+"""Several simulated buses of this process that others use, as a rehearsal needs them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+
+from bridge.simulated_can.channel import Channel
+from bridge.simulated_can.listener import listen
+from bridge.simulated_can.options import ChannelOptions
+from bridge.simulated_can.protocol import BusAddress
+from bridge.simulated_can.server import BusServer, RemoteThreads
+from bridge.simulated_can.shared_time import SharedTime
+from cosim.bus.timing import BusTiming
+
+HOST = "127.0.0.1"
+
+
+@contextmanager
+def served_buses(buses: Mapping[str, BusTiming], *, simulated: bool) -> Iterator[dict[str, str]]:
+    """Serve a bus of each name on this host; gives the channel of each, ``NAME@HOST:PORT``.
+
+    `simulated`: all buses have one simulated time, which passes when all clients wait; else they
+    keep to the wall clock. Raises ServerError where this host lets no port be opened.
+    """
+    time, threads = SharedTime() if simulated else None, RemoteThreads()
+    with ExitStack() as stack:
+        channels = {}
+        for name, timing in buses.items():
+            options = ChannelOptions(timing=timing, fd=timing.fd, data_bitrate=timing.data_bitrate)
+            server = BusServer(
+                Channel(name, options, time), listen(BusAddress(name, HOST, 0, "")), threads
+            )
+            stack.callback(server.close)
+            channels[name] = f"{name}@{HOST}:{server.port}"
+        yield channels

@@ -11,6 +11,7 @@ from bridge.can.load import Share, kind_of, planned_load
 from bridge.native.frame import Flags
 from cosim.bus.arbitration import rank
 from cosim.bus.response import FrameStream, Response, responses
+from cosim.bus.settings import QueueKind
 from cosim.bus.timing import BusTiming, FrameFormat, worst
 
 Role = Literal["data", "nmt", "sync", "emergency", "time", "sdo", "heartbeat", "drive"]
@@ -34,7 +35,8 @@ class BusMessage:
     """A message as its sender queues it; times in s, `length` in bytes.
 
     `period` None: on events, at most once while others wait. `jitter`: how late it may be queued.
-    `deadline`: default the period. `offset` is not used: see :mod:`cosim.bus.response`.
+    `deadline`: default the period. `offset` is not used: see :mod:`cosim.bus.response`. `queue`: of
+    its node on this bus; all messages of a node and bus have the same.
     """
 
     name: str
@@ -51,6 +53,7 @@ class BusMessage:
     deadline: float | None = None
     role: Role = "data"
     signals: tuple[SignalRange, ...] = ()
+    queue: QueueKind = QueueKind.SORTED
 
     @classmethod
     def of(
@@ -127,6 +130,7 @@ def bus_responses(
             timing.time_ns(worst(m.length, m.kind)),
             round(m.jitter * 1e9),
             None if m.deadline is None else round(m.deadline * 1e9),
+            m.node if m.queue == QueueKind.FIFO else "",
         )
         for m in messages
     ]

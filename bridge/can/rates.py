@@ -11,7 +11,7 @@ import numpy as np
 from bridge.can.messages import BusMessage
 from cosim.bus.accounting import accounts
 from cosim.bus.frames import BusEvent, BusFrame
-from cosim.bus.settings import BusNodeSettings
+from cosim.bus.settings import BusNodeSettings, QueueKind
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import Bits, BusTiming, mean, padded, worst
 from cosim.bus.traffic import PeriodicSource, merged
@@ -63,10 +63,10 @@ def simulated_worst(
 ) -> Mapping[tuple[bool, int], float]:
     """The worst simulated response time, s, by (extended, identifier), up to the intermission.
 
-    All messages are requested at the same time first, the critical instant, and then with their
-    periods; data is random, and every node sends its most urgent frame first. Messages without a
-    period are requested once. One more node acknowledges. What is not sent within five periods of
-    the slowest message (at most 5 s) is left out.
+    All messages are requested at the same time first, those of a node in the order given, and then
+    with their periods; data is random. Messages without a period are requested once. One more node
+    acknowledges. What is not sent within five periods of the slowest message (at most 5 s) is left
+    out.
     """
     names = list(dict.fromkeys(m.node for m in messages))
     longest = max((m.period or 0.0 for m in messages), default=0.0)
@@ -81,10 +81,13 @@ def simulated_worst(
         )
         for i, m in enumerate(messages)
     ]
-    rows = merged(sources, 0, until)
+    rows, queues = merged(sources, 0, until), {m.node: m.queue for m in messages}
     bus = SimulatedBus(
         timing,
-        [BusNodeSettings(name, inbox=_BLOCK) for name in (*names, "listener")],
+        [
+            BusNodeSettings(name, queues.get(name, QueueKind.SORTED), inbox=_BLOCK)
+            for name in (*names, "listener")
+        ],
         seed=seed,
         record=(BusEvent.STARTED, BusEvent.SENT, BusEvent.ERROR, BusEvent.DROPPED),
     )

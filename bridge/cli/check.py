@@ -42,8 +42,8 @@ def load_rows(messages: Sequence[BusMessage], buses: Mapping[str, BusTiming]) ->
 def message_rows(messages: Sequence[BusMessage], timing: BusTiming) -> list[list[str]]:
     """A row for each message of one bus, most urgent first, below a heading; times in ms.
 
-    `response` is the worst case by analysis, `simulated` that of the simulated bus from the
-    critical instant on, with random data.
+    `response` is the worst case by analysis, `simulated` that of the simulated bus if
+    all are requested at once, and then with their periods, with random data.
 
     Raises TimingError where two messages have one identifier or one cannot be a frame.
     """

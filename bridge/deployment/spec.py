@@ -19,6 +19,7 @@ from cosim.base import toml
 from cosim.base.convert import Number, convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import as_toml, change
+from cosim.bus.settings import QueueKind
 from cosim.bus.timing import BusTiming
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
@@ -55,6 +56,11 @@ class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     options: dict[str, Any] = {}
     queue: Literal["fifo", "sorted", "mailboxes"] = "fifo"
     queue_length: Annotated[int, msgspec.Meta(gt=0, le=65535)] = 1000
+
+    @property
+    def queue_kind(self) -> QueueKind:
+        """`queue` as a simulated bus has it."""
+        return QueueKind[self.queue.upper()]
 
     @property
     def timing(self) -> BusTiming:

@@ -31,11 +31,17 @@ def timings(system: System) -> dict[str, BusTiming]:
 
 
 def messages(system: System) -> list[BusMessage]:
-    """Everything that is sent on CAN buses: the deployment's messages, heartbeats, SYNC, NMT."""
+    """Everything that is sent on CAN buses: SYNC, the deployment's messages, heartbeats.
+
+    Those of a node are in the order in which it sends them.
+    """
     found: list[BusMessage] = []
     d = system.deployment
     for bus in timings(system):
         service = system.services[bus]
+        if d.sync and bus in system.buses_of(d.sync) and isinstance(service.sync, Codec):
+            h, layout = system.sync_ticks * system.plan.h, service.sync.layout
+            found.append(BusMessage.of(layout, node=d.sync, bus=bus, period=h, role="sync"))
         for name, m in system.messages.items():
             if m.bus == bus:
                 assert isinstance(m.encoding, Codec)
@@ -52,11 +58,8 @@ def messages(system: System) -> list[BusMessage]:
                 found.append(
                     BusMessage.of(beat.layout, node=node, bus=bus, period=period, role="heartbeat")
                 )
-            if d.sync == node and isinstance(service.sync, Codec):
-                h, layout = system.sync_ticks * system.plan.h, service.sync.layout
-                found.append(BusMessage.of(layout, node=node, bus=bus, period=h, role="sync"))
         found += _of_hosts(system, bus)
-    return found
+    return [replace(m, queue=d.buses[m.bus].queue_kind) for m in found]
 
 
 def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:

@@ -19,7 +19,7 @@ from bridge.native.bus import Bus, BusStruct
 from bridge.native.frame import RingStruct
 from bridge.native.network import NetworkStruct, RouteStruct
 from cosim.bus.frames import EVENT, FRAME, BusEvent
-from cosim.bus.settings import BusNodeSettings, QueueKind
+from cosim.bus.settings import BusNodeSettings
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.structs import OutputStruct, library
 
@@ -79,7 +79,7 @@ class Networks:
             [
                 BusNodeSettings(
                     name,
-                    QueueKind[spec.queue.upper()],
+                    spec.queue_kind,
                     queue_length=spec.queue_length,
                     inbox=spec.queue_length,
                 )

@@ -109,6 +109,10 @@ class _Waiter:
 
     ready: Callable[[], bool]
     until_ps: int | None
+    end_ns: int | None
+    """When it ends by the wall clock, while a thread is away."""
+    sleeps: bool
+    """The time of the channel at its end matters, not only that it ends."""
 
     def is_due(self, channel: Paced) -> bool:
         """Whether its call returns now; it has only to wake."""
@@ -121,8 +125,9 @@ class SimulatedPace:
 
     When all wait, it moves to what happens next: a frame, a periodic message, the end of a
     time-out. When a thread has been away for longer than PATIENCE_NS of wall time, the others go
-    on without it, but only to frames and periodic messages; time-outs are then in wall time. A call
-    with time-out 0 does not move time. With `strict`, the others wait for it as long as it lives.
+    on without it, but only to frames and periodic messages; time-outs and sleeps then end in wall
+    time. A call with time-out 0 does not move time. With `strict`, the others wait for it as long
+    as it lives.
     """
 
     epoch = 0.0
@@ -147,13 +152,16 @@ class SimulatedPace:
         end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9)
         later = None if timeout is None else channel.now_ps + round(timeout * 1e12)
         ends = [t for t in (later, quit_ps) if t is not None]
-        waiter = _Waiter(ready, min(ends) if ends else None)
+        if quit_ps is not None:
+            end_ns = monotonic_ns() + (quit_ps - channel.now_ps) // 1000
+        waiter = _Waiter(ready, min(ends) if ends else None, end_ns, quit_ps is not None)
         self._waiters[thread] = waiter
         try:
             while not ready():
                 patience = self._missing()
                 absent = patience is not None and patience <= 0
-                if _reached(channel, waiter.until_ps) or (absent and _passed(end_ns)):
+                over = absent and not waiter.sleeps and _passed(end_ns)
+                if over or _reached(channel, waiter.until_ps):
                     return False
                 self._move(channel, patience, end_ns)
             return True
@@ -169,10 +177,12 @@ class SimulatedPace:
             patience = PATIENCE_NS
         target = None
         if patience is None or patience <= 0:
-            target = channel.next_ps()
-        if patience is None:
-            ends = [w.until_ps for w in self._waiters.values() if w.until_ps is not None]
-            target = min([*ends, *([] if target is None else [target])], default=None)
+            ends = [
+                waiter.until_ps
+                for waiter in self._waiters.values()
+                if patience is None or (waiter.sleeps and _passed(waiter.end_ns))
+            ]
+            target = min((t for t in (*ends, channel.next_ps()) if t is not None), default=None)
         if target is not None:
             channel.advance(target)
             if not alone:

@@ -46,6 +46,18 @@ def test_threads_that_only_sleep_wake_at_their_times(bench: Bench) -> None:
     assert woke == [*expected, (12000, 0.003)]
 
 
+def test_a_sleep_ends_though_a_thread_is_away(bench: Bench) -> None:
+    """This thread opens the bus and then does something else for longer than 20 ms."""
+    bus, woke = bench.bus(), []
+
+    def nap() -> None:
+        bus.sleep(0.2)
+        woke.append(bus.time)
+
+    together(nap)
+    assert woke == [0.2]
+
+
 @pytest.fixture
 def pair() -> object:
     """Two served buses of one time, and what makes a bus object on one of them."""

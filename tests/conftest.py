@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+from tests.garbage import freeze_tests
+
 # A loaded machine is slow, and slowness is measured elsewhere.
 _ALL: dict[str, Any] = {
     "deadline": None,
@@ -17,7 +19,7 @@ _ALL: dict[str, Any] = {
 }
 #: Property tests try the same examples every time: a change is not refused for a find that has
 #: nothing to do with it. `pytest -m hypothesis --hypothesis-profile=search` tries more and others.
-settings.register_profile("project", derandomize=True, max_examples=50, **_ALL)
+settings.register_profile("project", derandomize=True, max_examples=25, **_ALL)
 settings.register_profile("search", max_examples=1000, **_ALL)
 # Whether one fails is all that tests.mutants asks.
 _WITHOUT_SHRINKING = (Phase.explicit, Phase.generate)
@@ -31,6 +33,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Python would look for garbage among thousands of collected tests every 700 new objects, which
 # takes a tenth of all processor time.
 gc.set_threshold(50_000)
+
+
+def pytest_collection_finish() -> None:
+    """No search for garbage looks at the thousands of collected tests."""
+    freeze_tests()
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis import closed_form as closed
@@ -134,7 +134,6 @@ def test_o9_of_the_paper() -> None:
     assert closed.passive_limit(law(10.0, lambda_c=6.0), M, (K, K)) == 6.5
 
 
-@settings(max_examples=60)
 @given(lambda_M=gains, alpha=gains, M=inertias, feedback=st.floats(1.0, 50.0))
 def test_o9_is_where_the_admittance_stops_being_positive_real(
     lambda_M: float, alpha: float, M: float, feedback: float
@@ -146,7 +145,6 @@ def test_o9_is_where_the_admittance_stops_being_positive_real(
         assert (Y.real.min() >= 0) == (lambda_M <= limit)
 
 
-@settings(max_examples=60)
 @given(lambda_M=gains, alpha=gains, M=inertias, k_p=st.floats(1.0, 1e4), k_d=st.floats(0.0, 20.0))
 def test_routh_says_what_the_roots_say(
     lambda_M: float, alpha: float, M: float, k_p: float, k_d: float

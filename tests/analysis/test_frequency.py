@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis.frequency import MultiSine, PortGain, degree
@@ -14,7 +14,6 @@ from cosim.analysis.frequency import MultiSine, PortGain, degree
 H = 0.01
 
 
-@settings(max_examples=40)
 @given(lowest=st.floats(0.05, 2.0), factor=st.floats(2.0, 200.0), count=st.integers(3, 40))
 def test_frequencies_share_a_period_and_are_within_reach(
     lowest: float, factor: float, count: int
@@ -63,7 +62,6 @@ def gains(inertia: float, damping: float, stiffness: float, h: float = 1e-9) -> 
     return PortGain(w, (1 / (1j * w * Z))[:, None, None], h)
 
 
-@settings(max_examples=40)
 @given(I=st.floats(0.1, 10), D=st.floats(0.1, 20), S=st.floats(0.0, 50))
 def test_impedance_is_fitted_in_bands(I: float, D: float, S: float) -> None:  # noqa: E741
     found = gains(I, D, S).fitted_impedance(0.1, 10.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis.analysis import Analysis, analyse
@@ -322,7 +322,6 @@ def test_network_of_a_bench_knows_its_port() -> None:
 # ---- bisection ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=50)
 @given(limit=st.floats(2.0, 9e3))
 def test_the_stiffest_is_found_to_five_percent(limit: float) -> None:
     tried: list[float] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis.energy import effort, observer
@@ -49,7 +49,6 @@ def test_without_force_there_is_no_number() -> None:
     assert np.isnan(growth(T, np.full_like(T, np.nan), 1.0, 2.0))
 
 
-@settings(max_examples=40)
 @given(scale=st.floats(1e-3, 1e3), offset=st.floats(-5, 5), shape=st.integers(0, 2**16))
 def test_manipulability_is_of_the_linear_behaviour(scale: float, offset: float, shape: int) -> None:
     """Twice the force and twice the response are the same; where it starts does not matter."""
@@ -78,7 +77,6 @@ def test_observer_counts_what_goes_in_less_what_comes_out() -> None:
     assert active.min() == active[-1] == pytest.approx(-150.0)
 
 
-@settings(max_examples=30)
 @given(
     inertia=st.floats(0.1, 5),
     damping=st.floats(0, 10),
@@ -116,7 +114,6 @@ def motion(
     return t, q, dq, inertia * ddq + damping * dq + stiffness * q
 
 
-@settings(max_examples=30)
 @given(
     inertia=st.floats(0.1, 5),
     damping=st.floats(0, 10),

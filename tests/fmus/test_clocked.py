@@ -15,7 +15,7 @@ from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -194,7 +194,6 @@ def test_the_first_tick_may_come_in_the_event_mode_after_initialization(ticked) 
     partition.step(P)
 
 
-@settings(max_examples=25)
 @given(tries=st.lists(st.integers(0, 9), min_size=1, max_size=6), seen=st.booleans())
 def test_only_the_last_inputs_of_a_tick_count(tries: list[int], seen: bool) -> None:
     """An importer that solves a loop sets and gets until it is content; states advance once."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
@@ -184,7 +184,6 @@ def test_a_matched_line_end_does_not_reflect_a_wave() -> None:
 # ---- time-domain passivity ---------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), k_c=st.sampled_from([0.0, 1.0]))
 def test_the_admittance_end_never_gives_more_than_there_is(seed: int, k_c: float) -> None:
     """Whatever arrives: ∑ h f dq_d <= E_0 + max E_j, for an arm that moves at random."""
@@ -211,7 +210,6 @@ def test_the_admittance_end_never_gives_more_than_there_is(seed: int, k_c: float
         before, told, q = y, most, q + H * dq
 
 
-@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_impedance_end_counts_the_work_exactly(seed: int) -> None:
     """E and W from the angles passed and the torques held, and -W taken back by damping."""

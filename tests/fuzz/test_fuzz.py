@@ -14,9 +14,14 @@ from tests.fuzz.targets import ROOT, TARGETS, Target
 numpy = pytest.importorskip("numpy")
 #: Mutants of each target; readers of archives and TOML are slower than those of bytes.
 COUNTS = {"journal": 200, "faults": 60, "buslog": 30, "decode": 100, "hear": 60}
+#: Targets in C are compiled with sanitizers first, which takes most of the time.
+NAMES = [
+    pytest.param(name, marks=[pytest.mark.slow] if name in sanitized.TARGETS else [])
+    for name in drive.names()
+]
 
 
-@pytest.mark.parametrize("name", drive.names())
+@pytest.mark.parametrize("name", NAMES)
 def test_mutants_are_refused_with_one_sentence(name):
     """In a process of its own, whose memory is limited, and which a crash may end."""
     why = sanitized.missing() if name in sanitized.TARGETS else ""

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.codec import Codec
@@ -31,7 +31,6 @@ def signals(draw, length=64):
 
 
 @given(signals(), st.data())
-@settings(max_examples=120)
 def test_any_field_is_written_and_read_bit_by_bit(signal, data):
     codec = Codec(MessageLayout("M", 1, 64, (signal,), Flags.FD))
     low, high = signal.raw_range
@@ -44,7 +43,6 @@ def test_any_field_is_written_and_read_bit_by_bit(signal, data):
 
 
 @given(signals(8), st.binary(min_size=8, max_size=8), st.integers(0, 2**63 - 1))
-@settings(max_examples=80)
 def test_bits_beside_a_field_stay(signal, ground, raw):
     codec = Codec(MessageLayout("M", 1, 8, (signal,)))
     codec.message.fill[:8] = list(ground)

@@ -9,7 +9,7 @@ import pytest
 from cantools.autosar import end_to_end as cantools
 from e2e import crc as autosar_crc
 from e2e import p02, p04, p05
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.codec import Codec
@@ -87,7 +87,6 @@ def others(profile: E2EProfile, ids: bytes, counter: int, data: bytes) -> bytes:
 
 @pytest.mark.parametrize("profile", PROFILES)
 @given(st.data())
-@settings(max_examples=60)
 def test_the_same_as_autosar_e2e_and_cantools(profile, data):
     ids = data.draw(st.binary(min_size=16, max_size=16))
     counter = data.draw(st.integers(0, 2**profile.counter_bits - 1))
@@ -176,7 +175,6 @@ def test_three_wrong_bits_counter_included_by_trying(name):
 
 
 @given(st.data())
-@settings(max_examples=80)
 def test_wrong_bits_anywhere(data):
     file, name = data.draw(
         st.sampled_from([("link2.dbc", "TAU_1"), ("link_fd.dbc", "LINK_1"), ("", "STREAM")])

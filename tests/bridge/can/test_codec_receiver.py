@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.native.message import E2EProfile, Rejection, receiver
@@ -118,7 +118,6 @@ def times(random: np.random.Generator, n: int, M: int, drift: float) -> list[tup
 
 
 @given(PROFILES, st.integers(0, 2**32 - 1), st.floats(-1e-4, 1e-4), st.floats(0, 0.6))
-@settings(max_examples=80)
 def test_never_a_wrong_number(profile, seed, drift, loss):
     """Whatever is lost (silences included), repeated, late or overtaken; clocks 100 ppm apart."""
     random, M = np.random.default_rng(seed), 2 ** min(profile.counter_bits, 8)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.load import kind_of, load_of_log, log_bits, log_times, measured_load, planned_load
@@ -34,7 +34,6 @@ def native_frame(drawn: Drawn) -> Frame:
     return frame
 
 
-@settings(max_examples=120)
 @given(frames(), st.sampled_from([1e6, 5e5, 125e3, 83333.3]), st.sampled_from([None, 2e6, 8e6]))
 def test_c_has_the_bits_and_times_of_python(
     drawn: Drawn, bitrate: float, data_bitrate: float | None
@@ -58,7 +57,6 @@ def test_what_is_no_can_frame_takes_no_time() -> None:
         assert native.frame_time_ns(frame, MEGABIT) == 0
 
 
-@settings(max_examples=30)
 @given(st.lists(frames(), min_size=1, max_size=30))
 def test_numpy_has_the_bits_of_python(drawn: list[Drawn]) -> None:
     data = np.full((len(drawn), 64), 0xA5, np.uint8)  # what is beyond the length does not count
@@ -98,7 +96,6 @@ def slow_busy(starts: list[int], ends: list[int], a: int, b: int) -> int:
     return sum(max(0, min(e, b) - max(s, a)) for s, e in zip(starts, ends, strict=True))
 
 
-@settings(max_examples=40)
 @given(
     st.lists(st.tuples(st.integers(0, 900), st.integers(1, 60)), min_size=1, max_size=20),
     st.integers(1, 300),

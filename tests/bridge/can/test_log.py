@@ -9,7 +9,7 @@ import can
 import cantools
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.log import (
@@ -49,7 +49,6 @@ def keys(found: FrameLog) -> list[tuple]:
 
 
 @given(st.lists(frames(), max_size=20))
-@settings(max_examples=50)
 def test_candump_text_comes_back_to_the_microsecond(tmp_path_factory, given):
     path = tmp_path_factory.mktemp("log") / "a.log"
     write_log(log(*given), path)
@@ -59,7 +58,6 @@ def test_candump_text_comes_back_to_the_microsecond(tmp_path_factory, given):
 
 
 @given(st.lists(frames(), min_size=1, max_size=10))
-@settings(max_examples=25)
 def test_python_can_reads_candump_text(given):
     text = "\n".join(candump_lines(log(*given)))
     messages = list(can.CanutilsLogReader(StringIO(text)))
@@ -170,7 +168,6 @@ def test_frames_of_others_are_those_of_who_heard_most():
 
 
 @given(st.data())
-@settings(max_examples=60)
 def test_what_was_sent_is_what_is_left(data):
     """Few contents, receivers are late and lose frames: all that were sent, once."""
     n = data.draw(st.integers(1, 4))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.messages import BusMessage, bus_responses
@@ -73,7 +73,6 @@ def test_other_messages_take_their_share() -> None:
     assert control_rate([], CLASSIC) is None
 
 
-@settings(max_examples=25)
 @given(
     lengths=st.lists(st.integers(0, 8), min_size=1, max_size=12),
     periods=st.lists(st.sampled_from([2e-3, 5e-3, 0.01, 0.02]), min_size=12, max_size=12),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.native.message import E2EProfile, receiver
@@ -38,7 +38,6 @@ def stalled(random, n, period):
 
 
 @given(PROFILES, STAMPS, SEEDS, st.sampled_from([1_000_000, PERIOD, 7_000_000]), st.floats(0, 0.5))
-@settings(max_examples=150)
 def test_no_number_is_ahead_of_its_time(profile, bits, seed, period, loss):
     """However long sender or network stand still, and whatever is lost meanwhile."""
     random = np.random.default_rng(seed)
@@ -54,7 +53,6 @@ def test_no_number_is_ahead_of_its_time(profile, bits, seed, period, loss):
 
 
 @given(st.integers(0, 5), SEEDS, st.booleans())
-@settings(max_examples=60)
 def test_forged_counters_and_stamps_lead_nowhere_ahead(bits, seed, anything):
     """A flood of anything between the frames of the true sender."""
     random = np.random.default_rng(seed)
@@ -88,7 +86,6 @@ def test_one_forged_frame_shuts_nobody_out(profile, bits, ahead):
 
 
 @given(PROFILES, STAMPS, SEEDS)
-@settings(max_examples=60)
 def test_a_few_forged_frames_leave_the_true_sender_heard(profile, bits, seed):
     """Now and then up to two between two true ones, with any counter: none is numbered wrongly."""
     random = np.random.default_rng(seed)

@@ -58,7 +58,6 @@ def held(spec, ticks):
     return rows
 
 
-@settings(max_examples=100)
 @given(
     law=st.sampled_from(sorted(LAWS)),
     loss=st.sampled_from(sorted(LOSSES)),

@@ -6,7 +6,7 @@ from math import exp, expm1, inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -33,7 +33,6 @@ def test_without_lag_the_command_acts_at_once_within_its_limit() -> None:
     assert drive.step([3.0, -99.0], True, [0, 0], 0).tolist() == [3.0, -10.0]
 
 
-@settings(max_examples=60)
 @given(lag=st.floats(1e-5, 10), command=st.floats(-10, 10), before=st.floats(-10, 10))
 def test_the_current_loop_is_exact_and_what_acts_is_its_mean(
     lag: float, command: float, before: float
@@ -48,7 +47,6 @@ def test_the_current_loop_is_exact_and_what_acts_is_its_mean(
     assert np.isclose(torque, mean, rtol=1e-12, atol=1e-12)
 
 
-@settings(max_examples=100)
 @given(x=st.floats(1e-6, 50))
 def test_the_exponential_is_as_good_as_that_of_libm(x: float) -> None:
     drive = enabled(replace(SPEC, lag=H / x))
@@ -78,7 +76,6 @@ def test_ten_steps_are_one_step_of_ten_times_the_length() -> None:
     assert np.isclose(fine.tau[0], coarse.tau[0], rtol=1e-13)
 
 
-@settings(max_examples=100)
 @given(
     commands=st.lists(st.floats(), max_size=8), dq=st.floats(), lag=st.floats(0, 1),
     lsb=st.floats(0, 1),
@@ -151,7 +148,6 @@ def test_without_damping_a_fault_freewheels_and_damping_keeps_to_the_limit() -> 
 # --- resolution ------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
 @given(q=st.floats(-1e3, 1e3), dq=st.floats(-1e3, 1e3), lsb=st.floats(1e-6, 1e-1))
 def test_encoders_say_multiples_of_their_resolution(q: float, dq: float, lsb: float) -> None:
     seen_q, seen_dq = replace(SPEC, q_lsb=lsb, dq_lsb=2 * lsb).build(1, H).measure([q], [dq])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.codec_check import verify
@@ -150,7 +150,6 @@ def test_no_torque_is_not_none_over_mit() -> None:
     assert values[0] == pytest.approx(10 / 4095)
 
 
-@settings(max_examples=60)
 @given(tau=st.floats(-12, 12))
 def test_our_torque_is_the_nearest_code_of_the_drive(tau: float) -> None:
     found = profile("damiao")

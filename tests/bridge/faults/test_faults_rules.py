@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from zlib import crc32
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.native import faults as native
@@ -35,7 +35,6 @@ def copy(r):
     return Fault.from_buffer_copy(bytes(r))
 
 
-@settings(max_examples=40)
 @given(rules=rules)
 def test_the_same_seed_does_the_same(rules):
     frames = [frame(n) for n in range(80)]
@@ -43,7 +42,6 @@ def test_the_same_seed_does_the_same(rules):
     assert a == b
 
 
-@settings(max_examples=60)
 @given(rules=rules)
 def test_frames_are_accounted_for(tmp_path_factory, rules):
     """What went in, less what was dropped, and copies, comes out; the record says the same."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.native import delay as native
@@ -29,7 +29,6 @@ def test_nothing_to_send_is_refused():
 # ---- without a network: the tables themselves ----
 
 
-@settings(max_examples=80)
 @given(kind=st.sampled_from([native.LAST, native.STAMP]), link=links())
 def test_packets_are_the_rows_of_the_table(kind, link):
     grid, T = link
@@ -37,7 +36,6 @@ def test_packets_are_the_rows_of_the_table(kind, link):
     assert rows == rows_of(RULES[kind], grid, T)
 
 
-@settings(max_examples=60)
 @given(kind=st.sampled_from([native.SIGNAL, native.FIFO]), link=links(losses=False))
 def test_what_cannot_lose_is_the_rows_of_the_table(kind, link):
     grid, T = link
@@ -45,7 +43,6 @@ def test_what_cannot_lose_is_the_rows_of_the_table(kind, link):
     assert rows == rows_of(RULES[kind], grid, T)
 
 
-@settings(max_examples=60)
 @given(link=links(), quarters=st.integers(0, 400))
 def test_playout_is_the_rows_of_the_table(link, quarters):
     grid, T = link
@@ -54,7 +51,6 @@ def test_playout_is_the_rows_of_the_table(link, quarters):
     assert drive(d, grid, arrivals(grid, [0] * N)) == rows_of(PlayoutSemantics(buffer), grid, T)
 
 
-@settings(max_examples=60)
 @given(
     kind=st.sampled_from([native.LAST, native.STAMP, native.SIGNAL]),
     link=links(losses=False),
@@ -75,7 +71,6 @@ networks = st.lists(st.integers(0, 40_000_000), min_size=1, max_size=25).map(lam
 losses = st.sets(st.integers(0, 60), max_size=20)
 
 
-@settings(max_examples=60)
 @given(
     kind=st.sampled_from([native.LAST, native.STAMP]), link=links(), network=networks, lost=losses
 )
@@ -90,7 +85,6 @@ def test_the_network_comes_on_top(kind, link, network, lost):
     assert rows == rows_of(RULES[kind], grid, total)
 
 
-@settings(max_examples=80)
 @given(link=links(), network=networks, lost=losses, quarters=st.integers(0, 400))
 def test_playout_covers_the_network(link, network, lost, quarters):
     """What the network takes is not added: the buffer is the delay, if it is long enough."""
@@ -104,7 +98,6 @@ def test_playout_covers_the_network(link, network, lost, quarters):
     assert rows == rows_of(PlayoutSemantics(buffer), grid, total)
 
 
-@settings(max_examples=50)
 @given(link=links(losses=False), network=networks, lost=losses)
 def test_fifo_keeps_the_order_and_the_delay(link, network, lost):
     grid, T = link
@@ -117,7 +110,6 @@ def test_fifo_keeps_the_order_and_the_delay(link, network, lost):
             assert age >= T[j] + 1e-9 * network[j] - 1e-8 * grid.h
 
 
-@settings(max_examples=40)
 @given(link=links(losses=False), late=st.integers(0, 40_000_000))
 def test_fifo_over_a_constant_network_is_the_table(link, late):
     grid, T = link
@@ -125,7 +117,6 @@ def test_fifo_over_a_constant_network_is_the_table(link, late):
     assert rows == rows_of(PacketSemantics("fifo"), grid, [t + 1e-9 * late for t in T])
 
 
-@settings(max_examples=50)
 @given(link=links(losses=False), network=networks, lost=losses)
 def test_a_signal_is_as_late_as_its_law_and_the_network(link, network, lost):
     grid, T = link
@@ -146,7 +137,6 @@ def test_a_signal_is_as_late_as_its_law_and_the_network(link, network, lost):
         assert not between  # nothing nearer, from below, was there
 
 
-@settings(max_examples=40)
 @given(link=links(losses=False), late=st.integers(0, 40_000_000))
 def test_a_constant_network_delays_a_signal_by_just_that(link, late):
     grid, T = link

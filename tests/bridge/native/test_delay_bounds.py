@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bridge.native import delay as native
@@ -21,7 +21,6 @@ def test_none_is_the_newest_that_came_whatever_the_time():
     assert (d.take(1), d.values().tolist()) == (3, [3.0])
 
 
-@settings(max_examples=60)
 @given(
     kind=st.integers(0, 5),
     puts=st.lists(

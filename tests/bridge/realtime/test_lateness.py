@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.realtime.lateness import Lateness, Spread, draw, journal_lateness, lateness
@@ -40,7 +40,6 @@ def test_known_values() -> None:
     assert found.period.mean == pytest.approx(MS + (2 * MS - 7_000) / 999)
 
 
-@settings(max_examples=40)
 @given(st.lists(st.integers(-MS, 10**10), min_size=1, max_size=200))
 def test_against_numpy_and_nothing_is_lost(late: list[int]) -> None:
     found = report(late)

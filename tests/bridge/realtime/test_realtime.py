@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from bridge.realtime.requests import (
     warm_up_warning,
 )
 from cosim.base.errors import CosimError
+from tests.garbage import unfreeze
 
 ROOT = Path(__file__).parents[3]
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
@@ -124,6 +126,15 @@ def test_without_privileges_it_says_what_is_needed() -> None:
     assert found["after"] == found["last"] == found["before"]
     for part in ("real time is enforced and was not granted: scheduler: EPERM", "memory: ENOMEM"):
         assert part in found["enforced"]
+
+
+@pytest.fixture(autouse=True)
+def thawed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Python's own way to thaw objects, which tests/conftest.py replaces, and none frozen."""
+    unfreeze()
+    monkeypatch.setattr(gc, "unfreeze", unfreeze)
+    yield
+    gc.freeze()
 
 
 def python() -> tuple[bool, int, float]:

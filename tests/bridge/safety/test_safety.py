@@ -6,7 +6,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from msgspec.structs import replace
@@ -38,7 +38,6 @@ def one(spec: GuardSpec, tau: float, q: float = 0.0, dq: float = 0.0) -> tuple[f
 # --- whatever comes in -----------------------------------------------------------------------
 
 
-@settings(max_examples=150)
 @given(ticks=ticks)
 def test_nothing_that_comes_in_gets_more_than_tau_max_out(
     ticks: list[tuple[np.ndarray, ...]],
@@ -53,7 +52,6 @@ def test_nothing_that_comes_in_gets_more_than_tau_max_out(
         assert bool(bits & GuardBit.FINITE) == refused.any()
 
 
-@settings(max_examples=50)
 @given(ticks=ticks, brake=st.floats(0, 1e308), rate=st.floats(0, inf), power=st.floats(0, inf))
 def test_without_a_limit_of_the_torque_it_is_still_finite(
     ticks: list[tuple[np.ndarray, ...]], brake: float, rate: float, power: float
@@ -64,7 +62,6 @@ def test_without_a_limit_of_the_torque_it_is_still_finite(
         assert np.isfinite(guard.apply(tau, q, dq, float(scale))[0]).all()
 
 
-@settings(max_examples=80)
 @given(
     limits=arrays(np.float64, (7, 2), elements=st.floats()),
     ticks=ticks,

@@ -6,7 +6,7 @@ import ctypes as c
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.native import safety as native
@@ -142,7 +142,6 @@ def test_what_is_not_configured_or_finished_does_not_start(state: LifeState) -> 
         assert life.refused or command in (Command.NONE, Command.STOP)
 
 
-@settings(max_examples=200)
 @given(
     ticks=st.lists(
         st.tuples(st.integers(-1, 6), st.just(0) | st.sampled_from([int(w) for w in Why])),
@@ -171,7 +170,6 @@ def test_whatever_is_commanded(ticks: list[tuple[int, int]], ramp: int) -> None:
     assert all(b <= a or b == 1.0 for a, b in pairwise(seen))
 
 
-@settings(max_examples=100)
 @given(
     numbers=st.lists(st.integers(-(2**31), 2**31 - 1), min_size=5, max_size=5),
     why=st.integers(0, 99),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from benchmarks.cases import rings
@@ -24,7 +24,6 @@ def linear(components, names=None):
     }
 
 
-@settings(max_examples=60)
 @given(
     networks(models=("Integrator", "Integrator", "Gain")),
     st.sets(st.sampled_from("abcde")),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import PlanError
@@ -47,7 +47,6 @@ def told(p):
     return y
 
 
-@settings(max_examples=60)
 @given(networks(), st.data())
 def test_the_engine_does_what_the_definition_says_to_the_bit(components, data):
     order = data.draw(st.one_of(st.just([]), st.permutations(list(components))))
@@ -59,7 +58,6 @@ def test_the_engine_does_what_the_definition_says_to_the_bit(components, data):
         assert column(one, rows, f"{name}.y") == pytest.approx(values, rel=0, abs=0)
 
 
-@settings(max_examples=30)
 @given(networks(), st.sampled_from(["jacobi", "gauss-seidel"]), st.integers(0, 3))
 def test_links_and_rates_equal_the_oracle(components, algorithm, seed):
     components["late"] = {"model": "Gain", "period": 0.5}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.bus.accounting import Margin, accounts, losses, margins
@@ -107,7 +107,6 @@ def test_the_winner_of_an_arbitration_has_the_bus_and_a_glitch_nobody():
     assert spans(busy)[2] == (300, 300 + 7 + 6 + 8 + 3, -1, "FAILED")
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 1e-4, 3e-3]))
 def test_busy_time_has_no_gaps_where_frames_wait_and_no_overlaps(seed, rate):
     random = np.random.default_rng(seed)

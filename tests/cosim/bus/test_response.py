@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import accumulate
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.bus.arbitration import PendingFrame, arbitrate, rank
@@ -102,7 +102,6 @@ def simulated(releases: dict[FrameStream, list[tuple[int, int]]]) -> dict[FrameS
     return longest
 
 
-@settings(max_examples=80)
 @given(sets(), st.data())
 def test_no_run_takes_longer(set_: list[FrameStream], data: st.DataObject) -> None:
     releases = {}
@@ -116,7 +115,6 @@ def test_no_run_takes_longer(set_: list[FrameStream], data: st.DataObject) -> No
         assert longest[response.stream] <= response.worst
 
 
-@settings(max_examples=80)
 @given(sets(), st.data())
 def test_it_is_reached_at_the_critical_instant(
     set_: list[FrameStream], data: st.DataObject
@@ -179,7 +177,6 @@ def fifo_simulated(
     return longest
 
 
-@settings(max_examples=150, deadline=None)
 @given(sets(), st.data())
 def test_no_run_with_fifo_queues_takes_longer(set_: list[FrameStream], data: st.DataObject) -> None:
     """Streams in two FIFO queues and alone; slowed down so that most have a bound."""

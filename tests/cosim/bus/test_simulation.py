@@ -112,7 +112,6 @@ def test_an_fd_frame_takes_its_time_computed_as_a_whole_and_bit_by_bit(
     assert b.totals.whole_frames == (not single)
 
 
-@settings(max_examples=100, deadline=None)
 @given(frames())
 def test_the_length_in_c_is_that_of_python(frame):
     identifier, data, kind, dlc = frame
@@ -436,7 +435,6 @@ def test_nothing_depends_on_how_the_time_is_cut(seed, steps):
     assert whole.received(2) == cut.received(2)
 
 
-@settings(max_examples=25, deadline=None)
 @given(RANDOM)
 def test_the_same_seed_gives_the_same_bytes(seed):
     assert traffic(seed).advance(10**10).tobytes() == traffic(seed).advance(10**10).tobytes()

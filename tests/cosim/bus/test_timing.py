@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.bus.stuffing import IDLE, STATES, bits_of, step, walk
@@ -54,7 +54,6 @@ def by_hand(identifier: int, data: bytes, kind: FrameFormat, dlc: int) -> Bits:
     return Bits(first + third, second) if kind.brs else Bits(first + second + third)
 
 
-@settings(max_examples=120)
 @given(frames())
 def test_a_frame_has_the_bits_it_is_built_of(frame: tuple[int, bytes, FrameFormat, int]) -> None:
     identifier, data, kind, dlc = frame

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
@@ -38,7 +38,6 @@ def chunks(p, sizes):
     return record
 
 
-@settings(max_examples=30)
 @given(st.lists(st.integers(1, 17), max_size=12))
 def test_chunks_do_not_show(sizes):
     assert (
@@ -58,7 +57,6 @@ DELAYS = st.one_of(
 )
 
 
-@settings(max_examples=60)
 @given(
     DELAYS,
     st.sampled_from(["signal", "last-arrival", "newest-stamp", "fifo"]),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base import archive
@@ -190,7 +190,6 @@ def descriptions(draw: st.DrawFn) -> str:
     return text
 
 
-@settings(max_examples=400)
 @given(descriptions())
 def test_a_mutated_description_is_read_or_refused(text: str) -> None:
     path = Path(_FUZZ) / "modelDescription.xml"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import CosimError, FmuError, RunError
@@ -259,7 +259,6 @@ def test_logs_are_written_next_to_a_run(tmp_path: Path) -> None:
     assert (tmp_path / "x.fmu.log").read_text() == "[ok] logAll: x is made\n"
 
 
-@settings(max_examples=25)
 @given(
     st.lists(st.integers(-(2**53), 2**53), min_size=4, max_size=4),
     st.lists(st.integers(0, 2**32 - 1), min_size=4, max_size=4),

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.links.grid import Grid
@@ -45,7 +45,6 @@ class Counted:
 
 
 @pytest.mark.parametrize("rule", RULES, ids=str)
-@settings(max_examples=40)
 @given(
     n_s=st.integers(1, 7),
     n_r=st.integers(1, 7),

@@ -7,7 +7,7 @@ from math import exp
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
@@ -91,7 +91,6 @@ def test_the_mean_of_an_exponential_tail_is_its_integral():
         assert law.mean == pytest.approx(0.02 * (1 - exp(-c / 0.02)), rel=1e-11)
 
 
-@settings(max_examples=60)
 @given(law=st.sampled_from(LAWS), cuts=st.lists(st.integers(0, 500), max_size=12))
 def test_chunks_do_not_change_the_delays(law, cuts):
     cuts = sorted(cuts)
@@ -123,7 +122,6 @@ def chains(draw):
     return P / P.sum(axis=1, keepdims=True)
 
 
-@settings(max_examples=50)
 @given(P=chains(), seed=st.integers(0, 99), n=st.integers(0, 300))
 def test_a_chain_walks_as_state_by_state(P, seed, n):
     u = generator(seed, "x").random(n)
@@ -136,7 +134,6 @@ def test_a_chain_walks_as_state_by_state(P, seed, n):
     assert Chain(P, generator(seed, "x")).take(n).tolist() == walked
 
 
-@settings(max_examples=50)
 @given(P=chains())
 def test_the_stationary_distribution_stays(P):
     share = stationary(P)

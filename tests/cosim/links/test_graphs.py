@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
@@ -30,7 +30,6 @@ def edge_lists(draw):
     return n, edges
 
 
-@settings(max_examples=100)
 @given(edge_lists())
 def test_reached_is_what_a_search_finds(graph):
     n, edges = graph
@@ -45,7 +44,6 @@ def test_reached_is_what_a_search_finds(graph):
         assert (start in made.roots) == (len(known) == n)
 
 
-@settings(max_examples=50)
 @given(edge_lists(), st.randoms())
 def test_a_union_has_all_edges_and_at_least_the_roots(graph, random):
     n, edges = graph

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
@@ -36,7 +36,6 @@ def test_declared_facts_hold(law):
     assert T[arrives].max() - T[arrives].min() >= 0.99 * (law.maximum - law.minimum)
 
 
-@settings(max_examples=60)
 @given(law=st.sampled_from(LAWS), cuts=st.lists(st.integers(0, 500), max_size=12))
 def test_chunks_do_not_change_the_delays(law, cuts):
     cuts = sorted(cuts)
@@ -46,7 +45,6 @@ def test_chunks_do_not_change_the_delays(law, cuts):
     assert np.array_equal(np.concatenate(parts), whole, equal_nan=True)
 
 
-@settings(max_examples=60)
 @given(
     period=st.sampled_from([0.005, 0.001, 0.007, 0.0125, 1 / 300]),
     hold=st.sampled_from([0.03, 0.005, 0.1, 0.0007, 1 / 3, 0.0123457, 1.0]),

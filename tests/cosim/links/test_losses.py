@@ -7,7 +7,7 @@ from math import inf, isnan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
@@ -78,7 +78,6 @@ def test_a_gilbert_elliott_burst_ends_with_probability_r():
     assert np.mean(lengths > 10) == pytest.approx(0.9**10, abs=0.02)
 
 
-@settings(max_examples=80)
 @given(model=st.sampled_from(MODELS), cuts=st.lists(st.integers(0, 3000), max_size=12))
 def test_chunks_do_not_change_the_losses(model, cuts):
     cuts = sorted(cuts)
@@ -87,7 +86,6 @@ def test_chunks_do_not_change_the_losses(model, cuts):
     assert np.array_equal(np.concatenate(parts), lost(model, 3000, seed=5))
 
 
-@settings(max_examples=80)
 @given(
     period=st.sampled_from([0.005, 0.001, 0.007, 1 / 300, 2.5]),
     length=st.sampled_from([0.005, 0.3, 0.25, 0.0123]),
@@ -149,7 +147,6 @@ def test_what_arrives_has_the_delays_it_had_without_loss(model):
     assert lossy.facts() == {**law.facts(), "loss": model.facts()}
 
 
-@settings(max_examples=40)
 @given(model=st.sampled_from(MODELS), cuts=st.lists(st.integers(0, 900), max_size=8))
 def test_chunks_do_not_change_lossy_tables(model, cuts):
     cuts = sorted(cuts)

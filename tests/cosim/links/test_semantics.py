@@ -7,7 +7,7 @@ from math import ceil, floor
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
@@ -96,7 +96,6 @@ def checked(rule: Rule, n_s: int, n_r: int, h: float, law: Law, looks: int) -> l
     return rows.tolist()
 
 
-@settings(max_examples=120)
 @given(rule=st.sampled_from(PACKETS), n_s=periods, n_r=periods, h=steps, data=st.data())
 def test_packets_are_what_the_oracle_says(rule, n_s, n_r, h, data):
     T, law = given_delays(data.draw(quarters(losses=rule != PacketSemantics("fifo"))), h)
@@ -104,7 +103,6 @@ def test_packets_are_what_the_oracle_says(rule, n_s, n_r, h, data):
     assert rows == oracle_packets(rule, n_s, n_r, exact(h), T, 60)
 
 
-@settings(max_examples=80)
 @given(n_s=periods, n_r=periods, h=steps, buffer=st.integers(0, 400), data=st.data())
 def test_playout_is_what_the_oracle_says(n_s, n_r, h, buffer, data):
     T, law = given_delays(data.draw(quarters(losses=True)), h)
@@ -118,7 +116,6 @@ def test_playout_is_what_the_oracle_says(n_s, n_r, h, buffer, data):
     assert rows == expected
 
 
-@settings(max_examples=80)
 @given(n_s=periods, n_r=periods, h=steps, data=st.data())
 def test_signal_is_what_the_oracle_says(n_s, n_r, h, data):
     T, law = given_delays(data.draw(quarters(losses=False)), h)
@@ -143,7 +140,6 @@ laws = st.one_of(
 rules = st.sampled_from([*PACKETS, SignalSemantics(), PlayoutSemantics(0.2)])
 
 
-@settings(max_examples=60)
 @given(law=laws, rule=rules, n_s=periods, n_r=periods, cuts=st.lists(st.integers(0, 140)))
 def test_chunks_of_any_size_give_the_same_rows(law, rule, n_s, n_r, cuts):
     cuts = sorted(cuts)

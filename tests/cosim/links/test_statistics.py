@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.links.grid import Grid
@@ -67,7 +67,6 @@ def test_waiting_counts_the_rows_before_the_first_sample():
 rows = st.lists(st.integers(-1, 12), min_size=1, max_size=80)
 
 
-@settings(max_examples=100)
 @given(values=rows, n_s=st.integers(1, 4), n_r=st.integers(1, 4), cut=st.integers(0, 80))
 def test_statistics_are_the_plain_ones(values, n_s, n_r, cut):
     """Against the definitions, row by row; counting in two chunks changes nothing."""

@@ -7,7 +7,7 @@ from math import gcd
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
@@ -38,7 +38,6 @@ SWITCHES = [
 ]
 
 
-@settings(max_examples=60)
 @given(switching=st.sampled_from(SWITCHES), cuts=st.lists(st.integers(0, 400), max_size=10))
 def test_chunks_do_not_change_the_weights(switching, cuts):
     cuts = sorted(cuts)
@@ -60,7 +59,6 @@ def test_one_graph_is_there_always():
     assert rows(static, 2, (), 5).shape == (5, 0)
 
 
-@settings(max_examples=40)
 @given(
     period=st.integers(1, 40),
     h=st.sampled_from([0.001, 0.005, 0.0125]),
@@ -100,7 +98,6 @@ def test_weights_are_those_of_one_graph_at_a_time(name):
     assert all(there.any() for there in is_graph)
 
 
-@settings(max_examples=30)
 @given(switching=st.sampled_from(SWITCHES), a=st.integers(1, 8), b=st.integers(1, 8))
 def test_receivers_of_different_rates_see_the_same_graph(switching, a, b):
     topology = Topology(PRESETS["dense"], switching, seed=2)

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import CutShort, RunError, ScenarioError
@@ -55,7 +55,6 @@ def record(
     return recorder.path.read_bytes()
 
 
-@settings(max_examples=40)
 @given(
     n=st.integers(0, 60),
     chunks=st.lists(st.integers(1, 20), min_size=1, max_size=6),
@@ -73,7 +72,6 @@ def test_bytes_do_not_depend_on_the_chunks(
     assert a == b
 
 
-@settings(max_examples=40)
 @given(
     n=st.integers(0, 60), chunk=st.integers(1, 20), every=st.integers(1, 12), k0=st.integers(0, 30)
 )
@@ -92,7 +90,6 @@ def test_every_nth_tick_and_the_last_one_are_kept(n: int, chunk: int, every: int
     assert groups_of == [8] * (len(ticks) // 8) + [len(ticks) % 8] * (len(ticks) % 8 > 0)
 
 
-@settings(max_examples=60)
 @given(
     lengths=st.lists(st.integers(0, 10), max_size=12),
     n=st.integers(0, 40),

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
@@ -36,7 +36,6 @@ def run(tmp_path: Path) -> Run:
     return write(tmp_path, np.arange(30.0).reshape(3, 10))
 
 
-@settings(max_examples=30)
 @given(
     st.integers(0, 40),
     st.lists(st.floats(width=64), min_size=3, max_size=3),

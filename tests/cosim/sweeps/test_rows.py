@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis.declared_metrics import metrics
@@ -50,7 +50,6 @@ def test_the_measures_are_those_of_a_run_folder_to_the_bit(tmp_path: Path) -> No
         assert in_memory.measures[metric.name] == result.value
 
 
-@settings(max_examples=30)
 @given(ticks=st.integers(1, 400), every=st.integers(1, 50))
 def test_memory_holds_the_rows_that_a_recorder_writes(ticks: int, every: int) -> None:
     plan = scenarios.plan(

@@ -79,6 +79,7 @@ def rows(found: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
             yield f"{case['case']}, {case['fmi']}, {row['runner']}", row
 
 
+@pytest.mark.slow
 def test_every_case_is_run_in_both_versions(engine: tuple[dict[str, Any], str]) -> None:
     found, _ = engine
     assert [(c["case"], c["fmi"]) for c in found["cases"]] == [
@@ -135,6 +136,7 @@ def test_the_tables_name_everybody(engine: tuple[dict[str, Any], str]) -> None:
     assert {"processor", "compiler", "packages", "python"} <= set(found["machine"])
 
 
+@pytest.mark.slow
 def test_stages_and_memory_of_the_teleoperator(tmp_path: Path) -> None:
     found, text = run("teleoperation.py", tmp_path)
     stages = ["start Python", "run and record", "metrics", "import matplotlib", "end Python"]

@@ -13,6 +13,7 @@ import pytest
 
 from cosim.record import Run
 from tests.cli.command import CONFIG, Command, Done, started
+from tests.tiers import first_fast
 
 HALF = """
 [run]
@@ -173,7 +174,7 @@ def ended(process: subprocess.Popen[str], folder: Path, number: signal.Signals) 
     return Done.of(128 + number, "", said).err, Run.open(folder)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_fast([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
 @pytest.mark.parametrize("parts", ["FMUs", "call-backs"])
 def test_a_signal_keeps_what_was_recorded(
     tmp_path: Path, parts: str, number: signal.Signals
@@ -199,7 +200,7 @@ def test_a_signal_keeps_what_was_recorded(
     assert result.metadata["status"] == "stopped"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", first_fast([signal.SIGINT, signal.SIGTERM, signal.SIGHUP]))
 def test_a_signal_ends_a_sweep_after_the_runs_under_way(
     tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -14,6 +14,7 @@ from bridge.results.outcome import begin
 from fmus.toolchain import compiler
 from tests.cli.command import CONFIG, finished
 from tests.cli.faulted import COMMANDS, Case, Faulted, every
+from tests.tiers import first_fast
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +38,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", ["run", "replay"])
+@pytest.mark.parametrize("command", first_fast(["run", "replay"]))
 def test_some_calls_fail(shim: Path, tmp_path: Path, given: Path, command: str) -> None:
     some = [(n, errno.ENOSPC, False) for n in (1, 5, 12, 40)]
     some += [(8, errno.ENOSPC, True), (60, errno.ENOSPC, True), (3, errno.EIO, False)]

@@ -26,6 +26,7 @@ from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
 from fmus.models import operator, planar2r, teleoperation, xi
 from fmus.source import c_files, sources, token
+from tests.tiers import first_fast
 
 HAND = operator.model()
 STEPS = 200
@@ -139,6 +140,7 @@ def test_an_installation_ships_every_model_in_both_versions(
     assert all((tmp_path / name).is_file() for name in names)
 
 
+@pytest.mark.slow
 def test_what_models_share_is_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of each model only its own C file and its tables, however many models there are."""
     compiled, compile_object = [], toolchain.compile_object
@@ -160,7 +162,7 @@ def test_what_models_share_is_compiled_once(monkeypatch: pytest.MonkeyPatch) -> 
 # --- sources ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("version", first_fast(VERSIONS))
 def test_the_sources_inside_build_to_the_same_numbers(version: str, tmp_path: Path) -> None:
     """With nothing but what the FMU says: files, and in FMI 3.0 the options."""
     model = planar2r.model()

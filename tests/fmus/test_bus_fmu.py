@@ -29,6 +29,7 @@ from cosim.lsbus.terminals import read_terminals
 from fmus.bus_fmu import build_bus
 from tests.cosim.lsbus.exporter import KINDS, PARAMETERS, node
 from tests.cosim.lsbus.importer import End, Imported, run
+from tests.tiers import first_fast
 
 TIMING = BusTiming(500e3)
 MS = 10**9
@@ -77,7 +78,7 @@ def by_fmu(
     )
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", first_fast(KINDS, 2))
 def test_nodes_hear_the_same_at_the_same_times_as_on_the_bus_of_a_plan(
     tmp_path: Path, three: Path, kind: str
 ) -> None:

@@ -66,9 +66,10 @@ def run(command: list[str]) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model",
-    [MODELS[1], *(pytest.param(m, marks=pytest.mark.slow) for m in (MODELS[0], MODELS[2]))],
+    MODELS,
     ids=lambda model: model.identifier,
 )
 def test_both_apis_are_clean_under_the_sanitizers(

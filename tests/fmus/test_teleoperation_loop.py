@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from cosim.base.component import Component
 from fmus.models import planar2r, teleoperation
 from fmus.models.planar2r import inertia
+from tests.tiers import first_fast
 
 H, SUBSTEPS = 5e-3, 5
 Q1, Q2 = np.array([-pi / 3, -pi / 2]), np.array([-2 * pi / 3, pi / 3])
@@ -108,7 +109,7 @@ def test_free_arms_meet() -> None:
     assert last_outside(run["q"][:, 0] - run["q"][:, 1]) == pytest.approx(7.9, abs=0.5)
 
 
-@pytest.mark.parametrize(("lambda_M", "torque"), [(10.0, 3.42466), (1.0, 14.92537)])
+@pytest.mark.parametrize(("lambda_M", "torque"), first_fast([(10.0, 3.42466), (1.0, 14.92537)]))
 def test_a_wall_is_felt_by_the_operator(lambda_M: float, torque: float) -> None:
     """At rest tau_h = tau_e = (lambda alpha K / lambda_M) (q_1 - q_2), Theorem 5."""
     wall = {"k_w": np.full(2, 200.0), "q_w": np.full(2, 1.0)}
@@ -121,7 +122,7 @@ def test_a_wall_is_felt_by_the_operator(lambda_M: float, torque: float) -> None:
     assert np.allclose(felt, 2 * 0.5 * 16 / lambda_M * stretched, rtol=1e-4)
 
 
-@pytest.mark.parametrize(("steps", "damping"), [(0, 1.60), (150, 4.00)])
+@pytest.mark.parametrize(("steps", "damping"), first_fast([(150, 4.00), (0, 1.60)]))
 def test_a_constant_push_feels_the_damping_of_the_equations(steps: int, damping: float) -> None:
     """tau / v = K alpha (2 + lambda (T12 + T21)) / lambda_M, for lambda_M = 10."""
     arms = [arm(), arm()]

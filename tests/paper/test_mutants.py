@@ -8,11 +8,12 @@ import pytest
 
 from fmus.paper.claims import select
 from tests.paper.mutants import WRONG, WrongLaw, failing
+from tests.tiers import first_fast
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 
 
-@pytest.mark.parametrize("law", WRONG, ids=lambda law: law.name)
+@pytest.mark.parametrize("law", first_fast(WRONG, 4), ids=lambda law: law.name)
 def test_a_wrong_law_is_noticed(law: WrongLaw, tmp_path: Path) -> None:
     claims = select(law.noticed).claims
     assert {claim.name for claim in claims} == set(law.noticed)

@@ -18,6 +18,7 @@ from cosim.record import Run
 from fmus.paper import experiments as e
 from fmus.paper.reproduction import open_case, run_case
 from tests.paper import second
+from tests.tiers import first_fast
 
 H, SAMPLES = 5e-3, 500
 AGREE = 1e-5  # rad
@@ -104,7 +105,7 @@ def apart(run: Run, names: list[str], places: list[list[second.Pair]]) -> float:
     )
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", first_fast(range(6), 2))
 def test_one_arm(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng([1, seed])
     let_go = (0.5, 1.2) if seed % 2 else None
@@ -119,7 +120,7 @@ def test_one_arm(seed: int, tmp_path: Path) -> None:
     assert apart(found, ["robot"], places) < AGREE
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", first_fast(range(5), 2))
 def test_two_different_arms_over_links_that_lose(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng([2, seed])
     let_go = (0.6, 1.1) if seed % 2 else None

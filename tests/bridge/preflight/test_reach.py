@@ -18,6 +18,7 @@ from bridge.rehearsal.hosts import Hosts
 from bridge.relay import namespaces
 from cosim.base.errors import ScenarioError
 from cosim.base.interrupts import signals_as_interrupt
+from tests.tiers import first_fast
 
 SCENARIO = Path("configs/teleoperation.toml").resolve()
 ROOT = SCENARIO.parents[1]
@@ -53,7 +54,7 @@ def test_only_what_a_deployment_needs_is_asked_for(monkeypatch) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="namespaces need root")
-@pytest.mark.parametrize("arguments", [["-i", "udp_multicast"], ["--deploy", "zenoh"]])
+@pytest.mark.parametrize("arguments", first_fast([["-i", "udp_multicast"], ["--deploy", "zenoh"]]))
 def test_a_rehearsal_where_nothing_is_up_starts_no_node(tmp_path: Path, arguments) -> None:
     name = f"{namespaces.PREFIX}{os.getpid()}-reach{next(_NUMBER)}"
     try:

@@ -230,7 +230,7 @@ def deployments(draw):
     }
 
 
-@settings(max_examples=15, suppress_health_check=list(HealthCheck))
+@settings(max_examples=8, suppress_health_check=list(HealthCheck))
 @given(found=deployments(), semantics=st.sampled_from(["signal", "last-arrival", "fifo"]))
 def test_any_cut_runs_and_replays_to_the_bit(found, semantics, tmp_path_factory):
     folder = tmp_path_factory.mktemp("cut")

@@ -18,6 +18,7 @@ from cosim.links.frozen_traces import TRACES, frozen, write_traces
 from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
 from cosim.links.spec import delay_law
 from cosim.links.traces import read_trace
+from tests.tiers import first_fast
 
 MASK = 2**64 - 1
 
@@ -63,7 +64,7 @@ def test_splitmix64_gives_its_published_words():
     assert word(0, 0, 2) == 0x6E789E6A * 10**6 >> 32
 
 
-@pytest.mark.parametrize("name", TRACES)
+@pytest.mark.parametrize("name", first_fast(TRACES, 4))
 def test_the_text_of_a_trace_has_its_sum_and_reads_back(name, tmp_path: Path):
     trace = TRACES[name]
     text = trace.text()

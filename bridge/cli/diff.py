@@ -38,7 +38,8 @@ def diff(
         Path | None, typer.Option("--json", help="Write all results to this JSON file.")
     ] = None,
     check: Annotated[
-        bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of both first.")
+        bool,
+        typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of both runs first."),
     ] = True,
 ) -> None:
     """Compare two runs signal by signal, largest differences first, and print a verdict.

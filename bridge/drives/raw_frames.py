@@ -20,7 +20,7 @@ class Raw:
     step: int = 0
 
     def check(self, place: str) -> None:
-        """Raises ScenarioError for what is no frame of up to 8 bytes."""
+        """Raise ScenarioError unless the text describes a frame of up to 8 bytes."""
         wrong = [token for token in self.data.split() if not _HEX.fullmatch(token)]
         if wrong or len(self.at(0)[1]) > 8:
             raise ScenarioError(
@@ -39,7 +39,7 @@ class Raw:
         return self.id + self.step * node, bytes(data)
 
     def value(self, node: int, identifier: int, data: bytes) -> int | None:
-        """What stands at ``U4`` in a frame, or None: it is another frame."""
+        """The value at ``U4`` in a frame, or None for another frame."""
         number, at = 0, 0
         for token in self.data.split():
             size = int(token[1]) if token[0] == "U" else 1

@@ -41,14 +41,16 @@ def check(
         Path | None, typer.Option("--json", metavar="FILE", help="Write the findings as JSON.")
     ] = None,
     bitrate: Annotated[
-        float, typer.Option(callback=finite, min=1.0, help="Of a .dbc file: the bit rate, bit/s.")
+        float, typer.Option(callback=finite, min=1.0, help="Bit rate for a .dbc file, bit/s.")
     ] = 1e6,
     data_bitrate: Annotated[
         float | None,
-        typer.Option(callback=finite, min=1.0, help="Of a .dbc file: of the data phase, bit/s."),
+        typer.Option(
+            callback=finite, min=1.0, help="Bit rate of the data phase for a .dbc file, bit/s."
+        ),
     ] = None,
     fd: Annotated[
-        bool, typer.Option("--fd", help="Of a .dbc file: send all messages as CAN FD frames.")
+        bool, typer.Option("--fd", help="Send all messages of a .dbc file as CAN FD frames.")
     ] = False,
 ) -> None:
     """Check a scenario without running it: stability margins, links, wiring, predictions.

@@ -23,22 +23,32 @@ def show(
     strict: Strict = False,
     check: Verify = True,
     bus: Annotated[
-        str, typer.Option(help="Print the account of this simulated bus instead.", metavar="NAME")
+        str,
+        typer.Option(
+            help="Print load, response times and losses of this simulated bus instead.",
+            metavar="NAME",
+        ),
     ] = "",
     from_: Annotated[
-        float, typer.Option("--from", callback=finite, min=0.0, help="With --bus: begin, s.")
+        float,
+        typer.Option(
+            "--from", callback=finite, min=0.0, help="With --bus: start of the interval, s."
+        ),
     ] = 0.0,
     for_: Annotated[
-        float, typer.Option("--for", callback=finite, min=1e-6, help="With --bus: length, s.")
+        float,
+        typer.Option(
+            "--for", callback=finite, min=1e-6, help="With --bus: length of the interval, s."
+        ),
     ] = 0.02,
     picture: Annotated[
-        Path | None, typer.Option(help="With --bus: a PNG of the frames in that time.")
+        Path | None, typer.Option(help="With --bus: write a PNG of the frames in the interval.")
     ] = None,
 ) -> None:
     """Print how a scenario runs: components, rates, order, and what every input samples.
 
     For a run folder: what ran, how it ended, what was recorded, and whether files have changed.
-    With --bus: load, response times and lost frames of a simulated CAN bus in a stretch of time.
+    With --bus: load, response times and lost frames of a simulated CAN bus during an interval.
     """
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import report_unconnected_inputs

@@ -40,55 +40,56 @@ HEAD = """\
 # Bus load
 
 The load and the response times of a CAN bus follow from the lengths of the frames in bits and from
-their priorities, so they are known before any hardware is connected. The command
-`python docs/bus_load.py` writes the tables below from the DBC files in `configs/can`; a test compares
-them with this page.
+their priorities, so they are known before any hardware is connected. The command `python
+docs/bus_load.py` writes the tables below from the DBC files in `configs/can`; a test compares them
+with this page.
 
 ## Methods
 
-**Frame time** (`cosim/bus/timing.py`; in C `bridge/c/load.h`). A frame lasts from its start to the end
-of the intermission. Stuff bits and the CRC-15 are computed from the bits of the frame, so the time of a
-frame with known content is exact. CAN FD frames follow ISO 11898-1:2015: dynamic stuff bits up to the
-end of the data, then a CRC field with fixed stuff bits and the stuff count. With BRS, the bits from ESI
-to the CRC delimiter have the data bit rate. Both switches take place at a sample point. BRS and CRC
-delimiter together take one bit time at each of the two rates, whatever the sample points are, so the
-time of the frame is still exact. The worst case has a stuff bit after the first five stuffed bits and
-after every four more (55 + 10 n bits for a classic frame with n bytes and an 11-bit identifier). No data
-exceeds it, and most data stays a few bits below it. The mean is that of random data. The results agree
-with a frame built bit by bit, with `canbusload -e` for classic data frames, and between Python, NumPy
-and C.
+**Frame time** (`cosim/bus/timing.py`; in C `bridge/c/load.h`). A frame lasts from its start to the
+end of the intermission. Stuff bits and the CRC-15 are computed from the bits of the frame, so the
+time of a frame with known content is exact. CAN FD frames follow ISO 11898-1:2015: dynamic stuff
+bits up to the end of the data, then a CRC field with fixed stuff bits and the stuff count. With
+BRS, the bits from ESI to the CRC delimiter have the data bit rate. Both switches take place at a
+sample point. BRS and CRC delimiter together take one bit time at each of the two rates, whatever
+the sample points are, so the time of the frame is still exact. The worst case has a stuff bit
+after the first five stuffed bits and after every four more (55 + 10 n bits for a classic frame
+with n bytes and an 11-bit identifier). No data exceeds it, and most data stays a few bits below
+it. The mean is that of random data. The results agree with a frame built bit by bit, with
+`canbusload -e` for classic data frames, and between Python, NumPy and C.
 
-**Load** (`bridge/can/load.py`) is the sum of frame time over period. For a log it is the fraction of a
-window in which the bus was busy, in the busiest window at any position. A load above 100 % means that
-the log is not from one bus with these bit rates, or that its time stamps are wrong.
+**Load** (`bridge/can/load.py`) is the sum of frame time over period. For a log it is the fraction
+of a window in which the bus was busy, in the busiest window at any position. A load above 100 %
+means that the log is not from one bus with these bit rates, or that its time stamps are wrong.
 
-**Response time** (`cosim/bus/response.py`) is the longest time from queueing a message to its end. It
-includes one frame of lower priority that has just begun, all frames of higher priority, earlier
-instances of the same message, jitter and, optionally, errors (Davis, Burns, Bril, Lukkien, Real-Time
-Systems 35, 2007). In the tests no simulated bus exceeds it, and the critical instant reaches it. The
-bound holds for nodes that send their most urgent frame first. A node that sends in the order of
-queueing, as the default queue of Linux and many USB adapters do, can take longer;
+**Response time** (`cosim/bus/response.py`) is the longest time from queueing a message to its end.
+It includes one frame of lower priority that has just begun, all frames of higher priority, earlier
+instances of the same message, jitter and, optionally, errors (Davis, Burns, Bril, Lukkien,
+Real-Time Systems 35, 2007). In the tests no simulated bus exceeds it, and the critical instant
+reaches it. The bound holds for nodes that send their most urgent frame first. A node that sends in
+the order of queueing, as the default queue of Linux and many USB adapters do, can take longer;
 `cosim/bus/arbitration.py` computes the order of frames for both. [The simulated bus](bus.md) adds
 errors, queues and fault confinement.
 
 **Check** (`bridge/preflight/bus_checks.py`). The check refuses a worst-case load above 100 %, an
 identifier that two nodes send, frames that the bus or CAN does not support, messages with a period
-shorter than their frame time, and disabled watchdogs. It warns of a load above 70 %, of response times
-that may exceed their deadline, of identifiers in CANopen's ranges, of signals larger than their field,
-of watchdogs below 2 or above 50 periods (and 100 ms), and of nodes without heartbeat.
+shorter than their frame time, and disabled watchdogs. It warns of a load above 70 %, of response
+times that may exceed their deadline, of identifiers in CANopen's ranges, of signals larger than
+their field, of watchdogs below 2 or above 50 periods (and 100 ms), and of nodes without heartbeat.
 """
 COST = """\
 ## Computing time
 
-`python benchmarks/bus_load.py` measures it. On two shared cores of a virtual machine with Python 3.11,
-one frame of 8 bytes takes about 4 µs in Python and 0.3 µs in C, and one of 64 bytes 10 µs and 1 µs. A
-log of 10⁶ frames takes 0.3 s with 8 bytes and 1 s with 64 bytes; its busiest window takes another 0.4 s.
+`python benchmarks/bus_load.py` measures it. On two shared cores of a virtual machine with Python
+3.11, one frame of 8 bytes takes about 4 µs in Python and 0.3 µs in C, and one of 64 bytes 10 µs
+and 1 µs. A log of 10⁶ frames takes 0.3 s with 8 bytes and 1 s with 64 bytes; its busiest window
+takes another 0.4 s.
 """
 
 LOAD_TEXT = {
     5e-3: """\
-Worst-case load in %, by number of nodes, with a SYNC of 1 byte every tick and a heartbeat of 8 bytes
-every 50 ms from each node; "–": above 100 %.
+Worst-case load in %, by number of nodes, with a SYNC of 1 byte every tick and a heartbeat of 8
+bytes every 50 ms from each node; "–": above 100 %.
 """,
     1e-3: "The same table at 1 kHz.\n",
 }

@@ -57,7 +57,7 @@ def runs_for(job: CampaignSetup, faults: int) -> int:
 
 
 def run_and_judge(job: CampaignSetup, k: int) -> StudyRow:
-    """Run `k`, simulated or rehearsed, judged."""
+    """Simulate or rehearse run `k` and evaluate it."""
     channel, rehearsed = job.kind_of_run(k)
     many, system = job.many, _system(job.many, channel, rehearsed)
     one = soak.SoakSetup(
@@ -114,7 +114,7 @@ def campaign(
 
 
 def facts(job: CampaignSetup) -> Mapping[str, Any]:
-    """By which a folder is told from that of another campaign."""
+    """Facts that distinguish this folder from that of another campaign."""
     many = job.many
     files = (many.path, many.scenario, *(many.deployment(c) for c in many.spec.channels))
     digest = sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()

@@ -63,7 +63,7 @@ def failed_run(script: str, error: Exception) -> JudgedRun:
 
 
 def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> JudgedRun:
-    """Look at a run folder and what was said of it."""
+    """Evaluate a run folder and the statement about it."""
     ended = dict(_unfinished_lives(system, outcome))
     seen = _seen(outcome)
     found = [_corrupted(system, outcome, report) for report in outcome.reports]
@@ -96,7 +96,7 @@ def judge(system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome) -> J
 def _expected(
     system: System, spec: CampaignRunSpec, outcome: RehearsalOutcome, judged: JudgedRun
 ) -> Iterator[str]:
-    """What the campaign says of this run, where it was otherwise."""
+    """Differences between the outcome that the campaign expects of this run and the actual one."""
     if spec.ends == "finished" and not outcome.finished:
         yield f"expected to finish; {_said(judged.ended)}"
     if spec.ends == "stopped":
@@ -166,10 +166,10 @@ def _seen(outcome: RehearsalOutcome) -> dict[str, int]:
 
 
 def _corrupted(system: System, outcome: RehearsalOutcome, report: NodeReport) -> tuple[int, int]:
-    """(frames corrupted on their way to a node, those it accepted).
+    """(frames corrupted on their way to a node, frames among them that it accepted).
 
-    Twice judged: no sequence number of a corrupted frame was accepted when that frame arrived; and
-    a receiver that lived to tell refused as many frames as were corrupted.
+    Two conditions are checked: no sequence number of a corrupted frame was accepted when that frame
+    arrived; and a receiver with a report refused as many frames as were corrupted.
     """
     path = outcome.folder / NODES / report.life.file("faults")
     if not path.is_file():

@@ -106,7 +106,7 @@ class Many(msgspec.Struct, frozen=True):
         return (*spec.settings, *(spec.rehearsal if rehearsed else ()), f"run.stop={self.run}")
 
     def soak(self) -> Soak:
-        """What the runs of a soak and of a campaign are judged by."""
+        """The criteria by which the runs of a soak test and of a campaign are evaluated."""
         spec = SoakSpec(
             title=self.spec.title, zenoh=self.spec.zenoh, first=FIRST, last=self.run - LAST,
             torque_max=self.torque_max, kinds={},
@@ -206,10 +206,11 @@ def _framed(
 
 
 def _of_processes(many: Many, system: System, random: np.random.Generator) -> Iterator[Table]:
-    """One node is frozen and killed at the end, one has a wrong clock, another is started again.
+    """Faults of processes: a node is frozen and killed at the end, one has a wrong clock, one
+    restarts.
 
-    Who is killed is on no network that the node which begins again has to find it on; where every
-    node is, there is one of the two.
+    The killed node is not on a network that the restarted node needs to find the run. If every node
+    is on that network, only one of the two faults is used.
     """
     there = [str(n) for n in random.permutation([n for n in system.nodes if system.received_by(n)])]
     near = [n for n in there if not _on_network(system, n)]

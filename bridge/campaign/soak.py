@@ -40,10 +40,10 @@ RUNS, SCRIPT = "runs", "script.toml"
 
 @dataclass(frozen=True, slots=True)
 class SoakSetup:
-    """What all runs of a soak have in common; `changes`: of scenario and deployment.
+    """Settings common to all runs of a soak test; `changes`: of scenario and deployment.
 
-    `hosted`: each run in network namespaces of its own, `network`: with faults of the network
-    between them. `keep`: run folders also of runs in which all was well.
+    `hosted`: each run in separate network namespaces, `network`: with faults of the network between
+    them. `keep`: also keep the run folders of runs that passed.
     """
 
     scenario: Path
@@ -72,7 +72,9 @@ def run_soak(job: SoakSetup, k: int) -> StudyRow:
 
 
 def judge_row(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
-    """Judge what `run` makes in the folder of run `k`; what goes wrong becomes its row's reason."""
+    """Evaluate the result of `run` in the folder of run `k`; an error becomes the reason in its
+    row.
+    """
     name, watch = f"{k:05d}", stopwatch()
     folder = job.folder / RUNS / name
     shutil.rmtree(folder, ignore_errors=True)

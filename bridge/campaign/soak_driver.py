@@ -36,7 +36,7 @@ def count(hours: float, seconds: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class RunsObserver:
-    """Who is told of many runs: `begun` once, `done` with every row, `stopping` at a Ctrl-C."""
+    """Observer of many runs: `begun` once, `done` with every row, `stopping` after Ctrl-C."""
 
     begun: Callable[[PlannedRuns], None] = lambda begun: None
     done: Callable[[StudyRow], None] = lambda row: None
@@ -71,14 +71,14 @@ def drive(
     retry: bool = False,
     observer: RunsObserver = UNOBSERVED,
 ) -> list[Record]:
-    """Make the runs that the folder does not have yet; rows of all, in their order.
+    """Execute the runs that are missing in the folder; return the rows of all runs in their order.
 
-    `perform`: makes and judges run k, in a process of its own; `facts`: what tells this folder
-    from others.
+    `perform`: executes and evaluates run k in a separate process; `facts`: distinguish this folder
+    from others. `retry`: also repeat runs that did not pass.
 
-    With `retry` also those again that were not as they had to be. After a first Ctrl-C
-    KeyboardInterrupt comes when the runs under way have ended, at a second one at once. Raises
-    ScenarioError for a folder that was begun with something else, never for a run that fails.
+    After a first Ctrl-C, KeyboardInterrupt is raised when the active runs have ended; after a
+    second one, immediately. Raises ScenarioError if the folder was created with other facts, never
+    for a run that fails.
     """
     with stores.lock_folder(folder):
         _claim(folder, title, facts)
@@ -125,7 +125,7 @@ def _run(
 
 
 def _facts(job: SoakSetup) -> dict[str, Any]:
-    """By which a folder is told from that of another soak."""
+    """Facts that distinguish this folder from that of another soak test."""
     files = (job.scenario, job.deployment, job.soak.path)
     return {
         "scenario": str(job.scenario),

@@ -39,7 +39,7 @@ CRASHED = ("Traceback (most recent", "panicked at", "Fatal Python error", "Segme
 
 @dataclass(frozen=True, slots=True)
 class RunDone:
-    """A run that came to its end, with all there is to judge it by."""
+    """A finished run, with all data needed to evaluate it."""
 
     system: System
     script: FaultScript
@@ -153,14 +153,14 @@ def _timed(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator
 
 
 def _unsent_samples(done: RunDone) -> Iterator[str]:
-    """Samples that were heard and not sent, where no fault is a hostile peer."""
+    """Samples that were received but not sent, if no fault is a hostile peer."""
     if any(f.kind in HOSTILE for f in done.outcome.faults):
         return
     yield from map(str, done.outcome.replayed.altered if done.outcome.replayed else ())
 
 
 def _crashes(done: RunDone) -> Iterator[str]:
-    """Processes that did not end as they were told, or left nothing to read."""
+    """Processes that did not end as commanded, or left no readable files."""
     killed = [e.target for e in done.script.events if e.action == "kill"]
     missed = {n.life for n in done.outcome.notes if isinstance(n, Missed)}
     refused = {n.life for n in done.outcome.notes if isinstance(n, Refused)}
@@ -198,7 +198,7 @@ def _stops(done: RunDone, of_time: bool) -> Iterator[str]:
 
 
 def _separated_arms(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
-    """Arms that are not together although everybody works and had the time."""
+    """Arms that have not synchronized although all nodes are active and had enough time."""
     plan, rows = done.system.plan, done.outcome.rows
     if soak.spec.together is None:
         return

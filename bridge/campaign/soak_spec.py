@@ -48,14 +48,17 @@ Value = float | bool | tuple[float, float]
 
 
 class TogetherSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A metric of the scenario (kind ``error``), and what it may be at the end of a run."""
+    """A metric of the scenario (kind ``error``), and its limit at the end of a run."""
 
     metric: str
     within: Number
 
 
 class SoakSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A soak as read; see the module. `zenoh`: configurations between hosts, beside the file."""
+    """A soak test as read from its file; see the module.
+
+    `zenoh`: configurations between hosts, paths relative to the file.
+    """
 
     title: str = ""
     settings: tuple[str, ...] = ()
@@ -91,7 +94,7 @@ class Soak(msgspec.Struct, frozen=True):
 
 
 def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
-    """The file `given`, or that beside the scenario. Raises ScenarioError with file and place."""
+    """The file `given`, or that next to the scenario. Raises ScenarioError with file and place."""
     path = Path(given) if given else Path(scenario).parent / DEFAULT
     spec = convert(toml.read(Path(path)), SoakSpec, path, "")
     if not 0 < spec.faults[0] <= spec.faults[1]:
@@ -214,10 +217,10 @@ def round_duration(value: float) -> float:
 
 
 def _agree(a: Table, b: Table) -> bool:
-    """Whether what both do can be told apart afterwards.
+    """Whether the effects of both faults can be distinguished in the results.
 
-    Counters go with a node that is killed; a frame that is there twice may be corrupted once; of
-    two faults of a link one would hide the other.
+    Counters are lost with a node that is killed; a duplicated frame may be corrupted once; of two
+    faults of a link, one would hide the other.
     """
     node = a.get("node", a.get("link")) == b.get("node", b.get("link"))
     if a["kind"] in PROCESSES and node:

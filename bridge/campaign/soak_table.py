@@ -60,7 +60,7 @@ def failures(records: Sequence[Record]) -> list[str]:
 
 
 def inconclusive(records: Sequence[Record]) -> list[str]:
-    """A line a run that this machine was too slow to judge."""
+    """One line for each run that could not be evaluated because this machine was too slow."""
     return [
         f"{r['run']} ({r['faults']}): {r['reason']}"
         for r in records

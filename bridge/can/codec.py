@@ -19,13 +19,14 @@ Vector = NDArray[np.float64]
 
 @final
 class Codec:
-    """One message carrying `signals`, in this order; its other signals are sent as they start.
+    """One message that carries `signals` in this order; its other signals have their start values.
 
-    Header signals (status, time stamp, counter, CRC) are no values. An integer saturates, is
-    rounded to the nearest (halves to even), and is the invalid code for what is not finite.
-    `exact`: a frame that this codec would not have written is invalid.
+    Header signals (status, time stamp, counter, CRC) are not values. Values of integer signals
+    saturate and are rounded to the nearest (ties to even); a value that is not finite becomes the
+    invalid code. `exact`: a frame that this codec would not have written is invalid.
 
-    Raises LayoutError for unknown or repeated signals, and for a layout that C cannot do.
+    Raises LayoutError for unknown or repeated signals, and for a layout that the C code does not
+    support.
     """
 
     def __init__(

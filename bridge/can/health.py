@@ -99,7 +99,7 @@ def bus_health(bus: Bus, name: str, now_ns: int, interface: str = "") -> BusHeal
 
 
 def interface_counters(name: str, table: Path = Path("/proc/net/dev")) -> InterfaceCounters | None:
-    """Of a network interface; None where there is no such interface, or no such table."""
+    """Counters of a network interface; None if the interface or the table does not exist."""
     try:
         lines = table.read_text().splitlines()
     except OSError:

@@ -48,7 +48,7 @@ class CanBusSpec:
 
 
 class Attachment(Protocol):
-    """A bus that is open: `bus` for the tick, `health` for everybody else."""
+    """An open bus: `bus` for the tick, `health` for all other code."""
 
     @property
     def bus(self) -> Bus:
@@ -68,11 +68,11 @@ def attach(
     log: Journal | None = None,
     accepts: Sequence[Accept] | None = None,
 ) -> Attachment:
-    """Open a bus. `number`: of the bus in its node; `accepts`: frames given, None: all.
+    """Open a bus. `number`: of the bus in its node; `accepts`: accepted frames, None: all.
 
-    Where nothing is logged, driver and kernel drop the other frames; else they are logged first.
+    Without a log, driver and kernel drop the other frames; with a log, these are logged first.
 
-    Raises BusError, which says what is missing: interface, channel, driver, permission.
+    Raises BusError, which names what is missing: interface, channel, driver, permission.
     """
     config = configuration(spec)
     if config["interface"] == "socketcan":
@@ -81,9 +81,9 @@ def attach(
 
 
 def configuration(spec: CanBusSpec) -> dict[str, Any]:
-    """The arguments of `can.Bus` for a bus, after python-can's own configuration was looked at.
+    """The arguments of `can.Bus` for a bus, combined with python-can's own configuration.
 
-    Raises BusError for an interface python-can does not know, or none at all.
+    Raises BusError if the interface is missing or unknown to python-can.
     """
     given = {
         "interface": spec.interface or None, "channel": spec.channel or None,

@@ -34,7 +34,7 @@ _IS_DUE = np.isin(np.arange(16), DUE).astype(np.int32)
 
 
 class Share(NamedTuple):
-    """Parts of the time a bus is busy, 1 = always, for the best, random and worst payload."""
+    """Fractions of time in which a bus is busy (0 to 1), for the best, random and worst payload."""
 
     best: float
     mean: float

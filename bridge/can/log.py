@@ -29,7 +29,7 @@ _OTHER = (".asc", ".blf", ".mf4")
 
 
 class LogError(CosimError, ValueError):
-    """A log that cannot be read or written; the message says where."""
+    """A log cannot be read or written; the message names the place."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class FrameLog:
     buses: tuple[str, ...]
 
     def frames(self) -> Iterator[Frame]:
-        """The frames one by one, in order; for a replay."""
+        """The frames one by one, in order, for a replay."""
         for row in self.rows:
             yield frame_of(row)
 

@@ -66,7 +66,9 @@ class BusMessage:
         role: Role = "data",
         limits: Mapping[str, tuple[float, float]] | None = None,
     ) -> BusMessage:
-        """A message of a DBC file; `period` (s) instead of its own, `limits` of signals by name."""
+        """A message of a DBC file, with `period` (s) instead of its own and `limits` of signals by
+        name.
+        """
         flags = Flags(layout.flags)
         return cls(
             name=layout.name,
@@ -97,9 +99,9 @@ class BusMessage:
 def ranges(
     layout: MessageLayout, limits: Mapping[str, tuple[float, float]]
 ) -> tuple[SignalRange, ...]:
-    """What signals may be (`limits`, in their unit) beside what their fields hold.
+    """Limits of signals: `limits` (in the unit of each signal) within the range of their fields.
 
-    Raises LayoutError for a limit of a signal there is none of.
+    Raises LayoutError for a limit of a signal that does not exist.
     """
     found = []
     for name, (low, high) in limits.items():

@@ -140,7 +140,7 @@ class MulticastBus(can.BusABC):
 
 
 def _interface(local: bool) -> bytes:
-    """`struct ip_mreqn` without the group: address and index; all zero: as the routes say."""
+    """`struct ip_mreqn` without the group: address and index; zeros: the routing table decides."""
     if not local:
         return struct.pack("=4si", bytes(4), 0)
     index = next((i for i, name in socket.if_nameindex() if name in ("lo", "lo0")), 0)

@@ -24,9 +24,11 @@ _BLOCK = 4096
 
 @dataclass(frozen=True, slots=True)
 class ControlRate:
-    """The rate, Hz, at which all messages of a control cycle get through, beside the others.
+    """The rate, Hz, at which all messages of a control cycle are transmitted, with all other
+    traffic.
 
-    `frames`: of a cycle. `mean`: with random data; `worst`: if every frame has the most stuff bits.
+    `frames`: number in a cycle. `mean`: with random data; `worst`: with the most stuff bits in
+    every frame.
     """
 
     frames: int

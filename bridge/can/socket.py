@@ -32,7 +32,7 @@ NO_CAN = (
 
 
 class BusError(CosimError, OSError):
-    """A bus that cannot be opened: the message says why and what helps."""
+    """A bus cannot be opened; the message gives the reason and a remedy."""
 
 
 def open_socket(
@@ -100,7 +100,7 @@ def _check(sock: socket.socket, channel: str, fd: bool) -> None:
 
 
 def _ask(sock: socket.socket, channel: str, request: int) -> int:
-    """What an interface says to an ioctl of flags or MTU."""
+    """The answer of an interface to an ioctl for flags or MTU."""
     import fcntl
 
     answer = fcntl.ioctl(sock, request, struct.pack("16s24x", channel.encode()))

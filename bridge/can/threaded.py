@@ -49,7 +49,7 @@ class RingedInterface:
             thread.start()
 
     def health(self, name: str, now_ns: int) -> BusHealth:
-        """With what the driver refused, and what it said last."""
+        """Health with the number of frames that the driver refused, and its last message."""
         health = bus_health(self.bus, name, now_ns)
         failed = health.send_failed + self._refused
         return replace(health, send_failed=failed, last_error=self._fault or health.last_error)
@@ -132,9 +132,9 @@ def to_frame(message: can.Message, t_ns: int) -> Frame:
 def to_message(
     frame: Frame, timestamp: float = 0.0, channel: int | str | None = None
 ) -> can.Message:
-    """The python-can message of a frame; bit rate switch as its flags say, never as a default.
+    """The python-can message of a frame; the bit rate switch is taken from its flags.
 
-    Raises ValueError for what is no CAN frame (length, identifier).
+    Raises ValueError for an invalid CAN frame (length, identifier).
     """
     remote = bool(frame.flags & Flags.REMOTE)
     return can.Message(

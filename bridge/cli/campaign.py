@@ -173,7 +173,7 @@ def _one(
 def _rehearsed(
     system: System, spec: CampaignRunSpec, script: FaultScript, settings: Settings, folder: Path
 ) -> JudgedRun:
-    """One run, judged."""
+    """Execute and evaluate one run."""
     from dataclasses import replace
 
     from bridge.campaign import judgement

@@ -38,7 +38,7 @@ def from_log(
 
 
 def lines(node: ControllerReplay) -> list[str]:
-    """What is said of one controller."""
+    """The lines of the summary of one controller."""
     from cosim.cli.show import aligned
 
     head = f"{node.node}: {node.compared} frames in {node.slots} slots from slot {node.first}"

@@ -1,4 +1,4 @@
-"""``cosim monitor``: look at a rehearsal while it runs, or after it; hand it to plotting tools."""
+"""``cosim monitor``: show a running or finished rehearsal, and export it to plotting tools."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def _behind(*, wakes: bool = False) -> None:
 
 
 def _listen(system: System, once: bool, connect: list[str], who: str, only: list[str]) -> None:
-    """On the buses, until Ctrl-C; once: a little more than a second from the last one heard of."""
+    """Listen on the buses until Ctrl-C; with `once`, for about a second after the last new node."""
     from bridge.monitor.listener import Listener
     from bridge.monitor.listener_view import view
     from bridge.monitor.messages import SPAN_NS
@@ -235,7 +235,7 @@ def _print(view: View) -> None:
 
 @contextmanager
 def _display() -> Iterator[Callable[[View, int], None]]:
-    """Shows what it gets: tables on a terminal, elsewhere a line a second."""
+    """Show views: as tables on a terminal, otherwise as one line per second."""
     if sys.stdout.isatty():
         from rich.console import Console
         from rich.live import Live

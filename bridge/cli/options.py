@@ -20,7 +20,7 @@ def bus_settings(
     data_bitrate: int | None,
     fd: bool | None,
 ) -> list[str]:
-    """``deploy.buses.NAME.KEY=VALUE`` of what was said on the command line for CAN buses.
+    """``deploy.buses.NAME.KEY=VALUE`` settings for the options of CAN buses on the command line.
 
     `channels`: ``BUS=CHANNEL``, or one channel for the only bus. Raises ScenarioError.
     """

@@ -278,7 +278,7 @@ def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> 
 
 
 def success_text(outcome: RehearsalOutcome) -> str:
-    """What is said of a run that has passed."""
+    """The summary of a run that passed."""
     from bridge.records.records import Gone, LifeEnd
 
     missed = sum(r.lateness.missed for r in outcome.reports)

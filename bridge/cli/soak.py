@@ -1,4 +1,4 @@
-"""``cosim soak``: many short rehearsals with random faults, each judged."""
+"""``cosim soak``: many short rehearsals with random faults, each evaluated."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
-    """What there is to say of the buses; prints their loads and messages."""
+    """Findings on the buses; prints their loads and messages."""
     from bridge.deployment.system import load_system
     from bridge.preflight import deployment
 
@@ -32,10 +32,10 @@ def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Findi
 def layout_findings(
     path: Path, bitrate: float, data_bitrate: float | None, fd: bool
 ) -> list[Finding]:
-    """What there is to say of the messages of a DBC file on one bus; prints load and messages.
+    """Findings on the messages of a DBC file on one bus; prints load and messages.
 
     `bitrate`, `data_bitrate` in bit/s; `fd`: classic messages become CAN FD frames, too. Raises
-    TrafficError for a file without messages that have a period.
+    TrafficError for a file without periodic messages.
     """
     from bridge.can.messages import BusMessage
     from bridge.preflight.bus_checks import check_buses

@@ -12,10 +12,11 @@ from bridge.native.bus import Accept
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """A message of the deployment: who sends it when, and how it is encoded.
+    """A message of the deployment: its sender, its times and its encoding.
 
-    `offset_ns`: the sender's phase; `period_ns`: between two samples. `forward`: what it is made
-    of, where a gateway sends it; numbers, phase and period are then its first sender's.
+    `offset_ns`: phase of the sender, ns; `period_ns`: time between two samples, ns. `forward`: the
+    message from which a gateway makes it; numbers, phase and period are then those of the first
+    sender.
     """
 
     name: str

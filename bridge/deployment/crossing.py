@@ -49,7 +49,9 @@ def node_of_component(plan: Plan, d: Deployment) -> dict[str, str]:
 
 
 def message_of_signal(plan: Plan, d: Deployment, forwarded: Mapping[str, Forward]) -> Carriers:
-    """Who carries what. Raises ScenarioError for a signal that two messages carry first."""
+    """The message that carries each signal. Raises ScenarioError for a signal with two first
+    carriers.
+    """
     found: dict[int, list[tuple[str, int]]] = {}
     for name, message in d.messages.items():
         if name in forwarded:

@@ -1,8 +1,8 @@
-"""Cut a plan into the plans of its nodes, and find what crosses the cuts.
+"""Divide a plan into the plans of its nodes, and find the connections between nodes.
 
-A wire or link whose two ends live in different nodes leaves by an outlet (a message of a bus) and
-enters by an inlet. Everything else stays what it was, in the node's own signal vector and on the
-node's own tick: the greatest common period of its components.
+A wire or link whose two ends are in different nodes leaves through an outlet (a message of a bus)
+and enters through an inlet. Everything else is unchanged, in the signal vector of the node and on
+the tick of the node, which is the greatest common period of its components.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class Outlet:
 
 @dataclass(frozen=True, slots=True)
 class Inlet:
-    """Values `first` ... of a message that go to `target`, as gain * value + offset.
+    """Values of a message, from index `first`, that go to `target` as gain * value + offset.
 
-    `link`: whose latency the receiver adds; None: a wire. `age`: the input that gets the age of
-    what a link holds. `ticks`: base ticks between two hits of the receiver; `source`: the slot of
-    the whole plan it comes from.
+    `link`: the link whose latency the receiver adds; None: a wire. `age`: the input that receives
+    the age of the sample that a link holds, s. `ticks`: base ticks between two steps of the
+    receiver; `source`: the slot of the source in the whole plan.
     """
 
     gate: str
@@ -207,9 +207,9 @@ def _step(name: str, spec: NodeSpec, plan: Plan, d: Deployment) -> int:
 
 
 def _multiple(seconds: float, of: float, what: str, place: str) -> int:
-    """How many times `of` (s) that is. Raises ScenarioError where it is no whole number of times.
+    """How many times `of` (s) fits. Raises ScenarioError if this is not a whole number.
 
-    `what`: whose period `of` is.
+    `what`: the owner of the period `of`, for the message.
     """
     found = round(seconds / of)
     if found < 1 or abs(found * of - seconds) > 1e-9:

@@ -41,7 +41,7 @@ class Foreign:
 
 
 def commands(d: Deployment, outlet: Outlet) -> bool:
-    """Whether an outlet's message carries torque to a drive with a protocol of its own."""
+    """Whether an outlet's message carries torque to a drive with its own protocol."""
     return bool(d.messages[outlet.message].profile) and any(p.port == "tau" for p in outlet.parts)
 
 
@@ -86,7 +86,7 @@ def table(drives: Iterable[Foreign], buses: Sequence[str], *sequences: str) -> c
 def sequence_struct(
     drive: Foreign, buses: Sequence[str]
 ) -> tuple[c.Array[native.Sequence], list[object]]:
-    """What an emulated drive follows, for C, and what has to be kept alive with it."""
+    """The frame sequence of an emulated drive as a C struct, and the memory that it needs."""
     names = [name for name in REQUESTS if drive.profile.sequences[name]]
     frames = [table([drive], buses, name) for name in names]
     sequences = (native.Sequence * max(1, len(names)))(

@@ -97,7 +97,7 @@ def _chain(d: Deployment, name: str) -> list[str]:
 
 
 def _check(d: Deployment, name: str, chain: Sequence[str]) -> None:
-    """Who forwards it, and over which buses."""
+    """Check the node that forwards a message, and its buses."""
     m, of = d.messages[name], chain[1]
     if m.by not in d.nodes:
         text = f"no node {m.by!r}" if m.by else f"says no node that forwards {of}"
@@ -150,9 +150,9 @@ def _forward(
 
 
 def check_single_route(d: Deployment, buses: Mapping[str, Iterable[str]]) -> None:
-    """Raise ScenarioError where gateways join two buses in more than one way.
+    """Raise ScenarioError if gateways join two buses by more than one route.
 
-    `buses`: of each gateway. What all are told goes over every gateway: it would go in circles.
+    `buses`: of each gateway. Broadcasts pass every gateway and would circulate forever.
     """
     islands = {bus: {bus} for bus in d.buses}
     for node, joined in buses.items():
@@ -170,10 +170,10 @@ def check_single_route(d: Deployment, buses: Mapping[str, Iterable[str]]) -> Non
 def check_required_nodes(
     d: Deployment, buses: Mapping[str, Iterable[str]], beating: Mapping[str, Iterable[str]]
 ) -> None:
-    """Raise ScenarioError where a node requires one whose heartbeats it cannot hear.
+    """Raise ScenarioError if a node requires a node whose heartbeats it cannot receive.
 
-    `buses`: of each node; `beating`: those of them where its heartbeats are. Heartbeats stay on
-    their bus: who stops when is settled island by island.
+    `buses`: of each node; `beating`: buses of each node that carry its heartbeats. Heartbeats are
+    not forwarded, so stops are decided among the nodes of one bus.
     """
     for node, spec in d.nodes.items():
         for other in spec.requires:

@@ -95,11 +95,11 @@ def delays_for(link: Link, ticks: int, every: int = 1, margin: float = MARGIN) -
 def network_delays(
     link: Link, ticks: int, sent: FloatArray, delay: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """When (s) and by how much (s) samples of a link are late over a network, in `ticks` ticks.
+    """Times (s) and delays (s) of the samples of a link over a network, for `ticks` ticks.
 
-    `sent`, `delay` (n,): measured, s; NaN: lost; repeated for as long as the run is. What the
-    link's law draws is added to it. A link of semantics `signal` looks at its delay and loses
-    nothing: there what was lost takes what is between its neighbours.
+    `sent`, `delay` (n,): measured, s; NaN: lost; repeated for the duration of the run. The delay
+    drawn by the link's law is added. A link with semantics `signal` evaluates its delay and loses
+    nothing: there, the delay of a lost sample is interpolated between its neighbors.
     """
     spec, grid = delays_for(link, ticks), link.table.grid
     looks = spec.kind == native.SIGNAL

@@ -28,7 +28,9 @@ class Span:
 
 
 def span(outlet: Outlet, port: Slot | None, place: str) -> Span | None:
-    """Where a message carries a port; None: not at all. Raises ScenarioError for pieces of it."""
+    """The position of a port in a message; None: not in it. Raises ScenarioError for parts of a
+    port.
+    """
     if port is None:
         return None
     found: list[tuple[int, int]] = []
@@ -47,14 +49,15 @@ def span(outlet: Outlet, port: Slot | None, place: str) -> Span | None:
 
 
 def emulated(spec: DriveSpec, deployment: Deployment) -> DriveSpec:
-    """A drive with all its values: what is said, else its profile's, else defaults."""
+    """A drive with all its values: those given, else those of its profile, else the defaults."""
     if spec.profile:
         spec = spec.over(load_profile(deployment.file(spec.profile)).drive)
     return spec.over(DEFAULTS)
 
 
 def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
-    """The greatest age of a torque that moves a drive, ns: what is said, else its watchdog.
+    """The greatest age of a torque that moves a drive, ns: the given value, else that of its
+    watchdog.
 
     Raises ScenarioError for an age that is not positive.
     """
@@ -129,7 +132,7 @@ def _check_guard(plan: NodePlan, spec: NodeSpec, place: str) -> None:
 def _check_measured(
     slots: Mapping[str, Slot], component: str, guard: GuardSpec, place: str
 ) -> None:
-    """Limits on position and velocity have both to look at, one a joint."""
+    """Limits on position and velocity require both measurements, one value per joint."""
     joints = slots[f"{component}.{guard.port}"].size
     for port, limits_ in ((guard.q, _POSITION), (guard.dq, _VELOCITY)):
         slot = slots.get(f"{component}.{port}")

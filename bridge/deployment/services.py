@@ -35,11 +35,13 @@ class Encoding(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """A bus's messages besides the deployment's: heartbeats by number, SYNC, NMT, ESTOP, EPOCH.
+    """Messages of a bus in addition to those of the deployment: heartbeats, SYNC, NMT, ESTOP,
+    EPOCH.
 
-    What is missing does not exist on this bus: nobody sends it there, and nobody obeys it.
-    `host_heartbeats` by node number, `host_sync`: what drives of a profile need to hear on their
-    bus from the nodes that command them (CANopen); `timeout`: of the shortest watchdog so fed, s.
+    A missing service does not exist on this bus: no node sends or obeys it there. Heartbeats are by
+    node number. `host_heartbeats` by node number and `host_sync` are messages that the drives of a
+    profile require on their bus from the nodes that command them (CANopen); `timeout`: of the
+    shortest watchdog that depends on them, s.
     """
 
     heartbeats: Mapping[int, Encoding] = field(default_factory=dict)
@@ -69,7 +71,7 @@ def services_on(d: Deployment, bus: str, layouts: Sequence[MessageLayout]) -> Se
 
 
 def drives_on(d: Deployment, bus: str) -> tuple[str, ...]:
-    """Messages of drives with protocols of their own that are on a bus."""
+    """Messages on a bus to and from drives with their own protocols."""
     return tuple(name for name, m in d.messages.items() if m.bus == bus and m.profile)
 
 
@@ -87,7 +89,7 @@ def commanding_nodes(d: Deployment, bus: str) -> dict[str, DriveProfile]:
 
 
 def _of_drives(d: Deployment, bus: str) -> Service:
-    """What the drives on a bus need to hear from the nodes that command them."""
+    """Services that the drives on a bus require from the nodes that command them."""
     hosts = commanding_nodes(d, bus)
     numbers = {node: d.nodes[node].number for node in hosts}
     beats = {numbers[node]: p.host_heartbeat(numbers[node]) for node, p in hosts.items()}
@@ -100,7 +102,7 @@ def _of_drives(d: Deployment, bus: str) -> Service:
 
 
 def _selected_services(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
-    """What a CAN bus is to have: what is listed, else all, but nothing where drives' frames are."""
+    """Services of a CAN bus: those listed, else all, but none on a bus with frames of drives."""
     said, drives = d.buses[bus].services, drives_on(d, bus)
     if said and drives:
         text = f"{', '.join(said)} on a bus with a drive's own frames ({drives[0]})"
@@ -112,7 +114,7 @@ def _selected_services(d: Deployment, bus: str) -> tuple[ServiceName, ...]:
 
 
 def _in_file(d: Deployment, bus: str, layouts: Sequence[MessageLayout]) -> Service:
-    """What a CAN bus has of the services its deployment wants there, as its DBC file has them."""
+    """The selected services of a CAN bus, with the messages of its DBC file."""
     if not _selected_services(d, bus):
         return _of_drives(d, bus)
     there, wanted = {layout.name for layout in layouts}, _selected_services(d, bus)

@@ -31,15 +31,12 @@ T = TypeVar("T")
 
 
 class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One network. `interface`, `channel`, `bitrate` (bit/s) ... as python-can users know them.
+    """One network. `interface`, `channel`, `bitrate` (bit/s) ... have the meaning of python-can.
 
-    `dbc`: the file its messages are in, beside the deployment. `services`: which of them this CAN
-    bus has, messages of that file (:mod:`bridge.deployment.services`). `options`: further
-    arguments of the interface. `local`: keep ``udp_multicast`` on this machine. `zenoh`: a Zenoh
-    configuration file (JSON5) beside the deployment; `prefix`: of its keys.
-
-    `queue`: the order in which a node sends what waits, `queue_length`: how many frames can wait;
-    both for the twin and the interface ``cosim``. Of a real interface, its driver decides.
+    `dbc`: file with its messages, relative to the deployment. `services`: the services of this CAN
+    bus, messages of that file (:mod:`bridge.deployment.services`). `options`: further arguments of
+    the interface. `local`: keep ``udp_multicast`` on this machine. `zenoh`: a Zenoh configuration
+    file (JSON5), relative to the deployment; `prefix`: of its keys.
     """
 
     kind: Literal["can", "zenoh"] = "can"
@@ -69,10 +66,10 @@ class BusSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class StaleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What becomes of an input whose messages stay away.
+    """Reaction to missing messages of an input.
 
-    `age`: an input of the component that gets the time since the last one arrived (s).
-    `stop`: the node stops after so long without one; 0: never; not said: `silence` of the file.
+    `age`: an input of the component that receives the time since the last message, s. `stop`: time
+    without a message after which the node stops, s; 0: never; default: `silence` of the file.
     """
 
     age: str = ""
@@ -88,13 +85,13 @@ class ApartSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One process: its components, its number on every bus, and what protects it.
+    """One process: its components, its number on every bus, and its safety functions.
 
-    Without components it is a gateway: messages say that they are forwarded `by` it, and its slots
-    are a `step` long (default: the base step). `phase`: of its deadlines; `heartbeat`: their
-    period; `requires`: nodes whose loss stops it, `within` so long; `apart`: refuses the start;
-    `stale`: by ``component.port``; `ramp`: torque to 0 when stopping; `priority`, `cpu`: see
-    :mod:`bridge.realtime.requests`.
+    A node without components is a gateway: messages name it in `by`, and its slots have the length
+    `step` (default: the base step). `phase`: of its deadlines; `heartbeat`: period of its
+    heartbeats; `requires`: nodes whose absence for `within` stops it; `apart`: condition that
+    refuses the start; `stale`: by ``component.port``; `ramp`: time in which the torque decreases to
+    0 at a stop; `priority`, `cpu`: see :mod:`bridge.realtime.requests`. All times are in s.
     """
 
     number: Annotated[int, msgspec.Meta(ge=1, le=31)]
@@ -115,17 +112,18 @@ class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One message: outputs of one component, on one bus, every `period` (default: every hit).
+    """One message: outputs of one component, on one bus, every `period` (default: every step).
 
-    `carries`: ``component.port``; the DBC's signals are called by the port and a number from 1,
-    or as `signals` says. `name`: of the message in the DBC file, if it is not the key.
-    `max_age`: by its time stamp, older ones are dropped; 0: any. `forwards`: another message,
-    which the node `by` sends once more as this one, on another bus
+    `carries`: ``component.port``; the signals in the DBC file are named by the port and a number
+    from 1, or by `signals`. `name`: of the message in the DBC file, if it differs from the key.
+    `max_age`: older samples, by their time stamps, are dropped; 0: none. `forwards`: another
+    message, which the node `by` sends again as this one on another bus
     (:mod:`bridge.deployment.gateways`).
 
-    `profile`: of a drive (``configs/drives``), beside the deployment: message, signals and units
-    are then the profile's, for the drive's own node number `drive`; ports are called tau, q, dq.
-    `gear`, `direction`, `zero`: between drive and joint (:class:`bridge.drives.profiles.Joint`).
+    `profile`: of a drive (``configs/drives``), relative to the deployment: message, signals and
+    units are then those of the profile, for the drive's own node number `drive`; the ports are tau,
+    q, dq. `gear`, `direction`, `zero`: between drive and joint
+    (:class:`bridge.drives.profiles.Joint`).
     """
 
     bus: str
@@ -144,13 +142,13 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class Deployment(msgspec.Struct, frozen=True):
-    """A whole deployment, from :func:`load`. `set`: changes to the scenario it needs, path = value.
+    """A whole deployment, from :func:`load`. `set`: changes of the scenario that it requires.
 
-    `latency`: whether the links' configured delays are added to the network's own. `sync`: the
-    node that sends SYNC, if one does. `enforce`: refuse to start where real time is not granted.
-    `patience` (s): all nodes have to be ready within it. `silence` (s): a node that hears nothing
-    of a message for so long stops, and the run with it; 0: never. `signals`: by ``component.port``,
-    or by port for all that are called so.
+    `latency`: whether the configured delays of links are added to those of the network. `sync`: the
+    node that sends SYNC, if any. `enforce`: refuse to start without real-time permissions.
+    `patience`: time in which all nodes must be ready, s. `silence`: a node that receives nothing of
+    a message for this time stops, and the run with it, s; 0: never. `signals`: by
+    ``component.port``, or by port for all components with this port.
     """
 
     path: Path
@@ -173,7 +171,7 @@ class Deployment(msgspec.Struct, frozen=True):
         return self.path.stem
 
     def place(self, *path: str | int) -> str:
-        """Where something is said: ``FILE at nodes.master.phase``."""
+        """The place of a value in the file: ``FILE at nodes.master.phase``."""
         return f"{self.path} at {'.'.join(map(str, path))}"
 
     def seconds(self, value: Number, *path: str | int) -> float:
@@ -181,7 +179,7 @@ class Deployment(msgspec.Struct, frozen=True):
         return number(value, "s", self.place(*path))
 
     def file(self, name: str) -> Path:
-        """A file named in the deployment, beside it."""
+        """The path of a file named in the deployment, relative to it."""
         return self.path.parent / name
 
     def settings(self) -> list[str]:
@@ -245,7 +243,7 @@ def _seconds(document: dict[str, Any], key: str, usual: float, path: Path) -> fl
 
 
 def _check(d: Deployment) -> None:
-    """Names that have to exist, numbers that have to differ. Raises ScenarioError."""
+    """Check that names exist and that numbers differ. Raises ScenarioError."""
     numbers: dict[int, str] = {}
     homes: dict[str, str] = {}
     for name, node in d.nodes.items():

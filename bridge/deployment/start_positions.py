@@ -18,9 +18,9 @@ from cosim.base.errors import ScenarioError
 def messages(
     d: Deployment, node: str, carried: Mapping[str, Carried], buses: Collection[str]
 ) -> set[str]:
-    """Messages a node has to hear to compare, if it can on one of its `buses`.
+    """Messages that a node must receive for the comparison, if they are on one of its `buses`.
 
-    Raises ScenarioError where nothing carries a port.
+    Raises ScenarioError if no message carries a port.
     """
     spec = d.nodes[node].apart
     if spec is None:
@@ -48,7 +48,7 @@ def structs(
     carried: Mapping[str, Carried],
     receptions: Mapping[str, native.Reception],
 ) -> list[native.Apart]:
-    """What C compares. Raises ScenarioError where the two are no positions of one shape."""
+    """The comparisons as C structs. Raises ScenarioError unless both are positions of one shape."""
     spec = d.nodes[node].apart
     return [] if spec is None else [_struct(d, node, spec, carried, receptions)]
 

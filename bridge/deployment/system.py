@@ -42,7 +42,7 @@ class System:
     services: Mapping[str, Service]
 
     def buses_of(self, node: str) -> tuple[str, ...]:
-        """The buses a node sends or hears on, in the order of the deployment."""
+        """The buses on which a node sends or receives, in the order of the deployment."""
         plan = self.nodes[node]
         used = {o.bus for o in plan.outlets} | {f.bus for f in plan.forwards}
         used |= {self.messages[m].bus for m in self.received_by(node)}
@@ -57,7 +57,7 @@ class System:
         return tuple(sorted(heard | compared))
 
     def forwards_of(self, origin: str) -> tuple[Carried, ...]:
-        """Messages that gateways make of one, also over others; each behind what it is made of."""
+        """Messages that gateways make of one message, at any depth, each after its source."""
         made = [m for m in self.messages.values() if m.forward and m.forward.origin == origin]
         return tuple(made)
 
@@ -85,7 +85,7 @@ class System:
         return found + drive_sequences.accepted_frames(self.deployment, self.nodes[node], node, bus)
 
     def peers_of(self, node: str) -> tuple[str, ...]:
-        """Nodes whose heartbeats it hears: they are on a bus of its own that has heartbeats."""
+        """Nodes whose heartbeats it receives: those on one of its buses that has heartbeats."""
         here, nodes = set(self.buses_of(node)), self.deployment.nodes
         return tuple(
             other

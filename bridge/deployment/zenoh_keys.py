@@ -51,15 +51,15 @@ class Names:
         return f"{self.prefix}/{what}"
 
     def senders(self, keys: Iterable[str]) -> dict[str, str]:
-        """The node that says each key; what nobody or anybody may say is not in it."""
+        """The node that publishes each key; keys without a fixed publisher are not included."""
         chunks = {key: key.removeprefix(f"{self.prefix}/").split("/") for key in keys}
         return {key: found[0] for key, found in chunks.items() if len(found) > 1}
 
 
 def names_of(deployment: Deployment, bus: str) -> Names:
-    """The keys of a bus; its prefix is the deployment's name unless it says one.
+    """The keys of a bus; the default prefix is the deployment's name.
 
-    Raises ScenarioError for what cannot be part of a key.
+    Raises ScenarioError for characters that are not allowed in a key.
     """
     prefix = deployment.buses[bus].prefix or deployment.name
     for chunk in prefix.split("/"):
@@ -81,7 +81,7 @@ def check_chunk(chunk: str, place: str) -> None:
 
 
 def data_id(key: str) -> int:
-    """What tells the message of a key from all others: CRC-32 (IEEE 802.3) of the key, UTF-8."""
+    """The number that identifies the message of a key: CRC-32 (IEEE 802.3) of the key in UTF-8."""
     return zlib.crc32(key.encode())
 
 

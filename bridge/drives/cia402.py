@@ -49,11 +49,13 @@ class Sdo(Protocol):
 
 
 def configure(sdo: Sdo, profile: DriveProfile, node: int, host: int, timeout: float) -> None:
-    """Prepare a drive for cyclic torque: mode, PDOs as in the profile's DBC, heartbeat watchdog.
+    """Prepare a drive for cyclic torque: mode, PDOs as in the profile's DBC file, heartbeat
+    watchdog.
 
-    `host`: node number whose heartbeats feed the drive; `timeout`: s without them after which it
-    reacts. Raises CosimError when an object does not hold what was written, when the rated
-    torque (0x6076, mN.m) is not the profile's, and ScenarioError for a time-out that is off.
+    `host`: node number whose heartbeats the drive monitors; `timeout`: time without them after
+    which it reacts, s. Raises CosimError if an object does not contain the value written or if the
+    rated torque (0x6076, mN.m) differs from the profile's, and ScenarioError for a time-out that is
+    off.
     """
     watchdog = profile.watchdog.raw(timeout)
     rated = _read(sdo, RATED_TORQUE) * 1e-3
@@ -85,7 +87,7 @@ def enable(sdo: Sdo, node: int, polls: int = 20) -> None:
 
 
 def state(statusword: int) -> str:
-    """The name of the state a status word (0x6041) says."""
+    """The name of the state in a status word (0x6041)."""
     return next(
         (name for (mask, bits), name in _STATES.items() if statusword & mask == bits),
         f"unknown ({statusword:#06x})",
@@ -100,7 +102,7 @@ def _map(
     cob_id: int,
     objects: Iterable[tuple[int, int]],
 ) -> None:
-    """One PDO: off, its objects, on; CiA 301 wants this order."""
+    """Configure one PDO: disable it, map its objects, enable it; CiA 301 requires this order."""
     _put(sdo, communication, 1, cob_id | _INVALID, 4)
     when = _AT_ONCE if communication < _FIRST_SENT else _EVERY_SYNC
     _write(sdo, node, communication, 2, when, 1)

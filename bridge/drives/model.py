@@ -1,4 +1,4 @@
-"""Motor drives as a plant meets them: C (``bridge/c/drive.c``), seen from Python."""
+"""Motor drives between bus and plant: the Python side of ``bridge/c/drive.c``."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ Array = NDArray[np.float64]
 class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """An emulated torque-controlled drive between the bus and a plant's torque input `port`.
 
-    `q`, `dq`: the plant's outputs that its encoders measure. `profile`: a file beside the
-    deployment that gives what is not said here; what neither says is in :data:`DEFAULTS`.
-    `max_age`: a torque that is older when it arrives, or when it is to act, is refused; default:
-    as long as the watchdog waits. Values are SI or texts with a unit:
+    `q`, `dq`: the plant's outputs that its encoders measure. `profile`: a file, relative to the
+    deployment, with the values that are not given here; the others are in :data:`DEFAULTS`.
+    `max_age`: a torque that is older when it arrives, or when it takes effect, is refused; default:
+    the time of the watchdog. Values are in SI units or texts with a unit:
 
-    `tau_max`: N.m, one for all joints or one a joint; None: not limited. `lag`: s, of the current
-    loop. `watchdog`: s without a valid command until FAULT, 0: off. `damping`: N.m.s/rad in FAULT
-    (a shorted winding), 0: freewheeling; keep damping times h well below the inertia it acts on, or
-    the plant's step makes it unstable. `q_lsb`, `dq_lsb`, `tau_lsb`: resolutions, 0: none.
+    `tau_max`: N.m, one for all joints or one per joint; None: not limited. `lag`: s, of the current
+    loop. `watchdog`: time without a valid command until FAULT, s; 0: off. `damping`: N.m.s/rad in
+    FAULT (a shorted winding), 0: freewheeling; damping times h must be well below the inertia on
+    which it acts, or the plant's step becomes unstable. `q_lsb`, `dq_lsb`, `tau_lsb`: resolutions,
+    0: exact.
     """
 
     port: str = "tau"
@@ -47,7 +48,7 @@ class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     tau_lsb: Number | None = None
 
     def over(self, other: DriveSpec) -> DriveSpec:
-        """This drive, with the values of `other` where this one says none."""
+        """This drive, completed with the values of `other`."""
         missing = [name for name in VALUES if getattr(self, name) is None]
         return msgspec.structs.replace(self, **{name: getattr(other, name) for name in missing})
 

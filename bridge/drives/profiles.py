@@ -52,9 +52,10 @@ class ProfileMessage:
 
 @dataclass(frozen=True, slots=True)
 class Host:
-    """What drives need to hear from the node that commands them: messages of the profile, "": none.
+    """Messages of the profile that drives require from the node that commands them; "": none.
 
-    `heartbeat`: its identifier is the DBC's + the number of that node; one signal, ``state``.
+    `heartbeat`: its identifier is that of the DBC file plus the number of that node; it has one
+    signal, ``state``.
     """
 
     heartbeat: str = ""

@@ -52,9 +52,9 @@ HOSTILE = ("forge", "replay", "absurd", "flood")
 
 @dataclass(frozen=True, slots=True)
 class FrameFault:
-    """A fault of frames; `index`: of its table, `t0`, `t1`: s, `a`, `b`: least and greatest (s).
+    """A fault of frames; `index`: of its table, `t0`, `t1`: s, `a`, `b`: smallest and greatest (s).
 
-    `nodes`: who receives; `messages`: patterns of names, or identifiers; `bus`: "" for all.
+    `nodes`: receivers; `messages`: patterns of names, or identifiers; `bus`: "" for all.
     """
 
     index: int
@@ -132,7 +132,7 @@ class FaultScript:
     events: tuple[FaultEvent, ...]
 
     def place(self, index: int, key: str) -> str:
-        """Where something is said: ``FILE at fault.0.node``."""
+        """The place of a value in the file: ``FILE at fault.0.node``."""
         return f"{self.path} at fault.{index}.{key}"
 
     def frames_for(
@@ -172,7 +172,7 @@ class FaultScript:
     def process_events(
         self, nodes: Sequence[str] = (), buses: Sequence[str] = ()
     ) -> tuple[FaultEvent, ...]:
-        """Events in the order of time; ``"*"`` stands for each of `nodes` or `buses`."""
+        """Events in the order of time; ``"*"`` is replaced by each of `nodes` or `buses`."""
         found: list[FaultEvent] = []
         for event in self.events:
             if event.action in OF_LINKS:
@@ -224,9 +224,10 @@ _Match = tuple[str, str, Accept, Message | None]
 def _matching(
     fault: FrameFault, listened: Sequence[Subscription], samples: Mapping[str, Message]
 ) -> Iterator[_Match]:
-    """Label, bus ("": all), frames and message (of hostile peers) of every rule, each once.
+    """Label, bus ("": all), frames and message (for hostile peers) of every rule, each once.
 
-    A hostile peer needs one of `samples`. A number that is no listened message's stands for itself.
+    A hostile peer needs a message in `samples`. A number that belongs to no message is used as it
+    is.
     """
     hostile = fault.kind in HOSTILE
     if "*" in fault.messages and not hostile:

@@ -14,7 +14,7 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=2**20)]
 
 
 class Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One table ``[[fault]]``; the fields say what a kind may have."""
+    """One table ``[[fault]]``; its fields are the keys allowed for its kind."""
 
     kind: str
 
@@ -72,7 +72,7 @@ class AbsurdSpec(DropSpec, frozen=True, kw_only=True):
 
 
 class FloodSpec(DropSpec, frozen=True, kw_only=True):
-    """Valid frames with counters that go on, at this rate."""
+    """Valid frames with continuing counters at this rate."""
 
     rate: Number
 
@@ -111,7 +111,7 @@ class BusDownSpec(Spec, frozen=True, kw_only=True, rename={"lasts": "for"}):
 
 
 class BabbleSpec(Spec, frozen=True, kw_only=True, rename={"start": "from", "end": "to"}):
-    """Somebody sends frames of `length` bytes with this identifier at this rate."""
+    """A babbling node sends frames of `length` bytes with this identifier at this rate."""
 
     bus: Names
     id: Annotated[int, msgspec.Meta(ge=0, le=0x9FFFFFFF)]
@@ -144,7 +144,7 @@ class NetLossSpec(NetDownSpec, frozen=True, kw_only=True):
 
 
 class NetRateSpec(NetDownSpec, frozen=True, kw_only=True):
-    """A link of `rate` bit/s, whose queue has no end."""
+    """A link of `rate` bit/s with an unlimited queue."""
 
     rate: Number
 

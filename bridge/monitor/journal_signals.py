@@ -26,8 +26,8 @@ _LATE, _AGE, _NETWORK = "lateness of ", "age of ", "network's part of "
 class JournalSignals:
     """Rows of nodes, as :class:`cosim.analysis.signals.Signals`; a node without rows is NaN.
 
-    `rows`: by node, ascending slots; `span`: s before the newest slot of all; None: everything.
-    `gaps`: a node that does no slots is NaN too, instead of what it knew last.
+    `rows`: by node, ascending slots; `span`: s before the newest slot of all nodes; None:
+    everything. `gaps`: a node that executes no slots is NaN, too, instead of its last values.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class JournalSignals:
         return np.stack([self._column(name) for name in self.entries(prefix)], axis=1)
 
     def entries(self, prefix: str) -> tuple[str, ...]:
-        """Names of those entries, (m,). Raises ScenarioError for a name nobody has."""
+        """Names of the entries of a signal, (m,). Raises ScenarioError for an unknown signal."""
         if prefix in self._entries:
             return self._entries[prefix]
         if prefix in self._places:

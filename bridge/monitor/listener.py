@@ -66,7 +66,7 @@ class Listener:
     """Buses of a system, open for listening: `only` these, or all.
 
     `connect`: endpoints of Zenoh other than the deployment's; `who`: name of the certificate.
-    Raises ScenarioError, BusError where a bus cannot be opened.
+    Raises ScenarioError, or BusError if a bus cannot be opened.
     """
 
     def __init__(

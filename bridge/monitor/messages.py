@@ -161,7 +161,7 @@ class ReceivedMessage:
         return np.asarray((lead - lead.min()) * 1e-6, dtype=np.float64)
 
     def sender(self) -> str:
-        """State and flags of who sent it; a status of 4 bits (classic CAN) has no state."""
+        """State and flags of the sender; a status of 4 bits (classic CAN) contains no state."""
         if self.message.status < 0 or self.t_ns < 0:
             return ""
         state = [_state(self.status & Status.LIFE)] if self.message.carries_state else []

@@ -36,7 +36,7 @@ def address(text: str) -> tuple[str, int]:
 
 
 class _Channels:
-    """Topics as channels of the SDK, in a context of their own."""
+    """Topics as channels of the SDK, in a separate context."""
 
     def __init__(self) -> None:
         self._sdk = _foxglove()

@@ -38,10 +38,10 @@ WAITING = "no slot yet"
 
 @dataclass(frozen=True, slots=True)
 class NodeView:
-    """A node's newest life; `late`, ns, `missed` and `guarded` are of the span.
+    """The newest life of a node; `late` (ns), `missed` and `guarded` refer to the span.
 
-    `reasons`: why it has stopped; `now`: what else would stop it. `quiet`: s since its last slot
-    was done, NaN where the run does not go on. `injected`: faults on purpose.
+    `reasons`: why it has stopped; `now`: conditions that would stop it now. `quiet`: time since its
+    last slot ended, s, NaN if the run is not active. `injected`: injected faults.
     """
 
     life: Life
@@ -59,9 +59,10 @@ class NodeView:
 
 @dataclass(frozen=True, slots=True)
 class InletView:
-    """What an input is fed with; `network`, `age`: (median, most), ms, NaN before anything came.
+    """The samples of an input; `network`, `age`: (median, greatest), ms, NaN before the first
+    sample.
 
-    `lost`: frames sent that were not heard, of `sent` in the span.
+    `lost`: frames sent but not received, of `sent` in the span.
     """
 
     source: str
@@ -183,7 +184,7 @@ def _spread(ns: NDArray[np.int64]) -> tuple[float, float]:
 def _losses(
     watched: LiveRun, frames: Mapping[tuple[Life, str], Rows]
 ) -> dict[tuple[str, str], tuple[int, int]]:
-    """Frames not heard, of how many, by (message, receiving node)."""
+    """(frames not received, frames sent) by (message, receiving node)."""
     return {
         (message, node): _lost(watched, node, watched.system.messages[message], frames)
         for node in watched.system.nodes

@@ -49,7 +49,7 @@ class TopicMessage:
 
 
 class Sink(Protocol):
-    """What messages go to; `rate`: Hz it wants at most, of each node; inf: all."""
+    """Destination of messages; `rate`: maximum rate, Hz, for each node; inf: all messages."""
 
     rate: float
 

@@ -22,7 +22,7 @@ class TextTable:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What is shown at once: `head` and `tables` on a terminal, or everything in one `line`."""
+    """One state of the display: `head` and `tables` on a terminal, or everything in one `line`."""
 
     head: str
     line: str
@@ -129,7 +129,7 @@ def values(found: Sequence[float], most: int = 8) -> str:
 
 
 def line(s: Snapshot) -> str:
-    """A snapshot in one line, for where there is no terminal."""
+    """A snapshot in one line, for output that is not a terminal."""
     nodes = [f"{n.life} {n.state}" + (f" ({n.missed} missed)" if n.missed else "") for n in s.nodes]
     late = [f"{n.late.p99 * 1e-3:.0f}" for n in s.nodes if n.late is not None]
     parts = [f"t = {s.t:.2f} of {s.length:g} s", ", ".join(nodes)]

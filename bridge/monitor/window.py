@@ -46,7 +46,7 @@ class Recent:
         return np.stack([self._column(name) for name in self.entries(prefix)], axis=1)
 
     def entries(self, prefix: str) -> tuple[str, ...]:
-        """Names of those entries, (m,). Raises ScenarioError for what is in no message heard."""
+        """Names of the entries of a signal, (m,). Raises ScenarioError if no message has it."""
         if not self.has(prefix):
             raise ScenarioError(f"{prefix} is not sent on any monitored bus")
         return self._scalars(prefix)
@@ -75,7 +75,7 @@ class Recent:
 def metrics(
     system: System, heard: Iterable[ReceivedMessage], now_ns: int
 ) -> tuple[list[MetricResult], tuple[str, ...]]:
-    """The scenario's over the last second; and signals others would need that nobody sends."""
+    """The scenario's metrics over the last second, and the signals that the others lack."""
     recent = Recent(system, heard, now_ns)
     found, missing = [], []
     for metric in declared_metrics.metrics(system.scenario):

@@ -174,9 +174,9 @@ class BusStruct(c.Structure):
 
 @final
 class Bus:
-    """A `bus_t` with what it points to. `struct` is for C, the methods are for Python.
+    """A `bus_t` with the memory to which it points. `struct` is for C, the methods are for Python.
 
-    `log`: a journal of rows as `frame_dtype` makes them, for every frame both ways, or None.
+    `log`: a journal of rows of type `frame_dtype` for every frame in both directions, or None.
     """
 
     def __init__(self, kind: BusKind, number: int, log: Journal | None) -> None:

@@ -70,12 +70,12 @@ class Delay(c.Structure):
 
 @final
 class DelayLine:
-    """A `delay_t` and the memory behind it.
+    """A `delay_t` and its memory.
 
     `width`: values of a sample; `period`, `look`: of sender and receiver, base ticks of `h` (s);
-    `delays`: s, by look (SIGNAL) or by sample; `buffer`: s (PLAYOUT); `phase_ns`: of the
-    receiver's slots less that of the sender's. Raises PlanError for a `capacity` (samples) that
-    is no power of two, and where there is nothing to send or to look at.
+    `delays`: s, one per step of the receiver (SIGNAL) or per sample; `buffer`: s (PLAYOUT);
+    `phase_ns`: phase of the receiver's slots minus that of the sender's. Raises PlanError for a
+    `capacity` (samples) that is not a power of two, and without a sample or a step of the receiver.
     """
 
     def __init__(

@@ -32,7 +32,7 @@ class Epoch(c.Structure):
 
 
 def values(run: int, host: int, kept: bool, date_ns: int) -> list[float]:
-    """Of the message, for a run whose t = 0 has this date (ns since 1970)."""
+    """Values of the message, for a run whose t = 0 has this date (ns since 1970)."""
     return [run, host, float(kept), float(_declared().epoch_origin_us(date_ns))]
 
 

@@ -89,10 +89,10 @@ class Faults(c.Structure):
 
 @final
 class Injector:
-    """A `faults_t` and the memory behind it: rules in order, and frames that wait.
+    """A `faults_t` and its memory: rules in order, and delayed frames.
 
     `journal`: address of a journal of :data:`INJECTED` rows, or None. Raises PlanError for a
-    `capacity` (frames that wait at once) that is no power of two.
+    `capacity` (frames delayed at the same time) that is not a power of two.
     """
 
     def __init__(

@@ -62,9 +62,9 @@ class Frame(c.Structure):
 
 
 def frame_dtype(data: int = 64) -> np.dtype[np.void]:
-    """The fields of `frame_t` as a row with `data` bytes: 64 for CAN (88 bytes), 232 for all.
+    """The fields of `frame_t` as a row with `data` bytes: 64 for CAN (88 bytes), 232 for all buses.
 
-    A log may have any: of a frame with more data the rest is not logged (`length` still says so).
+    A log may have any size: data beyond it is not logged, but `length` contains the full length.
     """
     fields: list[Any] = [
         ("t_ns", "<i8"), ("id", "<u4"), ("flags", "u1"), ("bus", "u1"), ("length", "<u2"),

@@ -28,7 +28,7 @@ Rows = NDArray[np.void]
 
 
 class JournalError(CosimError, ValueError):
-    """A file that is no journal, or one that cannot be made."""
+    """A file is not a journal, or a journal cannot be created."""
 
 
 class JournalStruct(c.Structure):
@@ -59,10 +59,11 @@ class Journal:
 
     @classmethod
     def create(cls, path: Path | str, row: np.dtype[Any], capacity: int) -> Self:
-        """A new file for `capacity` rows, its pages in memory before the first one is written.
+        """A new file for `capacity` rows, whose pages are in memory before the first row is
+        written.
 
-        The space is taken on the disk at once: a full disk is an error here, not a SIGBUS later.
-        Raises JournalError where the file cannot be made or has not enough room.
+        The disk space is allocated immediately, so a full disk is an error here and not a SIGBUS
+        later. Raises JournalError if the file cannot be created or space is missing.
         """
         path = Path(path)
         if capacity < 1 or row.itemsize < 1:
@@ -81,9 +82,9 @@ class Journal:
 
     @staticmethod
     def open(path: Path | str) -> Rows:
-        """The rows written so far, read-only, (rows,), fields as at `create`.
+        """The rows written so far, read-only, (rows,), with the fields given to `create`.
 
-        Raises JournalError for a file that is no journal, is cut short, or of another version.
+        Raises JournalError if the file is not a journal, is truncated, or has another version.
         """
         path = Path(path)
         try:
@@ -122,9 +123,10 @@ class Journal:
         return True
 
     def close(self) -> None:
-        """Cut the file to the rows written, and let go of it. Nobody may hold `rows` any more.
+        """Truncate the file to the rows written, and unmap it. Views of `rows` must no longer be in
+        use.
 
-        A bus that still has it as its log counts what it would write as dropped.
+        A bus that still has it as its log counts further frames as dropped.
         """
         if self._closed:
             return

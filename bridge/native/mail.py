@@ -14,10 +14,10 @@ _ASLEEP = 2
 
 
 def frame_writer(ring: Ring, number: int) -> Callable[[bytes], None]:
-    """A function that puts bytes that have arrived now into `ring`, as frames of a number.
+    """A function that puts bytes that have just arrived into `ring`, as frames with a number.
 
-    What does not fit is counted. Python's lock is kept, so that there is one writer at a time,
-    but not while somebody is woken.
+    Frames that do not fit are counted. The GIL is held, so there is one writer at a time, but it is
+    released while a waiting thread is woken.
     """
     bring, wake, struct = _holding().mail_bring, _declared().mail_wake, c.byref(ring.struct)
 
@@ -29,9 +29,9 @@ def frame_writer(ring: Ring, number: int) -> Callable[[bytes], None]:
 
 
 def frame_reader(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]:
-    """A function that takes the next frame out of `ring`; sleeps first while there is none.
+    """A function that takes the next frame out of `ring`, and sleeps while there is none.
 
-    What it sleeps on is `descriptor`, without Python's lock; 0: woken, and there is nothing.
+    It sleeps on `descriptor` without the GIL, and returns 0 if it was woken without a frame.
     """
     take, arguments = _declared().mail_next, (c.byref(ring.struct), descriptor, c.byref(frame))
     return lambda: int(take(*arguments))
@@ -43,9 +43,9 @@ def wait(ring: Ring, deadline_ns: int) -> bool:
 
 
 def keep_thread() -> None:
-    """Let the calling thread, which is not one of Python's, keep its state for good.
+    """Keep the Python state of the calling thread, which was not created by Python.
 
-    Else each call-back makes one and takes it down again, which is most of what it costs.
+    Otherwise each callback creates and destroys such a state, which is most of its cost.
     """
     ident = threading.get_ident()
     if ident not in _kept:

@@ -113,14 +113,14 @@ class Message(c.Structure):
 
     @property
     def carries_state(self) -> bool:
-        """Whether its status says in which state its sender is; 4 bits (classic CAN) do not."""
+        """Whether its status contains the state of the sender; 4 bits (classic CAN) do not."""
         return bool(self.status >= 0 and self.header[self.status].scale == 1.0)
 
     def is_preview(self, status: int) -> bool:
-        """Whether this status byte is of a sender that is configured and waits for its start.
+        """Whether this status byte is from a configured sender that waits for its start.
 
-        Such a frame has the values its sender will start with. It is no sample of a run, and no
-        receiver counts it.
+        Such a frame contains the values with which its sender will start. It is not a sample of a
+        run, and receivers do not count it.
         """
         waiting = (int(LifeState.UNCONFIGURED), int(LifeState.INACTIVE))
         return self.carries_state and status & int(Status.LIFE) in waiting

@@ -54,11 +54,11 @@ def now() -> int:
 
 
 def wait(deadline_ns: int, spin_ns: int = 0, stop: c.c_int32 | None = None) -> int:
-    """Sleep until a deadline, the last `spin_ns` of it awake; the time it woke at, ns.
+    """Sleep until a deadline, the last `spin_ns` by polling; return the wake-up time, ns.
 
-    The GIL is released. `stop` not zero ends the wait: at its start, in the spin, and after a
-    signal; a signal alone does not. A handler in Python runs only after the wait has returned,
-    so who sets `stop` is another thread, or C.
+    The GIL is released. A nonzero `stop` ends the wait: at its start, while polling, and after a
+    signal; a signal alone does not. Python handlers run only after the wait has returned, so `stop`
+    must be set by another thread or by C.
     """
     flag = None if stop is None else c.byref(stop)
     return int(_declared().pace_wait(deadline_ns, spin_ns, flag))

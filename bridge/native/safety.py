@@ -25,7 +25,7 @@ class LifeState(IntEnum):
 
 
 class Command(IntEnum):
-    """``COMMAND_``: what a node may be told."""
+    """``COMMAND_``: commands to a node."""
 
     NONE = 0
     ARM = 1

@@ -56,7 +56,7 @@ def can_spec(deployment: Deployment, name: str) -> interface.CanBusSpec:
 
 
 def _has_bitrate(spec: BusSpec) -> bool:
-    """Whether the interface is told its bit rate: not those that have none, or the kernel's."""
+    """Whether the interface needs a bit rate; some have none, or the kernel sets it."""
     return spec.interface not in ("socketcan", "virtual", "udp_multicast")
 
 
@@ -99,9 +99,9 @@ def open_buses(system: System, life: Life, folder: Path) -> Iterator[dict[str, A
 
 
 def _bell(end: Attachment) -> Callable[[], None]:
-    """What wakes a gateway for a frame that other threads bring; to be called at the end.
+    """The function that wakes a gateway for a frame received by another thread, and its clean-up.
 
-    Only Linux has it: elsewhere a gateway looks at its rings every 0.5 ms (``bus_wait.c``).
+    Only Linux has it: on other systems a gateway polls its rings every 0.5 ms (``bus_wait.c``).
     """
     if end.bus.rx is None or sys.platform != "linux":
         return lambda: None
@@ -135,7 +135,7 @@ def announce(buses: Mapping[str, Attachment]) -> None:
 
 
 def answer(wired: WiredNode, buses: Mapping[str, Attachment], control: Stoppable) -> None:
-    """Let a node be asked and told over its Zenoh buses, as long as they are open."""
+    """Let a node answer queries and accept commands on its Zenoh buses while they are open."""
     for name, end in buses.items():
         if wired.system.deployment.buses[name].kind == "zenoh":
             from bridge.zenoh import channel
@@ -146,9 +146,9 @@ def answer(wired: WiredNode, buses: Mapping[str, Attachment], control: Stoppable
 
 
 def join_run(wired: WiredNode, buses: Mapping[str, Attachment], control: Control) -> bool:
-    """Let a node join a run on a host whose date it does not share: by offsets measured over Zenoh.
+    """Let a node join a run without a common date, by offsets measured over Zenoh.
 
-    Returns False if no other node knew when t = 0 was. Never where real drives are meant.
+    Returns False if no other node knows t = 0. It is never used with real drives.
     """
     for name, end in buses.items():
         if wired.system.deployment.buses[name].kind == "zenoh" and wired.struct.simulated:

@@ -32,14 +32,14 @@ class Control:
         self._asked = False
 
     def start(self, start_ns: int) -> None:
-        """Be at t = 0 at this time of the monotonic clock, or say why not."""
+        """Set t = 0 to this time of the monotonic clock, or return the reason for a refusal."""
         self._struct.asked_ns = start_ns
         self._give(Command.START)
 
     def begin(self, lead: float) -> None:
-        """Start `lead` s from now, or at the t = 0 of an EPOCH heard within the last second.
+        """Start `lead` s from now, or at the t = 0 of an EPOCH received within the last second.
 
-        Does nothing where a START waits already.
+        Does nothing if a START is already pending.
         """
         if self._struct.start_ns == 0:
             now, lead_ns = monotonic_ns(), round(lead * 1e9)
@@ -60,7 +60,7 @@ class Control:
         self._give(Command.START)
 
     def estop(self) -> None:
-        """Emergency stop of everybody on this node's buses."""
+        """Emergency stop of all nodes on this node's buses."""
         self._struct.alarm = native.RAISED
 
     def jump(self, by_ns: int) -> None:
@@ -68,7 +68,7 @@ class Control:
         self._struct.start_ns -= by_ns
 
     def stop(self) -> None:
-        """Ramp down and stop; asked a second time, or before START was obeyed, at once."""
+        """Ramp down and stop; stop immediately if called again or before START was executed."""
         struct = self._struct
         obeyed = struct.begun or struct.life.state == LifeState.ACTIVE
         if self._asked or not (struct.start_ns and obeyed):
@@ -77,7 +77,7 @@ class Control:
         self._give(Command.STOP)
 
     def quit(self) -> None:
-        """Stop at once, without a ramp: zero torque is the last that is sent."""
+        """Stop immediately, without a ramp: the last torque sent is zero."""
         self._struct.quit = 1
 
     def _give(self, command: Command) -> None:
@@ -91,10 +91,10 @@ class Control:
 
 @contextmanager
 def signals(control: Control) -> Iterator[None]:
-    """SIGINT, SIGTERM and SIGHUP stop the node, from a thread: the main one is in C.
+    """Stop the node at SIGINT, SIGTERM and SIGHUP, from a thread: the main thread is in C.
 
-    Python's handler in C tells the thread, whichever thread of the process the kernel has chosen:
-    libraries have threads that block no signal. In a thread that is not the main one: nothing.
+    Python's C handler notifies the thread, in whichever thread of the process the signal arrives:
+    libraries have threads that block no signal. Outside the main thread it does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

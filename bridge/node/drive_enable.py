@@ -56,7 +56,7 @@ def _send(drive: Foreign, end: Attachment, sequence: str) -> None:
 
 
 def _watchdog(drive: Foreign, end: Attachment) -> None:
-    """Write the time-out and read it back, where the profile knows how."""
+    """Write the time-out of the watchdog and read it back, if the profile describes how."""
     own = drive.profile.watchdog
     if own.write is not None:
         end.bus.send(Frame.of(*own.write.at(drive.node, own.raw(drive.profile.timeout))))

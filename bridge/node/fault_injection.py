@@ -15,9 +15,10 @@ ROWS = 100_000
 
 
 def inject(wired: WiredNode, script: FaultScript, path: Path) -> NodeFaults | None:
-    """Do to frames this node receives what the script says; None: nothing.
+    """Inject the faults of the script into frames that this node receives; None: no faults.
 
-    What was done is recorded in `path`, a journal of INJECTED rows that is closed with the node.
+    The injected faults are recorded in `path`, a journal of INJECTED rows that is closed with the
+    node.
     """
     journal = Journal.create(path, INJECTED, ROWS)
     wired.keep(journal)

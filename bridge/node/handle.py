@@ -16,7 +16,7 @@ from cosim.base.errors import RunError
 
 @dataclass(frozen=True, slots=True)
 class NodeStart:
-    """Everything a node's process is told on its command line."""
+    """All settings of a node's process, as on its command line."""
 
     scenario: Path
     deployment: Path
@@ -42,7 +42,7 @@ class NodeStart:
 
 
 def missing_text(waiting: Sequence[str]) -> str:
-    """What a node that is not ready waits for, as far as it said."""
+    """What a node that is not ready waits for, according to its last report."""
     if waiting:
         return f"has not received from {', '.join(waiting)}"
     return "opens its buses and loads its components"
@@ -96,7 +96,7 @@ class NodeHandle(ABC):
 
     @abstractmethod
     def send_signal(self, number: signal.Signals) -> None:
-        """Send a signal to this life only. Raises RunError where it has no signals of its own."""
+        """Send a signal to this life only. Raises RunError if it is not a process."""
 
     @property
     @abstractmethod
@@ -118,4 +118,4 @@ class NodeHandle(ABC):
 
     @abstractmethod
     def reason(self) -> str:
-        """Why it ended too early, as far as it said."""
+        """Why it ended too early, if it reported that."""

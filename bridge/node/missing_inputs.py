@@ -47,16 +47,17 @@ def missing_before_start(wired: WiredNode) -> list[str]:
 
 
 def _wrong_state_text(state: int) -> str:
-    """The state of a peer that is heard, if its state prevents a start; else ""."""
+    """The state of a received peer, if that state prevents a start; else ""."""
     ready = state in (-1, LifeState.INACTIVE, LifeState.ACTIVE)
     return "" if ready else f" in another state than {LifeState(state).name}"
 
 
 def silent_messages(wired: WiredNode) -> list[str]:
-    """What a running node has not heard for longer than it may, a phrase each.
+    """Messages that a running node has not received for longer than allowed, one phrase each.
 
-    Messages of nodes that have finished are not missed. Torques of a node in FAULT and previews of
-    one that waits for its start show that it can be heard, although they are no samples of the run.
+    Messages of nodes that have finished are not included. Torques of a node in FAULT, and previews
+    of one that waits for its start, show that it can be received, although they are not samples of
+    the run.
     """
     struct, d = wired.struct, wired.system.deployment
     over = {p for p, peer in wired.peers.items() if peer.state == LifeState.FINISHED}
@@ -85,9 +86,9 @@ def _refused_counts(receiver: Receiver) -> str:
 
 
 def never_received(wired: WiredNode) -> list[str]:
-    """Messages of which a life that has ended has not heard one sample, a phrase each.
+    """Messages of which a finished life has not received one sample, one phrase each.
 
-    Only those it needs, and of which several were to come while it ran.
+    Only messages that it needs, and of which several samples were due while it ran.
     """
     struct = wired.struct
     ran = (struct.slot - struct.first) * struct.h_ns
@@ -118,14 +119,14 @@ def report_missing_inputs(
     ready: Callable[[], Mapping[str, Any]],
     measured: Callable[[], bool] = lambda: False,
 ) -> Iterator[None]:
-    """Say, from a thread, what a node's supervisor has to know while C runs the node.
+    """Send, from a thread, the events that a node's supervisor needs while C runs the node.
 
-    ``ready`` once it has heard all it needs (`ready` gives the event), ``waiting`` with what is
-    missing until then, ``refused`` each time it refuses ARM or START, ``joined`` with the time t
-    (s) where it begins in the middle of a run, ``deaf`` when it hears something no more. Where it
-    hears of a run on a host whose clock it does not share, it calls `measured` after each EPOCH
-    until that returns True (t = 0 of the run was found), and says ``unshared`` after `FAILURES`
-    other answers.
+    ``ready`` once it has received everything it needs (`ready` returns the event), ``waiting`` with
+    the missing inputs until then, ``refused`` each time it refuses ARM or START, ``joined`` with
+    the time t (s) if it begins during a run, ``deaf`` when it no longer receives a message. If it
+    receives an EPOCH of a run on a host without a common clock, it calls `measured` after each
+    EPOCH until that returns True (t = 0 of the run was found), and sends ``unshared`` after
+    `FAILURES` other results.
     """
     ended = threading.Event()
 

@@ -18,7 +18,7 @@ from bridge.node.handle import NodeHandle, NodeStart
 
 @final
 class Process(NodeHandle):
-    """One life of a node. What it writes on standard error is kept in ``FOLDER/LIFE.err``."""
+    """One life of a node. Its standard error is stored in ``FOLDER/LIFE.err``."""
 
     def __init__(self, start: NodeStart) -> None:
         super().__init__(start)
@@ -53,7 +53,7 @@ class Process(NodeHandle):
                 self.keep_event(event)
 
     def send_command(self, command: str, **values: int) -> None:
-        """A command; a process that is gone does not hear it."""
+        """Send a command; a process that has ended ignores it."""
         assert self._popen.stdin is not None
         try:
             self._popen.stdin.write(json.dumps({"command": command, **values}) + "\n")
@@ -73,7 +73,7 @@ class Process(NodeHandle):
 
     @property
     def code(self) -> int | None:
-        """Its exit code; None: it runs. What it said as its last is taken in before."""
+        """Its exit code, after reading its last events; None: it is running."""
         code = self._popen.poll()
         if code is not None:
             self._thread.join(1.0)
@@ -103,7 +103,7 @@ class Process(NodeHandle):
                     stream.close()
 
     def reason(self) -> str:
-        """Why it ended too early, as far as it said."""
+        """Why it ended too early, if it reported that."""
         if self.failed:
             return str(self.failed["error"])
         text = self.errors.read_text(encoding="utf-8", errors="replace").strip()

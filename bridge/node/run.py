@@ -52,11 +52,11 @@ ENDS = {
 
 @dataclass(frozen=True, slots=True)
 class NodeOptions:
-    """How a node is run: `life` names its files, `real`: it may move real drives.
+    """Settings of a node's run: `life` names its files, `real`: it may move real drives.
 
-    `boots`: what its heartbeats say, 0: drawn from the time. `warm_up`: s of self-test before it is
-    ready; `script`: faults on purpose; `alone`: no supervisor starts it, so it joins a run that it
-    hears of by itself.
+    `boots`: number in its heartbeats, 0: drawn from the time. `warm_up`: duration of the self-test
+    before it is ready, s; `script`: faults to inject; `alone`: no supervisor starts it, so it joins
+    an active run without a command.
     """
 
     life: Life
@@ -75,10 +75,11 @@ def run_node(
     say: Say,
     listen: Callable[[Control], None] = lambda control: None,
 ) -> Statement:
-    """Run one node from configuring to its end, and return its report, which is ``LIFE.json`` too.
+    """Run one node from its configuration to its end, and return its report (also in
+    ``LIFE.json``).
 
-    `say` gets events; `listen` is called in a thread of its own with the control of the node, and
-    tells it what others want. Raises CosimError where it cannot be configured.
+    `say` receives events; `listen` is called in a separate thread with the control of the node, and
+    passes commands to it. Raises CosimError if the node cannot be configured.
     """
     journal = options.folder / options.life.file("journal")
     if lockstep.is_lockstep(system):
@@ -197,7 +198,7 @@ def node_statement(
     faults: NodeFaults | None,
     stalled: str = "",
 ) -> Statement:
-    """What a node says of itself at its end; `result`: of node_live."""
+    """The report of a node at its end; `result`: of node_live."""
     s = wired.struct
     end, error = _end_and_reason(wired, result)
     return Statement(
@@ -271,7 +272,7 @@ def _counts(receiver: Receiver) -> dict[str, int]:
 
 
 def run_started(start: NodeStart, say: Say, listen: Callable[[Control], None]) -> Statement:
-    """As :func:`run_node`, of what a supervisor says. Raises CosimError."""
+    """Like :func:`run_node`, with the settings of a supervisor. Raises CosimError."""
     system = load_system(start.scenario, str(start.deployment), start.settings)
     options = NodeOptions(
         life=start.life,

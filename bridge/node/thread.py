@@ -43,7 +43,7 @@ class Thread(NodeHandle):
         self._commands.put(json.dumps({"command": command, **values}))
 
     def send_signal(self, number: signal.Signals) -> None:
-        """Raises RunError: threads have no signals of their own."""
+        """Raises RunError: threads have no signals."""
         raise RunError(f"{number.name} for {self.start.life}: it is a thread, not a process")
 
     @property
@@ -71,5 +71,5 @@ class Thread(NodeHandle):
         self._commands.put(None)
 
     def reason(self) -> str:
-        """Why it ended too early, as far as it said."""
+        """Why it ended too early, if it reported that."""
         return str(self.failed["error"]) if self.failed else "the thread has ended"

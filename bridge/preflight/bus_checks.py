@@ -1,8 +1,8 @@
-"""Can these messages travel on these buses: load, response times, identifiers, ranges, watchdogs.
+"""Checks of messages on buses: load, response times, identifiers, ranges, watchdogs.
 
-``check_buses`` gives findings, worst first, without a run and without a bus. It takes plain data:
-a deployment, a DBC file and a sheet of numbers are checked alike. Zenoh and the like are no buses
-here: what is not in `buses` is not asked about.
+``check_buses`` returns findings, worst first, without a run and without a bus. Its input is plain
+data, so a deployment, a DBC file and a table of numbers are checked alike. Zenoh is not a bus here:
+messages outside `buses` are not checked.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ RESERVED: tuple[tuple[int, int, Role, str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class MessageTimeout:
-    """Who stops after `timeout` s without `message`; 0: it is off."""
+    """A node that stops after `timeout` s without `message`; 0: disabled."""
 
     name: str
     message: str
@@ -48,9 +48,9 @@ def check_buses(
     buses: Mapping[str, BusTiming],
     watchdogs: Sequence[MessageTimeout] = (),
 ) -> list[Finding]:
-    """What speaks against it, worst first; a note of load and response for each bus.
+    """Findings, worst first, with a note on load and response times of each bus.
 
-    Messages of other buses than `buses` are looked at for watchdogs only.
+    Messages on other buses than `buses` are checked for watchdogs only.
     """
     found: list[Finding] = []
     for name, timing in buses.items():
@@ -69,7 +69,7 @@ def check_buses(
 
 
 def _frames(messages: Iterable[BusMessage], timing: BusTiming) -> Iterator[Finding]:
-    """Frames there cannot be, on this bus or at all."""
+    """Frames that this bus, or CAN, does not support."""
     for m in messages:
         most, width = (64 if m.fd else 8), (29 if m.extended else 11)
         if m.fd and not timing.fd:
@@ -171,7 +171,7 @@ def _load(name: str, messages: Sequence[BusMessage], timing: BusTiming) -> Itera
 
 
 def _impossible(messages: Iterable[BusMessage], timing: BusTiming) -> Iterator[Finding]:
-    """Messages that are to be sent faster than one of them takes."""
+    """Messages whose period is shorter than their frame time."""
     for m in messages:
         takes = timing.time_ns(worst(m.length, m.kind)) / 1e9
         if m.period is not None and m.period < takes:
@@ -243,7 +243,7 @@ def _watchdogs(
 def _silent_nodes(
     messages: Iterable[BusMessage], buses: Mapping[str, BusTiming]
 ) -> Iterator[Finding]:
-    """Nodes that send, but do not say that they are alive."""
+    """Nodes that send messages but no heartbeats."""
     roles: dict[str, set[Role]] = {}
     for m in messages:
         if m.bus in buses:

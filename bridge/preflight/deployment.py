@@ -63,7 +63,7 @@ def messages(system: System) -> list[BusMessage]:
 
 
 def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
-    """What drives hear from the nodes that command them, besides commands."""
+    """Messages, other than commands, that drives receive from the nodes that command them."""
     service, nodes = system.services[bus], system.deployment.nodes
     for node in commanding_nodes(system.deployment, bus):
         beat, sync = service.host_heartbeats.get(nodes[node].number), service.host_sync
@@ -78,7 +78,7 @@ def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
 
 
 def watchdogs(system: System) -> list[MessageTimeout]:
-    """Who stops without what: emulated drives, and inputs with a `stop`."""
+    """Watchdogs and their messages: emulated drives, and inputs with a `stop`."""
     d = system.deployment
     found: list[MessageTimeout] = []
     for name, plan in system.nodes.items():
@@ -130,7 +130,7 @@ def overruns(system: System) -> list[Finding]:
 
 
 def forwarding_overruns(system: System) -> list[Finding]:
-    """Forwarded messages whose numbers turn faster than a network may be slow."""
+    """Forwarded messages whose counters wrap within the possible delay of a network."""
     d = system.deployment
     found: list[Finding] = []
     for name, m in system.messages.items():
@@ -161,7 +161,7 @@ def forwarding_overruns(system: System) -> list[Finding]:
 
 
 def unlimited(system: System) -> list[Finding]:
-    """Signals of which nothing says what they may be: whatever comes is believed."""
+    """Signals without a range: every received value is accepted."""
     found: dict[str, Finding] = {}
     for node in system.nodes:
         for name in system.received_by(node):
@@ -183,8 +183,8 @@ def unlimited(system: System) -> list[Finding]:
 def windups(system: System) -> list[Finding]:
     """Controllers whose own torque limit is above that of their guard: their estimates wind up.
 
-    A controller with a parameter ``tau_max`` stops adapting while its torque is at that limit. One
-    whose limit is above that of its guard goes on adapting to a torque that never acts.
+    A controller with a parameter ``tau_max`` stops adapting while its torque is at that limit. If
+    the limit is above that of its guard, it continues to adapt to a torque that is never applied.
     """
     found: list[Finding] = []
     for node, plan in system.nodes.items():

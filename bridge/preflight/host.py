@@ -21,9 +21,9 @@ PATIENCE = 1.0
 
 
 def check(system: System, nodes: Sequence[str] = ()) -> None:
-    """Refuse a rehearsal of `nodes` (default: all) that this host has no network for.
+    """Refuse a rehearsal of `nodes` (default: all) for which this host lacks a network.
 
-    Raises ScenarioError that says what is missing, by the bus that needs it.
+    Raises ScenarioError that names what is missing and the bus that needs it.
     """
     here = {bus for node in nodes or tuple(system.nodes) for bus in system.buses_of(node)}
     for name, spec in system.deployment.buses.items():

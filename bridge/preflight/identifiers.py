@@ -24,10 +24,11 @@ CANOPEN = {"EMCY": 0x080, "SDO answer": 0x580, "SDO request": 0x600, "heartbeat"
 
 @dataclass(frozen=True, slots=True)
 class SentIdentifier:
-    """An identifier that somebody sends on a bus; `party`: who and what, for a sentence.
+    """An identifier that is sent on a bus; `party`: the sender and the message, for an error
+    message.
 
-    `of`: the protocol it belongs to: frames of one may share an identifier, since their content
-    tells them apart; "": it shares with nobody. `message`: of the deployment.
+    `of`: its protocol: frames of one protocol may share an identifier, because their content
+    distinguishes them; "": not shared. `message`: of the deployment.
     """
 
     identifier: int
@@ -92,7 +93,7 @@ def _messages(system: System, bus: str) -> Iterator[SentIdentifier]:
 
 
 def _services(system: System, bus: str) -> Iterator[SentIdentifier]:
-    """Each of them has senders of its own, which take turns or say the same."""
+    """Services; each has its own senders, which alternate or send the same."""
     here = {n: s for n, s in system.deployment.nodes.items() if bus in system.buses_of(n)}
     numbers = {f"HEARTBEAT_{spec.number}": node for node, spec in here.items()}
     for name, encoding in system.services[bus].named().items():
@@ -104,7 +105,7 @@ def _services(system: System, bus: str) -> Iterator[SentIdentifier]:
 
 
 def _hosts(system: System, bus: str) -> Iterator[SentIdentifier]:
-    """What drives hear from the nodes that command them, besides commands."""
+    """Messages, other than commands, that drives receive from the nodes that command them."""
     service, d = system.services[bus], system.deployment
     for node in commanding_nodes(d, bus):
         beat = service.host_heartbeats.get(d.nodes[node].number)
@@ -146,7 +147,7 @@ def _drive(profile: DriveProfile, node: int) -> Iterator[SentIdentifier]:
 
 
 def _feedback_frames(profile: DriveProfile, node: int) -> Iterator[MessageLayout]:
-    """What it sends: its feedback, and further messages of its DBC file, listened to or not."""
+    """Frames that a drive sends: feedback, and all other messages of its DBC file."""
     yield from (profile.layout(part, node) for part in profile.feedback)
     known = {part.message for part in (profile.command, *profile.feedback)}
     known |= {profile.host.heartbeat, profile.host.sync}

@@ -35,10 +35,10 @@ class _Timex(c.Structure):
 
 @dataclass(frozen=True, slots=True)
 class HostClock:
-    """The clock of a host. `host`: what tells it from others; `kept`: by a time server.
+    """The clock of a host. `host`: identifies it; `kept`: synchronized to a time server.
 
-    `error`: the greatest (s) that the kernel holds possible; infinity where nobody keeps the date.
-    `estimated`: the error (s) that it estimates.
+    `error`: the maximum error (s) according to the kernel; infinite without a time server.
+    `estimated`: the error (s) that the kernel estimates.
     """
 
     host: str
@@ -59,7 +59,9 @@ class HostClock:
 
 
 def host_clock() -> HostClock:
-    """Of this machine. Where the kernel cannot be asked (not Linux), nobody keeps the date."""
+    """The clock of this machine. If the kernel cannot be queried (not Linux), it is not
+    synchronized.
+    """
     host = BOOT_ID.read_text().strip() if BOOT_ID.is_file() else platform.node()
     try:
         adjtimex = c.CDLL(None).adjtimex

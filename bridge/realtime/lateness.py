@@ -1,9 +1,9 @@
-"""How late a node woke, and what its slots took: a report like cyclictest's, from its journal.
+"""Lateness of a node and duration of its slots: a report like cyclictest's, from its journal.
 
-Lateness is when it woke minus the deadline. Quantiles are of the values themselves (nearest rank:
-the ⌈q·n⌉-th smallest), so p99.9 of less than 1000 slots is their maximum. A node that is late
-executes the slots it missed at once: one stall of 5 ms at 1 kHz shows as five late slots. The row
-"each stall once" counts only the first of them, as cyclictest does, and compares with it.
+Lateness is the wake-up time minus the deadline. Quantiles are those of the values (nearest rank:
+the ⌈q·n⌉-th smallest), so p99.9 of less than 1000 slots is their maximum. A late node executes the
+missed slots immediately: one stall of 5 ms at 1 kHz appears as five late slots. The row "each stall
+once" counts only the first of them, as cyclictest does, and is comparable with it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """What can be said of n durations in ns; `std` is of the values, not of their mean."""
+    """Statistics of n durations, ns; `std` is that of the values, not of their mean."""
 
     count: int
     minimum: int
@@ -67,11 +67,11 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """The report: `late`, `period` between waking up, `parts` of a slot; all ns.
+    """The report: `late`, `period` between two wake-ups, `parts` of a slot; all in ns.
 
-    `once`: `late` without the slots whose deadline had passed when the slot before them began.
-    `missed`: slots that woke a period late or more, as ``bridge/c/live.c`` counts them. `bins`:
-    (lower edge, ns, count) of the bins of ``pace.h`` that are not empty, ascending.
+    `once`: `late` without the slots whose deadline had passed when the previous slot began.
+    `missed`: slots that woke a period late or more, counted as in ``bridge/c/live.c``. `bins`:
+    (lower edge, ns, count) of the nonempty bins of ``pace.h``, ascending.
     """
 
     period_ns: int

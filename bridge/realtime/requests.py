@@ -82,10 +82,10 @@ class Granted:
 
 
 def enter(spec: Realtime) -> Granted:
-    """Ask for everything `spec` wants, for this process and the calling thread.
+    """Request everything in `spec` for this process and the calling thread.
 
-    Raises RealtimeError in mode `enforce` when something of :data:`REQUIRED` is refused (all else
-    is given back first), CosimError for a priority or a CPU that cannot be.
+    Raises RealtimeError in mode `enforce` if something in :data:`REQUIRED` is refused (everything
+    else is released first), and CosimError for an invalid priority or CPU.
     """
     if not 0 <= spec.priority <= 99 or any(cpu < 0 for cpu in spec.cpus):
         raise CosimError(
@@ -110,7 +110,7 @@ def enter(spec: Realtime) -> Granted:
 
 
 def warm_up(period_ns: int, seconds: float = 1.0, spin_ns: int = 0) -> Lateness:
-    """How late this thread wakes when it does nothing else for `seconds` (s). Blocks that long."""
+    """Lateness of this thread when it only sleeps, measured for `seconds` (s). Blocks that long."""
     n = max(2, round(seconds * 1e9 / period_ns))
     start = pace.now() + period_ns
     woke = pace.run(start, period_ns, n, spin_ns)

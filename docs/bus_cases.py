@@ -20,13 +20,14 @@ if str(ROOT) not in sys.path:
 
 from cosim.analysis import declared_metrics  # noqa: E402
 from cosim.analysis.metrics import evaluate  # noqa: E402
+from cosim.bus.accounting import BusHistory  # noqa: E402
 from cosim.engine.simulate import simulate  # noqa: E402
 from cosim.loading.files import load  # noqa: E402
 from cosim.record import Run  # noqa: E402
 from cosim.reporting.bus_account import draw_account  # noqa: E402
 from cosim.reporting.figures import draw_styled, png  # noqa: E402
 from cosim.scenario.assemble import assemble, scenario_components  # noqa: E402
-from cosim.scenario.buses import BusHistory, bus_history  # noqa: E402
+from cosim.scenario.buses import bus_history  # noqa: E402
 from cosim.scenario.connect_links import frames_on_buses  # noqa: E402
 from cosim.sweeps.design import Point, points  # noqa: E402
 from cosim.sweeps.study import load_study  # noqa: E402

@@ -10,6 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.bus.accounting import BusHistory
 from cosim.bus.frames import EVENT, REQUEST, BusFrame
 from cosim.bus.timing import BusTiming
 from cosim.reporting.bus_account import account_lines, draw_account
@@ -49,8 +50,8 @@ class BusRecord:
             for number in old:
                 del self._requests[number]
 
-    def _tables(self) -> tuple[NDArray[np.void], NDArray[np.void]]:
-        """(requests, events), renumbered from 0."""
+    def _history(self, timing: BusTiming) -> BusHistory:
+        """Requests and events, renumbered from 0."""
         events = np.concatenate([np.empty(0, EVENT), *self._events])
         numbers = np.array(list(self._requests), np.int64)
         rows = np.zeros(len(numbers), REQUEST)
@@ -62,14 +63,14 @@ class BusRecord:
             place = np.minimum(place, len(numbers) - 1)
             known = numbers[place] == events["request"]
             events["request"] = np.where(known, place, -1)
-        return rows, events
+        return BusHistory(timing, tuple(self.names), rows, events)
 
     def lines(self, timing: BusTiming) -> Iterator[str]:
         """The account as text."""
         begin = max(0, self._until - KEPT_PS)
-        return account_lines(self.names, *self._tables(), timing, begin, self._until)
+        return account_lines(self._history(timing), begin, self._until)
 
     def draw(self, path: Path, timing: BusTiming, window_ps: int) -> Path:
         """The picture of the last `window_ps` (ps). Raises RunError."""
         begin = max(0, self._until - window_ps)
-        return draw_account(path, self.names, *self._tables(), timing, begin, self._until)
+        return draw_account(path, self._history(timing), begin, self._until)

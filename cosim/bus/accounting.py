@@ -12,6 +12,20 @@ from numpy.typing import NDArray
 from cosim.bus.arbitration import rank
 from cosim.bus.frames import BusEvent, DropCause
 from cosim.bus.response import Response
+from cosim.bus.timing import BusTiming
+
+
+@dataclass(frozen=True, slots=True)
+class BusHistory:
+    """What happened on a bus: `requests` (n,) rows of ``REQUEST``, `events` (m,) of ``EVENT``.
+
+    `names`: of the nodes, by their number.
+    """
+
+    timing: BusTiming
+    names: tuple[str, ...]
+    requests: NDArray[np.void]
+    events: NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,9 +109,9 @@ def bus_account(
         )
     first, last = round(begin * 1e12), round((begin + length) * 1e12)
     h = bus_history(scenario, name, frames, last)
-    lines = list(account_lines(h.names, h.requests, h.events, h.timing, first, last))
+    lines = list(account_lines(h, first, last))
     if picture is not None:
-        drawn = draw_account(picture, h.names, h.requests, h.events, h.timing, first, last)
+        drawn = draw_account(picture, h, first, last)
         lines.append(f"picture          {drawn}")
     return lines
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.bus.accounting import accounts, losses, waits
+from cosim.bus.accounting import BusHistory, accounts, losses, waits
 from cosim.bus.frames import BusEvent, ControllerState
-from cosim.bus.timing import BusTiming
 from cosim.bus.transmissions import busy_share, transmissions
 from cosim.reporting.bus_timeline import draw_timeline
 
@@ -19,39 +18,32 @@ WINDOW_PS = 10**11
 _MOST = 10
 
 
-def account_lines(
-    names: Sequence[str],
-    requests: NDArray[np.void],
-    events: NDArray[np.void],
-    timing: BusTiming,
-    begin_ps: int,
-    end_ps: int,
-) -> Iterator[str]:
+def account_lines(bus: BusHistory, begin_ps: int, end_ps: int) -> Iterator[str]:
     """The account of a bus from `begin_ps` to `end_ps` (ps), line by line: of the requests then.
 
-    `names`: of the nodes. `requests` (n,) rows of ``REQUEST``, `events` (m,) all events of the bus
-    up to the end, rows of ``EVENT``.
+    `bus` has all its events up to the end.
     """
     if end_ps <= begin_ps:
         yield "no time has passed"
         return
-    busy = transmissions(events, timing, end_ps)
+    busy = transmissions(bus.events, bus.timing, end_ps)
     share = busy_share(busy, begin_ps, end_ps, end_ps - begin_ps)[0]
     windows = busy_share(busy, begin_ps, end_ps, min(WINDOW_PS, end_ps - begin_ps))[:, 0]
     yield (
         f"{(end_ps - begin_ps) / 1e12:.3f} s: load {share[0]:.1%}, of that {share[1]:.1%} by "
         f"failed attempts; highest in 0.1 s {windows.max():.1%}"
     )
-    requests, events = _since(requests, events, begin_ps)
+    requests, events = _since(bus.requests, bus.events, begin_ps)
     if len(requests):
         yield from _identifiers(requests, events)
     for loss in losses(requests, events, busy)[:_MOST] if len(requests) else ():
         by = max(loss.blocked_by, key=lambda n: loss.blocked_by[n], default=-1)
-        who = f"; the bus had mostly {names[by]}" if by >= 0 else ""
-        yield f"lost at {loss.time_ps / 1e12:.6f} s: {loss.cause.name} at {names[loss.node]}{who}"
+        who = f"; the bus had mostly {bus.names[by]}" if by >= 0 else ""
+        where = f"{loss.cause.name} at {bus.names[loss.node]}"
+        yield f"lost at {loss.time_ps / 1e12:.6f} s: {where}{who}"
     off = events[(events["kind"] == BusEvent.STATE) & (events["code"] == ControllerState.OFF)]
     for row in off[:_MOST]:
-        yield f"bus-off at {row['time'] / 1e12:.6f} s: {names[row['node']]}"
+        yield f"bus-off at {row['time'] / 1e12:.6f} s: {bus.names[row['node']]}"
 
 
 def _since(
@@ -77,19 +69,9 @@ def _identifiers(requests: NDArray[np.void], events: NDArray[np.void]) -> Iterat
         )
 
 
-def draw_account(
-    path: Path,
-    names: Sequence[str],
-    requests: NDArray[np.void],
-    events: NDArray[np.void],
-    timing: BusTiming,
-    begin_ps: int,
-    end_ps: int,
-) -> Path:
-    """Draw the bus from `begin_ps` to `end_ps` (ps); `requests` (n,) and `events` (m,) as of
-    :func:`account_lines`. Raises RunError.
-    """
-    busy = transmissions(events, timing, end_ps)
-    labels = {i: f"{row['frame']['id']:X}" for i, row in enumerate(requests)}
-    waiting = [w for w in waits(requests, events) if w[2] > begin_ps and w[1] < end_ps]
-    return draw_timeline(path, busy, names, begin_ps, end_ps, labels=labels, waiting=waiting)
+def draw_account(path: Path, bus: BusHistory, begin_ps: int, end_ps: int) -> Path:
+    """Draw a bus from `begin_ps` to `end_ps` (ps). Raises RunError."""
+    busy = transmissions(bus.events, bus.timing, end_ps)
+    labels = {i: f"{row['frame']['id']:X}" for i, row in enumerate(bus.requests)}
+    waiting = [w for w in waits(bus.requests, bus.events) if w[2] > begin_ps and w[1] < end_ps]
+    return draw_timeline(path, busy, bus.names, begin_ps, end_ps, labels=labels, waiting=waiting)

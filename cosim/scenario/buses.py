@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.bus.accounting import BusHistory
 from cosim.bus.frames import BusEvent
 from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, QueueKind
 from cosim.bus.simulation import SimulatedBus
@@ -36,19 +37,6 @@ BLOCK = 4096
 NOTHING = AcceptanceFilter(1 << 29, 1 << 29)
 #: What waits at the end of the run may still take so long, ps; later it counts as lost.
 DRAIN_PS = 10**11
-
-
-@dataclass(frozen=True, slots=True)
-class BusHistory:
-    """What happened on a bus: `requests` (n,) rows of ``REQUEST``, `events` (m,) of ``EVENT``.
-
-    `names`: of the nodes, by their number.
-    """
-
-    timing: BusTiming
-    names: tuple[str, ...]
-    requests: NDArray[np.void]
-    events: NDArray[np.void]
 
 
 @dataclass(frozen=True, slots=True)

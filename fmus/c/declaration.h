@@ -71,4 +71,11 @@ static inline int all_finite(const double *values, unsigned n) {
     return finite;
 }
 
+/* Gives n torques if all are numbers; else what went wrong. */
+static inline const char *give_torques(const double *tau, double *given, unsigned n) {
+    if (!all_finite(tau, n)) return "the torque left the range of numbers";
+    for (unsigned i = 0; i < n; i++) given[i] = tau[i];
+    return 0;
+}
+
 #endif

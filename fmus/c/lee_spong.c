@@ -2,8 +2,6 @@
  *
  *     tau = -K_v (dq - dq_j) - (K_d + P_eps) dq - K_p (q - q_j)
  */
-#include <stddef.h>
-
 #include "limit.h"
 #include "model.h"
 
@@ -17,9 +15,7 @@ const char *model_initial(Model *x) {
         const double dissipation = -(x->K_d[i] + x->P_eps[i]) * x->dq[i];
         tau[i] = limited(coupling + dissipation, x->tau_max[i]);
     }
-    if (!all_finite(tau, JOINTS)) return "the torque left the range of numbers";
-    for (int i = 0; i < JOINTS; i++) x->tau[i] = tau[i];
-    return NULL;
+    return give_torques(tau, x->tau, JOINTS);
 }
 
 const char *model_step(Model *x, double t, double h) {

@@ -2,8 +2,6 @@
  *
  *     tau_h = -k_d dq - k_p (q - q_h)
  */
-#include <stddef.h>
-
 #include "model.h"
 
 enum { JOINTS = ENTRIES(q) };
@@ -12,9 +10,7 @@ const char *model_initial(Model *x) {
     double tau_h[JOINTS];
     for (int i = 0; i < JOINTS; i++)
         tau_h[i] = -x->k_d[i] * x->dq[i] - x->k_p[i] * (x->q[i] - x->q_h[i]);
-    if (!all_finite(tau_h, JOINTS)) return "the torque left the range of numbers";
-    for (int i = 0; i < JOINTS; i++) x->tau_h[i] = tau_h[i];
-    return NULL;
+    return give_torques(tau_h, x->tau_h, JOINTS);
 }
 
 const char *model_step(Model *x, double t, double h) {

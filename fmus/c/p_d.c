@@ -2,8 +2,6 @@
  *
  *     tau = -K (q - q_j) - B dq
  */
-#include <stddef.h>
-
 #include "limit.h"
 #include "model.h"
 
@@ -13,9 +11,7 @@ const char *model_initial(Model *x) {
     double tau[JOINTS];
     for (int i = 0; i < JOINTS; i++)
         tau[i] = limited(-x->K[i] * (x->q[i] - x->q_j[i]) - x->B[i] * x->dq[i], x->tau_max[i]);
-    if (!all_finite(tau, JOINTS)) return "the torque left the range of numbers";
-    for (int i = 0; i < JOINTS; i++) x->tau[i] = tau[i];
-    return NULL;
+    return give_torques(tau, x->tau, JOINTS);
 }
 
 const char *model_step(Model *x, double t, double h) {

@@ -2,8 +2,6 @@
  *
  *     tau = -K_p (q - q_j) - K_d (dq - dq_j)
  */
-#include <stddef.h>
-
 #include "limit.h"
 #include "model.h"
 
@@ -14,9 +12,7 @@ const char *model_initial(Model *x) {
     for (int i = 0; i < JOINTS; i++)
         tau[i] = limited(-x->K_p[i] * (x->q[i] - x->q_j[i]) - x->K_d[i] * (x->dq[i] - x->dq_j[i]),
                          x->tau_max[i]);
-    if (!all_finite(tau, JOINTS)) return "the torque left the range of numbers";
-    for (int i = 0; i < JOINTS; i++) x->tau[i] = tau[i];
-    return NULL;
+    return give_torques(tau, x->tau, JOINTS);
 }
 
 const char *model_step(Model *x, double t, double h) {

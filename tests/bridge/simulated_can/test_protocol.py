@@ -13,7 +13,7 @@ from bridge.simulated_can.protocol import pack_message, unpack_message
 FLAGS = ["is_extended_id", "is_fd", "bitrate_switch", "error_state_indicator", "is_rx"]
 
 
-@pytest.mark.parametrize("values", itertools.product([False, True], repeat=len(FLAGS)))
+@pytest.mark.parametrize("values", list(itertools.product([False, True], repeat=len(FLAGS))))
 def test_a_message_arrives_with_its_flags(values):
     flags = dict(zip(FLAGS, values, strict=True))
     message = can.Message(1.5, 0x123, data=b"abc", channel="bench", **flags)

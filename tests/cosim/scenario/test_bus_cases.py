@@ -70,8 +70,8 @@ def test_a_node_that_reads_inverted_bits_goes_bus_off_and_comes_back_or_not():
 
 def test_an_account_is_of_the_requests_in_its_time():
     h = page.history(page.cases("bus-priority")["sorted"], 0.1)
-    whole = list(account_lines(h.names, h.requests, h.events, h.timing, 0, 100 * MS))
-    part = list(account_lines(h.names, h.requests, h.events, h.timing, 50 * MS, 100 * MS))
+    whole = list(account_lines(h, 0, 100 * MS))
+    part = list(account_lines(h, 50 * MS, 100 * MS))
     counts = [{line[:3]: int(line.split()[1]) for line in lines[2:]} for lines in (whole, part)]
     assert counts[0]["101"] == 20  # at 0, 5, ..., 95 ms
     assert counts[1]["101"] == 10

@@ -99,7 +99,7 @@ def simulate(
     folder = Path(folder)
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
-    rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals)))
+    rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals), plan.ticks + 2))
     tables: dict[str, TableWriter] = {}
     counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
 

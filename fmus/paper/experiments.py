@@ -201,6 +201,7 @@ def network(
     grip: Table = GRIP,
     push: Sequence[float] = (0.0, 0.0),
     torques: bool = False,
+    substeps: int | None = None,
     **gains: Any,
 ) -> Document:
     """Six arms under eqs (42)-(45), or (61) over a `link` with delay; Sec. VII-B.
@@ -208,15 +209,17 @@ def network(
     `graphs`: a preset of :mod:`cosim.links.graphs`, switched at random every 150 ms, or as
     `schedule` says (``{"schedule": ...}``, {} is the first graph for ever); the robot `operator`
     is held by the operator and pushed with `push` (N.m); `torques`: record these, and every row
-    instead of every fourth. `gains` of all controllers.
+    instead of every fourth. `substeps` of the arms' integration in a period (default: of 1 ms).
+    `gains` of all controllers.
     """
+    steps = {} if substeps is None else {"substeps": substeps}
     values = {"K": 16.0, "Gamma": 8.0, "alpha": 1.6, "lambda": 1.0, "lambda_M": 10.0, **gains}
     heard = neighbours(graphs)
     components: Document = {}
     links: list[Document] = []
     for i, q in enumerate(STARTS, 1):
         held = {**grip, "tau_ext": list(push)} if i == operator else {}
-        components[f"robot{i}"] = arm(f"control{i}.tau", q, period, **held)
+        components[f"robot{i}"] = arm(f"control{i}.tau", q, period, **held, **steps)
         components[f"control{i}"] = controller(f"robot{i}", len(heard[i]), period, values)
         if not link and any(i in senders for senders in heard.values()):
             components[f"xi{i}"] = signal(f"robot{i}", values["alpha"], period)

@@ -34,6 +34,7 @@ from fmus.paper.experiments import (
 )
 from fmus.paper.hands import FORCE, decaying, on_mean_graph
 from fmus.paper.measure import length
+from fmus.paper.network import COARSE
 
 K, K_P, K_D = 16.0, 10.0, 5.0
 #: The hand of Remark 5 at t = 0, N.m.
@@ -67,15 +68,17 @@ def cases(seed: int) -> dict[str, Document]:
     long: dict[str, Any] = {"seed": seed, "link": {"delay": DELAYS["20s"]}, "grip": {}}
     free = {**long, "link": {"delay": {"law": "constant", "delay": 20.0}}, "lambda": 0.1}
     third: dict[str, Any] = {"lambda": 1 / 3}
-    mean = network(300.0, grip={}, **third)
+    mean = network(300.0, grip={}, substeps=COARSE, **third)
+    six = network(600.0, seed=seed, grip={}, substeps=COARSE)
+    dense: dict[str, Any] = {"graphs": "dense", "substeps": COARSE, "link": {"delay": DELAYS["5s"]}}
     return runs | {
-        "bounded-six": network(120.0, graphs="dense", seed=seed, link={"delay": DELAYS["5s"]}),
+        "bounded-six": network(120.0, seed=seed, **dense),
         "bounded-push": teleoperator(400.0, master={"tau_ext": [0.8, 0.0]}, **long, **KNOWN),
         "bounded-free": teleoperator(350.0, **free, **KNOWN),
         "hand-one": decaying(single(600.0, grip={}, every=4), "robot", TAU_0),
         "hand-one-0": decaying(single(600.0, grip={}, every=4, lambda_M=0.0), "robot", TAU_0),
         "hand-pair": decaying(teleoperator(600.0, seed=seed, grip={}), "master", TAU_0),
-        "hand-six": decaying(network(600.0, seed=seed, grip={}), "robot3", TAU_0),
+        "hand-six": decaying(six, "robot3", TAU_0),
         "hand-six-mean": decaying(on_mean_graph(mean), "robot3", TAU_0),
     }
 

@@ -9,21 +9,26 @@ What is written, under one folder::
 
 from __future__ import annotations
 
+import gc
 import json
 import multiprocessing
+import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from math import isfinite
+from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.simulate import simulate, versions
 from cosim.record import Run
+from cosim.reporting.figures import load
 from cosim.scenario.spec import build
-from fmus.paper.claim import Stop, judge
+from fmus.paper.claim import ClaimVerdict, Stop, judge
 from fmus.paper.claims import ClaimSelection, cases, select
 from fmus.paper.experiments import Document
 from fmus.paper.figures import PaperFigure, draw_figure
@@ -66,10 +71,9 @@ def reproduce(
     _claim(folder, force)
     with _workers(jobs) as submit:
         done = _Counter(progress, len(documents) + len(chosen.figures) + chosen.graphs)
-        found = _run_all(documents, folder / "runs", submit, done, force)
-        _draw_all(chosen, found, folder, submit, done)
+        verdicts = _evaluate(chosen, documents, folder, submit, done, force)
     rows = [
-        {"section": title, **judge(claim, found).as_data()}
+        {"section": title, **verdicts[claim.name].as_data()}
         for title, claims in chosen.sections.items()
         for claim in claims
     ]
@@ -97,22 +101,47 @@ def open_case(name: str, folder: Path, stop: Stop | None) -> Run | Stop:
     return stop or Run.open(folder / name)
 
 
-def _run_all(
+def _evaluate(
+    chosen: ClaimSelection,
     documents: Mapping[str, Document],
     folder: Path,
     submit: Submit,
     done: _Counter,
     force: bool,
-) -> dict[str, Run | Stop]:
-    """Run the cases, the long ones first."""
+) -> dict[str, ClaimVerdict]:
+    """Run the cases; draw each figure and judge each claim once its cases have run.
+
+    So no process waits for the last case. A case that stopped has no figure, and its claims say
+    why.
+    """
+    runs = folder / "runs"
+    drawings = [submit(draw_graphs, PRESET, folder)] if chosen.graphs else []
+    found: dict[str, Run | Stop] = {}
+    verdicts: dict[str, ClaimVerdict] = {}
+    for name, result in _run_all(documents, runs, submit, force):
+        found[name] = result
+        done()
+        if isinstance(result, Run):
+            about = [figure for figure in chosen.figures if figure.case == name]
+            drawings += [submit(_draw, figure, runs, folder) for figure in about]
+        for claim in chosen.claims:
+            if name in claim.cases and found.keys() >= set(claim.cases):
+                verdicts[claim.name] = judge(claim, found)
+    for drawing in as_completed(drawings):
+        drawing.result()
+        done()
+    return verdicts
+
+
+def _run_all(
+    documents: Mapping[str, Document], folder: Path, submit: Submit, force: bool
+) -> Iterator[tuple[str, Run | Stop]]:
+    """Each case with what its run left, in the order of their ends; the long ones start first."""
     order = sorted(documents, key=lambda name: -_cost(documents[name]))
     waiting = {submit(run_case, name, documents[name], folder, force): name for name in order}
-    found: dict[str, Run | Stop] = {}
     for future in as_completed(waiting):
         name = waiting[future]
-        found[name] = open_case(name, folder, future.result())
-        done()
-    return found
+        yield name, open_case(name, folder, future.result())
 
 
 def _cost(document: Document) -> float:
@@ -120,28 +149,9 @@ def _cost(document: Document) -> float:
     return float(len(document["components"]) * document["run"]["stop"] / document["run"]["step"])
 
 
-# ---- figures ------------------------------------------------------------------------------------
-
-
 def _draw(figure: PaperFigure, runs: Path, folder: Path) -> Path:
+    load(lean=True)
     return draw_figure(figure, Run.open(runs / figure.case), folder)
-
-
-def _draw_all(
-    chosen: ClaimSelection,
-    found: Mapping[str, Run | Stop],
-    folder: Path,
-    submit: Submit,
-    done: _Counter,
-) -> None:
-    """Draw what has a run; a case that stopped has no figure, and its claims say why."""
-    figures = [f for f in chosen.figures if isinstance(found[f.case], Run)]
-    futures = [submit(_draw, figure, folder / "runs", folder) for figure in figures]
-    if chosen.graphs:
-        futures.append(submit(draw_graphs, PRESET, folder))
-    for future in as_completed(futures):
-        future.result()
-        done()
 
 
 # ---- processes, files ---------------------------------------------------------------------------
@@ -164,14 +174,24 @@ def _workers(jobs: int) -> Iterator[Submit]:
     if jobs < 2:
         yield _at_once
         return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context)
+    pool = ProcessPoolExecutor(jobs, mp_context=_context(), initializer=_prepare)
     try:
         yield pool.submit
     except BrokenProcessPool as error:
         raise RunError(f"a worker process died: {error}") from error
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _context() -> BaseContext:
+    """Forked processes, which need not import anything, where this process has one thread."""
+    safe = sys.platform == "linux" and threading.active_count() == 1
+    return multiprocessing.get_context("fork" if safe else "spawn")
+
+
+def _prepare() -> None:
+    """In each worker: nearly all of its objects stay, so garbage is rarely looked for."""
+    gc.set_threshold(50_000)
 
 
 def _at_once(function: Callable[..., Any], *arguments: Any) -> Future[Any]:

@@ -18,6 +18,7 @@ from fmus.paper import oracles
 from fmus.paper.claim import Claim, at_least, at_most
 from fmus.paper.experiments import THETA, THETA_G, Document, Table, network, single, teleoperator
 from fmus.paper.hands import recording
+from fmus.paper.network import COARSE
 
 K, ALPHA, LAMBDA, LAMBDA_M = 16.0, 0.5, 2.0, 10.0
 UPRIGHT: Table = {"theta_g": list(THETA_G)}
@@ -42,7 +43,7 @@ def cases(seed: int) -> dict[str, Document]:
     return {
         "upright-one": _turned(single(60.0, grip={}, **NOTHING), (0.5, 0.5)),
         "upright-pair": pair(60.0, grip={}, Gamma=8.0, **NOTHING),
-        "upright-six": _upright(network(150.0, seed=seed, grip={}, **NOTHING)),
+        "upright-six": _upright(network(150.0, seed=seed, grip={}, substeps=COARSE, **NOTHING)),
         "upright-wrong": pair(100.0, **WRONG),
         "upright-wrong-wall": pair(100.0, WALL, **WRONG),
         "upright-held": pair(200.0, Gamma=8.0, **NOTHING),

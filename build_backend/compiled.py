@@ -53,7 +53,7 @@ def _bridge() -> list[Path]:
     folder = ROOT / "bridge" / "c"
     length = ROOT / "cosim" / "c" / "bus" / "length.c"
     sources = sorted([*folder.glob("*.c"), length, *(ROOT / "cosim" / "c").glob("*.h")])
-    made_from = [*sources, *folder.glob("*.h"), length.with_suffix(".h")]
+    made_from = [*sources, *folder.glob("*.h"), *length.parent.glob("*.h")]
     output = ROOT / "bridge" / f"_bridge{shared_suffix()}"
     return _library(output, [s for s in sources if s.suffix == ".c"], made_from, folder)
 

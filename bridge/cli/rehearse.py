@@ -29,7 +29,10 @@ Set = Annotated[
     ),
 ]
 Interface = Annotated[
-    str | None, typer.Option("--interface", "-i", help="python-can interface of all CAN buses.")
+    str | None,
+    typer.Option(
+        "--interface", "-i", help="python-can interface of all CAN buses; cosim: simulated."
+    ),
 ]
 Realtime = Annotated[
     bool,

@@ -72,8 +72,10 @@ def _print_buses(messages: Sequence[BusMessage], timings: Mapping[str, BusTiming
     for text in aligned(load_rows(messages, timings)):
         typer.echo(text)
     for bus, timing in timings.items():
-        typer.echo(f"\nbus {bus}")
-        for text in aligned(message_rows([m for m in messages if m.bus == bus], timing)):
+        on_bus = [m for m in messages if m.bus == bus]
+        queues = ", ".join(sorted({m.queue.name.lower() for m in on_bus}))
+        typer.echo(f"\nbus {bus}" + (f", transmit queues: {queues}" if queues else ""))
+        for text in aligned(message_rows(on_bus, timing)):
             typer.echo(text)
 
 

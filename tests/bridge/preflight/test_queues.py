@@ -8,7 +8,8 @@ from bridge.can.messages import bus_responses
 from bridge.can.rates import simulated_worst
 from bridge.preflight import deployment
 from cosim.bus.settings import QueueKind
-from tests.bridge.deployments import named
+from tests.bridge.deployments import TELEOPERATION, named
+from tests.cli.command import Command
 
 
 def responses(system, bus):
@@ -46,3 +47,11 @@ def test_messages_have_the_queue_of_their_bus_and_the_order_of_their_node():
     }  # fmt: skip
     mine = [m.name for m in found if (m.bus, m.node) == ("left", "master_control")]
     assert mine == ["SYNC", "TAU_2", "XI_2", "HEARTBEAT_2"]
+
+
+def test_check_says_which_queues_there_are(monkeypatch, capsys):
+    cosim = Command(monkeypatch, capsys)
+    changed = ("--set", 'deploy.buses.right.queue="sorted"')
+    said = cosim("check", TELEOPERATION, "--deploy", "can", *changed).out
+    assert "\nbus left, transmit queues: fifo\n" in said
+    assert "\nbus right, transmit queues: sorted\n" in said

@@ -7,6 +7,7 @@ import pytest
 
 from bridge.node import lockstep
 from bridge.preflight import deployment
+from bridge.records.lives import Life
 from bridge.replay import replay
 from bridge.zenoh.node_channel import rules_of
 from cosim.base.errors import CosimError
@@ -243,3 +244,21 @@ def test_lock_step_has_no_gateways(tmp_path):
         bus.setdefault("options", {})["lockstep"] = True
     with pytest.raises(CosimError, match="lock-step has no gateways, and gate is one"):
         lockstep.is_lockstep(system_of(found, tmp_path))
+
+
+@pytest.mark.parametrize("bitrate", [1_000_000, 333_000])
+def test_a_gateway_of_a_twin_forwards_a_frame_when_it_has_arrived(bitrate, tmp_path):
+    """Zenoh takes no time in a twin: the far gateway hears a sample when the near one does, also
+    where the bits of a bus are no whole number of ns.
+    """
+    system = named("gateway", "run.stop=0.5", f"deploy.buses.left.bitrate={bitrate}")
+    run_twin(system, tmp_path)
+    heard = replay.received_by_life(tmp_path)
+    times = {}
+    for node, message in (("left_gateway", "LINK_2"), ("right_gateway", "xi_master")):
+        rows = heard[Life(node)]
+        rows = rows[rows["message"] == system.received_by(node).index(message)]
+        times[node] = rows["arrival_ns"].tolist()
+    assert len(times["left_gateway"]) == 99  # the last one is on the bus at the end
+    assert times["left_gateway"] == times["right_gateway"]
+    assert all(t % 1_000_000 for t in times["left_gateway"])  # between the slots of all nodes

@@ -82,11 +82,11 @@ def analyse(
     lowest: float = LOWEST,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Analysis:
-    """Everything about a port.
+    """Compute all results about a port.
 
     Without a system there are no closed forms and no tests. `lowest`: frequency of the slowest test
-    force, rad/s; `progress` is told what comes next. Raises ScenarioError for signals that were not
-    recorded.
+    force, rad/s; `progress` is called with the name of each next step. Raises ScenarioError for
+    signals that were not recorded.
     """
     port, known, remarks = subject.port, subject.system, list(subject.remarks)
     recorded = read(subject.signals, port)

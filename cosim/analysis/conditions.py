@@ -19,7 +19,7 @@ from cosim.scenario.connect import EdgeWeight
 
 
 def unmet_conditions(system: AnalyzedSystem, net: RobotNetwork) -> tuple[str, ...]:
-    """The conditions of O6 that a scenario does not meet, as phrases with what was found."""
+    """The conditions of O6 that a scenario does not meet, as phrases with the values found."""
     return tuple(_unmet_conditions(system, net))
 
 

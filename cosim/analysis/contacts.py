@@ -107,7 +107,7 @@ def by_wall(bench: Bench, felt: float) -> Iterator[Quantity]:
 
 
 def _edge(bench: Bench) -> float:
-    """Weight of what the controller at the port hears."""
+    """Weight of the signals that the controller at the port receives."""
     law = bench.system.controls.get(bench.port.arm, "")
     return sum(e.weight for e in bench.system.edges if e.receiver == law and e.recurrent)
 

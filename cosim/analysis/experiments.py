@@ -1,9 +1,8 @@
-"""Experiments at the port: the scenario's own components, at rest, with a test force fed in.
+"""Experiments at the port: the scenario's own components at rest, with an additional test force.
 
-Whatever arms there are start at one position, at rest, let go of by everybody; where the law has an
-estimate it adapts as in the scenario, or stays at what is true (M_hat = M). Links are as they are.
-Models without facts start as the scenario says: then what moves by itself is taken off by
-difference.
+All arms start at one position, at rest, without operators. If the law has an estimate, it adapts as
+in the scenario, or stays at the true value (M_hat = M). Links do not change. Models without facts
+start as in the scenario; their motion without a test force is subtracted.
 """
 
 from __future__ import annotations
@@ -93,7 +92,7 @@ class Bench:
         return self.every * self.system.plan.h
 
     def at_rest(self, seconds: float) -> Change:
-        """Everybody at `q`, at rest and let go of, also by operators that are components."""
+        """All arms at `q`, at rest and without operators, including operator components."""
         change = Change(seconds, forces=self._silenced())
         for name, arm in self.system.arms.items():
             m = len(arm.q)
@@ -173,9 +172,10 @@ class Bench:
         return PortGain(sines.omega, np.stack(columns, axis=2), sines.h, astray, sd)
 
     def bands(self, lowest: float, highest: float) -> PortGain:
-        """G(jω) from `lowest` to `highest`, rad/s: slow and fast forces in runs of their own.
+        """G(jω) from `lowest` to `highest`, rad/s, with separate runs for slow and for fast forces.
 
-        A link whose delay jumps makes noise of what is fast; slow motion is not to hear it.
+        A link with a jumping delay turns fast signals into noise, which would disturb the slow
+        ones.
         """
         middle = min(max(1.0, 8 * lowest), highest)
         slow = self.averaged(MultiSine.spread(lowest, middle, self.h, 9, FORCE), SLOW_PERIODS)
@@ -209,9 +209,9 @@ class Bench:
         return self.at_rest(seconds).merged(**{self.port.arm: names})
 
     def wall(self, k_w: float, seconds: float) -> Change:
-        """The far arm in front of a wall, and the arm at the port pulled into it by its grip.
+        """The far arm in front of a wall, and the arm at the port pulled towards it by its grip.
 
-        The grip is the scenario's hand, or 10 N.m/rad and 5 N.m.s/rad if the scenario gives none.
+        The grip is the scenario's hand, or 10 N.m/rad and 5 N.m.s/rad if the scenario has none.
         `k_w` is the stiffness of the wall, N.m/rad. Raises ScenarioError if there is no far arm.
         """
         arm, far = self._arm(), self.system.arms.get(self.port.far)
@@ -262,10 +262,10 @@ class Bench:
 
 
 def stiffest(accepted: Callable[[float], bool], most: float, least: float = 1.0) -> float:
-    """The stiffness up to which all is well, to 5 %: from `least` by threes, then by bisection.
+    """The greatest stiffness that passes, to 5 %, by factors of three from `least`, then bisection.
 
-    Upwards, because what is not well may be so again where it is stiffer still. inf: all up to
-    `most` is; 0: not even `least` is.
+    The search goes upwards, because a greater stiffness may pass again after one that fails.
+    Returns inf if all stiffnesses up to `most` pass, and 0 if `least` does not.
     """
     if not accepted(least):
         return 0.0
@@ -283,9 +283,9 @@ def stiffest(accepted: Callable[[float], bool], most: float, least: float = 1.0)
 
 
 def rest_position(system: AnalyzedSystem, port: PortSignals, response: Array) -> Vector:
-    """Where the bench puts the arms: where the port's arm ends, or where it starts.
+    """The position of the arms in the test: the last one of the port's arm, or its start position.
 
-    `response` (n, m): as recorded; not used where it is no position, or has run away.
+    `response` (n, m): as recorded; not used if it is not a position or has diverged.
     """
     if system.is_position(port.response) and len(response):
         last = response[-1]

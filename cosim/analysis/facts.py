@@ -124,13 +124,13 @@ class DynamicFeedback:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpringDamper:
-    """A coupling with the other robot, as it was, by a spring, and damping to the ground.
+    """A coupling by a spring with the delayed position of another robot, and damping to the ground.
 
-    `feedback`: gain of the own velocity in all, N.m.s/rad, of which `ground` is to the ground;
-    `stiffness` of the coupling, N.m/rad. `needs_ground`: without enough of it for the delay there
-    and back, 2 ground >= T_rt stiffness, it is not passive. `constant_delay`: the law is proved for
-    a constant delay only. `theta_g`: the gravity parameters that are compensated. `law` is its name
-    in messages.
+    `feedback`: total gain of the own velocity, N.m.s/rad, of which `ground` is to the ground;
+    `stiffness` of the coupling, N.m/rad. `needs_ground`: the law is passive only with enough of it
+    for the round-trip delay, 2 ground >= T_rt stiffness. `constant_delay`: the law is proved for a
+    constant delay only. `theta_g`: the gravity parameters that are compensated. `law`: its name in
+    messages.
     """
 
     law: str
@@ -146,7 +146,7 @@ class SpringDamper:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """An operator as a component of its own: tau_h = -k_d dq - k_p (q - q_h), sampled."""
+    """An operator as a separate component: tau_h = -k_d dq - k_p (q - q_h), sampled."""
 
     stiffness: Vector
     damping: Vector

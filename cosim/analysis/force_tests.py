@@ -72,7 +72,7 @@ def sweep(bench: Bench, lowest: float = LOWEST) -> PortSweep:
 
 
 def title_of(bench: Bench) -> str:
-    """What is said of the estimate."""
+    """The title of a test, with the kind of estimate."""
     return "M_hat = M" if bench.known else "as it starts"
 
 
@@ -83,9 +83,9 @@ def _closed(bench: Bench, net: RobotNetwork, omega: Array) -> PortGain:
 
 
 def with_known(bench: Bench) -> Bench | None:
-    """The bench with M_hat = M in the heaviest posture, where passivity is hardest to have.
+    """The bench with M_hat = M in the posture of greatest inertia, where passivity is critical.
 
-    None where there is no estimate to set.
+    None if there is no estimate to set.
     """
     if bench.network is None or bench.arm is None:
         return None
@@ -134,7 +134,7 @@ _VERDICT = {
 
 
 def sampling_note(bench: Bench) -> str:
-    """What is said of a closed form that is continuous: by how much sampling moves it, ωT_s/4."""
+    """A note on the change of a continuous closed form by sampling, ωT_s/4."""
     system = bench.system
     period = system.period(system.controls.get(bench.port.arm, bench.port.arm))
     return f"closed form, ± {100 * HIGHEST * period / 4:.2g} %: not sampled"
@@ -183,7 +183,7 @@ def _bands(gain: PortGain, form: PortGain | None, tag: str, bench: Bench) -> Ite
 
 
 def by_push(bench: Bench) -> Iterator[Quantity]:
-    """O4: what a constant push feels, from rest; and how far it gets of what it could, M^t."""
+    """O4: the response to a constant force from rest, and its ratio to the greatest one, M^t."""
     seconds = PUSH[len(bench.system.arms) > 2]
     kind = f", {title_of(bench)}" if bench.known else ""
     how = f"constant push of {FORCE:g} on every joint for {seconds:g} s, from rest{kind}"

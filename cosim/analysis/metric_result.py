@@ -13,9 +13,9 @@ from cosim.analysis.signals import Array
 
 @dataclass(frozen=True, slots=True)
 class MetricResult:
-    """What a metric says: `value` in `unit`, the rest in words and, by name, as numbers.
+    """The result of a metric: `value` in `unit`, and further results as text and as numbers.
 
-    `parts` are in `unit`, or in s where the name ends in ``_s``, or pure numbers (``_share``).
+    `parts`, by name, are in `unit`, in s if the name ends in ``_s``, or pure numbers (``_share``).
     """
 
     name: str

@@ -32,11 +32,11 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
-    """The robots that hear each other, `port` the one that is held.
+    """The robots that communicate; the `port` is at the one that the operator holds.
 
     `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `jitter`: differences from
     that mean, s, equally likely, of the edges (i, j) whose delay varies; `outside` (n,): lambda w
-    of rows that come from nobody known, as if their sender stood still.
+    of rows from unknown senders, which count as standing still.
     """
 
     names: tuple[str, ...]
@@ -54,7 +54,7 @@ class RobotNetwork:
         return self.laws[self.port]
 
     def L(self, p: ArrayLike) -> Complex:
-        """Who hears whom, (..., n, n), 1/s, for one p or several, (...)."""
+        """The matrix of the delayed couplings, (..., n, n), 1/s, for one p or several, (...)."""
         p = np.asarray(p, dtype=np.complex128)[..., None, None]
         around = self.coupling.sum(axis=1) + self.outside
         own = p * np.eye(len(around)) + np.diag(around)

@@ -104,7 +104,7 @@ def port_of(
 def _acting(
     given: str, usual: str, external: str, known: Collection[str], system: AnalyzedSystem | None
 ) -> str:
-    """The input `external` where something feeds it; "" where `given` is a force of its own."""
+    """The input `external` if it is connected; "" if `given` is a separate force."""
     if given not in ("", usual):
         return ""
     there = external in known if system is None else is_driven(system.plan, external)

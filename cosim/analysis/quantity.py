@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """`values` in `unit`, one or one a joint; `how` they came about.
+    """`values` in `unit`, one or one per joint; `how`: their method.
 
-    `error`: the uncertainty of each value, two standard deviations, in `unit`; () where the value
-    is exact up to rounding and sampling. `expected`: the closed form, as many, () where there is
-    none; `formula` says which. `note`: what to know before using it; where there is no number, why.
+    `error`: the uncertainty of each value, two standard deviations, in `unit`; () if the value is
+    exact up to rounding and sampling. `expected`: values of the closed form, one each, () if there
+    is none; `formula` names it. `note`: a remark on the use of the values, or the reason if they
+    are missing.
     """
 
     name: str
@@ -32,7 +33,7 @@ class Quantity:
 
     @property
     def missing(self) -> bool:
-        """Whether there is no number."""
+        """Whether the values are missing."""
         return not self.values or any(isnan(v) for v in self.values)
 
     @property
@@ -44,13 +45,13 @@ class Quantity:
 
     @property
     def expected_text(self) -> str:
-        """The closed form with its unit, and what it is."""
+        """The closed form with its unit and its formula."""
         if not self.expected:
             return ""
         return f"{_text(self.expected, self.unit)} = {self.formula}".rstrip(" =")
 
     def as_data(self) -> dict[str, Any]:
-        """For JSON: what is infinite is a text, what is missing null."""
+        """For JSON: infinite values as text, missing values as null."""
         return {
             "name": self.name,
             "label": self.label,

@@ -220,7 +220,7 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
 
 
 def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
-    """Rate at which the error to where the hand wants the arm decays, against the slowest pole."""
+    """Decay rate of the error to the target of the hand, compared with the slowest pole."""
     error = np.abs(found.response - np.asarray(hand.place)).max(axis=1)
     rate, uncertain, seconds = approach(found.t, error)
     label, how = "rate of approach", "slope of log |q - q_h|, from 1 % of the start down"

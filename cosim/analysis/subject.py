@@ -82,10 +82,10 @@ def _acting_from(found: SignalTrace, inputs: Collection[str]) -> SignalTrace:
 
 
 def of_run(folder: str | Path, chosen: str = "") -> Subject:
-    """A recorded run; its scenario, from ``run.json``, is what is predicted and tested.
+    """A recorded run; its scenario, from ``run.json``, is used for predictions and tests.
 
-    Where that cannot be assembled any more there is no system, and a remark. Raises ScenarioError
-    for a folder that is no run, or signals of the port that were not recorded.
+    If the scenario cannot be assembled any more, there is no system, and a remark instead. Raises
+    ScenarioError if the folder is not a run, or signals of the port were not recorded.
     """
     folder = Path(folder)
     run = Run.open(folder)

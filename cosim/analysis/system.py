@@ -1,8 +1,8 @@
 """Roles in a plan: arms, the laws that control them, and the delayed edges between them.
 
-Read off the wires and links and the facts that models offer; nothing is run. An edge (i, k) is row
-k of what law i receives. Its sender is the law whose arm, or whose own output, the row comes from,
-also through components in between.
+The roles follow from the wires and links and from the facts of the models, without a run. An edge
+(i, k) is row k of the signal that law i receives. Its sender is the law whose arm, or whose own
+output, is the source of the row, also through other components.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand)
 
 @dataclass(frozen=True, slots=True)
 class Age:
-    """How old what is held is, s: `mean`, and `bound` (inf: there is none).
+    """Age of the held sample, s: `mean`, and `bound` (inf: unbounded).
 
-    `spread`: differences from the mean, s, equally likely; () where the age is always the mean.
+    `spread`: differences from the mean, s, equally likely; () if the age is constant.
     """
 
     mean: float = 0.0
@@ -52,10 +52,10 @@ class Age:
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """Row `row` of what the law `receiver` gets; `sender`: a law, "" where nobody knows.
+    """Row `row` of the input of the law `receiver`; `sender`: a law, "" if it is unknown.
 
-    `weight`: mean over time, that of the mean graph where graphs switch; `lasting`: whether it is
-    there again and again; `link`: None: a wire; `fed`: whether anything feeds the row at all.
+    `weight`: mean over time, that of the mean graph if graphs switch; `recurrent`: whether it is
+    present again and again; `link`: None for a wire; `fed`: whether the row is connected at all.
     """
 
     receiver: str
@@ -101,7 +101,7 @@ class AnalyzedSystem:
         return self.plan.component(name).period * self.plan.h
 
     def held(self) -> tuple[str, ...]:
-        """The arms that somebody holds or pushes: by a grip inside, or by the external torque."""
+        """The arms that an operator holds or pushes, by a grip or the external torque."""
         return tuple(
             name
             for name, arm in sorted(self.arms.items())

@@ -41,10 +41,10 @@ def cache_folder() -> Path:
 def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, str]:
     """Unpack `path` below `place` in the cache unless it is there already: (folder, SHA-256).
 
-    `what`: "FMU" or "SSP", for messages; `description`: the entry that has to be there. Raises
-    ArchiveError for a missing file, one that is no ZIP archive or is damaged, one without its
-    description, and whatever a careful reader should not unpack: too much, encrypted entries, two
-    of one name, other compression than deflate, and entries that would leave the folder.
+    `what`: "FMU" or "SSP", for messages; `description`: the required entry. Raises ArchiveError for
+    a missing file, a file that is not a ZIP archive or is damaged, one without its description, and
+    for unsafe content: too much data, encrypted entries, duplicate names, compression other than
+    deflate, and entries outside the folder.
     """
     try:
         if not path.exists():

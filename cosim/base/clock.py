@@ -67,9 +67,9 @@ def wall_time() -> float:
 
 
 def sleep(seconds: float) -> None:
-    """Let at least `seconds` (s) go by; not positive: return at once.
+    """Sleep for at least `seconds` (s); return immediately if they are not positive.
 
-    For waiting outside of ticks (a process to start, a peer to answer). Ticks wait for absolute
+    For waiting outside of ticks (for a process to start, a peer to answer). Ticks wait for absolute
     deadlines in C.
     """
     if seconds > 0:

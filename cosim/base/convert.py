@@ -66,9 +66,9 @@ def number(value: Number, unit: str | Unit, place: str) -> float:
 def numbers(
     value: Value, shape: tuple[int, ...], unit: str | Unit, place: str
 ) -> tuple[float, ...]:
-    """Flattened values, in `unit`, for a signal of `shape`; a single value stands for all entries.
+    """Flattened values, in `unit`, for a signal of `shape`; a single value applies to all entries.
 
-    Raises ScenarioError when the nesting does not match the shape, or an entry is no number.
+    Raises ScenarioError if the nesting does not match the shape, or an entry is not a number.
     """
     if not isinstance(value, list | tuple):
         if isinstance(value, bool | int | float | str):

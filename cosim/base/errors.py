@@ -62,7 +62,7 @@ class RunError(CosimError, RuntimeError):
 
 
 class FolderWarning(UserWarning):
-    """What a reader has to say about a run folder that it reads all the same."""
+    """A warning of a reader about a run folder that it can read."""
 
 
 class CutShort(FolderWarning):
@@ -74,7 +74,7 @@ class Unverified(FolderWarning):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Somebody stopped a run (Ctrl-C) at `time` (s); what was recorded is in the folder `saved`."""
+    """A run was interrupted (Ctrl-C) at `time` (s); its recorded data is in the folder `saved`."""
 
     def __init__(self, time: float, saved: str) -> None:
         super().__init__(f"interrupted at t = {time:.6g} s")
@@ -83,10 +83,10 @@ class Interrupted(KeyboardInterrupt):
 
 
 def shortage(error: BaseException) -> str:
-    """What the system could not give, as a sentence; "" for an error that is something else.
+    """The resource that the system lacks, as a sentence; "" for any other error.
 
-    Memory that is short also shows as libraries that cannot be loaded, which some packages report
-    as an ImportError of their own, and as threads that cannot be started.
+    A lack of memory also appears as libraries that cannot be loaded, which some packages report as
+    their own ImportError, and as threads that cannot be started.
     """
     match error:
         case MemoryError():

@@ -34,8 +34,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _signal_handler(handler: Callable[[int, FrameType | None], None], ours: bool) -> Iterator[None]:
     """Install `handler` for the ending signals in the block.
 
-    A signal somebody else handles or ignores stays theirs. `ours`: only where Python's own handler
-    or :func:`signals_as_interrupt` is in place, not where the default action would end the process.
+    Signals that other code handles or ignores are not changed. `ours`: only if Python's own handler
+    or :func:`signals_as_interrupt` is installed, not if the default action would end the process.
     """
     free = {signal.default_int_handler, _interrupt} | (set() if ours else {signal.SIG_DFL})
     before = {}
@@ -52,12 +52,12 @@ def _signal_handler(handler: Callable[[int, FrameType | None], None], ours: bool
 
 @contextmanager
 def stop_on_signal(stop: Callable[[], None]) -> Iterator[None]:
-    """Turn the first ending signal of the block into `stop()`, and KeyboardInterrupt at its end.
+    """Turn the first ending signal in the block into `stop()`, and KeyboardInterrupt at its end.
 
-    Python raises KeyboardInterrupt wherever it next gets to run; in a function that C calls, that
-    is before the function's first line, where nobody can catch it and it is lost. The second
-    signal raises at once, for a component that hangs. SIGINT where Python's own handler is in
-    place, SIGTERM and SIGHUP inside of :func:`signals_as_interrupt`; only in the main thread.
+    Python raises KeyboardInterrupt where it runs next; in a function called by C, this is before
+    the function's first line, where it cannot be caught and is lost. The second signal raises
+    immediately, for a component that hangs. Applies to SIGINT if Python's own handler is installed,
+    and to SIGTERM and SIGHUP inside of :func:`signals_as_interrupt`; only in the main thread.
     """
     pressed = False
 
@@ -77,6 +77,6 @@ def stop_on_signal(stop: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def signals_as_interrupt() -> Iterator[None]:
-    """SIGTERM and SIGHUP are a Ctrl-C in the block, where this thread may say so."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C in the block, if this is the main thread."""
     with _signal_handler(_interrupt, ours=False):
         yield

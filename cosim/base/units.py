@@ -69,7 +69,7 @@ _FACTOR = re.compile(r"([A-Za-zµ%]+|1)\^?(-?\d+)?$")
 
 @lru_cache(maxsize=512)
 def parse(text: str) -> Unit:
-    """The unit a text stands for. Raises UnitError naming the text and the unknown part."""
+    """The unit that a text denotes. Raises UnitError naming the text and the unknown part."""
     exponents = [0] * len(BASE)
     factor, offset = 1.0, 0.0
     pieces = re.split(r"([./*·])", text.strip().replace(" ", "") or "1")

@@ -212,12 +212,12 @@ class Margin(NamedTuple):
 def margins(
     found: Iterable[IdentifierAccount], analysed: Iterable[Response], bit_ns: float
 ) -> list[Margin]:
-    """The simulated worst case beside the analysis, for each identifier that has both.
+    """The simulated worst case next to the analysis, for each identifier that has both.
 
     `analysed`: of ``cosim.bus.response.responses``, each stream with the rank of its identifier.
     The analysis counts to the end of the intermission, so three bits (`bit_ns`, ns) are added to
-    the simulated times. The analysis also adds the jitter of queueing, which accounts do not know:
-    give the streams jitter 0 where the requests already have the times of queueing.
+    the simulated times. The analysis also adds the jitter of queueing, which accounts do not
+    contain: give the streams jitter 0 if the requests already have the times of queueing.
     """
     bounds = {r.stream.rank: r for r in analysed}
     rows = []

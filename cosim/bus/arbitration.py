@@ -50,9 +50,9 @@ class Sent:
 
 
 def arbitrate(requests: Iterable[PendingFrame], *, fifo: bool = False) -> list[Sent]:
-    """All of them in the order of sending; of equal ranks of one node, the one that waited longer.
+    """All frames in the order of sending; of equal ranks of one node, the oldest request first.
 
-    Raises TimingError where frames of equal rank of two nodes meet: on a bus they collide with bit
+    Raises TimingError if frames of equal rank of two nodes compete: on a bus they collide with bit
     errors, which `cosim.bus.simulation` simulates.
     """
     coming = sorted(requests, key=lambda r: r.at)

@@ -24,10 +24,10 @@ _ERROR = 0x20000000
 
 
 def read_candump(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.void]]:
-    """The data and remote frames of a log in the order of their times; error frames are left out.
+    """The data and remote frames of a log in the order of their times, without error frames.
 
     Returns the times in ps (n,) and the frames (n,), rows of ``FRAME``. Raises TrafficError for a
-    file that cannot be read, has no frame, frames of several buses, or a line that is no frame.
+    file that cannot be read, has no frame, frames of several buses, or an invalid line.
     """
     try:
         lines = Path(path).read_text("utf-8").splitlines()

@@ -25,7 +25,7 @@ _CHOICES = re.compile(r'^BA_DEF_\s+BO_\s+"VFrameFormat"\s+ENUM\s+([^;]*);', re.M
 
 @dataclass(frozen=True, slots=True)
 class TrafficMessage:
-    """A message of a bus: its frame without data, who sends it, and how often (ps)."""
+    """A message of a bus: its frame without data, its sender, and its period (ps)."""
 
     name: str
     identifier: int
@@ -112,7 +112,7 @@ def dbc_sources(
 ) -> list[PeriodicSource]:
     """The messages whose sender is in `nodes` (name to number), as sources with random data.
 
-    `jitter`: how late a request can be, as a share of its period.
+    `jitter`: maximum lateness of a request, as a fraction of its period.
     """
     return [
         PeriodicSource(

@@ -130,7 +130,7 @@ class BusFrame:
 
     @property
     def length(self) -> int:
-        """Bytes of data; of a remote frame: what it asks for."""
+        """Number of data bytes; for a remote frame, the number requested."""
         return self.dlc if self.format.remote else len(self.data)
 
     @property

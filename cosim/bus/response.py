@@ -66,7 +66,7 @@ class FrameStream:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """At most `burst` errors at once and one more in every `interval` ns (0: none more)."""
+    """At most `burst` errors at the same time, and one more in every `interval` ns (0: no more)."""
 
     burst: int = 0
     interval: int = 0
@@ -93,7 +93,7 @@ class Response:
 
     @property
     def deadline(self) -> int:
-        """What it is compared to: the period where no deadline was given, ns."""
+        """The limit of the response time, ns: the period if no deadline is given."""
         return self.stream.period if self.stream.deadline is None else self.stream.deadline
 
     @property
@@ -107,7 +107,7 @@ def responses(
 ) -> tuple[Response, ...]:
     """The worst-case response time of every stream, in order of priority.
 
-    Raises TimingError where two streams have the same rank: nothing then decides between them.
+    Raises TimingError if two streams have the same rank, because their order is then undefined.
     """
     ordered = sorted(streams, key=lambda s: s.rank)
     for a, b in pairwise(ordered):

@@ -54,7 +54,7 @@ class FrameEncoding(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class AcceptanceFilter:
-    """Frames whose identifier equals `identifier` under `mask`; `extended` None: of both kinds."""
+    """Accepts frames whose identifier equals `identifier` under `mask`; `extended` None: both."""
 
     identifier: int
     mask: int = 0x1FFFFFFF

@@ -117,7 +117,7 @@ class SimulatedBus:
 
     @property
     def address(self) -> int:
-        """Where the ``bus_t`` of C is, for C code that steps this bus; it lives as long as this."""
+        """The address of C's ``bus_t``, for C code that steps this bus; valid while this exists."""
         return int(self._bus)
 
     @property
@@ -169,11 +169,11 @@ class SimulatedBus:
         return bool(self._c.bus_abort(self._bus, self._node(node), request))
 
     def advance(self, until_ps: int) -> NDArray[np.void]:
-        """Go on to `until_ps` (ps); returns the events since, rows of ``EVENT``, shape (n,).
+        """Simulate until `until_ps` (ps); return the events since the last call, ``EVENT`` (n,).
 
-        Events at `until_ps` itself are among them; but a frame that could start at `until_ps`
-        starts in the next call, so that a request made at that time can take part. Raises
-        BusSimulationError when `until_ps` is in the past.
+        Events at `until_ps` itself are included; but a frame that could start at `until_ps` starts
+        in the next call, so that a request made at that time can take part. Raises
+        BusSimulationError if `until_ps` is in the past.
         """
         events, frames, before = [], [], 0
         for n_events, n_frames in self._parts(until_ps):
@@ -203,9 +203,9 @@ class SimulatedBus:
         return events
 
     def _parts(self, until_ps: int) -> Iterator[tuple[int, int]]:
-        """Go on to `until_ps` (ps), yielding each time how many events and frames are in the room.
+        """Simulate until `until_ps` (ps); yield the numbers of buffered events and frames.
 
-        Raises BusSimulationError when `until_ps` is in the past.
+        Raises BusSimulationError if `until_ps` is in the past.
         """
         if until_ps < self._now:
             raise BusSimulationError(f"found {until_ps} ps, expected {self._now} ps (now) or later")
@@ -226,10 +226,10 @@ class SimulatedBus:
         self._bytes = tuple(room.view(np.uint8).data for room in self._room)
 
     def next_event(self, until_ps: int, kinds: Sequence[BusEvent] = tuple(BusEvent)) -> int:
-        """When the next event of these kinds comes if nothing else is requested, ps.
+        """Time of the next event of these kinds without further requests, ps.
 
-        Returns `until_ps` where there is none before. Costs as much as `advance` to that time, and
-        changes nothing. Raises BusSimulationError when `until_ps` is in the past.
+        Returns `until_ps` if there is none before. Takes as long as `advance` to that time, and
+        does not change the bus. Raises BusSimulationError if `until_ps` is in the past.
         """
         before = self._memory.copy(), self._now, self._frames
         events = self.advance(until_ps)

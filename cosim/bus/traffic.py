@@ -175,7 +175,7 @@ class RandomSource:
     def _numbers(self, first: int, last: int) -> NDArray[np.int64]:
         """Numbers of the requests of blocks `first` to before `last`: block * 2^24 + 0, 1, ...
 
-        How many a block has is Poisson distributed, by one draw of its own.
+        The number of requests in a block is Poisson distributed, by a separate draw.
         """
         blocks = np.arange(first, max(first, last), dtype=np.int64)
         mean_count = self.rate * BLOCK_PS / 1e12
@@ -205,11 +205,11 @@ def random_load(
 
 @final
 class LogSource:
-    """A recorded log, sent again: the frames in their order, at their recorded times.
+    """Traffic from a recorded log: the frames in their order, at their recorded times.
 
-    `times_ps`, shape (n,), in ps and in order: when each frame was received, i.e. the end of its
-    last bit; it is requested so much earlier that it ends then if the bus is free. `frames`: rows
-    of ``FRAME``, shape (n,). Raises TrafficError for times that go back.
+    `times_ps`, shape (n,), in ps and ascending: the time at which each frame was received, i.e. the
+    end of its last bit; its request is earlier, so that it ends at that time if the bus is free.
+    `frames`: rows of ``FRAME``, shape (n,). Raises TrafficError for times that decrease.
     """
 
     def __init__(

@@ -138,7 +138,7 @@ def _owners(
     sent: NDArray[np.intp],
     when: NDArray[np.intp],
 ) -> None:
-    """Who sends: the node that was successful, else one that began and did not lose."""
+    """The sending node: the successful one, else one that started and did not lose arbitration."""
     rows["node"], rows["request"] = -1, -1
     key = place.astype(np.int64) << 16 | (events["node"].astype(np.int64) & 0xFFFF)
     lost = key[events["kind"] == BusEvent.LOST]

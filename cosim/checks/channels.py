@@ -61,7 +61,7 @@ def _gap(link: Link) -> float:
 
 
 def buffer(system: AnalyzedSystem) -> Iterator[Finding]:
-    """A playout buffer that is shorter than the longest delay: what is late is never played."""
+    """A playout buffer shorter than the longest delay: samples that are too late are never used."""
     for link in system.plan.links:
         table = link.table
         if not isinstance(table, DrawnTable) or not isinstance(table.rule, PlayoutSemantics):

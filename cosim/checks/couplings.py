@@ -83,7 +83,7 @@ def is_constant(link: Link) -> bool:
 
 
 def constant_delay(system: AnalyzedSystem) -> Iterator[Finding]:
-    """Laws that are proved for a constant delay only, on links whose delay varies."""
+    """Laws that are proved for a constant delay only, on links with a varying delay."""
     springs = system.with_facts(SpringDamper)
     for link in system.plan.links:
         law = springs.get(link.target.component)

@@ -15,10 +15,10 @@ SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What a rule says of `where` (components, links, or a table of the scenario).
+    """A finding of a rule about `where` (components, links, or a table of the scenario).
 
-    `number` in `unit` is what was looked at; `reason` says what it means, with what it was compared
-    to; `advice` what to change, "" where nothing has to be.
+    `number` in `unit` is the value that was checked; `reason` gives its meaning and the limit;
+    `advice` is a possible change, "" if none is needed.
     """
 
     rule: str
@@ -50,7 +50,7 @@ class Finding:
 
 
 def merge_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Worst first; what is said of several in the same words is said once."""
+    """Findings, worst first; equal texts about several places become one finding."""
     places: dict[Finding, list[str]] = {}
     for f in findings:
         places.setdefault(replace(f, where=""), []).append(f.where)

@@ -96,7 +96,7 @@ def degenerate(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
-    """lambda_M = 0: no integral, a force that has to be held for ever."""
+    """lambda_M = 0: no integral action, so the force must be held permanently."""
     for name, law, _ in dynamic(system):
         if law.lambda_M == 0 and law.alpha > 0:
             gain = 1 / (law.alpha * min(law.K)) if not law.lambda_c else inf

@@ -48,9 +48,9 @@ NOTES: tuple[Rule, ...] = (
 
 
 def check(scenario: Scenario, plan: Plan, *, notes: bool = True) -> tuple[Finding, ...]:
-    """What is found in a scenario and its plan, worst first; without `notes` only what warns.
+    """Findings about a scenario and its plan, worst first; without `notes`, no mere notes.
 
-    Raises nothing for what a model does: a model whose facts cannot be had is a note.
+    An error in the facts of a model is not raised; it becomes a note.
     """
     known = system(scenario, plan)
     found = [f for rule in RULES for f in rule(known)]

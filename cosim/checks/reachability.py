@@ -11,7 +11,7 @@ from cosim.scenario.connect import topology
 
 
 def arms_acted_on(system: AnalyzedSystem) -> tuple[str, ...]:
-    """The arms where somebody acts: as [analysis] says, or those that are held or pushed."""
+    """The arms on which an operator acts: those in [analysis], or those that are held or pushed."""
     named = system.scenario.analysis.force.split(".")[0]
     return (named,) if named in system.arms else system.held()
 
@@ -34,7 +34,7 @@ def reachable_components(system: AnalyzedSystem, start: Sequence[str]) -> frozen
 
 
 def _has_zero_weight(system: AnalyzedSystem, target: str, source: str) -> bool:
-    """Whether a wire only carries rows whose weight is 0 for ever."""
+    """Whether a wire carries only rows whose weight is always 0."""
     law = system.with_facts(DynamicFeedback).get(target)
     if law is None or not law.received:
         return False
@@ -69,7 +69,7 @@ def _closure(edges: Mapping[str, set[str]], start: Sequence[str]) -> frozenset[s
 
 
 def unreached_robots(system: AnalyzedSystem) -> Iterator[Finding]:
-    """Theorems 3 to 5: who is held must be a root, or the others never learn of it."""
+    """Theorems 3 to 5: a held robot must be a root, or its position does not reach the others."""
     start = arms_acted_on(system)
     if not start:
         return

@@ -19,7 +19,7 @@ CLOSE = 0.7
 
 
 def known_laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
-    """Every controller whose law and arm are known."""
+    """All controllers whose law and arm are known."""
     for arm, name in sorted(system.controls.items()):
         law = system.facts.get(name)
         if isinstance(law, DynamicFeedback | SpringDamper):
@@ -29,8 +29,9 @@ def known_laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
 def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     """T_s lambda_max(K) < 2 lambda_min(M): a held torque -K dq must not overshoot.
 
-    From M (dq⁺ - dq) = -T_s K dq; half of that where everybody sees the tick before (jacobi). An
-    error where it fails at the start or where the hand pulls, a warning where it fails elsewhere.
+    This follows from M (dq⁺ - dq) = -T_s K dq; the limit is half of that if all components use
+    values of the previous tick (jacobi). An error if it fails at the start or at the target of the
+    hand, a warning if it fails elsewhere.
     """
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
     for name, law, arm in known_laws(system):
@@ -61,7 +62,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def _postures(arm: Arm) -> list[Sequence[float]]:
-    """Where an arm will be: where it starts, and where its hand wants it."""
+    """Expected postures of an arm: its start position and the target of its hand."""
     return [arm.q, arm.grip.place] if any(arm.grip.stiffness) else [arm.q]
 
 

@@ -90,7 +90,7 @@ def size(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def jacobi(system: AnalyzedSystem) -> Iterator[Finding]:
-    """Everybody sees the tick before: one more sample of delay in each loop."""
+    """All components use values of the previous tick: one more sample of delay in each loop."""
     if system.plan.algorithm == "jacobi":
         yield Finding(
             rule="jacobi",

@@ -10,11 +10,11 @@ _COLLECTED = 50_000
 
 
 def main() -> None:
-    """Entry point of the console script: nearly every command loads FMUs, so all are supervised.
+    """Entry point of the console script. Every command is supervised, because nearly all load FMUs.
 
-    NumPy's linear algebra (OpenBLAS) uses one thread unless the environment says otherwise. Its
-    matrices are small here, and a second thread waits busily from the import of NumPy on, which
-    costs a command 0.1 s of processor time and disturbs nodes on the wall clock.
+    NumPy's linear algebra (OpenBLAS) uses one thread unless the environment sets another number.
+    The matrices are small here, and a second thread polls from the import of NumPy on, which takes
+    0.1 s of processor time per command and disturbs nodes on the wall clock.
     """
     gc.set_threshold(_COLLECTED)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -106,10 +106,10 @@ def paragraph(finding: Finding) -> list[str]:
 
 
 def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
-    """What ``cosim run`` says of it: errors and warnings, a line each, on standard error.
+    """Print errors and warnings of the check before a run to standard error, one line each.
 
-    A check that fails is a line as well: it never stands in the way of a run. Raises ScenarioError
-    for all of these if `strict`.
+    A check that fails is also a line: it does not prevent a run. Raises ScenarioError for all of
+    these if `strict`.
     """
     from cosim.checks import check as findings
 
@@ -121,7 +121,7 @@ def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool)
 
 
 def report_unconnected_inputs(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
-    """Say which inputs nothing feeds, a line each. Raises ScenarioError for any if `strict`."""
+    """Print the unconnected inputs, one line each. Raises ScenarioError for any if `strict`."""
     from cosim.checks.wiring import unconnected_inputs
 
     found = dict.fromkeys(f.line for plan in plans for f in unconnected_inputs(plan))

@@ -211,7 +211,7 @@ def _warn(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    """What a reader has to say about a folder is one sentence, without the place in the code."""
+    """Print a reader's warning about a folder as one sentence, without the place in the code."""
     if issubclass(category, FolderWarning):
         typer.echo(f"note: {message}", err=True)
     else:

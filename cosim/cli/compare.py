@@ -118,7 +118,7 @@ def _title(
 
 
 def _listing(known: Variants) -> list[str]:
-    """What there is to compare: names and titles, what controllers send, on what condition."""
+    """The available variants: names and titles, signals that controllers send, conditions."""
     from cosim.cli.show import aligned
 
     lines = [known.title]

@@ -15,7 +15,7 @@ FILE = "estimate.json"
 
 
 def lines(found: Estimate) -> list[str]:
-    """The estimate as text: a line a component, who was left out and why, the advice."""
+    """The estimate as text: a line per component, omitted components with reasons, the advice."""
     from cosim.cli.show import aligned
 
     text = [

@@ -131,7 +131,7 @@ def _word(passed: bool, colour: bool) -> str:
 
 
 def _listing(rows: Iterable[Row]) -> list[str]:
-    """Sections with two lines a claim: what is said, and where the expectation is from."""
+    """Sections with two lines per claim: its text, and the source of the expected value."""
     lines: list[str] = []
     for section, claims in groupby(rows, key=lambda row: row["section"]):
         lines += ["", section]

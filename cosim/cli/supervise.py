@@ -34,8 +34,8 @@ def announce_run_folder(folder: Path) -> None:
 def allow_terminal_input() -> Iterator[None]:
     """Let this process read the terminal in the block, for a question to the user.
 
-    The child is in a process group of its own, so for the terminal it is in the background, where
-    reading stops a process. Raises ScenarioError where its supervisor is in the background too.
+    The child is in a separate process group, so for the terminal it is in the background, where
+    reading stops a process. Raises ScenarioError if its supervisor is in the background, too.
     """
     if not _told or not sys.stdin.isatty():
         yield
@@ -135,7 +135,7 @@ def _wait(child: int, signals: set[signal.Signals]) -> int:
 
 
 def _finish_folder(status: int, folder: str) -> int:
-    """Say how the child ended, and complete the folder it has left; the exit code."""
+    """Report how the child ended, and complete the folder it has left; return the exit code."""
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
         how = f"the process of this command was ended by {name}"

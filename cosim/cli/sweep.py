@@ -83,12 +83,12 @@ def sweep(
 
 
 def stopping() -> None:
-    """Say that a first Ctrl-C was understood."""
+    """Report that the first Ctrl-C was received."""
     typer.echo("stopping after the current runs (press Ctrl-C again to stop at once)", err=True)
 
 
 def interrupted(progress: Progress, folder: Path, how: str) -> typer.Exit:
-    """Say what is there and `how` to go on; the end of the command."""
+    """Report the finished runs and `how` to continue, at the end of the command."""
     from cosim.base.interrupts import exit_code
 
     done = f"{progress.count} more runs are in {folder}"
@@ -110,9 +110,9 @@ def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
 
 
 class Progress:
-    """Counts rows; tells `show` of them: (done, all, seconds since the start, failed).
+    """Counts rows, and passes (done, all, seconds since the start, failed) to `show`.
 
-    `start` is called when the first may come, after everything that is said before.
+    `start` is called when the first row may arrive, after all other output before it.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class Progress:
         self._show, self._watch, self._start = show, stopwatch(), start
 
     def begin(self, begun: PlannedRuns, title: str, noun: str = "points") -> None:
-        """Say what is to be done; `noun`: what there are so many of."""
+        """Print the planned work; `noun`: the name of its items."""
         from cosim.base.clock import stopwatch
 
         self._all, self._watch = begun.to_run, stopwatch()

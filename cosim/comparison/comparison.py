@@ -55,10 +55,10 @@ def compare(
     keep: Path | None = None,
     progress: Callable[[int, int], None] = lambda done, all_: None,
 ) -> Comparison:
-    """Run every case of `chosen` with every seed. `keep`: where run folders stay, if anywhere.
+    """Run every case of `chosen` with every seed. `keep`: folder for the run folders, or None.
 
-    What fails is an outcome with its reason: what cannot be assembled at all is found beforehand by
-    :func:`cosim.comparison.documents.check`. `progress` is called with (done, all) runs.
+    A failure is an outcome with its reason; :func:`cosim.comparison.documents.check` finds cases
+    that cannot be assembled beforehand. `progress` is called with (done, all) runs.
     """
     of_runs = [c for c in variants.columns if not isinstance(c.metric, PortMeasure)]
     tasks = [

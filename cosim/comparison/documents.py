@@ -54,7 +54,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Base:
-    """The scenario that cases are made of: its file, and what it says after all settings."""
+    """The scenario from which cases are made: its file, and its content after all settings."""
 
     path: Path
     document: Mapping[str, Any]
@@ -144,7 +144,7 @@ def check(base: Base, variants: Variants, chosen: ComparisonSelection) -> list[P
 
 
 def _assembled(base: Base, variants: Variants, case: Case, name: str) -> Plan:
-    """The plan of a case; what cannot be is said to be about `name`."""
+    """The plan of a case; errors mention `name`."""
     try:
         return assemble(scenario(base, variants, case))
     except CosimError as error:

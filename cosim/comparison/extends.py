@@ -13,11 +13,11 @@ _DEEPEST = 4
 
 
 def document(path: Path, depth: int = _DEEPEST) -> dict[str, Any]:
-    """A variants file as plain data, with what it extends.
+    """A variants file as plain data, combined with the files that it extends.
 
     ``extends = "FILE"``, relative to the file: tables of both are joined, entries of the file
     before those of the other; any other key of the file replaces that of the other. Raises
-    ScenarioError, also where files extend each other in a circle.
+    ScenarioError, also if files extend each other in a circle.
     """
     data = toml.read(path, "a variants file")
     given = data.pop("extends", None)

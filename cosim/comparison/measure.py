@@ -33,7 +33,7 @@ _CANNOT = (ScenarioError, FmuError, PlanError, RunError)
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A case and what to make of it; `folder`: where its run folder stays, None: nowhere."""
+    """A case to run; `folder`: where its run folder is kept, None: it is not kept."""
 
     case: Case
     scenario: Scenario
@@ -105,7 +105,8 @@ def failed_case(case: Case, reason: str) -> CaseOutcome:
 def run_case(task: Task) -> CaseOutcome:
     """Run and measure a case. A case that fails is an outcome with its reason, not an error.
 
-    What no case is to blame for, such as an engine of another version, is raised: CosimError.
+    Errors that do not concern a single case, such as an engine of another version, are raised as
+    CosimError.
     """
     with _folder(task.folder) as folder:
         failure = None

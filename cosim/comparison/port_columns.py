@@ -157,7 +157,7 @@ class _Port:
 
 
 def port_bench(table: Section, arms: Mapping[str, str]) -> PortBench | None:
-    """What ``[port]`` says, None where it is not there; `arms` by role. Raises ScenarioError."""
+    """The table ``[port]``, None if it is missing; `arms` by role. Raises ScenarioError."""
     if not table.data:
         return None
     table.only("operator", "environment", "q", "band", "spring", "rigid")

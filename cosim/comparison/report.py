@@ -63,7 +63,7 @@ def _below(comparison: Comparison) -> list[str]:
 
 
 def markdown(comparison: Comparison, command: str) -> str:
-    """The table as Markdown, with what it was made by."""
+    """The table as Markdown, with the command that made it."""
     c, shown = comparison, columns(comparison)
     heads = ["link", "operator", "controller", *(header(x, unit) for x, unit in shown), "stable?"]
     right = ["---"] * 3 + ["---:"] * len(shown) + ["---"]
@@ -92,7 +92,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def table_csv(comparison: Comparison) -> str:
-    """One line a run; numbers read back exactly, what is not there is empty."""
+    """One line per run; numbers read back exactly, missing values are empty."""
     shown, found = columns(comparison), runs_as_data(comparison)
     fixed = [key for key in found[0] if key not in ("numbers", "uncertainties")]
     out = io.StringIO()

@@ -12,9 +12,9 @@ from cosim.scenario.connect import unknown
 
 
 def read_roles(top: Section) -> dict[str, Role]:
-    """The sides of a variants file. Of two each hears the other; of more each says whom it hears.
+    """The roles of a variants file. Of two roles each receives from the other; more must name it.
 
-    Raises ScenarioError with the place of what is wrong.
+    Raises ScenarioError with the place of the error.
     """
     tables = dict(top.tables("roles"))
     if len(tables) < 2:
@@ -32,7 +32,7 @@ def read_roles(top: Section) -> dict[str, Role]:
 def heard_role(
     table: Section, key: str, name: str, known: Mapping[str, Any], default: str | None = None
 ) -> str:
-    """The role that `name` hears: another one. Raises ScenarioError."""
+    """The role from which `name` receives: another one. Raises ScenarioError."""
     found = table.text(key, default)
     if found not in known:
         raise ScenarioError(unknown(found, known, "role"), table.place(key))

@@ -85,7 +85,7 @@ def rows(comparison: Comparison) -> Iterator[ComparisonRow]:
 
 
 def columns(comparison: Comparison) -> list[tuple[MetricColumn, str]]:
-    """The columns that say something for an operator that was chosen, each with its unit."""
+    """The columns that apply to a selected operator, each with its unit."""
     c = comparison
     operators = [c.variants.operators[name] for name in c.chosen.operators]
     shown_ = [x for x in c.variants.columns if any(x.applies(o) for o in operators)]
@@ -109,7 +109,7 @@ def header(column: MetricColumn, unit: str) -> str:
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """What stands below the table: why a run ended early, and what the mark says."""
+    """The notes below the table: why a run ended early, and the meaning of the mark."""
     every = list(rows(comparison))
     lines = []
     if any(row.marked for row in every):

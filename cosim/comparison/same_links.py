@@ -77,7 +77,7 @@ class Tables:
         return any(_varies(table) for table in tables)
 
     def sentences(self, links: Sequence[str]) -> list[str]:
-        """What the output says about the tables: a line a link law, or what differs."""
+        """Sentences about the link tables: one line per link law, or the differences."""
         lines = [line for link in links for line in self._sentence(link)]
         if self.same:
             return lines

@@ -1,4 +1,4 @@
-"""Sections of a TOML file that say where they are: every error has the file and the place in it."""
+"""Sections of a TOML file with their position: every error names the file and the place in it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cosim.scenario.connect import unknown
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The table of `file` at `path`. What it is asked for and does not hold is a ScenarioError."""
+    """The table of `file` at `path`. Missing or invalid entries raise ScenarioError."""
 
     data: Mapping[str, Any]
     file: Path

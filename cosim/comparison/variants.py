@@ -17,9 +17,9 @@ Environment = Literal["free", "spring", "rigid"]
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """A side: which components of the scenario are its arm and its controller.
+    """A role: the components of the scenario that are its arm and its controller.
 
-    `hears`: the role whose signals it receives, unless a link law says otherwise.
+    `hears`: the role from which it receives, unless a link law specifies another one.
     """
 
     arm: str
@@ -60,11 +60,11 @@ class Controller:
 
 @dataclass(frozen=True, slots=True)
 class Operator:
-    """Values of the arms by role, and the columns that say nothing then.
+    """Values of the arms by role, and the columns that do not apply with this operator.
 
-    `components`: further components by name, as a scenario has them; `feeds`: inputs of the arms
-    by role, and the output of a component that feeds each; `control`: parameters of every
-    controller, such as the limit of its torque.
+    `components`: further components by name, as in a scenario; `feeds`: inputs of the arms by role,
+    and the output of a component connected to each; `control`: parameters of every controller, such
+    as its torque limit.
     """
 
     name: str
@@ -78,9 +78,9 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class LinkLaw:
-    """What a scenario says of a link: delay, semantics, loss; `sides`: what differs by receiver.
+    """Settings of a link: delay, semantics, loss; `sides`: differences by receiver.
 
-    `hears`: the graph, where it is not that of the roles: which role each receives from.
+    `hears`: the role from which each role receives, if it differs from the roles' own.
     """
 
     name: str
@@ -133,13 +133,13 @@ class MetricColumn:
     only: tuple[str, ...]
 
     def applies(self, operator: Operator) -> bool:
-        """Whether it says something under an operator."""
+        """Whether the column applies with an operator."""
         return self.name not in operator.without and (not self.only or operator.name in self.only)
 
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """What :func:`cosim.comparison.verdict.judge` looks at, SI."""
+    """The criteria of :func:`cosim.comparison.verdict.judge`, in SI units."""
 
     position: tuple[str, ...]
     velocity: tuple[str, ...]
@@ -160,7 +160,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonSelection:
-    """Names of what is compared, in order."""
+    """Names of the selected variants, in order."""
 
     controllers: tuple[str, ...]
     operators: tuple[str, ...]
@@ -194,7 +194,7 @@ class Variants:
     def select(
         self, controllers: Sequence[str], operators: Sequence[str], links: Sequence[str]
     ) -> ComparisonSelection:
-        """What is asked for; nothing is the default, ``all`` is all. Raises ScenarioError."""
+        """The requested variants: the default if empty, all with ``all``. Raises ScenarioError."""
         return ComparisonSelection(
             choose(controllers, self.controllers, self.default.controllers, "controller"),
             choose(operators, self.operators, self.default.operators, "operator"),

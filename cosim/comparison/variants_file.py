@@ -84,7 +84,7 @@ _METRIC = ("kind", "of", "target", "within", "window", "contact", "norm", "label
 
 
 def variants_path(scenario: str | Path) -> Path:
-    """The variants file of a scenario: the one in the folder ``compare`` beside it.
+    """The variants file of a scenario: the one in the folder ``compare`` next to it.
 
     Raises ScenarioError if there is none, or several.
     """
@@ -284,5 +284,5 @@ def _check_port(top: Section, columns: Sequence[MetricColumn], bench: PortBench 
 
 
 def _known_names(table: Section, key: str, known: Mapping[str, Any], what: str) -> tuple[str, ...]:
-    """The names a list gives, all of them there; all if there is no list."""
+    """The names in a list, all of which must exist; all names if there is no list."""
     return choose(table.texts(key, ()), known, tuple(known), what, table.place(key))

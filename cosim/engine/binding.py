@@ -46,10 +46,10 @@ class Termination:
 
 
 class Binding:
-    """What the engine runs: `state`, and what it points to, which lives as long as this does.
+    """The structs that the engine runs: `state`, and the memory to which it points.
 
-    `inputs`, `outputs`: the signals of each component, as it sees them. `failure`: what a call-back
-    raised last.
+    `inputs`, `outputs`: the signals of each component, as views. `failure`: the last exception of a
+    callback.
     """
 
     def __init__(

@@ -71,12 +71,11 @@ class Engine:
         return int(self._state.tick)
 
     def initialize(self, tick: int = 0) -> None:
-        """Start all components; initial outputs travel along wires until nothing changes.
+        """Start all components; initial outputs propagate along wires until nothing changes.
 
-        The signals are then those of `tick`, the next one to run: what an FMU gives after
-        Initialization Mode, and after the events at the start. A `tick` other than 0 has to be one
-        in which all are due; tables are handed over from their first row all the same. Raises
-        ScenarioError.
+        The signals are then those of `tick`, the next one to run: the outputs of an FMU after
+        Initialization Mode, and after the events at the start. At a `tick` other than 0, all
+        components must be due; tables start with their first row in any case. Raises ScenarioError.
         """
         self._streams = [link.table.stream() for link in self.plan.links]
         self._played = [player.source.stream() for player in self.plan.players]
@@ -88,13 +87,13 @@ class Engine:
     # ---- running -----------------------------------------------------------------------------
 
     def run(self, ticks: int, record: Vector | None = None, recorded: int = 0) -> int:
-        """Run `ticks` ticks, recording one row a tick into `record` (rows, n_signals).
+        """Run `ticks` ticks, recording one row per tick into `record` (rows, n_signals).
 
-        `recorded`: address of an int64 that counts these rows as they come; 0: nobody looks.
-        Returns the number of rows written. Where an FMU ends the simulation, it stops there, and
-        :attr:`ended` says so; nothing is run after that. Raises RunError where a component fails or
-        gives a value that is not finite, KeyboardInterrupt after the tick in which Ctrl-C was
-        pressed; rows recorded until then are in `record`.
+        `recorded`: address of an int64 that counts these rows during the run; 0: none. Returns the
+        number of rows written. If an FMU ends the simulation, the run stops there, and
+        :attr:`ended` is set; nothing can be run after that. Raises RunError if a component fails or
+        returns a value that is not finite, and KeyboardInterrupt after the tick in which Ctrl-C was
+        pressed; the rows recorded until then are in `record`.
         """
         state = self._state
         if self.ended is not None:
@@ -119,7 +118,7 @@ class Engine:
 
     @property
     def state(self) -> structs.EngineState:
-        """The C engine's own state, for who calls ``engine_run`` natively; see :meth:`prepare`."""
+        """The C engine's own state, for code that calls ``engine_run``; see :meth:`prepare`."""
         return self._state
 
     def prepare(self, ticks: int) -> None:
@@ -210,7 +209,7 @@ class Engine:
         return self._bound.late_clock_ticks()
 
     def logs(self) -> dict[str, str]:
-        """What FMUs whose logging is on have said, by component; also after :meth:`close`."""
+        """The log texts of FMUs with logging enabled, by component; also after :meth:`close`."""
         return {
             step.name: text
             for step in self.plan.components
@@ -218,7 +217,7 @@ class Engine:
         }
 
     def save_logs(self, folder: Path) -> None:
-        """Write what FMUs whose logging is on have said so far into ``folder/NAME.fmu.log``.
+        """Write the log texts of FMUs with logging enabled so far into ``folder/NAME.fmu.log``.
 
         Files of components are written, too: the logs of buses between FMUs.
         """

@@ -80,9 +80,9 @@ def _gather(signals: Vector, fed: Sequence[Wire | Link]) -> None:
 
 
 def _exits(plan: Plan) -> list[int]:
-    """FMUs in the order in which they leave Initialization Mode: plants, then who samples them.
+    """FMUs in the order in which they leave Initialization Mode: plants, then sampled components.
 
-    An output that changes then is seen by those that are still in it.
+    An output that changes at this time is seen by the components that are still in it.
     """
     place = {name: i for i, name in enumerate(plan.order)}
     fmus = [i for i, s in enumerate(plan.components) if is_fmu(s.component)]

@@ -1,4 +1,4 @@
-"""A run folder that was cut short, made into one that every tool reads."""
+"""Completion of the folder of an interrupted run, so that every tool can read it."""
 
 from __future__ import annotations
 

@@ -232,12 +232,12 @@ def _everything(plan: Plan) -> list[Column]:
 
 
 def stop_metadata(error: BaseException) -> dict[str, Any]:
-    """What ``run.json`` says of a run that had to stop."""
+    """The entries of ``run.json`` for a run that had to stop."""
     return {"status": STOPPED, "error": f"{type(error).__name__}: {error}"}
 
 
 def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
-    """What ``run.json`` says when a run begins: scenario, seeds, versions, FMU hashes, links."""
+    """The entries of ``run.json`` at the start: scenario, seeds, versions, FMU hashes, links."""
     return {
         "status": RUNNING,
         "scenario": as_data(scenario),

@@ -1,21 +1,21 @@
-"""How large the error of a step is, by doing it again in halves, and which step a tolerance wants.
+"""Estimate of the local error of a step, by repetition with smaller steps, and the step it advises.
 
-At some t_k every continuous component goes back to its state there and does its step of length H
-again, in two halves and in four quarters. Wires between components of one period are carried again
-before every part; all else (sampled components, links, weights, other periods) holds what it held.
-So what is seen is the error of a component's own solver and of holding its neighbours' outputs over
-a step, not that of sampling, which is part of the system. With a local error C H^(p+1)
-(Richardson; Hairer, Norsett, Wanner, Solving ODEs I, II.4)::
+At some t_k every continuous component is reset to its state there and repeats its step of length H
+in two halves and in four quarters. Wires between components of one period transfer values before
+every part; all other inputs (of sampled components, links, weights, other periods) are held. The
+result is the error of a component's own solver and of holding its neighbors' outputs over a step,
+without that of sampling, which is part of the system. With a local error C H^(p+1) (Richardson;
+Hairer, Norsett, Wanner, Solving ODEs I, II.4)::
 
     d1 = y_H - y_H/2        d2 = y_H/2 - y_H/4        p = log2(rms d1 / rms d2)
     error of the step = d1 / (1 - 2^-p)
     advised H = H min(10, 0.9 (tolerance / relative error)^(1 / (p+1)))
 
-An FMU may be taken back only to where nobody promised not to (noSetFMUStatePriorToCurrentPoint, FMI
-2.0.5 section 4.2.2), and the engine does promise. Hence two runs, neither of them the one that is
-recorded: one goes ahead and tells what the inputs are, the other follows, stops, tries and goes
-back. The second must stay on the first one's trajectory to the bit; what does not had more state
-than it saved.
+An FMU must not be reset to a time before one for which the importer has set
+noSetFMUStatePriorToCurrentPoint (FMI 2.0.5 section 4.2.2), and the engine sets it. Therefore two
+additional runs are made: one ahead, which provides the inputs, and one that follows, stops, repeats
+steps and continues. The second run must equal the first bit for bit; a component that differs has
+more state than it saved.
 """
 
 from __future__ import annotations
@@ -174,7 +174,7 @@ def _advance_to(engine: Engine, tick: int) -> bool:
 
 
 def _first_changed(plan: Plan, expected: Vector, found: Vector) -> str:
-    """The first component whose outputs are not what they were without going back, or ""."""
+    """The first component whose outputs differ from those without a reset, or ""."""
     for step in plan.components:
         for slot in step.outputs:
             if expected[slot_slice(slot)].tobytes() != found[slot_slice(slot)].tobytes():

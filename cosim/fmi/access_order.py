@@ -27,7 +27,7 @@ class Moves:
     _found: dict[Key, dict[str, Move]] = field(default_factory=dict)
 
     def add(self, group: VariableGroup, place: int) -> None:
-        """A signal whose scalars are from `place` on."""
+        """Add a signal whose scalars start at `place`."""
         found = self._found.setdefault(self._key(group), {})
         before = found.get(group.first.type, Move(group.first.type, (), ()))
         places = tuple(range(place, place + group.size))
@@ -110,7 +110,7 @@ def _slopes(x: FmuComponent, inputs: int, slopes: Mapping[int, int]) -> Move | N
 
 
 def isolated(x: FmuComponent, here: StepLayout) -> StepLayout:
-    """The same in a process of its own, where inputs come first, then outputs, then slopes."""
+    """The same for a separate process, with inputs first, then outputs, then slopes."""
     first = here.input_count + here.output_count
     sloped = {r: first + i for i, r in enumerate(here.slopes.references if here.slopes else ())}
     places = {i: sloped[r] for i, r in enumerate(x.references("input")) if r in sloped}

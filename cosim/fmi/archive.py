@@ -11,7 +11,7 @@ from cosim.base.errors import FmuError
 
 @dataclass(frozen=True, slots=True)
 class Archive:
-    """An unpacked FMU: where it came from, where it lies, and what it hashes to."""
+    """An unpacked FMU: its source file, its folder and its hash."""
 
     path: Path
     folder: Path

@@ -53,7 +53,7 @@ class Ticking:
         self._counts = dict.fromkeys((t.reference for t in clocks.triggered), 0.0)
 
     def ask(self, references: Sequence[int]) -> None:
-        """When these tick next, from the start on. Raises FmuError where there is no saying so."""
+        """Times of the next ticks of these clocks, from the start. Raises FmuError if unknown."""
         asked = _intervals(self._calls, self._handle, references) if references else {}
         for reference, (interval, qualifier) in asked.items():
             if reference in self._clocks.countdown and qualifier != _CHANGED:

@@ -92,7 +92,7 @@ def _variability(clock: FmuVariable) -> str:
 
 
 def intervals_from_fmu(description: Description) -> list[int]:
-    """Value references of periodic clocks whose interval is the FMU's to say (FMI 3.0.2 §2.2.8)."""
+    """Value references of periodic clocks whose interval the FMU defines (FMI 3.0.2 §2.2.8)."""
     return [
         v.reference for v in _inputs(description)
         if _variability(v) in ("fixed", "tunable")
@@ -124,7 +124,7 @@ def triggered(description: Description, name: str) -> tuple[TriggeredClock, ...]
 
 
 def _check_clocks(variable: FmuVariable, known: Collection[int], name: str) -> None:
-    """Raises FmuError where a variable belongs to what is no clock, or to itself."""
+    """Raises FmuError if a variable refers to something that is not a clock, or to itself."""
     for reference in variable.clocks:
         if reference not in known:
             raise FmuError(

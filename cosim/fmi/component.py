@@ -43,10 +43,10 @@ LOG_ROOM = 1 << 20
 class FmuComponent:
     """One instance of an FMU.
 
-    `kind` says how it samples; an FMU does not say so itself (ours do, in an annotation), so a
-    foreign FMU is continuous unless the scenario says otherwise. Numbers and Booleans are float64
-    signals, exact up to 2^53; String and Binary variables are start values and results, no
-    signals. Raises FmuError for anything wrong with the file, the description or the binary.
+    `kind` selects its sampling; FMI has no attribute for it (our FMUs have an annotation), so a
+    foreign FMU is continuous unless the scenario specifies otherwise. Numbers and Booleans are
+    float64 signals, exact up to 2^53; String and Binary variables are start values and results, not
+    signals. Raises FmuError for any error in the file, the description or the binary.
     """
 
     def __init__(
@@ -95,19 +95,19 @@ class FmuComponent:
 
     @property
     def instance(self) -> Instance:
-        """The live FMI instance. Raises FmuError before :meth:`initialize`."""
+        """The active FMI instance. Raises FmuError before :meth:`initialize`."""
         if self._instance is None:
             raise FmuError(f"{self.name}: not initialised")
         return self._instance
 
     @property
     def remote(self) -> RemoteInstance | None:
-        """The live instance where it is in another process, else None."""
+        """The active instance if it is in another process, else None."""
         return self._instance if isinstance(self._instance, RemoteInstance) else None
 
     @property
     def broken(self) -> int:
-        """ERROR or FATAL where a live instance returned it (:mod:`cosim.fmi.library`), else OK."""
+        """ERROR or FATAL if an active instance returned it (:mod:`cosim.fmi.library`), else OK."""
         return OK if self._instance is None else self._instance.broken
 
     def references(self, causality: str) -> tuple[int, ...]:
@@ -115,7 +115,7 @@ class FmuComponent:
         return tuple(r for g in self.carried(causality) for r in g.references)
 
     def unit(self, name: str) -> Unit | str:
-        """A unit by the FMU's own definition, or its name where that says the same, or all."""
+        """A unit by the FMU's own definition, or its name if that is equivalent or undefined."""
         defined = self.description.units.get(name)
         try:
             return name if defined is None or parse(name) == defined else defined
@@ -236,9 +236,9 @@ class FmuComponent:
         return np.array(values).reshape(self.groups[name].shape)
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
-        """Set inputs, ``doStep(t, h)``, get outputs: the slow way, for tests and small uses.
+        """Set inputs, ``doStep(t, h)``, get outputs: the slow path, for tests and small programs.
 
-        Raises FmuError where clocks have to tick: the engine does that.
+        Raises FmuError if clocks must tick, because only the engine does that.
         """
         if self.events and any(v.type == "Clock" for v in self.description.variables):
             raise FmuError(f"{self.name}: has clocks, which tick in the engine only")

@@ -61,7 +61,7 @@ def unit_of(component: Component, unit: str) -> str | Unit:
 
 
 def discrete_inputs(component: Component) -> frozenset[str]:
-    """Inputs that the component says change in jumps only."""
+    """Inputs that the component declares as discrete."""
     fmu = fmu_of(component)
     return frozenset() if fmu is None else fmu.discrete
 
@@ -95,7 +95,7 @@ def reason_not_repeatable(component: Component) -> str:
 
 
 def begin_at(component: Component, t: float) -> None:
-    """Initialise at `t` (s), which an FMU is told; a Python component is told with its steps."""
+    """Initialize at `t` (s), which is passed to an FMU; a Python component gets it in its steps."""
     fmu = fmu_of(component)
     if fmu is not None:
         fmu.begin = t
@@ -138,7 +138,7 @@ def files(component: Component) -> Mapping[str, str]:
 
 
 def log_text(component: Component) -> str:
-    """What the component logged, if it is an FMU whose logging is on."""
+    """The log text of the component, if it is an FMU with logging enabled."""
     fmu = fmu_of(component)
     return "" if fmu is None else fmu.log_text()
 

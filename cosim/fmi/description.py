@@ -17,7 +17,7 @@ from cosim.fmi.variables import FmuVariable, variables2, variables3
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What an FMU says about itself."""
+    """The model description of an FMU."""
 
     fmi: str
     name: str

@@ -10,14 +10,14 @@ from cosim.fmi.component import FmuComponent
 
 
 class FmuDriver(ABC):
-    """A component whose steps are call-backs, and whose values, units and facts are an FMU's."""
+    """A component with callbacks for its steps, and with the values, units and facts of an FMU."""
 
     fmu: FmuComponent
 
     @property
     @abstractmethod
     def connected(self) -> str:
-        """To what it is connected besides its signals, in words."""
+        """Its connections other than signals, as text."""
 
     @abstractmethod
     def exit_initialization(self) -> Outputs:

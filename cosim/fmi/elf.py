@@ -11,7 +11,7 @@ _MAGIC, _LOADED = b"\x7fELF\x02\x01", 1
 
 
 def missing_bytes(path: Path) -> int:
-    """How many bytes the segments of a library need beyond its end; 0 for what is no such file."""
+    """Number of bytes that the segments of a library need beyond its end; 0 for other files."""
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(_HEADER.size)

@@ -17,9 +17,10 @@ from cosim.schedule.parts import Slot
 
 
 def sentence(error: BaseException, name: str = "") -> str:
-    """An exception of component `name` in words, with the line that raised it.
+    """An exception of component `name` as text, with the line that raised it.
 
-    ``ZeroDivisionError: division by zero (controller.py, line 12)``; a CosimError says it all.
+    ``ZeroDivisionError: division by zero (controller.py, line 12)``; a CosimError needs no
+    addition.
     """
     if isinstance(error, CosimError):
         return str(error).removeprefix(f"{name}: ")

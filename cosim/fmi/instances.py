@@ -1,4 +1,4 @@
-"""An instance of an FMU in this process, by the version of FMI that it speaks."""
+"""An instance of an FMU in this process, for each version of FMI."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""The process of an isolated FMU: it obeys :mod:`cosim.fmi.isolated` until that closes.
+"""The process of an isolated FMU: it executes requests of :mod:`cosim.fmi.isolated` until its end.
 
-Knows one FMU. Its memory is shared: the log first, so that it outlives a crash, then the signals.
+It contains one FMU. Its memory is shared: the log first, so that it survives a crash, then the
+signals.
 """
 
 from __future__ import annotations

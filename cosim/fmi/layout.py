@@ -75,12 +75,12 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class StepLayout:
-    """How an FMU is stepped: `h` s, every `period` ticks, `lag` ticks after its interval began.
+    """The steps of an FMU: `h` s, every `period` ticks, `lag` ticks after its interval began.
 
     `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.
-    `counts`: where it is counted how often each of `triggered` ticks.
-    `slopes`: inputs whose slope is set as well, its place in the signals in place of theirs.
-    (`input`, `input_count`), (`output`, `output_count`): its stretches of the signal vector.
+    `counts`: the signal that counts the ticks of each of `triggered`. `slopes`: inputs whose slope
+    is set as well, with the position of the slope in the signals. (`input`, `input_count`),
+    (`output`, `output_count`): its ranges of the signal vector.
     """
 
     h: float
@@ -105,7 +105,7 @@ class StepLayout:
 
 
 def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.UnitStruct:
-    """The engine's unit for an instance; what it points to goes into `alive`. Raises FmuError."""
+    """The engine's unit for an instance; its memory is added to `alive`. Raises FmuError."""
     x = layout
     unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
@@ -238,7 +238,7 @@ def _access(
 
 
 def _array_address(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:
-    """The address of a C array of `values` that lives as long as `alive` does."""
+    """The address of a C array of `values`, which is valid as long as `alive` exists."""
     array = (kind * max(1, len(values)))(*values)
     alive.append(array)
     return c.addressof(array)

@@ -231,5 +231,5 @@ def array_of(kind: Any, values: Sequence[Any]) -> Any:
 
 
 def texts_of(values: Any) -> list[str]:
-    """Texts out of an array of C strings; what is no UTF-8 is marked."""
+    """Texts of an array of C strings; invalid UTF-8 is marked."""
     return [(v or b"").decode("utf-8", "replace") for v in values]

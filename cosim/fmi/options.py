@@ -1,4 +1,4 @@
-"""How a scenario wants an FMU to be run: what goes beyond its numbers."""
+"""Settings of an FMU in a scenario other than its numbers."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class VariableGroup:
 
     @property
     def first(self) -> FmuVariable:
-        """The variable that stands for all: its type, unit and causality are everybody's."""
+        """The first variable, which represents all: they have the same type, unit and causality."""
         return self.variables[0]
 
     @property

@@ -76,10 +76,10 @@ def variables2(root: Element) -> Iterable[FmuVariable]:
 
 
 def variables3(root: Element, sizes: Mapping[str, int]) -> Iterable[FmuVariable]:
-    """Those of FMI 3.0; `sizes`: of structural parameters by name, where they are not the start.
+    """The variables of FMI 3.0; `sizes`: of structural parameters by name, if not their starts.
 
-    Raises ValueError or KeyError for what cannot be one, and for a size of what is no structural
-    parameter.
+    Raises ValueError or KeyError for invalid values, and for a size of a variable that is not a
+    structural parameter.
     """
     declared = {t.get("name", ""): t for t in root.iterfind("TypeDefinitions/*")}
     elements = list(root.iterfind("ModelVariables/*"))

@@ -41,7 +41,7 @@ class ParetoBursts:
     scale: tuple[float, float]
 
     def __post_init__(self) -> None:
-        """Refuse what is no chain or no Pareto law. Raises ScenarioError."""
+        """Check the chain and the Pareto laws. Raises ScenarioError."""
         for p in self.stay:
             if not 0 < p < 1:
                 raise ScenarioError(f"stay: found {p:g}; expected probabilities between 0 and 1")
@@ -92,7 +92,7 @@ class ParetoBursts:
 
     @property
     def longest(self) -> float:
-        """There is no bound."""
+        """inf: unbounded."""
         return inf
 
     def stream(self, period: Fraction, rng: Generator) -> Losses:

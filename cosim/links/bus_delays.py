@@ -66,7 +66,7 @@ class BusDelays:
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """The delays in order; nothing is drawn.
 
-        A test of `cosim analyze` that lasts longer than the run meets them again from the start.
+        A test of `cosim analyze` that lasts longer than the run repeats them from the start.
         """
         return _Simulated(self.delay)
 

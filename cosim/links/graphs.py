@@ -75,17 +75,17 @@ class Graph:
         return tuple((i + 1, j + 1) for i, j in np.argwhere(self.weights > 0).tolist())
 
     def reached(self, robot: int) -> frozenset[int]:
-        """The robots that get to know what `robot` knows, itself included. Raises ScenarioError."""
+        """The robots that information of `robot` reaches, itself included. Raises ScenarioError."""
         check_robot(robot, self.n)
         return _numbers(self._flow()[robot - 1])
 
     @property
     def roots(self) -> frozenset[int]:
-        """The robots whose information reaches all; none where there is no spanning tree."""
+        """The robots whose information reaches all others; none without a spanning tree."""
         return _numbers(np.asarray(self._flow().all(axis=1)))
 
     def _flow(self) -> BoolArray:
-        """(n, n): whether what robot j knows gets to robot i, at [j - 1, i - 1]."""
+        """(n, n): whether the information of robot j reaches robot i, at [j - 1, i - 1]."""
         return closure(self.weights.T > 0)
 
     def facts(self) -> dict[str, Any]:

@@ -23,7 +23,7 @@ class Grid:
     h: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no grid. Raises ScenarioError."""
+        """Check the grid. Raises ScenarioError."""
         if self.n_s < 1 or self.n_r < 1:
             raise ScenarioError(f"periods {self.n_s}, {self.n_r} ticks; expected 1 or more")
         if not (isfinite(self.h) and self.h > 0):

@@ -14,7 +14,7 @@ Number = int | float | str  # without a dimension, or with the one that is said
 
 
 class _Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law"):
-    """One of several, told apart by `law`; strict about keys."""
+    """One of several laws, selected by `law`; unknown keys are errors."""
 
 
 class ConstantDelay(_Law, frozen=True, tag="constant"):
@@ -93,7 +93,7 @@ class PresetDelay(_Law, frozen=True, tag="preset"):
 
 
 class FrozenDelay(_Law, frozen=True, tag="frozen"):
-    """A delay trace whose bytes never change, see :mod:`cosim.links.frozen_traces`."""
+    """A delay trace with fixed bytes, see :mod:`cosim.links.frozen_traces`."""
 
     name: str
     lookup: Literal["time", "index"] = "time"
@@ -109,7 +109,7 @@ class TraceDelay(_Law, frozen=True, tag="trace"):
 
 
 class TableDelay(_Law, frozen=True, tag="table"):
-    """The stored table of a link; what semantics says is in it already."""
+    """The stored table of a link; it already contains the effect of the semantics."""
 
     file: str
 

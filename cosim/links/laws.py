@@ -112,7 +112,7 @@ class Constant(Formula):
     delay: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no delay. Raises ScenarioError."""
+        """Check the delay. Raises ScenarioError."""
         check_delay("delay", self.delay)
 
     @property
@@ -151,7 +151,7 @@ class Uniform(Formula):
     hold: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution of delays. Raises ScenarioError."""
+        """Check the parameters of the distribution. Raises ScenarioError."""
         check_delay("low", self.low)
         check_delay("high", self.high)
         if self.high < self.low:
@@ -231,12 +231,12 @@ class _Held:
 
 
 def check_delay(name: str, value: float) -> None:
-    """Refuse what is no delay (s). Raises ScenarioError."""
+    """Check a delay, s. Raises ScenarioError."""
     if not (isfinite(value) and value >= 0):
         raise ScenarioError(f"{name} = {value:g} s; expected a delay of 0 or more")
 
 
 def check_hold(hold: float | None) -> None:
-    """Refuse what is no time between two draws (s). Raises ScenarioError."""
+    """Check a time between two draws, s. Raises ScenarioError."""
     if hold is not None and not (isfinite(hold) and hold > 0):
         raise ScenarioError(f"hold = {hold:g} s; expected a time greater than 0 between two draws")

@@ -64,7 +64,7 @@ class Independent:
     p: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no probability. Raises ScenarioError."""
+        """Check that it is a probability. Raises ScenarioError."""
         if not 0 <= self.p < 1:
             raise ScenarioError(f"p = {self.p:g}; expected a probability from 0 to less than 1")
 
@@ -75,7 +75,7 @@ class Independent:
 
     @property
     def longest(self) -> float:
-        """There is no bound, unless nothing is lost."""
+        """inf: unbounded, unless nothing is lost."""
         return inf if self.p else 0.0
 
     @property
@@ -115,7 +115,7 @@ class GilbertElliott:
     good: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no probability, or a state that is never left. Raises ScenarioError."""
+        """Check the probabilities, and that each state can be left. Raises ScenarioError."""
         for name, value in (("p", self.p), ("r", self.r)):
             if not 0 < value <= 1:
                 raise ScenarioError(
@@ -135,7 +135,7 @@ class GilbertElliott:
 
     @property
     def longest(self) -> float:
-        """There is no bound, unless nothing is lost."""
+        """inf: unbounded, unless nothing is lost."""
         return inf if self.share else 0.0
 
     @property
@@ -208,12 +208,12 @@ class Lossy:
         return self.delay.limit(period)
 
     def stream(self, period: Fraction, rng: Generator) -> Delays:
-        """The delays, drawn from `rng` as without loss; the losses from one of their own."""
+        """The delays, drawn from `rng` as without loss; the losses from a separate generator."""
         (own,) = rng.spawn(1)
         return _Lossy(self.delay.stream(period, rng), self.loss.stream(period, own))
 
     def facts(self) -> dict[str, Any]:
-        """What the delay law says, and under `loss` what the model says."""
+        """The facts of the delay law, and under `loss` those of the loss model."""
         return {**self.delay.facts(), "loss": self.loss.facts()}
 
 

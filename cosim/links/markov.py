@@ -40,7 +40,7 @@ class Markov(Formula):
     step: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no chain of delays. Raises ScenarioError."""
+        """Check the levels and the transition matrix. Raises ScenarioError."""
         if len(self.levels) < 2:
             raise ScenarioError(f"{len(self.levels)} levels; expected two or more")
         for a, level in enumerate(self.levels):
@@ -103,11 +103,11 @@ class Markov(Formula):
 
 
 class Chain:
-    """States x_0, x_1, … of 0 … m-1: x_0 ~ stationary, x_{k+1} ~ P[x_k]. One draw a state.
+    """States x_0, x_1, … of 0 … m-1: x_0 ~ stationary, x_{k+1} ~ P[x_k]. One draw per state.
 
-    `P` (m, m), irreducible. Vectorised over blocks: where every state would lead within a block
-    is followed for all blocks at once, then the blocks are joined. All of it is integers, so that
-    chunks change nothing.
+    `P` (m, m), irreducible. Vectorized over blocks: the result of every initial state within a
+    block is computed for all blocks at the same time, then the blocks are joined. All values are
+    integers, so the sizes of chunks have no effect.
     """
 
     def __init__(self, P: FloatArray, rng: Generator) -> None:

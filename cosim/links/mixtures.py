@@ -47,7 +47,7 @@ class Normal(Formula):
     hold: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution of delays. Raises ScenarioError."""
+        """Check the parameters of the distribution. Raises ScenarioError."""
         check_delay("mean", self.centre)
         check_delay("minimum", self.minimum)
         check_delay("maximum", self.maximum)
@@ -111,7 +111,7 @@ class Hyperexponential(Formula):
     hold: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution of delays. Raises ScenarioError."""
+        """Check the parameters of the distribution. Raises ScenarioError."""
         check_delay("shift", self.shift)
         check_delay("maximum", self.maximum)
         if self.maximum <= self.shift:

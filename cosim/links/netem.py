@@ -45,11 +45,11 @@ Parts = tuple[list[str], list[str]]  # arguments, remarks
 
 
 def netem(law: Law, loss: Loss | None = None, *, period: float | None = None) -> str:
-    """Arguments for ``tc netem`` that come nearest to a link, and remarks on what differs.
+    """Arguments for ``tc netem`` that approximate a link, and remarks on the differences.
 
-    `loss`: a loss model, if `law` brings none; `period`: time between two packets (s), from which
-    follow the queue's limit, what overtakes what, and outages in packets. Raises ScenarioError
-    for a period that is no time, and for what no arguments express.
+    `loss`: a loss model, if `law` has none; `period`: time between two packets (s), which
+    determines the queue's limit, overtaking, and outages in packets. Raises ScenarioError for an
+    invalid period, and for a law that no arguments can express.
     """
     if period is not None and not period > 0:
         raise ScenarioError(f"period = {period:g} s; expected more than 0")

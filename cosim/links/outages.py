@@ -90,7 +90,7 @@ class RandomOutage:
     rate: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no time or no rate. Raises ScenarioError."""
+        """Check the times and the rate. Raises ScenarioError."""
         _check_length(self.length)
         if not (isfinite(self.rate) and self.rate > 0):
             raise ScenarioError(f"rate = {self.rate:g} 1/s; expected more than 0")
@@ -102,7 +102,7 @@ class RandomOutage:
 
     @property
     def longest(self) -> float:
-        """There is no bound."""
+        """inf: unbounded."""
         return inf
 
     def stream(self, period: Fraction, rng: Generator) -> Losses:
@@ -170,7 +170,7 @@ class UniformOutage:
     pause: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no length or no pause. Raises ScenarioError."""
+        """Check the lengths and the pause. Raises ScenarioError."""
         _check_length(self.longest)
         if not 0 <= self.shortest <= self.longest:
             raise ScenarioError(

@@ -75,7 +75,7 @@ class Rule(Protocol):
         """The delays it takes from a law for `rows` rows: their period (s) and number."""
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
-        """The rows from the first look on."""
+        """The rows from the first read on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class SignalSemantics:
         return grid.receiving_period, rows
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
-        """Rows from the first look on."""
+        """The rows from the first read on."""
         return _SignalRows(law, grid, rng)
 
 
@@ -163,7 +163,7 @@ class PacketSemantics:
         return grid.sending_period, grid.sent(rows)
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
-        """Rows from the first look on."""
+        """The rows from the first read on."""
         return _PacketRows(law, grid, rng, self.order)
 
 
@@ -240,7 +240,7 @@ class PlayoutSemantics:
     buffer: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no length. Raises ScenarioError."""
+        """Check the length of the buffer. Raises ScenarioError."""
         if not (isfinite(self.buffer) and self.buffer >= 0):
             raise ScenarioError(f"playout = {self.buffer:g} s; expected a time of 0 or more")
 
@@ -270,7 +270,7 @@ class PlayoutSemantics:
         return grid.sending_period, max(0, last // grid.n_s + 1) if rows else 0
 
     def stream(self, law: Law, grid: Grid, rng: Generator) -> RowStream:
-        """Rows from the first look on."""
+        """The rows from the first read on."""
         return _PlayoutRows(law, grid, rng, grid.ticks(self.buffer))
 
 

@@ -45,7 +45,7 @@ class Gamma(Formula):
     hold: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution of delays. Raises ScenarioError."""
+        """Check the parameters of the distribution. Raises ScenarioError."""
         _check_tail(self.shift, self.maximum, self.hold)
         _check_positive("shape", self.shape)
         _check_positive("scale", self.scale, " s")
@@ -91,7 +91,7 @@ class Lognormal(Formula):
     hold: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no distribution of delays. Raises ScenarioError."""
+        """Check the parameters of the distribution. Raises ScenarioError."""
         _check_tail(self.shift, self.maximum, self.hold)
         _check_positive("median", self.median, " s")
         _check_positive("sigma", self.sigma)

@@ -87,11 +87,11 @@ def link_table(
 ) -> TableSpec:
     """The table of one link.
 
-    `name`: unique in the scenario, decides on the random numbers together with `seed`; `h`: base
-    step (s); periods in ticks; `folder`: what files are relative to; `ticks`: length of the run,
-    checked against the law if given. `loss` is drawn besides the delays and does not change them.
-    With the law "table", `semantics` and `playout` are not looked at, and a `loss` is an error.
-    Raises ScenarioError that starts with `place`, the file and the path of the link.
+    `name`: unique in the scenario, determines the random numbers together with `seed`; `h`: base
+    step (s); periods in ticks; `folder`: to which paths are relative; `ticks`: length of the run,
+    checked against the law if given. `loss` is drawn separately and does not change the delays.
+    With the law "table", `semantics` and `playout` are ignored, and a `loss` is an error. Raises
+    ScenarioError that starts with `place`, the file and the path of the link.
     """
     try:
         grid = Grid(sender_period, receiver_period, h)
@@ -118,7 +118,7 @@ def link_table(
 def bus_table(
     law: Law, semantics: Semantics, name: str, h: float, periods: tuple[int, int], place: str
 ) -> DrawnTable:
-    """The table of a link on a simulated bus, whose delays `law` has.
+    """The table of a link on a simulated bus, with the delays in `law`.
 
     `periods`: of sender and receiver, ticks of `h` (s). Raises ScenarioError at `place`.
     """

@@ -74,7 +74,7 @@ class StoredTable:
 def open_table(path: Path, *, name: str, grid: Grid) -> StoredTable:
     """A stored table for a link between these periods; every row is checked.
 
-    Raises ScenarioError where the file is no table, belongs to other periods, or holds a sample
+    Raises ScenarioError if the file is not a table, belongs to other periods, or contains a sample
     before it was sent; the message names the file and the row.
     """
     facts, length = read_facts(path)
@@ -164,7 +164,7 @@ def _rows_of_unfinished(path: Path) -> Iterator[NDArray[np.int32]]:
 
 
 def read_facts(path: Path) -> tuple[dict[str, Any], int]:
-    """Facts and number of rows. Raises ScenarioError where this is no link table."""
+    """Facts and number of rows. Raises ScenarioError if this is not a link table."""
     if not path.is_file():
         raise ScenarioError("no such file; expected a stored link table", str(path))
     schema, length = _row_file_facts(path) if path.suffix == ROWS else _parquet_facts(path)

@@ -98,7 +98,7 @@ class Random:
     dwell: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no time. Raises ScenarioError."""
+        """Check the time. Raises ScenarioError."""
         if not (isfinite(self.dwell) and self.dwell > 0):
             raise ScenarioError(f"dwell = {self.dwell:g} s; expected a time greater than 0")
 
@@ -146,7 +146,7 @@ class Schedule:
     repeat: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no schedule. Raises ScenarioError."""
+        """Check the schedule. Raises ScenarioError."""
         if not self.times or len(self.times) != len(self.indices):
             raise ScenarioError(
                 f"schedule of {len(self.times)} times and {len(self.indices)} graphs; expected"

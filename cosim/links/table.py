@@ -155,7 +155,7 @@ class TableStream:
 
 
 def check_indices(grid: Grid, length: int) -> None:
-    """Refuse a run whose rows or samples do not count in int32. Raises ScenarioError."""
+    """Refuse a run whose rows or samples exceed int32. Raises ScenarioError."""
     if max(length, grid.sent(length)) > INDEX_MAXIMUM:
         raise ScenarioError(f"{length} rows; more than {INDEX_MAXIMUM} samples are sent or read")
 

@@ -1,9 +1,9 @@
-"""Topology: the weights of the edges between robots over time, as the receivers look at them.
+"""Topology: the weights of the edges between robots over time, as the receivers read them.
 
-Graphs and how they switch give, for every receiver, a stream of rows: the weight of each of its
-senders' edges at its hits, 0 where the edge is not there. As with a link's table, the sizes of the
-chunks do not matter, and everything depends on (seed, name) and nothing else: all receivers see
-the same graph at the same time, whatever their periods.
+Graphs and their switching give a stream of rows for every receiver: the weight of each of its
+senders' edges at its steps, 0 if the edge is not present. As with a link's table, the sizes of the
+chunks do not matter, and all values depend on (seed, name) only: all receivers see the same graph
+at the same time, whatever their periods.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Topology:
 
     @property
     def roots(self) -> frozenset[int]:
-        """The robots whose information reaches all others again and again: roots of the union."""
+        """The robots whose information reaches all others recurrently: the roots of the union."""
         return self.union.roots
 
     @property
@@ -166,11 +166,11 @@ def make_topology(
     name: str = "topology",
     place: str = "",
 ) -> Topology:
-    """A topology as a scenario writes it.
+    """A topology from its entries in a scenario.
 
     `graphs`: a preset, or files of graphs relative to `folder`; `dwell`: random switching;
-    `schedule`: (time, name of a graph) in order, again every `repeat`; neither: one graph, static.
-    Raises ScenarioError that starts with `place`.
+    `schedule`: (time, name of a graph) in order, repeated every `repeat`; neither: one graph,
+    static. Raises ScenarioError that starts with `place`.
     """
     try:
         found = _graphs(graphs, folder)

@@ -31,13 +31,13 @@ COLUMNS = ("t_send", "delay")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DelayTrace:
-    """Delays that were measured: row i was sent at t_send[i] and arrived delay[i] later.
+    """Measured delays: row i was sent at t_send[i] and arrived delay[i] later.
 
-    `t_send` (n,), s, increasing, counted from its first row; `delay` (n,), s, not finite where
-    the packet was lost. ``lookup = "time"``: a sample sent at t has the delay of the last row
-    with t_send <= t (+ 1 ns for rounding); the trace lasts until one (last) interval after its
-    last row. ``lookup = "index"``: sample k has the delay of row k. After its end a trace starts
-    again (`repeat`) or there are no more delays. `file` is what it is called in messages.
+    `t_send` (n,), s, increasing, counted from its first row; `delay` (n,), s, not finite for a lost
+    packet. ``lookup = "time"``: a sample sent at t has the delay of the last row with t_send <= t
+    (+ 1 ns for rounding); the trace lasts until one (last) interval after its last row. ``lookup =
+    "index"``: sample k has the delay of row k. After its end a trace starts again (`repeat`) or
+    there are no more delays. `file`: its name in messages.
     """
 
     t_send: FloatArray

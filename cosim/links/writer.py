@@ -20,11 +20,11 @@ from cosim.record.folder import ROWS, link_files, reason
 
 
 class TableWriter(Closing):
-    """Writes rows as they come, each call at once; a context manager. Memory: one row group.
+    """Writes rows immediately at each call; a context manager. Memory: one row group.
 
-    `facts`: what :meth:`TableSpec.facts` says, or at least `name`, `sender_period`,
-    `receiver_period` (ticks) and `h` (s), without which a table does not replay. Raises RunError
-    with the path where the file cannot be written.
+    `facts`: the result of :meth:`TableSpec.facts`, or at least `name`, `sender_period`,
+    `receiver_period` (ticks) and `h` (s), which a replay requires. Raises RunError with the path if
+    the file cannot be written.
     """
 
     def __init__(self, path: Path, facts: Mapping[str, Any]) -> None:

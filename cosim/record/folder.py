@@ -31,11 +31,11 @@ _SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
-    """Create `folder` for a run, or take one that is there and empty.
+    """Create `folder` for a run, or use an existing empty one.
 
-    With `force`, the files of an earlier run in it are deleted: those this package writes, and
-    nothing else. Raises ScenarioError for a folder that holds something and no `force`, that
-    holds something but no run, or that cannot be created.
+    With `force`, the files of an earlier run in it are deleted, but only those that this package
+    writes. Raises ScenarioError for a folder that is not empty without `force`, that contains other
+    files than a run, or that cannot be created.
     """
     folder = Path(folder)
     try:
@@ -105,13 +105,13 @@ def link_files(folder: Path) -> dict[str, Path]:
 def write_metadata(
     folder: str | Path, mapping: Mapping[str, Any], *, indented: bool = True
 ) -> Path:
-    """Write ``run.json``: keys sorted, replaced in one step (never half a file).
+    """Write ``run.json`` with sorted keys, replacing it in one step (it is never incomplete).
 
-    Without indentation it is written in a third of the time, which is for what is replaced soon.
+    Without indentation it is written in a third of the time, for files that will soon be replaced.
 
-    Numbers that are not finite become ``null``, which JSON has, unlike NaN. Takes NumPy numbers
-    and arrays and paths besides JSON's own types. Raises RunError naming the place of a value
-    that JSON cannot hold, or the path where writing fails.
+    Numbers that are not finite become ``null``, because JSON has no NaN. Accepts NumPy numbers and
+    arrays and paths in addition to JSON's own types. Raises RunError naming the place of a value
+    that JSON cannot represent, or the path if writing fails.
     """
     path = Path(folder) / METADATA
     plain, indent = _plain(mapping, METADATA), 2 if indented else None
@@ -121,9 +121,9 @@ def write_metadata(
 
 
 def replace_file(path: Path, data: bytes) -> None:
-    """Write a file in one step: who reads it finds the old one or the new one, never half of it.
+    """Write a file in one step: a reader finds the old or the new file, never a part of it.
 
-    Raises RunError with the path; then the old one is there.
+    Raises RunError with the path; the old file then remains.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
@@ -136,9 +136,9 @@ def replace_file(path: Path, data: bytes) -> None:
 
 
 def read_metadata(folder: str | Path) -> dict[str, Any]:
-    """What ``run.json`` of `folder` says; empty if there is none (a run that was cut short).
+    """The content of ``run.json`` of `folder`; empty if it does not exist (an interrupted run).
 
-    Raises ScenarioError naming the file if it is no JSON object.
+    Raises ScenarioError naming the file if it is not a JSON object.
     """
     path = Path(folder) / METADATA
     try:

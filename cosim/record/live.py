@@ -123,21 +123,21 @@ class Live:
             raise ScenarioError(f"cannot be read: {error}", str(path)) from error
 
     def release(self) -> None:
-        """Say that the recording is over; see :func:`in_use`."""
+        """Mark the recording as ended; see :func:`in_use`."""
         unlock(self._held)
         self._held = -1
 
     def address(self, chunk: int) -> int:
-        """Of the number of rows of a chunk, for the engine."""
+        """The address of the number of rows of a chunk, for the engine."""
         return int(self.spans[chunk].ctypes.data) + self.spans.itemsize
 
 
 def map_new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
-    """A new file of `size` bytes (zeros), mapped and shared; its place on the disk is taken.
+    """Create a file of `size` bytes (zeros), mapped and shared, with its disk space allocated.
 
-    So a full disk is an error here and not a SIGBUS later. The descriptor that is returned holds a
-    lock until it is closed, or the process has ended. Raises OSError; then there is no file. On
-    Windows, where a file in use cannot be deleted, it is memory of this process only.
+    A full disk is therefore an error here and not a SIGBUS later. The descriptor that is returned
+    holds a lock until it is closed, or the process has ended. Raises OSError; then there is no
+    file. On Windows, where a file in use cannot be deleted, it is memory of this process only.
     """
     if sys.platform == "win32":
         return mmap.mmap(-1, size), -1
@@ -158,9 +158,9 @@ def map_new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
 
 
 def unlock(descriptor: int) -> None:
-    """Let go of a file that was locked as in :func:`map_new_file`; -1: there is none.
+    """Unlock a file that was locked as in :func:`map_new_file`; -1: there is none.
 
-    Closing is not enough: Python's mmap has a descriptor of its own of the same open file.
+    Closing is not enough, because Python's mmap has a separate descriptor of the same open file.
     """
     if sys.platform == "win32" or descriptor < 0:
         return

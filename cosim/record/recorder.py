@@ -91,10 +91,10 @@ class Recorder(Closing):
         self._thread.start()
 
     def _create(self, layout: RecordLayout) -> tuple[Live, GroupWriter]:
-        """Open the files here, so that a folder that cannot be written fails at once.
+        """Open the files here, so that a folder that is not writable fails immediately.
 
-        And so that pyarrow is imported before the run: next to it, the import would hold up
-        every call of the engine that comes back to Python.
+        This also imports pyarrow before the run: during the run, the import would delay every
+        callback of the engine to Python.
         """
         folder = self.path.parent
         try:
@@ -121,7 +121,7 @@ class Recorder(Closing):
     def buffer(self) -> Rows:
         """A buffer to fill, (rows_per_chunk, n_signals); waits until one has been written.
 
-        What it held leaves the flight recorder.
+        Its earlier content is no longer in the flight recorder.
         """
         self._raise_failure()
         if len(self._out) == self._buffers:
@@ -136,9 +136,9 @@ class Recorder(Closing):
         return rows
 
     def begin(self, buffer: Rows, k0: int) -> int:
-        """Say that `buffer` is filled from tick `k0` on; the address of its number of rows (int64).
+        """Mark `buffer` as filled from tick `k0` on; return the address of its row count (int64).
 
-        Whoever counts the rows there as they come loses none of them when the process is killed.
+        Rows that are counted there as they arrive are not lost if the process is killed.
         """
         place = self._place(buffer)
         self._live.spans[place, 0] = k0
@@ -228,9 +228,9 @@ class Recorder(Closing):
     # ---- the thread's side -------------------------------------------------------------------
 
     def _write(self) -> None:
-        """Write chunks until told to stop; takes them after a failure, too, as the engine waits.
+        """Write chunks until the end, and accept them after a failure, too: the engine waits.
 
-        A chunk is given back to be filled again when all its rows are in the row group or the file.
+        A chunk is returned for reuse when all its rows are in the row group or the file.
         """
         chunk: tuple[Rows, int, int] | None = None
         try:

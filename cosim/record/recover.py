@@ -44,12 +44,12 @@ def journals(folder: Path) -> list[Path]:
 
 
 def is_recording(folder: Path) -> bool:
-    """Whether somebody still records into the folder."""
+    """Whether a process still records into the folder."""
     return any(in_use(path) for path in (folder / LIVE, *journals(folder)))
 
 
 def stored_tables(folder: Path) -> dict[str, Path]:
-    """As :func:`link_files`; of nodes that were cut short, what their journals say they held."""
+    """Like :func:`link_files`; for interrupted nodes, the tables according to their journals."""
     whole = journals(folder) and is_unfinished(folder)
     return link_files(_collected(folder) if whole else folder)
 
@@ -57,7 +57,7 @@ def stored_tables(folder: Path) -> dict[str, Path]:
 def _collected(folder: Path) -> Path:
     """Trajectories and link tables of the journals in `folder`, in a folder for this process.
 
-    They are collected once, or whenever they are asked for while the run still goes on.
+    They are collected once, or at each request while the run is active.
     """
     there = [(path, path.stat()) for path in journals(folder)]
     stamps = frozenset((path.resolve(), found.st_ino, found.st_mtime_ns) for path, found in there)
@@ -84,9 +84,9 @@ def in_memory(folder: Path) -> Any:
 def complete(folder: Path) -> None:
     """Write ``trajectories.parquet`` and ``last.parquet`` of an unfinished folder.
 
-    The files they come from are deleted afterwards; journals of nodes stay, and give link tables
-    as well. Raises ScenarioError where those are damaged or the run still goes on, RunError where
-    nothing can be written.
+    Their source files are deleted afterwards; journals of nodes remain, and give link tables as
+    well. Raises ScenarioError if the journals are damaged or the run is active, RunError if nothing
+    can be written.
     """
     import pyarrow as pa
 
@@ -111,7 +111,7 @@ def complete(folder: Path) -> None:
 
 
 def _complete_nodes(folder: Path) -> None:
-    """Collect journals beside what is there, and put it into place file by file."""
+    """Collect journals in a separate folder, then move the results into place file by file."""
     scratch = folder / SCRATCH
     shutil.rmtree(scratch, ignore_errors=True)
     try:
@@ -170,7 +170,7 @@ def _columns(live: Live, ticks: NDArray[np.int64], rows: Rows) -> NDArray[np.flo
 
 
 def _chunks(live: Live) -> list[tuple[int, Rows]]:
-    """First tick and rows of the chunks, in order; empty ones are left out."""
+    """First tick and rows of the chunks, in order, without empty ones."""
     spans = sorted((int(k0), int(n), i) for i, (k0, n) in enumerate(live.spans) if n > 0)
     return [(k0, live.chunks[i][:n]) for k0, n, i in spans]
 

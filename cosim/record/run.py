@@ -74,7 +74,7 @@ class Run:
 
     @classmethod
     def _recovered(cls, path: Path) -> Run:
-        """A run that was cut short, as far as it was recorded; a warning says so."""
+        """An interrupted run, as far as it was recorded, with a warning."""
         run = cls(path, in_memory(path.parent))
         what = "is still active" if is_recording(path.parent) else "was interrupted"
         until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "contains no rows"
@@ -169,8 +169,8 @@ class Run:
     def to_csv(self, path: str | Path) -> Path:
         """Write everything as CSV: a line of names, then numbers that read back exactly.
 
-        Row group after row group, so a long run does not have to fit into memory. Raises
-        RunError with the path.
+        Row groups are written one by one, so a long run need not fit into memory. Raises RunError
+        with the path.
         """
         import pyarrow.csv as csv
 

@@ -36,9 +36,9 @@ def seal(folder: str | Path, *, anew: bool = False) -> None:
 
 
 def verify(folder: str | Path) -> None:
-    """Raise ScenarioError naming a file that is not as it was written, or is missing.
+    """Raise ScenarioError naming a file that was changed or is missing.
 
-    A folder without sums (a run that goes on, was cut short or recovered) gives the warning
+    A folder without sums (of a run that is active, interrupted or recovered) gives the warning
     Unverified. A single file is looked up in the sums of its folder.
     """
     folder = Path(folder)
@@ -82,7 +82,7 @@ def _sum(path: Path) -> str:
 
 
 def _read(folder: Path) -> dict[str, str]:
-    """The sums by file. Raises ScenarioError for a text that is no list of sums."""
+    """The sums by file. Raises ScenarioError for an invalid list of sums."""
     path = folder / SUMS
     try:
         text = path.read_bytes().decode()

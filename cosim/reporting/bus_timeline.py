@@ -1,4 +1,4 @@
-"""A picture of a CAN bus over time: whose frames were on it, errors, who waited, and the load."""
+"""A picture of a CAN bus over time: frames by node, errors, waiting frames, and the load."""
 
 from __future__ import annotations
 

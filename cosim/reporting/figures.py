@@ -63,11 +63,11 @@ _PANEL_TITLE, _LABEL_AT, _LEGEND_GAP = 0.2, 0.5, 0.08
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One diagram: signals `y` over time, and dashed what they should be.
+    """One diagram: signals `y` over time, with dashed references.
 
-    `y`: names of scalars, or of vectors, whose entries are drawn each. `labels`: one per name
-    (default the name). `reference`: numbers or signals, `reference_label` for the first of them.
-    `ylabel`: without the unit, which is the signals' own.
+    `y`: names of scalars, or of vectors, of which all entries are drawn. `labels`: one per name
+    (default: the name). `reference`: numbers or signals, `reference_label` for the first of them.
+    `ylabel`: without the unit, which is that of the signals.
     """
 
     y: tuple[str, ...]
@@ -132,10 +132,10 @@ def png(figure: Sheet) -> bytes:
 
 
 def load(*, lean: bool = False) -> None:
-    """Import matplotlib now, rather than with the first figure.
+    """Import matplotlib now, before the first figure.
 
-    A third of that is text: tables of properties made for the docstrings of its classes. `lean`
-    leaves these out (200 instead of 280 ms); for a command, in whose process nobody reads them.
+    A third of the import time is spent on tables of properties for the docstrings of its classes.
+    `lean` omits these (200 instead of 280 ms), for commands, which do not show docstrings.
     """
     if lean and "matplotlib.figure" not in sys.modules:
         import matplotlib.artist
@@ -183,7 +183,7 @@ def _entries(run: Signals, name: str, label: str) -> Iterator[_Line]:
 
 
 def axis_label(panel: Panel, run: Signals) -> str:
-    """Label of a panel's y axis: what it says, or what all its signals share, and the unit."""
+    """Label of a panel's y axis: its own label or the common part of its signals, and the unit."""
     units = list(dict.fromkeys(run.unit(name) for name in panel.y))
     shared = {name.partition(".")[2] or name for name in panel.y}
     text = panel.ylabel or (shared.pop() if len(shared) == 1 else "")

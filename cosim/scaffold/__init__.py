@@ -1,4 +1,4 @@
-"""Templates for a new project: a controller, a scenario and a test that work at once."""
+"""Templates for a new project: a controller, a scenario and a test that run without changes."""
 
 from cosim.scaffold.controller import write_controller
 

@@ -90,9 +90,9 @@ def test_the_arm_arrives(tmp_path):
 
 
 def write_controller(name: str, folder: Path) -> tuple[Path, Path, Path]:
-    """Write ``NAME.py``, ``NAME.toml`` and ``test_NAME.py`` into `folder`; returns their paths.
+    """Write ``NAME.py``, ``NAME.toml`` and ``test_NAME.py`` into `folder`; return their paths.
 
-    Raises ScenarioError for a name that is no module's, and where one of the files exists.
+    Raises ScenarioError for a name that is not a valid module name, and if one of the files exists.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
         raise ScenarioError(

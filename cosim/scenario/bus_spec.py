@@ -49,7 +49,7 @@ class LinkFrameSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class ScenarioBusNodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A node: its transmit queue, and whether it comes back after bus-off by itself."""
+    """A node: its transmit queue, and whether it recovers from bus-off automatically."""
 
     queue: Literal["sorted", "fifo", "mailboxes"] = "sorted"
     length: Count = 64

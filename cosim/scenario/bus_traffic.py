@@ -97,9 +97,9 @@ def _periodic(
 
 
 def log_source(path: Path, node: int, timing: BusTiming, start_ps: int) -> LogSource:
-    """The frames of a candump log, the first received at `start_ps` or as soon as it can be.
+    """The frames of a candump log, the first received at `start_ps` or as soon as possible.
 
-    Raises TrafficError for a file that is no such log, or CAN FD frames on a classic bus.
+    Raises TrafficError for a file that is not such a log, or for CAN FD frames on a classic bus.
     """
     times, frames = read_candump(path)
     refuse_fd(path, bool((frames["flags"] & 1).any()), timing)

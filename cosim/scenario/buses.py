@@ -53,7 +53,7 @@ class PreparedBus:
 def simulate_bus(
     scenario: Scenario, name: str, frames: Sequence[FrameOnBus], length_ps: int
 ) -> dict[tuple[str, str], BusDelays]:
-    """The delays of every frame at every receiver, by (frame, receiver), for a run of `length_ps`.
+    """The delays of every frame, by (frame, receiver), for a run of `length_ps` (ps).
 
     Raises ScenarioError with the place of the bus.
     """

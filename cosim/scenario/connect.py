@@ -95,7 +95,7 @@ def _part(slot: Slot, index: str, place: str) -> Slot:
 
 
 def wires(parts: ScenarioComponents) -> list[Wire]:
-    """What the components' `inputs` say."""
+    """The wires in the components' `inputs`."""
     found = []
     for name, spec in parts.scenario.components.items():
         for port, given in spec.inputs.items():

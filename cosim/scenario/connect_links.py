@@ -139,7 +139,7 @@ def _table(
     place: str,
     simulated: Simulated,
 ) -> TableSpec:
-    """The table of a link whose sender and receiver have these periods, ticks."""
+    """The table of a link between a sender and a receiver with these periods, ticks."""
     from cosim.links.spec import bus_table, link_table
 
     if spec.bus:

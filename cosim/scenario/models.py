@@ -127,7 +127,7 @@ def _module(name: str, place: str) -> ModuleType:
 
 
 def _check(component: Component, place: str) -> None:
-    """Refuse an object that is no component: what a type checker would say."""
+    """Refuse an object that is not a component, with the message of a type checker."""
     what = type(component).__name__
     present = dir(component)
     missing = [member for member in _MEMBERS if member not in present]

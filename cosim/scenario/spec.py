@@ -104,11 +104,12 @@ class LinkSpec(
 
 
 class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Who receives from whom, over time; see :mod:`cosim.links.topology`.
+    """The edges over which robots receive, over time; see :mod:`cosim.links.topology`.
 
-    `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``) or files; `dwell`: a graph is drawn
-    every so often; `schedule`: [[time, graph], ...] instead, again every `repeat`; neither: one
-    graph. `weights`: an input, and the edge [receiver, sender] whose weight it gets.
+    `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``) or files; `dwell`: interval after
+    which a graph is drawn, s; `schedule`: [[time, graph], ...] instead, repeated every `repeat`
+    (s); neither: one graph. `weights`: an input, and the edge [receiver, sender] that gives its
+    weight.
     """
 
     graphs: str | tuple[str, ...]
@@ -186,7 +187,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return self.path.stem
 
     def place(self, *path: str | int) -> str:
-        """Where something is said: ``FILE at components.master.period``."""
+        """The place of a value in the file: ``FILE at components.master.period``."""
         return f"{self.path} at {'.'.join(str(p) for p in path)}"
 
     def seconds(self, value: Number, *path: str | int) -> float:

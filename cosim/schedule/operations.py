@@ -104,9 +104,9 @@ def compile_operations(
 ) -> tuple[Operation, ...]:
     """The operations of a tick.
 
-    `order`: who samples, in that order; `later`: who steps over an interval, in that order, each
-    on inputs of its start. `newest`: but the wires from those earlier in `later` are carried right
-    before the step, and bring what these have just computed (Gauss-Seidel).
+    `order`: sampled components, in their order; `later`: components that step over an interval, in
+    their order, each with the inputs at its start. `newest`: but wires from components earlier in
+    `later` are copied right before the step, with the values just computed (Gauss-Seidel).
     """
     index = {c.name: i for i, c in enumerate(steps)}
     held = [steps[index[name]] for name in later]
@@ -177,9 +177,9 @@ def _received(c: Step, found: Connections, periods: Mapping[str, int]) -> list[O
 def _copies(
     found: Connections, wires: Iterable[Wire], period: int, first: int | None = None
 ) -> list[Operation]:
-    """Wires as copies; neighbours that end next to each other become one.
+    """Wires as copies; copies to adjacent targets are merged.
 
-    `first`: at the end of an interval, whose start was the last time; None: at its start.
+    `first`: at the end of an interval, which started at the previous step; None: at its start.
     """
     copies: list[Operation] = []
     for w in wires:
@@ -213,7 +213,7 @@ def _way(found: Connections, w: Wire, *, late: bool) -> tuple[Code, int]:
 
 
 def _continues(a: Operation, b: Operation) -> bool:
-    """Whether `b` goes on where `a` ends, with the same factor."""
+    """Whether `b` continues where `a` ends, with the same factor."""
     return (
         a.code == b.code
         and (a.gain, a.offset) == (b.gain, b.offset)

@@ -42,10 +42,10 @@ def topological(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
 
 
 def sequence(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
-    """An order in which as few as possible come before what they wait for, chosen greedily.
+    """An order in which few components precede those for which they wait, chosen greedily.
 
-    Next is who waits for the fewest that have not come yet; of these the first by name. Without a
-    cycle that is a topological order.
+    The next component is the one that waits for the fewest unplaced components; of these, the first
+    by name. Without a cycle this is a topological order.
     """
     sources, targets = _neighbours(names, edges)
     heap = [(len(waits), name) for name, waits in sources.items()]
@@ -67,7 +67,7 @@ def sequence(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
 def _neighbours(
     names: Iterable[str], edges: Iterable[Edge]
 ) -> tuple[dict[str, set[str]], Mapping[str, set[str]]]:
-    """(whom each waits for, who waits for each), among `names`."""
+    """(the components for which each waits, those that wait for each), among `names`."""
     sources: dict[str, set[str]] = {name: set() for name in names}
     targets: defaultdict[str, set[str]] = defaultdict(set)
     for a, b in edges:

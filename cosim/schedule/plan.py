@@ -67,12 +67,12 @@ def compile_plan(
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
-    `order`: all components, for ``"gauss-seidel"``; where it is not given, wires say it. Raises
-    PlanError with the loop printed when sampled components wait for each other, for an `order`
-    that is none of all components, and for an extrapolation without a meaning. Behind the slots
-    of the components, the signal vector keeps the last values of what is extrapolated, and slopes.
-    `buses`: those simulated inside the ticks, which fill the tables of their links; their gates
-    come on top of `gates`.
+    `order`: all components, for ``"gauss-seidel"``; by default it follows from the wires. Raises
+    PlanError with the loop if sampled components wait for each other, for an `order` that does not
+    list all components, and for an invalid extrapolation. After the slots of the components, the
+    signal vector contains the last values of extrapolated signals, and slopes. `buses`: those
+    simulated inside the ticks, which fill the tables of their links; their gates are added to
+    `gates`.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
@@ -105,7 +105,7 @@ def compile_plan(
 
 
 def _lines(steps: Mapping[str, Step], wires: Sequence[Wire]) -> tuple[Line, ...]:
-    """Wires whose values are taken as lines over a step: those between continuous components."""
+    """Wires that are extrapolated as lines over a step: those between continuous components."""
     found = [w for w in wires if steps[w.target.component].extrapolate]
     found = [w for w in found if w.target.port not in steps[w.target.component].discrete]
     found = [w for w in found if steps[w.source.component].kind == "continuous"]

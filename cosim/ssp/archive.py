@@ -44,9 +44,9 @@ def archive_member(folder: Path, source: str, place: str) -> Path:
 
 
 def pack(content: Mapping[str, bytes], out: Path) -> None:
-    """A ZIP archive of these entries and nothing else; it appears at once, complete.
+    """Write a ZIP archive of exactly these entries, in one step.
 
-    Raises ScenarioError where it cannot be written.
+    Raises ScenarioError if it cannot be written.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as packed:

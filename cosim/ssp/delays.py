@@ -21,10 +21,10 @@ _MODEL = "fmus.models.delay"
 def build_delays(
     scenario: Scenario, plan: Plan, folder: Path, *, rates: bool = False
 ) -> dict[str, Path]:
-    """An FMU for each link of a plan, by the link's name, built into `folder`.
+    """Build an FMU into `folder` for each link of a plan; return them by the link's name.
 
-    With `rates` it steps as its ends do, which have one period; without, everybody steps in every
-    tick. Raises ScenarioError for other links, and for one without a delay of at least one step.
+    With `rates` it steps with the common period of its two ends; without, all components step in
+    every tick. Raises ScenarioError for other links, and for a delay below one step.
     """
     model = importlib.import_module(_MODEL)
     delays = []

@@ -77,7 +77,7 @@ def document(path: str | Path) -> dict[str, Any]:
 
 
 def _step(structure: Structure, parts: Mapping[tuple[str, ...], _Component]) -> float | None:
-    """What the SSP says about the step (s), or else the shortest its FMUs propose."""
+    """The step in the SSP (s), or else the shortest step that its FMUs propose."""
     for element in structure.root.element.iter():
         tag = element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
         if tag in (*_MASTERS, "DefaultExperiment") and element.get("stepSize"):
@@ -265,7 +265,7 @@ def _traced(
 def _wire(
     sender: _Component, output: str, receiver: _Component, name: str, way: SspConnection
 ) -> Any:
-    """What the scenario says of a connection: an endpoint, or one with gain and offset."""
+    """The entry of a scenario for a connection: an endpoint, or one with gain and offset."""
     for part, variable, expected in ((sender, output, "output"), (receiver, name, "input")):
         found = part.variable(variable, way.place)[0].first.causality
         if found != expected:

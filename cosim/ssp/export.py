@@ -170,7 +170,7 @@ class _Packer:
         connections.extend(_connections(Wire(after, link.target), after, link.target))
 
     def _annotated(self) -> dict[str, Any]:
-        """The scenario's data without what the SSD tells; the files it names are packed."""
+        """The scenario's data that is not in the SSD; the files that it names are packed."""
         data = as_data(self._scenario)
         said = {k: v for k, v in data.items() if k not in ("path", "components")}
         said["components"] = {

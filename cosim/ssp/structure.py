@@ -35,7 +35,7 @@ class SspConnection:
 
 @dataclass(frozen=True, slots=True)
 class SspComponent:
-    """A component: its FMU in the unpacked archive, and where it is said."""
+    """A component: its FMU in the unpacked archive, and its place in the SSD."""
 
     fmu: Path
     place: str
@@ -64,7 +64,7 @@ def read(folder: Path, label: str) -> Structure:
 
 
 class _Reader:
-    """Walks through systems; what is inside is done first, so that outer values win."""
+    """Reads systems recursively, inner systems first, so that outer values take precedence."""
 
     def __init__(self, files: Files, found: Structure) -> None:
         self._files, self._found = files, found

@@ -18,8 +18,8 @@ _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
 class SspValue:
     """A value as written: its `type` (Real, ..., String), entries as text, unit and place.
 
-    What is to be done to it on its way: ``factor * value + offset``, after the unit is converted
-    unless `suppress`.
+    Its transformation is ``factor * value + offset``, after the unit is converted unless
+    `suppress`.
     """
 
     type: str

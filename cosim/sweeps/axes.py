@@ -42,10 +42,10 @@ class Listed:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """An axis whose value is drawn; all `targets` get the same. `unit`: of the value, or empty.
+    """An axis with random values; all `targets` receive the same. `unit`: of the value, or empty.
 
     ``uniform`` U[a, b], ``loguniform`` exp U[log a, log b], ``normal`` N(a, b²), ``integers`` a,
-    a+1, …, b, all of them equally likely.
+    a+1, …, b, with equal probability.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Drawn:
         return frozenset(self.targets)
 
     def choice(self, u: float) -> Choice:
-        """The value whose share of smaller ones is `u`, 0 < u < 1."""
+        """The quantile at `u`, 0 < u < 1."""
         value = self._value(u)
         return Choice(value, axis_settings(self.targets, value, self.unit))
 
@@ -96,10 +96,9 @@ Axis: TypeAlias = Listed | Drawn
 def shares(method: Method, count: int, seed: int, name: str) -> np.ndarray[Any, Any]:
     """`count` numbers u in (0, 1) for the axis `name`, (count,).
 
-    ``monte-carlo``: independent, so that a greater `count` goes on where a smaller one stopped.
+    ``monte-carlo``: independent, so that a greater `count` continues a smaller one.
     ``latin-hypercube``: one in each of `count` strata of equal size, in random order (McKay,
-    Beckman and Conover 1979). Each axis is drawn from (seed, name): another axis changes nothing
-    here.
+    Beckman and Conover 1979). Each axis is drawn from (seed, name), independent of other axes.
     """
     random = generator(seed, f"sweep:{name}")
     if method == "monte-carlo":

@@ -61,15 +61,15 @@ def sweep(
     stopping: Callable[[], None] = lambda: None,
     checked: Callable[[Plan], None] = lambda plan: None,
 ) -> SweepTable:
-    """Run what `folder` does not have yet, at most `limit` runs; the table of all there is.
+    """Execute the runs that `folder` does not contain, at most `limit`; return the complete table.
 
-    With `retry`, which goes on as `resume` does, runs that failed count as not there.
-    `opened` opens the workers (see :mod:`cosim.sweeps.workers`). `checked` is called with the plan
-    of the first run before there is a folder, and may raise CosimError. `begun` is called once,
-    `done` with every row, `stopping` at the first Ctrl-C; KeyboardInterrupt comes when the runs
-    that are out have ended (at a second Ctrl-C, at once). Raises CosimError for a study that cannot
-    be run, and for a folder that has runs already and no `resume`, or whose scenario has changed
-    and no `force`; never for a run that fails.
+    With `retry`, which resumes like `resume`, failed runs are repeated. `opened` opens the workers
+    (see :mod:`cosim.sweeps.workers`). `checked` is called with the plan of the first run before the
+    folder exists, and may raise CosimError. `begun` is called once, `done` with every row,
+    `stopping` at the first Ctrl-C; KeyboardInterrupt is raised when the active runs have ended
+    (after a second Ctrl-C, immediately). Raises CosimError for a study that cannot be run, and for
+    a folder that contains runs without `resume`, or whose scenario has changed without `force`;
+    never for a run that fails.
     """
     folder = Path(folder)
     total = count(study)
@@ -156,7 +156,7 @@ def check(study: Study, common: StudySetup) -> tuple[Plan, dict[str, str]]:
 
 @contextmanager
 def _at(place: str) -> Iterator[None]:
-    """Errors of the block say the place first."""
+    """Prefix errors in the block with the place."""
     try:
         yield
     except CosimError as error:

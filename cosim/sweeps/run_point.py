@@ -46,9 +46,10 @@ class StudySetup:
 
 @dataclass(frozen=True, slots=True)
 class StudyRow:
-    """What came out of a run. `reason`: why it has no measures, empty if it has.
+    """The result of a run. `reason`: why it has no measures, empty if it has.
 
-    `stopped_at`: simulated time of a run that stopped, s, else NaN; `wall`: what it took, s.
+    `stopped_at`: simulated time of a run that stopped, s, else NaN; `wall`: wall time of the run,
+    s.
     """
 
     run: str

@@ -35,10 +35,10 @@ Record = dict[str, Any]
 
 @final
 class Store:
-    """Rows in a folder; use as a context manager. One process at a time.
+    """Rows in a folder, for one process at a time; a context manager.
 
-    `done`: names of the runs that are there; `failed`: of these, those whose newest row has a
-    reason. `units`: of the measures, for the parts' metadata.
+    `done`: names of the finished runs; `failed`: those of them whose newest row has a reason.
+    `units`: of the measures, for the metadata of the parts.
     """
 
     def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
@@ -71,7 +71,7 @@ class Store:
             os.close(self._file)
 
     def append(self, row: StudyRow) -> None:
-        """Keep a row, at once. Raises RunError with the path."""
+        """Store a row immediately. Raises RunError with the path."""
         record = asdict(row)
         line = json.dumps(record, ensure_ascii=False) + "\n"
         try:
@@ -136,7 +136,7 @@ def _ends(part: Path) -> Iterator[tuple[str, tuple[str, float]]]:
 
 
 def _end(row: Record) -> tuple[str, float]:
-    """What tells two rows of one run apart: how it ended, and after how long."""
+    """The facts that distinguish two rows of one run: how and when it ended."""
     return row["reason"], row["wall"]
 
 

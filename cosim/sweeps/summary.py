@@ -62,7 +62,7 @@ def _reasons(failed: Sequence[Mapping[str, Any]], axes: Sequence[str]) -> list[s
 
 
 def _kind(reason: str) -> str:
-    """``master: not a finite number``: up to where it says what exactly, and when."""
+    """The general part of a reason, without numbers and times: ``master: not a finite number``."""
     return reason.split(" = ")[0].split(" at tick")[0]
 
 

@@ -16,8 +16,8 @@ from cosim.analysis.signals import Array
 class SweepTable:
     """Flat records in the order of the study: axes, measures, ``run``, ``stable``, ``reason``, ...
 
-    `axes`: names of the columns that vary; `units`: of each measure, by its name; `points`: how
-    many there are to be.
+    `axes`: names of the columns that vary; `units`: of each measure, by its name; `points`: total
+    number of points.
     """
 
     axes: tuple[str, ...]

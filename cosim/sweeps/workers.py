@@ -37,7 +37,7 @@ GRACE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """An executor and how many calls it makes at once."""
+    """An executor and the number of parallel calls."""
 
     executor: Executor
     slots: int
@@ -55,9 +55,9 @@ def threads(jobs: int) -> Iterator[Pool]:
 
 @contextmanager
 def processes(jobs: int) -> Iterator[Pool]:
-    """`jobs` processes, which end with this one, however that ends; Ctrl-C is not theirs.
+    """`jobs` processes, which always end with this one and ignore Ctrl-C.
 
-    Leaving while calls still run (a second Ctrl-C) ends the processes at once.
+    Leaving while calls are active (a second Ctrl-C) ends the processes immediately.
     """
     context = multiprocessing.get_context("spawn")
     before = set(multiprocessing.active_children())
@@ -116,11 +116,12 @@ def spread(
     tasks: Iterable[T],
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[T, R | str]]:
-    """(task, result) as they are done; a text instead of the result where the worker died.
+    """(task, result) in the order of completion; a text instead of the result if the worker died.
 
-    When a process dies, all calls that were out are made again one by one, each in a pool of its
-    own: so the culprit is found, and nobody else suffers. Once `stopped` says so, nothing more is
-    handed out; what is out already is waited for. Raises RunError when the workers are lost.
+    If a process dies, all active calls are repeated one by one, each in a separate pool, which
+    identifies the call that kills its process and saves the others. Once `stopped` returns true, no
+    further calls are started, and active calls are completed. Raises RunError if the workers are
+    lost.
     """
     rest = iter(tasks)
     while True:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from math import nan
@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.metrics import MetricResult
+from cosim.analysis.metrics import Metric, MetricResult
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
+from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case
 from cosim.comparison.variants import MetricColumn, Picture, PortMeasure, Stability
 from cosim.comparison.verdict import RunVerdict, judge
@@ -56,6 +57,15 @@ class RecordedTable:
         """When samples were sent and looked at."""
         sender, receiver = self.facts["sender_period"], self.facts["receiver_period"]
         return Grid(int(sender), int(receiver), float(self.facts["h"]))
+
+    @property
+    def mean_age(self) -> float:
+        """Mean age of what the receiver had, s, over its looks from the first sample on; or NaN."""
+        looks = np.flatnonzero(self.rows >= 0)
+        if not len(looks):
+            return nan
+        ticks = self.grid.n_r * looks - self.grid.n_s * self.rows[looks].astype(np.int64)
+        return float(ticks.mean()) * self.grid.h
 
     def agrees(self, other: RecordedTable) -> bool:
         """Whether both are of one channel, and hold the same as far as both go."""
@@ -128,15 +138,24 @@ def _folder(folder: Path | None) -> AbstractContextManager[str | Path]:
 
 def _measured(task: Task, run: Run, failure: RunError | None) -> CaseOutcome:
     verdict = judge(run, task.stability, failure)
-    numbers = {}
+    numbers, tables = {}, _tables(run)
     if verdict.ended:
         numbers = {
-            c.name: _number(c.metric.evaluate(run), c.part)
+            c.name: _number(_evaluated(c.metric, run, tables), c.part)
             for c in task.columns
             if not isinstance(c.metric, PortMeasure)
         }
     curves = _curves(run, task.picture)
-    return CaseOutcome(task.case, verdict, numbers, tables=_tables(run), curves=curves)
+    return CaseOutcome(task.case, verdict, numbers, tables=tables, curves=curves)
+
+
+def _evaluated(
+    metric: Metric | AlignedError, run: Run, tables: Sequence[RecordedTable]
+) -> MetricResult:
+    if not isinstance(metric, AlignedError):
+        return metric.evaluate(run)
+    ages = [table.mean_age for table in tables if table.channel == metric.channel]
+    return metric.evaluate(run, ages[0] if ages else nan)
 
 
 def _number(result: MetricResult, part: str) -> tuple[float, str]:

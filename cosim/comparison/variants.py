@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from cosim.analysis.metrics import Metric
 from cosim.base.errors import ScenarioError
+from cosim.comparison.aligned import AlignedError
 from cosim.scenario.connect import unknown
 
 PortKind = Literal["transparency", "z_width", "free_impedance", "passivity"]
@@ -124,12 +125,15 @@ class PortMeasure:
 
 @dataclass(frozen=True, slots=True)
 class MetricColumn:
-    """A metric, or the number `part` of it, or a measure of the port; `only` for some operators."""
+    """A metric, or the number `part` of it, or a measure of the port; `only` for some operators.
+
+    An aligned error is a metric that takes the mean delay of a link besides.
+    """
 
     name: str
     label: str
     part: str
-    metric: Metric | PortMeasure
+    metric: Metric | AlignedError | PortMeasure
     only: tuple[str, ...]
 
     def applies(self, operator: Operator) -> bool:

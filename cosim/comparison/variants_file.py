@@ -52,6 +52,7 @@ from typing import Any, cast, get_args
 
 from cosim.analysis.metrics import Distance, metric
 from cosim.base.errors import ScenarioError
+from cosim.comparison.aligned import KIND, aligned_error
 from cosim.comparison.extends import document
 from cosim.comparison.port_columns import port_bench, port_measure
 from cosim.comparison.roles_file import heard_role, read_roles
@@ -109,8 +110,9 @@ def read(path: str | Path) -> Variants:
     controllers = {name: _controller(name, t, top, roles) for name, t in top.tables("controllers")}
     operators = {name: _operator(name, t, roles) for name, t in top.tables("operators")}
     links = {name: _link(name, t, roles) for name, t in top.tables("links")}
-    bench = port_bench(top.table("port"), {name: role.arm for name, role in roles.items()})
-    columns = tuple(_column(name, t, operators) for name, t in top.tables("columns"))
+    arms = {name: role.arm for name, role in roles.items()}
+    bench = port_bench(top.table("port"), arms)
+    columns = tuple(_column(name, t, operators, arms) for name, t in top.tables("columns"))
     _check_without(top, operators, columns)
     _check_port(top, columns, bench)
     given = top.table("default")
@@ -208,8 +210,13 @@ def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
     return LinkLaw(name, table.text("title", name), options, each, hears)
 
 
-def _column(name: str, table: Section, operators: Mapping[str, Operator]) -> MetricColumn:
+def _column(
+    name: str, table: Section, operators: Mapping[str, Operator], arms: Mapping[str, str]
+) -> MetricColumn:
     label = table.text("label", name)
+    if table.text("kind") == KIND:
+        aligned = aligned_error(name, table, arms)
+        return MetricColumn(name, label, table.text("part", ""), aligned, ())
     measure = port_measure(table.text("kind"), table)
     if measure is not None:
         return MetricColumn(name, label, "", measure, ())

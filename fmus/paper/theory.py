@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cosim.record import Run
+from fmus.models.dynamics import inertia
 from fmus.paper import measure as m
 from fmus.paper import oracles
 from fmus.paper.claim import Claim, absolute, at_least, at_most, relative
@@ -25,6 +26,8 @@ from fmus.paper.experiments import (
 
 K, ALPHA, DAMPING = 16.0, 2.0, 5.0
 Q, TAU_H = "robot.q", "robot.tau_h"
+#: Start of free motion under Theorem 1, rad/s.
+DQ = (2.0, -1.0)
 PUSH: Table = {"tau_ext": [1.0, 0.0]}  # N.m
 KNOWN: dict[str, Any] = {"theta_hat": list(THETA), "Gamma": 0.0}
 #: A stiff grip next to rest, and gains on both sides of the limit with K = λ_c M̂ (Remark 3).
@@ -39,6 +42,7 @@ def cases(seed: int) -> dict[str, Document]:
         "mass-push-free": mass(200.0, b=0.0, force=1.0),
         "damped": damped(60.0),
         "damped-push": damped(80.0, grip={}, **PUSH),
+        "damped-free": damped(15.0, grip={}, q=(0.5, 0.5), dq=DQ),
         "damped-wrong": damped(60.0, known=0.8),
         "damped-wrong-push": damped(60.0, known=0.8, grip={}, **PUSH),
         "damped-wrong-free": damped(60.0, known=0.8, grip={}, q=(0.5, 0.5)),
@@ -99,12 +103,24 @@ def _turning(r: Run) -> float:
     return float(m.velocity(r, Q, 2 * pi * DAMPING)[0])
 
 
+def _dissipated(r: Run) -> float:
+    """∫ d|dq|² dt over V(0) = ½ dqᵀM dq, eq. (27) without a hand integrated."""
+    dq = np.array(DQ)
+    V = 0.5 * dq @ inertia(np.array(THETA), r.array(Q)[0]) @ dq
+    return float(DAMPING * m.norm(r, "robot.dq") ** 2 / V)
+
+
 _WRONG = "gravity compensated by 80 %"
 _THEOREM_1 = (
     Claim("thm1-push", ("thm1",), "1 N.m turns the arm, for ever, at", "rad/s",
           relative(1.0 / DAMPING, 0.01), "Theorem 1: v = τ/d", ("damped-push",), _turning),
     Claim("thm1-gain", ("thm1",), "|dq|_2/|tau_h|_2", "rad/(N.m.s)", at_most(1.0 / DAMPING),
           "Theorem 1: 1/d", ("damped",), lambda r: m.norm(r, "robot.dq") / m.norm(r, TAU_H)),
+    Claim("thm1-energy", ("thm1",), "let go in motion: the damping takes, of V(0),", "1",
+          relative(1.0, 0.005), "(27): V̇ = -d|dq|² without a hand", ("damped-free",), _dissipated),
+    Claim("thm1-free", ("thm1",), "and the arm comes to rest: |dq| at 15 s", "rad/s",
+          at_most(1e-4), "Theorem 1: dq -> 0 if tau_h = 0", ("damped-free",),
+          lambda r: m.length(m.final(r, "robot.dq"))),
     Claim("thm1-rest", ("thm1",), "in the hand at q_h it rests: |tau_h| at 60 s", "N.m",
           at_most(1e-3), "Theorem 1", ("damped",), lambda r: m.length(m.final(r, TAU_H))),
     Claim("thm1-slope", ("thm1",), "M^t grows: d log M/d log t, 30 to 60 s", "1",

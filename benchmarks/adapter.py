@@ -1,6 +1,6 @@
-"""The least that puts FMUs into somebody else's framework: set, step and get through ctypes.
+"""A minimal adapter of FMUs for other frameworks: set, step and get through ctypes.
 
-The FMUs are loaded and started by the engine; after that only their own functions are called.
+The engine loads and starts the FMUs; after that only their own functions are called.
 """
 
 from __future__ import annotations

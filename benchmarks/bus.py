@@ -1,9 +1,9 @@
-"""How many frames a second the simulated CAN bus makes: ``python -m benchmarks.bus``.
+"""Throughput of the simulated CAN bus in frames per second: ``python -m benchmarks.bus``.
 
-Sixteen nodes with sorted queues, random 11-bit identifiers of which no two nodes share one, 8
-random bytes, exact stuffing, at 1 Mbit/s. `burst`: 512 requests of each node at once, so that
-sixteen arbitrate for each frame. `load 60 %`: requests at random times. Measured is the processor
-time of this process in `request_many` and `advance`, without that for preparing the requests: the
+Sixteen nodes with sorted queues, random 11-bit identifiers that no two nodes share, 8 random bytes,
+exact stuffing, at 1 Mbit/s. `burst`: 512 requests of each node at the same time, so that sixteen
+nodes arbitrate for each frame. `load 60 %`: requests at random times. The result is the processor
+time of this process in `request_many` and `advance`, without the preparation of the requests: the
 median and the best of several repetitions.
 """
 

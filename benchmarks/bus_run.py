@@ -1,10 +1,11 @@
-"""What a simulated CAN bus costs a run: ``python -m benchmarks.bus_run``.
+"""Cost of a simulated CAN bus in a run: ``python -m benchmarks.bus_run``.
 
-The teleoperator of configs/can/teleoperation-bus.toml, 60 s: its frames over constant delays
-instead (the floor), on a CAN FD bus of 1 and 5 Mbit/s as in configs/deploy/can.toml, and as the
-file has it, with 30 % of other traffic. Processor time of this process, in turns: `assemble` loads
-the FMUs and simulates the bus, `simulate` runs and records every 5 ms to Parquet. The machine is
-shared, so the best of the rounds counts; the median is beside it.
+The teleoperator of configs/can/teleoperation-bus.toml for 60 s, in three variants: with constant
+delays instead of frames (the lower bound), on a CAN FD bus of 1 and 5 Mbit/s as in
+configs/deploy/can.toml, and as in the file, with 30 % of other traffic. The result is the processor
+time of this process, in alternating rounds: `assemble` loads the FMUs and simulates the bus,
+`simulate` runs and records every 5 ms to Parquet. The machine is shared, so the best round counts;
+the median is printed next to it.
 """
 
 from __future__ import annotations

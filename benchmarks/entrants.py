@@ -1,6 +1,6 @@
-"""Everybody who takes part, by name: what is started in a process apart.
+"""All candidates by name, as started in a separate process.
 
-A request names a master, a case, a version of FMI and what to do; see :func:`begin`.
+A request names a master, a case, a version of FMI and an action; see :func:`begin`.
 """
 
 from __future__ import annotations

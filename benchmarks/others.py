@@ -1,9 +1,9 @@
-"""The engine next to every other master that can be had: a step, the start, and memory.
+"""The engine compared with all other available masters: a step, the start, and memory.
 
     python benchmarks/others.py [--quick] [--json FILE] [--rounds N]
 
-Each master has a process of its own and takes its turn; one that fails or takes too long is
-named with the reason.
+Each master has a separate process and runs in turn; one that fails or takes too long is listed with
+the reason.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Interleaved timing: everybody runs a block, then everybody the next.
+"""Interleaved timing: each candidate runs a block, then each runs the next block.
 
-So what else the machine does hits all alike. Results are compared before anything is timed.
+Other load of the machine therefore affects all alike. Results are compared before the timing.
 """
 
 from __future__ import annotations

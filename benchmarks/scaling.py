@@ -1,9 +1,9 @@
-"""How cost grows: 1 to 1000 FMUs in a ring, 1e3 to 1e7 ticks; linear time, flat memory.
+"""Growth of the cost: 1 to 1000 FMUs in a ring, 1e3 to 1e7 ticks; linear time, constant memory.
 
     python benchmarks/scaling.py [--ticks 6] [--links]
 
 `--ticks`: the greatest power of ten of ticks (7 takes a few seconds). Every row is measured in a
-process of its own, so that its memory is its own.
+separate process, so that its memory is independent of the others.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The teleoperator from start to finish: x real time, where a second goes, and memory.
+"""The teleoperator from start to finish: x real time, time of each stage, and memory.
 
     python benchmarks/teleoperation.py [--quick] [--json FILE] [--rounds N]
 
-Measures ``cosim run configs/teleoperation.toml`` in processes of their own.
+Measures ``cosim run configs/teleoperation.toml`` in separate processes.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def outputs(model: Model) -> list[Unknown]:
 
 
 def initial_unknowns(model: Model) -> list[Unknown]:
-    """Every output calculated at the start, and what it depends on there."""
+    """All outputs calculated at the start, with their dependencies there."""
     return [
         (v, (*v.depends, *v.start_depends))
         for v in model.variables

@@ -199,7 +199,7 @@ def _folder2(platform: str, platforms: Iterable[str]) -> str:
 
 
 def write_archive(content: Mapping[str, bytes], target: Path) -> None:
-    """A ZIP archive with nothing in it but names and contents; it appears at once, complete.
+    """Write a ZIP archive of exactly these names and contents, in one step.
 
     Raises FmuError if it cannot be written.
     """

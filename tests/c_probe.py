@@ -1,7 +1,7 @@
-"""What a C compiler makes of our headers: offsets, sizes and kinds of fields, values of enums.
+"""The C compiler's view of our headers: offsets, sizes and kinds of fields, values of enums.
 
-:func:`probe` compiles a small program that includes the headers and prints them. Python's mirrors
-(ctypes structs, NumPy rows, IntEnums) are held against what it says.
+:func:`probe` compiles a small program that includes the headers and prints them. The tests compare
+Python's mirrors (ctypes structs, NumPy rows, IntEnums) with its output.
 """
 
 from __future__ import annotations

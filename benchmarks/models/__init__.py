@@ -1,1 +1,1 @@
-"""Models that cost next to nothing, so that what is measured is what steps them."""
+"""Models with a negligible cost, so that the cost of the engine is measured."""

@@ -150,7 +150,7 @@ static void drained(bus_t *bus)
     bus->draining = 0;
 }
 
-/* recvmmsg() said errno: 1: try again, 0: nothing there. */
+/* recvmmsg() failed with errno: 1: try again, 0: no frame available. */
 static int error_action(bus_t *bus)
 {
     if (errno == EINTR)
@@ -162,7 +162,7 @@ static int error_action(bus_t *bus)
     bus->last_errno = errno;
     if (errno == ENETDOWN || errno == ENODEV || errno == ENXIO) {
         bus->state = BUS_DOWN;
-        return 1;               /* the socket told it once; frames may wait behind it */
+        return 1;               /* the socket reports an error once; frames may follow it */
     }
     return 0;
 }

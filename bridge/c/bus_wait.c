@@ -24,7 +24,7 @@ static int descriptor(const bus_t *bus)
     return bus->rx->bell > 0 ? bus->rx->bell : -1;
 }
 
-/* Bells that have rung are silent again. */
+/* Resets the bells that have rung. */
 static void silence(const bus_t *bus)
 {
     uint64_t rung;

@@ -34,7 +34,7 @@ API int32_t drive_request(drive_t *d, int32_t request, int64_t now_ns);
  * absence for longer than the watchdog allows, is a FAULT. */
 API void drive_step(drive_t *d, const double *command, int32_t valid, const double *dq,
                     int64_t now_ns, double *torque);
-/* What its encoders say. */
+/* Values of its encoders. */
 API void drive_measure(const drive_t *d, const double *q, const double *dq, double *q_out,
                        double *dq_out);
 

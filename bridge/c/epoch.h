@@ -19,25 +19,25 @@ enum { EPOCH_RUNS = 63 };   /* runs are numbered from 1; 0: a run that was start
 enum { EPOCH_LEAD_NS = 100000000 }; /* from a START without EPOCH to t = 0 */
 
 typedef struct {
-    int64_t origin_ns;      /* of the last EPOCH believed: its t = 0, CLOCK_MONOTONIC; 0: none */
+    int64_t origin_ns;      /* t = 0 of the last accepted EPOCH, CLOCK_MONOTONIC; 0: none */
     int64_t heard_ns;       /* when it came */
-    int64_t due_ns;         /* none is said before */
+    int64_t due_ns;         /* no EPOCH is sent before */
     int32_t run;            /* number of the run that this node is in or is to start */
-    int32_t told;           /* number of the run in the last EPOCH believed */
+    int32_t told;           /* number of the run in the last accepted EPOCH */
     int32_t host, kept;     /* of this node's host: its number, 1 to 255; its date is kept: 1 */
-    int32_t follows;        /* 1: no supervisor starts this node; it joins a run that it hears of */
+    int32_t follows;        /* 1: no supervisor starts this node; it joins a run announced by EPOCH */
     int32_t running;        /* 1: an EPOCH of a run that has begun came, and was not looked at yet */
     int32_t asked;          /* 1: a peer waits for a start */
-    int32_t unshared;       /* EPOCHs of hosts whose clock is not known to be ours */
+    int32_t unshared;       /* EPOCHs of hosts without a common clock */
     uint32_t said;
     int32_t reserved;
 } epoch_t;
 
-/* A number for the run with this t = 0 (any clock): all who are told the same t = 0 find the same. */
+/* A number for the run with this t = 0 (any clock): nodes with the same t = 0 compute the same number. */
 API int32_t epoch_run(int64_t origin_ns);
 /* On this process's clock: t = 0 of a message with this origin (us) that came at arrival_ns. */
 int64_t epoch_origin_ns(double us, int64_t arrival_ns);
-/* What the message says of a date of t = 0 (ns since 1970): us, a multiple of 10, modulo 2^33 * 10 us. */
+/* The value in the message for a date of t = 0 (ns since 1970): us, a multiple of 10, modulo 2^33 * 10 us. */
 API int64_t epoch_origin_us(int64_t date_ns);
 
 #endif

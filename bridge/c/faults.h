@@ -22,7 +22,7 @@
 #include "message.h"
 
 enum { FAULT_DROP, FAULT_BURST /* drop `count` in a row */,
-       FAULT_DELAY /* by `a` to `b` s; what fits stays in order */,
+       FAULT_DELAY /* by `a` to `b` s; the order is kept if possible */,
        FAULT_JITTER /* by `a` to `b` s, may overtake */,
        FAULT_DUPLICATE /* `count` more, each `a` to `b` s after the first */,
        FAULT_REORDER /* after the next that fits; after `b` s if none comes */,
@@ -30,7 +30,7 @@ enum { FAULT_DROP, FAULT_BURST /* drop `count` in a row */,
        FAULT_FORGE /* one more: a..b added to every value, the counter `count` steps ahead */,
        FAULT_REPLAY /* one more: of the last `count` frames before t0, one after the other */,
        FAULT_ABSURD /* every value becomes a..b, in turn positive and negative */,
-       FAULT_FLOOD /* valid frames, `a` s apart, with counters that go on, until the next comes */ };
+       FAULT_FLOOD /* valid frames, `a` s apart, with continuing counters, until the next frame */ };
 /* The most frames a flood adds to one. */
 enum { FAULT_MOST = 512 };
 
@@ -74,7 +74,7 @@ typedef struct {
     int64_t frames;         /* put in */
     int64_t injected;       /* changed in any way */
     int64_t dropped, corrupted;
-    int64_t overflow;       /* lost because too many waited: not on purpose */
+    int64_t overflow;       /* lost because too many frames were delayed (unintended) */
 } faults_t;
 
 /* Takes a frame in; what comes out (none, one, more) waits inside. t_ns is the arrival; `started`:

@@ -13,7 +13,7 @@ static void encode(forward_t *f, const double *values, const header_t *header, f
     message_encode(f->message, f->values, &sent, frame);
 }
 
-/* State of a sender whose messages do not tell it: by its heartbeat, or else it runs. */
+/* State of a sender whose messages do not contain it: that of its heartbeat, otherwise ACTIVE. */
 static uint32_t life_of(const node_t *n, const reception_t *r)
 {
     for (int32_t i = 0; i < n->n_peers; i++)

@@ -52,7 +52,7 @@ typedef struct {
     uint64_t dropped;       /* did not fit; counted by the writer */
     int32_t bell;           /* a descriptor written to (8 bytes) after each frame; 0: none */
     int32_t reserved0;
-    uint64_t pad0[5];       /* the two ends on cache lines of their own */
+    uint64_t pad0[5];       /* each end on its own cache line */
     uint64_t tail;          /* frames read; moved by the reader only */
     uint32_t asleep;        /* the reader: see mail.h */
     uint32_t reserved;

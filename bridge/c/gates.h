@@ -52,7 +52,7 @@ typedef struct {
     int64_t tau, q, dq;     /* signals; q, dq -1: none */
 } inside_t;
 
-/* A message this node hears. */
+/* A message that this node receives. */
 typedef struct {
     const message_t *message;
     receiver_t *receiver;
@@ -66,18 +66,18 @@ typedef struct {
     int64_t newest, arrival_ns; /* accepted last; -1: none */
     int64_t previewed_ns;   /* arrival of the last preview, on the clock of its frame; -1: none */
     int32_t accept_simulated;
-    int32_t awaited;        /* no start before it was heard, if it tells previews */
-    int32_t of_fault;       /* 1: torques of a node in FAULT were heard: they are no samples that count */
+    int32_t awaited;        /* no start before it was received, if its status marks previews */
+    int32_t of_fault;       /* 1: torques of a node in FAULT were received; they do not count as samples */
     int32_t reserved;
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
-    history_t *history;     /* what was heard of it: replay; else NULL */
+    history_t *history;     /* its received samples, in a replay; else NULL */
     int32_t sender;         /* number of the node that sends it */
     int32_t n_forwards;
     forward_t *forwards;    /* messages that are sent on when a sample of this one is accepted */
 } reception_t;
 
-/* Frames by which a drive with a protocol of its own is asked for a change of state, one after the
- * other; frames of other kinds may come between. */
+/* Sequence of frames that requests a change of state from a drive with its own protocol; other frames
+ * may come between them. */
 typedef struct {
     const frame_t *frames;  /* `bus`: its number in the node */
     int32_t count, reached; /* reached: so many have come */
@@ -101,18 +101,18 @@ typedef struct {
     int64_t held, newest;   /* of this tick */
     int64_t last_newest;
     int64_t heard_ns;       /* when the newest arrived, by slots: staleness is deterministic */
-    double *initial;        /* (count,): what it held at first, and holds again when that has gone */
+    double *initial;        /* (count,): initial values, which it also uses after its samples are gone */
     int32_t begun, reserved;
     int64_t link_age;       /* signal that gets the age of the sample held, s; -1: none */
     int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
-    sequence_t *sequences;  /* of the drive, if it has a protocol of its own */
+    sequence_t *sequences;  /* of the drive, if it has its own protocol */
     int32_t n_sequences;
     uint32_t asked;         /* requests since the last pass, as commands_add packs them: of more than
                              * ten, none is lost that is DRIVE_DISABLE */
     int64_t requests;       /* those of this pass, which are in the journal */
 } inlet_t;
 
-/* Whether a message says in which state its sender is: a status of 4 bits (classic CAN) does not. */
+/* Whether a message contains the state of its sender: a status of 4 bits (classic CAN) does not. */
 static inline int32_t tells_life(const message_t *m)
 {
     return m->status >= 0 && m->header[m->status].scale == 1.0;

@@ -32,7 +32,7 @@ static int jumped(guard_t *g, int32_t i, double q)
     return g->q_jump && finite(last) && !(magnitude(q - last) <= g->q_jump[i]);
 }
 
-/* Torque that may not be there: not a number, or from an encoder that is not to be believed. */
+/* Faults that set the torque to 0: a value that is not finite, or an implausible encoder value. */
 static uint32_t input_fault_bits(guard_t *g, int32_t i, double tau, const double *q, const double *dq)
 {
     uint32_t bits = finite(tau) ? 0 : GUARD_FINITE;

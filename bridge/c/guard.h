@@ -31,14 +31,14 @@ typedef struct {
     uint32_t reserved;
 } guard_t;
 
-/* tau (joints,) as the controller wants it -> out (joints,) as it may be. Returns the GUARD_ bits.
- * q, dq may be NULL: then what needs them is not checked.
+/* Limits the torque tau (joints,) of the controller and writes it to out (joints,). Returns the GUARD_ bits.
+ * If q or dq is NULL, the checks that need it are skipped.
  *
  * In this order, for each joint: finite (tau, q, dq; else 0), encoder jump (else 0), tau_max,
  * rate_max, q_low..q_high, dq_max, power_max, brake, tau_max again, and last `scale` of the life
- * cycle. What is taken away is away at once; what comes back comes at rate_max. The rate is that of
+ * cycle. A limit takes effect immediately; after it, the torque returns at rate_max. The rate is that of
  * the torque before `scale`: a ramp down is not rate limited, the controller behind it is; after
- * scale = 0 the torque starts from 0. `out` is finite and within tau_max whatever comes in. */
+ * scale = 0 the torque starts from 0. `out` is finite and within tau_max for any input. */
 API uint32_t guard_apply(guard_t *g, const double *tau, const double *q, const double *dq,
                          double scale, double *out);
 /* WHY_ bits that the last tick's GUARD_ bits raise: those in `stops`. */

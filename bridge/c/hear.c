@@ -63,8 +63,8 @@ static void forget(node_t *n, const peer_t *peer)
         if (n->receptions[i].sender == (int32_t)peer->number) n->receptions[i].receiver->sequence = -1;
 }
 
-/* Where real drives are meant, a peer that says it is simulated is none. Before the start what
- * counts is when it was heard by the clock. */
+/* With real drives, a peer that is marked as simulated does not count as a peer. Before the start, its
+ * time of reception on the clock is used. */
 static void take_heartbeat(node_t *n, int32_t i, const frame_t *frame, int64_t t)
 {
     double v[HEARTBEAT_VALUES];

@@ -51,7 +51,7 @@ static void give(const inlet_t *in, const double *value, double *target)
     for (int32_t k = 0; k < in->count; k++) target[k] = in->gain * value[k] + in->offset;
 }
 
-/* How old what is held is, by the nominal times of its sender's slot and of this one; ns. */
+/* Age of the held sample by the nominal times of its sender's slot and of this slot, ns. */
 static int64_t age_ns(const inlet_t *in)
 {
     const int64_t held = in->held < 0 ? 0 : in->held;
@@ -59,7 +59,7 @@ static int64_t age_ns(const inlet_t *in)
     return in->node->now_ns + in->node->phase_ns - sent;
 }
 
-/* What the drive was asked for by frames of its own protocol. In FAULT it stays with its node. */
+/* Requests to the drive by frames of its own protocol. In FAULT it follows its node. */
 static void obey(inlet_t *in)
 {
     const node_t *n = in->node;
@@ -69,8 +69,8 @@ static void obey(inlet_t *in)
         drive_request(in->drive, (int32_t)(left & 7), n->now_ns);
 }
 
-/* Torque commands go through the drive. One whose value is not known feeds its watchdog, too;
- * one that is too old (also by the law of its link) neither moves it nor feeds the watchdog. */
+/* Torque commands pass through the drive. A command without a valid value also resets its watchdog; a
+ * command that is too old (also by the law of its link) neither moves it nor resets the watchdog. */
 static void write_through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
 {
     node_t *n = in->node;

@@ -8,8 +8,8 @@
 
 enum { SETTLE_NS = 500000000 }; /* peers that received the same START run by then */
 
-/* A node whose start lies behind it (it was started again) begins at a later slot, in which all its
- * components are due. They are started anew for it, with the time of the run. Nonzero: they cannot. */
+/* A restarted node, whose start time has passed, begins at a later slot in which all its components are
+ * due. They are initialized for it with the time of the run. Nonzero: the initialization failed. */
 static int32_t begin(node_t *n)
 {
     const int64_t now = pace_now() - n->start_ns - n->phase_ns;

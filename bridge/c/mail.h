@@ -9,12 +9,12 @@
 
 enum { MAIL_FULL, MAIL_BROUGHT, MAIL_ASLEEP };
 
-/* Brings what has arrived just now: BROUGHT; ASLEEP: brought, and who sleeps in mail_wait has to be
- * woken by mail_wake; FULL: it is, or this is longer than a frame (counted as dropped). One writer at a
- * time: several threads have to hold Python's lock. */
+/* Puts data that has just arrived into the ring. BROUGHT: done; ASLEEP: done, and a thread that sleeps in
+ * mail_wait must be woken by mail_wake; FULL: the ring is full, or the data is longer than a frame
+ * (counted as dropped). One writer at a time: several threads must hold the GIL. */
 API int32_t mail_bring(ring_t *ring, uint32_t id, const void *data, int64_t length);
 
-/* Better without Python's lock, which others will want as soon as somebody is awake. */
+/* Call it without the GIL, which the woken thread may need immediately. */
 API void mail_wake(ring_t *ring);
 
 /* Sleeps until there is something to take, or the deadline (CLOCK_MONOTONIC, ns): 1, or 0: there is

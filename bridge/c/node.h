@@ -40,7 +40,7 @@ typedef struct {
 /* Emergency stop of this node: none, to be obeyed, its own until RESET. */
 enum { ALARM_NONE, ALARM_RAISED, ALARM_OURS };
 
-/* Two positions that have to be near each other at the start, each of a message heard. */
+/* Two positions that must be close to each other at the start, each from a received message. */
 typedef struct {
     const reception_t *a, *b;
     int32_t first_a, first_b, count, reserved;
@@ -66,11 +66,11 @@ typedef struct node {
     int64_t slot, first, slots; /* next, of this life, end of the run */
     int64_t start_ns;       /* CLOCK_MONOTONIC of t = 0; 0: not known: no START waits or was obeyed */
     int64_t asked_ns;       /* t = 0 of a START from outside; set before node_tell */
-    int64_t nmt_ns;         /* t = 0 of the last START heard */
+    int64_t nmt_ns;         /* t = 0 of the last START received */
     int64_t now_ns;         /* of this slot */
     int64_t overrun_ns;     /* later than this is a fault */
     uint32_t told;          /* commands from outside: node_tell */
-    int32_t quit;           /* from outside: stop at once */
+    int32_t quit;           /* from outside: stop immediately */
     int32_t simulated, result;
 
     bus_t *buses;
@@ -102,7 +102,7 @@ typedef struct node {
     int32_t alarms;         /* ESTOP frames still to be sent */
     int64_t alarm_ns;       /* when the next one is due */
 
-    journal_t *journal, *heard;  /* heard: NULL in a replay, which reads one */
+    journal_t *journal, *heard;  /* received samples: NULL in a replay, which reads them */
     int64_t inlet_offset, outlet_offset, signals_offset;    /* into a row */
     const char *replayed;   /* CLOCK_REPLAY: rows of the recording */
     int64_t replayed_rows, row_size, replay_row;
@@ -112,13 +112,13 @@ typedef struct node {
     int64_t done_ns;        /* when the last slot was done */
     int64_t send_ns;        /* spent encoding and sending in this slot */
     int64_t stopping;       /* STOP has come: at the end of the ramp the node ends */
-    int64_t unknown;        /* frames nobody here listens to */
+    int64_t unknown;        /* frames to which this node does not subscribe */
     frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
     int32_t *has_pending;
     played_t *played;
     int64_t n_played;
     int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
-    int64_t patience_ns, lead_ns;   /* a START whose time has passed waits so long for what is missing */
+    int64_t patience_ns, lead_ns;   /* maximum wait of a START whose time has passed for missing inputs */
     int32_t (*joined)(int64_t slot);    /* and its life begins lead_ns later, after this; 0: well */
     epoch_t epoch;
     const frame_t *disabling, *enabling;    /* of all drives with protocols of their own that it

@@ -18,7 +18,7 @@ static void guarded(outlet_t *o, const double *signals)
 
 static uint32_t status(const node_t *n, const outlet_t *o)
 {
-    /* once it runs, what it sends are samples, also after a stop */
+    /* from its start on, it sends samples, also after a stop */
     const int32_t idle = n->begun && n->life.state == LIFE_INACTIVE;
     uint32_t s = (uint32_t)(idle ? LIFE_STOPPING : n->life.state) & STATUS_LIFE;
     if (n->life.armed) s |= STATUS_DEADMAN;

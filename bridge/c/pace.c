@@ -160,7 +160,7 @@ static void sleep_towards(int64_t deadline_ns)
 
 #endif
 
-static inline void cpu_relax(void)    /* says to the processor that this is a spin */
+static inline void cpu_relax(void)    /* tells the processor that this is a spin loop */
 {
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
@@ -172,7 +172,7 @@ static inline void cpu_relax(void)    /* says to the processor that this is a sp
 int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop)
 {
     int64_t now = INT64_MIN, asleep = deadline_ns - (spin_ns > 0 ? spin_ns : 0);
-    while (now < asleep && !(stop && *stop)) {  /* a deadline that has passed is no sleep */
+    while (now < asleep && !(stop && *stop)) {  /* no sleep if the deadline has passed */
         sleep_towards(asleep);
         now = pace_now();
     }

@@ -25,8 +25,8 @@ API double histogram_quantile(const histogram_t *h, double q);
 API int64_t pace_now(void);
 /* What to add to pace_now() for the date, CLOCK_REALTIME, ns: it may jump. */
 API int64_t pace_date(void);
-/* Sleeps until the deadline (CLOCK_MONOTONIC, absolute), the last spin_ns of it awake. Returns the
- * time it woke at. Signals do not end the sleep, but *stop != 0 after one does; so does *stop != 0
+/* Sleeps until the deadline (CLOCK_MONOTONIC, absolute), polling in the last spin_ns. Returns the
+ * wake-up time. Signals do not end the sleep, but *stop != 0 after one does; so does *stop != 0
  * at the start and in the spin. stop may be NULL. A deadline that has passed returns at once. */
 API int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop);
 

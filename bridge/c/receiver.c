@@ -32,8 +32,8 @@ static int64_t lead(const receiver_t *r, int64_t t)
     return r->sequence < 0 || t <= r->arrival_ns ? r->lead_ns : r->lead_ns - (t - r->arrival_ns) / 4096;
 }
 
-/* The greatest number its sender can have sent by t: by nominal times, or by the fastest frame so
- * far if that says more, and the uncertainty of clocks. */
+/* The greatest number that its sender can have sent by t: by nominal times, or by the fastest frame so
+ * far if that is greater, and the uncertainty of clocks. */
 static int64_t latest(const receiver_t *r, int64_t t)
 {
     const int64_t early = r->period_ns > RECEIVE_EARLY_NS ? r->period_ns : RECEIVE_EARLY_NS;
@@ -107,8 +107,8 @@ static int64_t refusal(const receiver_t *r, int64_t k, int64_t t, int64_t top)
     return r->sequence >= 0 && k < r->sequence ? RECEIVE_OLDER : 0;
 }
 
-/* Whether the WINDOW frames up to this one follow each other at their pace. No faster than time passes:
- * so the sender that was heard before would have spoken between them. */
+/* Whether the last WINDOW frames arrived at their nominal rate. They must not arrive faster than that, so
+ * that the previous sender would have sent between them. */
 static int32_t frames_agree(receiver_t *r, int64_t k, int64_t t)
 {
     const int64_t behind = t - r->trial_ns - (k - r->trial_first) * r->period_ns;
@@ -135,9 +135,9 @@ static void see(receiver_t *r, int64_t k)
     r->seen = r->sequence < 0 || step >= 64 ? 1 : r->seen << step | 1;
 }
 
-/* The number with which to go on where enough frames agree, or `why` not. A counter that has begun
- * anew, or is ahead of its stamp, is turned to where time is; the time itself is never moved: what a
- * stamp says is older than what was accepted stays refused, and without a stamp what was only overtaken. */
+/* The number with which to continue if enough frames agree, or `why` not. A counter that was restarted, or
+ * is ahead of its stamp, is shifted to the present time; the time itself is never shifted: a sample with a
+ * stamp older than the accepted one remains refused, and so does an overtaken sample without a stamp. */
 static int64_t resynced(receiver_t *r, int64_t k, int64_t why, int64_t time, int64_t t, int64_t top)
 {
     const int32_t first = r->sequence < 0;
@@ -161,7 +161,7 @@ static int64_t counted(receiver_t *r, int64_t why)
     return why;
 }
 
-/* The fastest frame so far. Ahead of nominal times a clock is believed to run by 488 ppm, not more. */
+/* The fastest frame so far. A clock is assumed to be at most 488 ppm faster than nominal. */
 static void update_fastest(receiver_t *r, int64_t k, int64_t t)
 {
     const int64_t old = lead(r, t), found = sampled(r, k) - t;

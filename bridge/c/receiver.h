@@ -11,7 +11,7 @@ typedef struct {
     int64_t ok, lost, repeated, reordered, wrong_sequence;      /* lost: by gaps of the counter */
     int64_t crc, length, invalid, range, simulated, stale;
     int64_t rate;           /* faster changes than there may be */
-    int64_t resyncs;        /* the counter was believed anew */
+    int64_t resyncs;        /* the counter was resynchronized */
     int64_t sequence;       /* of the last accepted sample, -1: none: the counter, unwrapped */
     int64_t arrival_ns;     /* of the last accepted */
     int64_t period_ns;      /* nominal, of the sender */
@@ -28,8 +28,8 @@ typedef struct {
     int32_t unturned;       /* frames in a row whose stamps agree with the counter only if shift is 0 */
 } receiver_t;
 
-/* How far ahead of its time a sample is believed, if its period is less; turns of a short time stamp
- * among which the counter decides. */
+/* Maximum time by which a sample is accepted early, if its period is less; number of wraps of a short time
+ * stamp among which the counter decides. */
 enum { RECEIVE_EARLY_NS = 2000000, RECEIVE_TURNS = 64 };
 enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
 
@@ -49,10 +49,10 @@ enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
  * RECEIVE_WRONG: ahead of its time, or (without a stamp) after so long a silence that a turn of the
  * counter may have gone by.
  *
- * What is refused is believed after all when 3 such frames follow each other, over two periods, with
- * none accepted between them (as the state machine of AUTOSAR E2E needs a window of valid samples):
- * `resyncs`. So a forged frame cannot block the true sender, and a sender that restarts its counter is
- * accepted with its third frame. What a stamp says is older than what was accepted is never believed. To start over, set
+ * Refused frames are accepted when 3 of them follow each other, over two periods, with no accepted frame
+ * between them (as the state machine of AUTOSAR E2E needs a window of valid samples): `resyncs`. So a
+ * forged frame cannot block the true sender, and a sender that restarts its counter is accepted with its
+ * third frame. A sample with a stamp older than the accepted one is never accepted. To start over, set
  * sequence = -1. */
 API int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns);
 

@@ -26,7 +26,7 @@ static int32_t jumped(const node_t *n, int64_t signal, double moved)
 }
 
 /* Values of a sender that does not run yet. Real arms start from them; a rehearsal starts from the
- * scenario's values, as its twin does. Encoders that jump between two previews are no encoders. */
+ * scenario's values, like its twin. Encoder values that jump between two previews are rejected. */
 static void preview(node_t *n, reception_t *r)
 {
     for (int32_t i = 0; i < n->n_inlets; i++) {
@@ -80,8 +80,8 @@ static void keep_values(reception_t *r, const double *values)
     memcpy(r->values, values, (size_t)r->width * sizeof *values);
 }
 
-/* Torque of a node in FAULT: none. It is given, and feeds no watchdog: a drive that hears nothing
- * else brakes. */
+/* Torque of a node in FAULT is 0 and does not reset the watchdog: a drive that receives nothing else
+ * brakes. */
 static int32_t torque_of_fault(const node_t *n, const reception_t *r, const header_t *header)
 {
     if (r->message->status < 0 || (header->status & STATUS_LIFE) != LIFE_FAULT) return 0;

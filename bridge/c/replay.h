@@ -4,7 +4,7 @@
 
 #include "node.h"
 
-/* Along its recording, from what it held: the engine's result. */
+/* Runs the node along its recording, from the samples it held; returns the engine's result. */
 API int32_t node_replay(node_t *n);
 
 #endif

@@ -4,8 +4,8 @@
 #include "bus_wait.h"
 #include "hear.h"
 
-/* The deadline, or sooner: when a frame is due whose stamp was ahead of this clock (two clocks drift
- * between two comparisons of bus.h). */
+/* The deadline, or an earlier time at which a frame is due whose stamp was ahead of this clock (two clocks
+ * drift between two comparisons of bus.h). */
 static int64_t wake_at(const node_t *n, int64_t deadline_ns)
 {
     for (int32_t b = 0; b < n->n_buses; b++)

@@ -12,7 +12,7 @@ enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a compone
 typedef struct {
     int64_t slot, deadline_ns, woke_ns, received_ns, send_ns, done_ns; /* send: a duration */
     int32_t state;
-    uint32_t commands;      /* of this slot: heard, then told; see life.h */
+    uint32_t commands;      /* of this slot: received, then local; see life.h */
     uint32_t now, reasons;
     uint32_t guard, flags;
     double scale;
@@ -20,15 +20,15 @@ typedef struct {
 
 typedef struct { int64_t held, newest, age_ns, transit_ns, requests; } inlet_row_t;
 
-/* Begins every row of the journal of what was heard: a sample of the message that is number `message`
- * among the receptions, as its receiver numbered it; then its values, room for the widest message. */
+/* Header of every row of the journal of received samples: a sample of the message with number `message`
+ * among the receptions, with its receiver's number; the values follow, with space for the widest message. */
 typedef struct { int64_t sequence, arrival_ns; int32_t message; uint32_t status; } heard_t;
 
 /* Of a sample in a replay: not known, or there. */
 enum { SAMPLE_UNKNOWN, SAMPLE_THERE };
 
-/* Decoded samples of one message, by sequence number: in a replay what a reception has heard, and
- * what an outlet sends again. */
+/* Decoded samples of one message, by sequence number: in a replay, the samples that a reception has
+ * received and those that an outlet sends again. */
 typedef struct {
     int64_t first, count, capacity;
     int32_t width, reserved;

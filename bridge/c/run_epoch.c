@@ -36,7 +36,7 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
     memset(&header, 0, sizeof header);
     if (message_decode(n->services[frame->bus].epoch, frame, v, &header) != DECODE_OK) return;
     if (n->gateway) node_pass(n, offsetof(services_t, epoch), v, header, frame);
-    e->due_ns = frame->t_ns + APART_NS;     /* who waits has heard it */
+    e->due_ns = frame->t_ns + APART_NS;     /* a waiting node has received it */
     if (n->begun || n->clock != CLOCK_WALL) return;
     if ((int32_t)v[EPOCH_HOST] != e->host && !(v[EPOCH_KEPT] != 0.0 && e->kept)) {
         e->unshared++;

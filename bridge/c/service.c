@@ -8,8 +8,8 @@
 
 enum { BOOTS = 4096 /* what a heartbeat can count to */, PASSED_ON = 10, ALARM_NS = 10000000 };
 
-/* Before the start: what this node would send first, so that others can look at it. A drive with a
- * protocol of its own is enabled when the node is armed: from then on torque 0 feeds its watchdog. */
+/* Before the start: previews of this node's first messages for other nodes. A drive with its own protocol
+ * is enabled when the node is armed: from then on torque 0 resets its watchdog. */
 void node_preview(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_outlets; i++) {
@@ -80,7 +80,7 @@ void node_estop(node_t *n, int64_t now_ns)
 void node_alarm(node_t *n, int64_t now_ns)
 {
     if (!(n->life.reasons & WHY_ESTOP)) {
-        n->alarms = -1;     /* none heard: the next is news */
+        n->alarms = -1;     /* none received: the next one is new */
         if (n->alarm == ALARM_OURS) n->alarm = ALARM_NONE; /* after RESET */
         return;
     }

@@ -41,7 +41,7 @@ void node_tell(node_t *n, int32_t command)
                                         __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)) {}
 }
 
-/* The commands of this slot: those heard, then those told. */
+/* The commands of this slot: received ones, then local ones. */
 static uint32_t take_commands(node_t *n)
 {
     uint32_t found = n->life.commands;

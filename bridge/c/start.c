@@ -79,7 +79,7 @@ static int32_t run_is_over(const node_t *n, int64_t now)
     return n->start_ns != 0 && now - n->start_ns >= n->slots * n->h_ns;
 }
 
-/* START waits for its time. One that was heard does not move one that waits already. */
+/* START waits for its time. A received START does not change one that is already pending. */
 static void schedule_start(node_t *n, pending_t *start, int64_t start_ns, int64_t now)
 {
     n->start_ns = start_ns;
@@ -97,7 +97,7 @@ static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start
     }
 }
 
-/* Commands of the process's owner: a START of theirs is said to the others, who may wait for one. */
+/* Commands of the process's owner: a START is also sent to the other nodes, which may wait for it. */
 static void follow_told(node_t *n, pending_t *start, uint32_t commands, int64_t now)
 {
     follow(n, start, commands, n->asked_ns, now);
@@ -113,7 +113,7 @@ static void follow_heard(node_t *n, pending_t *start, uint32_t commands, int64_t
     if (!waits && start->until) n->epoch.run = node_run_of(n, n->start_ns, 0);
 }
 
-/* A run that runs is joined as by a START whose time has passed; with real drives after ARM. */
+/* An active run is joined as by a START whose time has passed; with real drives after ARM. */
 static void join(node_t *n, pending_t *start, int64_t now)
 {
     epoch_t *e = &n->epoch;

@@ -12,7 +12,7 @@
  * on its own when it receives EPOCH, until STOP. ARM is refused under the same conditions. A rehearsal
  * arms itself; with real drives ARM must come first. LIVE_FINISHED: the node is ACTIVE. */
 int32_t node_wait(node_t *n);
-/* Message i is awaited and was not heard; peer i is required and not there. */
+/* Message i is awaited and was not received; peer i is required and not present. */
 API int32_t node_unheard(const node_t *n, int32_t i);
 API int32_t node_absent(const node_t *n, int32_t i, int64_t now);
 

@@ -29,7 +29,7 @@ typedef struct {
     uint32_t number;        /* node number */
 } peer_t;
 
-/* A heartbeat has arrived. The life cycle latches, not the peer: a peer heard again is there again.
+/* A heartbeat has arrived. The life cycle latches, not the peer: a peer that is received again is present.
  * Returns WHY_PEER when a required peer has restarted, else 0. */
 API uint32_t peer_heartbeat(peer_t *peer, int32_t state, uint32_t boots, int64_t now_ns);
 /* WHY_PEER while a required peer is silent, STOPPING or in FAULT; one that has FINISHED may be silent. */

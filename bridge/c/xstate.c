@@ -1,5 +1,5 @@
-/* xstate.c: what lets User-Mode Linux run on a host whose processors have more registers than it
- * knows; put before libc's ptrace() by LD_PRELOAD (bridge/vcan/uml.py), of no use to anybody else.
+/* xstate.c: lets User-Mode Linux run on a host whose processors have more registers than it supports.
+ * LD_PRELOAD puts it before libc's ptrace() (bridge/vcan/uml.py); it has no other use.
  *
  * Debian's (6.1) keeps the extended registers of its processes in 2696 bytes. A host with AMX (Intel,
  * from 2023) takes all 11008 or none, and no process of the guest could begin. So a set that is

@@ -42,7 +42,7 @@ static int wake(const doing_t *d, int64_t hit, double now)
     return any;
 }
 
-/* fmi3SetClock for those that are active; one whose time has passed is late. */
+/* Calls fmi3SetClock for active clocks; a clock whose time has passed is late. */
 static int tick_clocks(const doing_t *d, double now)
 {
     typed_t *x = d->unit->typed;
@@ -78,8 +78,8 @@ static int ask_interval(const doing_t *d, ticker_t *c, double now)
     return RUN_OK;
 }
 
-/* Asks clocks that count down in any case, changing ones when they have ticked. What ticks at once
- * is active then, and `*again` is set. */
+/* Reads the intervals of countdown clocks always, of changing clocks after a tick. A clock that ticks
+ * immediately becomes active, and `*again` is set. */
 static int ask_intervals(const doing_t *d, double now, _Bool *again)
 {
     const typed_t *x = d->unit->typed;
@@ -98,7 +98,7 @@ static int ask_intervals(const doing_t *d, double now, _Bool *again)
     return RUN_OK;
 }
 
-/* The next moment at which anything happens by itself (s). */
+/* Time of the next clock tick or time event (s). */
 static double next_time(const typed_t *x)
 {
     double next = x->next_event;
@@ -108,7 +108,7 @@ static double next_time(const typed_t *x)
     return next;
 }
 
-/* Inputs whose clocks are active, once an instant. */
+/* Sets the inputs whose clocks are active, once per instant. */
 static int feed_partitions(const doing_t *d)
 {
     const typed_t *x = d->unit->typed;

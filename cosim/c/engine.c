@@ -1,9 +1,9 @@
 /* engine.c: executes a plan.
  *
  * A plan is a flat array of operations over one contiguous vector of doubles (the signals). Each
- * operation is due every `period` ticks; time is (tick * h), never a sum. The loop knows FMI
- * function pointers, ticks and signals. It knows no Python, no robot and no network, allocates
- * nothing, and prints nothing. Called with the GIL released, in chunks of ticks.
+ * operation is due every `period` ticks; time is (tick * h), never a sum. The loop handles FMI
+ * function pointers, ticks and signals only. It contains no code for Python, robots or networks,
+ * and neither allocates nor prints. It is called with the GIL released, in chunks of ticks.
  */
 #include "engine.h"
 
@@ -19,7 +19,7 @@ static int not_finite(const double *x, int64_t n)
     return carry >> 63 != 0;
 }
 
-/* Neither OK nor a warning: also what FMI knows no status for, like -1. */
+/* Neither OK nor a warning; this includes values that FMI does not define, such as -1. */
 INLINE int failed_call(int status) { return (unsigned)status > 1u; }
 
 INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
@@ -108,7 +108,7 @@ static void push(link_t *l, const operation_t *op, const double *value)
     l->sent++;
 }
 
-/* The receiver keeps what it holds; only a change is looked up. */
+/* The receiver keeps its sample; a value is copied only if the row changes. */
 static int pull(link_t *l, double *target)
 {
     int64_t held;
@@ -156,8 +156,8 @@ static void extrapolate(const operation_t *op, double *s)
     }
 }
 
-/* The same line, for an FMU that takes slopes: the value where its step begins, and behind the last
- * values what it changes by a second. */
+/* The same line for an FMU that accepts slopes: the value at the start of its step and, after the last
+ * values, its change per second. */
 static void draw(const operation_t *op, double h, double *s)
 {
     const double length = (double)op->period * h, *source = s + op->source;

@@ -169,7 +169,7 @@ typedef struct {
     gate_t *gates;
     double *signals;
     double *record;         /* rows of n_signals, or NULL */
-    int64_t *recorded;      /* the number of rows in `record`, for who reads them meanwhile; NULL */
+    int64_t *recorded;      /* the number of rows in `record`, for concurrent readers; NULL */
     int64_t n_operations, n_signals;
     int64_t row, tick;
     double h;

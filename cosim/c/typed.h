@@ -1,12 +1,12 @@
 /* typed.h: one step of an FMU with other types than float64, with event mode, clocks or early return.
  *
- * Part of engine.c, which has the structs. One call moves all variables of one FMI type, by way of a
- * buffer of that type. Whole numbers are carried by doubles: exactly, or not at all.
+ * Part of engine.c, which has the structs. One call transfers all variables of one FMI type through a
+ * buffer of that type. Doubles represent whole numbers exactly; other values are errors.
  */
 
 #define EXACT 9007199254740992.0 /* 2^53: whole numbers up to here are doubles */
 
-/* Whole numbers within [low, high] only: nothing is rounded silently. */
+/* Accepts whole numbers within [low, high] only; values are never rounded. */
 #define PUT(T, low, high)                                                     \
     for (int64_t i = 0; i < a->count; i++) {                                  \
         const double x = s[a->places[i]];                                     \

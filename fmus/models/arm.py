@@ -81,7 +81,7 @@ class Joints:
         depends: tuple[str, ...] = (),
         start_depends: tuple[str, ...] = (),
     ) -> Variable:
-        """An output of each joint; of what it `depends` on, an entry on that of its joint."""
+        """An output with one entry per joint, which depends on the same entry of `depends`."""
         output = self.vector(name, "output", unit, description, start_depends=start_depends)
         return replace(output, depends=depends, elementwise=True)
 
@@ -158,7 +158,7 @@ def controller(
 ) -> Model:
     """A sampled controller of an arm that is coupled with another arm over a `network`.
 
-    Its inputs begin with q and dq; `sources` come after the C file of its own name.
+    Its inputs begin with q and dq; `sources` follow the C file with its own name.
     """
     return Model(
         identifier=identifier,

@@ -36,7 +36,7 @@ Exchange = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class BilateralSide:
-    """One side: a model by its module's name, values of its parameters, and what it sends."""
+    """One side: a model by its module's name, values of its parameters, and its sent signals."""
 
     model: str
     values: Mapping[str, float]

@@ -106,7 +106,7 @@ def jacobian(l: Array, q: Array) -> Array:  # noqa: E741
 def law(x: Values, t: float, h: float, q: Array, dq: Array, x_h: Array, dx_h: Array) -> Values:
     """The equations above: tau_h (m,) N.m; the endpoint x (2,) m and the force f (2,) N there.
 
-    `q`, `dq` (m,) rad, rad/s; `x_h`, `dx_h` (2,) m, m/s: where the hand wants the endpoint.
+    `q`, `dq` (m,) rad, rad/s; `x_h`, `dx_h` (2,) m, m/s: target of the endpoint and its velocity.
     """
     place, J = endpoint(x["l"], q), jacobian(x["l"], q)
     f = x["K_h"] * (x_h - place) + x["B_h"] * (dx_h - J @ dq)

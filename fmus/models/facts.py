@@ -87,9 +87,9 @@ def _regressor_norm() -> float:
 
 
 def adaptive(values: Values) -> DynamicFeedback | None:
-    """The law alone, or with neighbours, with gravity in theta_hat or without.
+    """The law alone or with neighbors, with gravity in theta_hat or without.
 
-    None where K or Gamma is no diagonal: the closed forms take each joint by itself.
+    None if K or Gamma is not diagonal, because the closed forms treat each joint separately.
     """
     if any(values.get("K_off", ())) or any(values.get("Gamma_off", ())):
         return None
@@ -116,7 +116,7 @@ def adaptive(values: Values) -> DynamicFeedback | None:
 
 
 def operator(values: Values) -> Hand:
-    """The hand as a component of its own."""
+    """The hand as a separate component."""
     return Hand(stiffness=values["k_p"], damping=values["k_d"], place=values["q_h"])
 
 

@@ -46,9 +46,9 @@ _ENTRY = re.compile(r"(.*)\[(\d+(?:, *\d+)*)\]$")
 class Replay:
     """Plays `signals` of the recording at `path`: name of the output -> name in the recording.
 
-    `units`: of outputs; needed for CSV files, which have none (default "1"), and of no use for
-    Parquet, which does. Raises ScenarioError, with the file and the line where there is one, for a
-    recording that cannot be read or lacks a signal.
+    `units`: of outputs; needed for CSV files, which contain none (default "1"), and not used for
+    Parquet files. Raises ScenarioError, with the file and, if known, the line, for a recording that
+    cannot be read or lacks a signal.
     """
 
     kind: Kind = "sampled"
@@ -91,7 +91,7 @@ class Replay:
         return {name: rows[row] for name, rows in self._rows.items()}
 
     def get_state(self) -> object:
-        """Nothing: what it gives depends on time alone."""
+        """None: the outputs depend on time only."""
         return None
 
     def set_state(self, state: object) -> None:

@@ -72,7 +72,7 @@ def initial_input(port: Port) -> Array:
 
 
 def checked_outputs(outputs: dict[str, Array], t: float = nan) -> dict[str, Array]:
-    """The outputs unchanged, each of its own shape. Raises RunError if one is not finite.
+    """The outputs unchanged, each with its shape. Raises RunError if one is not finite.
 
     `t`: the time for the message, s.
     """

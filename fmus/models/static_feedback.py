@@ -26,7 +26,7 @@ from fmus.reference import Law, Values
 
 
 class Feedback(NamedTuple):
-    """What a controller says at an instant, of each joint: `s`, `z` rad/s, `dz` rad/s², N.m."""
+    """Results of a controller at one instant, per joint: `s`, `z` rad/s, `dz` rad/s², N.m."""
 
     s: Array
     z: Array

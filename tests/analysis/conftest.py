@@ -1,4 +1,4 @@
-"""``cosim`` as a fixture, in a folder of its own."""
+"""The command ``cosim`` as a fixture, in a temporary folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim analyze`` as a user meets it: a scenario, a run, and what cannot be analysed."""
+"""``cosim analyze`` as a user runs it: a scenario, a run folder, and invalid targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many sines at once: what comes back through a system whose transfer function is known."""
+"""Multisine excitation of a system with a known transfer function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Operators that are components of their own: their torque is the force at the port."""
+"""Operators that are separate components: their torque is the force at the port."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which port: from [analysis], from --port, from who is held; sentences where it is not clear."""
+"""Selection of the port from [analysis], --port and the held arm; messages if it is ambiguous."""
 
 from __future__ import annotations
 

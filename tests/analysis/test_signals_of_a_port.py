@@ -1,4 +1,4 @@
-"""Manipulability, energy and felt impedance of signals whose answers are known."""
+"""Manipulability, energy and felt impedance of signals with known results."""
 
 from __future__ import annotations
 

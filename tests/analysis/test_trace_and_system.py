@@ -1,4 +1,4 @@
-"""Plans that differ a little, runs in memory, and who is who in a plan."""
+"""Plans with small differences, runs in memory, and the roles in a plan."""
 
 from __future__ import annotations
 

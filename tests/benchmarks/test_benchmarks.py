@@ -1,4 +1,4 @@
-"""The benchmark scripts run, and everybody in them computes the same. No times are judged."""
+"""The benchmark scripts run, and all candidates compute the same. No times are evaluated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every master computes what the engine does or is named with a reason. No times are judged."""
+"""Every master computes the engine's results or is listed with a reason. No times are evaluated."""
 
 from __future__ import annotations
 

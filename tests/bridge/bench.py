@@ -1,4 +1,4 @@
-"""One live node on rings: the test is everybody else on its buses."""
+"""One running node on memory rings; the test acts as all other nodes on its buses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One node on a simulated clock, which hears what a test says and when."""
+"""One node on a simulated clock, which receives what a test sends and when."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A controller that fails on purpose, with ports and parameters of fmus.models.teleoperation."""
+"""A controller that fails intentionally, with ports and parameters of fmus.models.teleoperation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes' ends of a Zenoh bus that say what they are told, and a listener that looks for it."""
+"""Ends of nodes on a Zenoh bus that send given samples, and a listener that waits for them."""
 
 from __future__ import annotations
 

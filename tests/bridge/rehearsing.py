@@ -1,4 +1,4 @@
-"""Rehearsals in a network namespace of their own: udp_multicast that cannot leave it."""
+"""Rehearsals in a separate network namespace, which udp_multicast cannot leave."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One node on the simulated clock: what it hears when is put in, what it sends and does is read."""
+"""One node on the simulated clock: the test sets its inputs and reads its outputs."""
 
 from __future__ import annotations
 

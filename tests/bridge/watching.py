@@ -1,4 +1,4 @@
-"""Run folders to look at: a twin's journals under the names of a rehearsal, and bus logs."""
+"""Run folders for the monitor: a twin's journals under the names of a rehearsal, and bus logs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers a question of a supervised command on a terminal of its own; prints how it went."""
+"""Answers a question of a supervised command on a separate terminal; prints the result."""
 
 from __future__ import annotations
 

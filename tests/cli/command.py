@@ -1,4 +1,4 @@
-"""The command as a user meets it: exit code, standard output, standard error."""
+"""The command as a user runs it: exit code, standard output, standard error."""
 
 from __future__ import annotations
 

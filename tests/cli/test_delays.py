@@ -1,4 +1,4 @@
-"""``cosim delays`` as a user meets it."""
+"""``cosim delays`` as a user runs it."""
 
 from __future__ import annotations
 

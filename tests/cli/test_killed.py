@@ -1,4 +1,4 @@
-"""Runs whose process is ended from outside or by a component: nothing recorded is lost."""
+"""Runs whose process is ended from outside or by a component: no recorded data is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cosim run``: what it prints, and what is in the folder afterwards."""
+"""``cosim run``: its output, and the contents of the run folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that do not reach their end: a value that is no number, a component that fails, Ctrl-C."""
+"""Runs that stop early: a value that is not finite, a component that fails, Ctrl-C."""
 
 from __future__ import annotations
 

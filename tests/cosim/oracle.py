@@ -1,7 +1,7 @@
 """The engine's oracle: the same plan, executed operation by operation in plain Python.
 
-Short and obvious on purpose. FMUs are stepped through their Component interface (one ctypes call
-per FMI function), everything else is list arithmetic.
+It is short and simple by design. FMUs are stepped through their Component interface (one ctypes
+call per FMI function), everything else is list arithmetic.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measures on signals whose answers are known."""
+"""Measures of signals with known results."""
 
 from __future__ import annotations
 

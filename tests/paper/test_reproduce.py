@@ -1,4 +1,4 @@
-"""``cosim reproduce`` as it is used: what it prints, writes and returns."""
+"""``cosim reproduce`` as a user runs it: its output, its files and its exit code."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The engine against a second simulator, on scenarios drawn at random.
+"""The engine against a second simulator, on random scenarios.
 
-Lost and late packets, hands that let go and grasp again, walls, projection, limits of the torque,
-alpha = 0, Remark 3, and two different arms: positions agree to 1e-5 rad, and to 1e-10 where there
-is no wall. Walls have no damper here: its force jumps at contact, which costs integrators of a
-fixed step their order.
+The scenarios contain lost and late packets, operators that release and grasp again, walls,
+projection, torque limits, alpha = 0, Remark 3, and two different arms. Positions agree to 1e-5 rad,
+and to 1e-10 without a wall. Walls have no damper here: its force jumps at contact, which reduces
+the order of integrators with a fixed step.
 """
 
 from __future__ import annotations

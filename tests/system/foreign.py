@@ -1,7 +1,7 @@
-"""Other masters, driven with our FMUs: everybody sees what the tick before left behind (Jacobi).
+"""Other masters with our FMUs: all components use values of the previous tick (Jacobi).
 
-Each takes a plan of FMUs connected by plain wires, and gives every output at 0, h, 2 h, ... What a
-plan says about order is not looked at; values and names are.
+Each takes a plan of FMUs connected by plain wires, and gives every output at 0, h, 2 h, ... The
+order in a plan is ignored; values and names are used.
 """
 
 from __future__ import annotations

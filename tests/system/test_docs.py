@@ -1,4 +1,4 @@
-"""docs/running.md knows every key there is; what the pages show runs."""
+"""docs/running.md lists every key; the examples of the pages run."""
 
 from __future__ import annotations
 

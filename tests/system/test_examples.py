@@ -1,4 +1,4 @@
-"""Every example runs, and prints what its README says it does (but for the wall clock)."""
+"""Every example runs, and prints the output in its README (except for wall times)."""
 
 from __future__ import annotations
 

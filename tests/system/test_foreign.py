@@ -1,12 +1,12 @@
-"""Our FMUs in other masters, and our engine as they are (``algorithm = "jacobi"``): same numbers.
+"""Our FMUs in other masters, and our engine with ``algorithm = "jacobi"``: same numbers.
 
-FMPy, libcosim and Ecos share no code with this project. Two arms, an operator, two controllers
-and what they exchange, seven FMUs wired directly and stepped together, each outside its master by
-one step from the first to the last.
+FMPy, libcosim and Ecos share no code with this project. The system has two arms, an operator, two
+controllers and their connections: seven FMUs wired directly and stepped together, with a delay of
+one step at each connection.
 
-libcosim hands an FMU the difference of two rounded times, fl(t + h) - fl(t), as the length of a
-step. With h = 2⁻⁹ s these are exact, and so is the comparison; with h = 1 ms the step differs by
-up to 10⁻¹⁶ s from ours, and the trajectories by what that makes of it.
+libcosim passes the difference of two rounded times, fl(t + h) - fl(t), to an FMU as the length of a
+step. With h = 2⁻⁹ s these are exact, and so is the comparison; with h = 1 ms the step differs by up
+to 10⁻¹⁶ s from ours, and the trajectories accordingly.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The bridge's commands on vcan, as somebody at a terminal starts them."""
+"""The bridge's commands on vcan, as a user starts them in a terminal."""
 
 from __future__ import annotations
 

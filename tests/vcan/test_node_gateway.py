@@ -1,8 +1,8 @@
-"""Two robots on two buses with the kernel's gateway between them, and what may happen to it.
+"""Two robots on two buses with the kernel's gateway between them, and its faults.
 
-One run of two single nodes, each on a bus of its own; only xi goes over the gateway. In phases the
-gateway corrupts, a queue delays, an interface is down, and somebody floods the bus. The journals
-tell afterwards what it did.
+One run of two single nodes, each on its own bus; only xi is sent over the gateway. In phases the
+gateway corrupts frames, a queue delays them, an interface is down, and a node floods the bus. The
+journals show the effects afterwards.
 """
 
 from __future__ import annotations

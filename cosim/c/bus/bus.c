@@ -52,7 +52,7 @@ size_t bus_size(const bus_settings_t *set)
     return lay_out(NULL, set);
 }
 
-/* The error counters that the nodes bring along; the states they give are no events. */
+/* Initial error counters of the nodes; the resulting states are not reported as events. */
 static void count_at_start(bus_t *b)
 {
     uint32_t record = b->set.record;

@@ -51,7 +51,7 @@ enum { DROP_OVERFLOW, DROP_REPLACED, DROP_ABORTED, DROP_ONE_SHOT, DROP_RESET, DR
 typedef struct {
     uint32_t id;
     uint8_t flags;                  /* CAN_ */
-    uint8_t length;                 /* bytes of data; of a remote frame: what it asks for */
+    uint8_t length;                 /* data bytes; for a remote frame, the number requested */
     uint16_t reserved;
     uint8_t data[64];
 } can_frame_t;                      /* 72 bytes */
@@ -149,14 +149,14 @@ BUS_API int32_t bus_abi(void);
 BUS_API size_t bus_size(const bus_settings_t *settings);
 /* Make a bus in `memory`, 16-byte aligned. The settings are copied. */
 BUS_API bus_t *bus_create(void *memory, const bus_settings_t *settings);
-/* Take requests; returns how many: the first that cannot be taken ends it (inbox full, or earlier
- * than now or than the node's last). Numbers are given in order, from 0. */
+/* Accepts requests and returns their number. It stops at the first request that cannot be accepted (inbox
+ * full, or time earlier than now or than the node's last request). Numbers are given in order, from 0. */
 BUS_API int64_t bus_request(bus_t *bus, const bus_request_t *requests, int64_t count);
 /* 1: the request was pending and is dropped, or will not be repeated if it is being sent just now;
  * 0: there is none. */
 BUS_API int32_t bus_abort(bus_t *bus, int32_t node, int64_t request);
-/* Go on to `until`: all events up to and with `until`; a frame that could start at `until` does so
- * in the next call. Returns 1 when the room for events or frames was used up before: call again. */
+/* Simulates to `until`, including events at `until`; a frame that could start at `until` does so in the
+ * next call. Returns 1 if the buffer of events or frames was full before: call again. */
 BUS_API int32_t bus_advance(bus_t *bus, int64_t until, bus_output_t *output);
 /* No frame is received before this time, ps, if nothing more is requested: the end of the undisturbed
  * frame that is being sent, otherwise a lower bound after now; INT64_MAX: no frame waits. */

@@ -85,7 +85,7 @@ static void find_contenders(bus_t *b, int64_t t)
     }
 }
 
-/* Who loses arbitration, in the order in which they do. */
+/* The nodes that lose arbitration, in the order in which they lose it. */
 static void find_losers(bus_t *b, int64_t t)
 {
     const node_t *winner = &b->nodes[b->winner];

@@ -19,7 +19,7 @@ void wire_enter(bus_t *b, int64_t t)
     }
 }
 
-/* All nodes are idle again: the clean path goes on from here. */
+/* All nodes are idle again: the clean path continues from here. */
 static void leave(bus_t *b)
 {
     b->bitwise = 0;

@@ -1,4 +1,4 @@
-"""Layouts that several tests use, and a packer so simple that it can be believed."""
+"""Layouts that several tests use, and a simple reference packer."""
 
 from __future__ import annotations
 

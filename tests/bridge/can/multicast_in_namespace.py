@@ -1,7 +1,7 @@
-"""The contract on udp_multicast between two processes; runs in a network namespace of its own.
+"""The contract of buses on udp_multicast between two processes, in a separate network namespace.
 
-Started by test_bus_multicast.py, which makes the namespace: a multicast packet that leaves the
-loopback interface leaves by `leak0` there, and is counted.
+test_bus_multicast.py starts it and creates the namespace: a multicast packet that leaves the
+loopback interface is sent on `leak0` there, and counted.
 """
 
 import multiprocessing

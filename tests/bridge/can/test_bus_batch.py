@@ -1,4 +1,4 @@
-"""Frames of a socket come several to a call of the kernel; nobody notices."""
+"""A socket returns several frames in one system call, with the same results."""
 
 from __future__ import annotations
 

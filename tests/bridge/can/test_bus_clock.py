@@ -1,4 +1,4 @@
-"""Two clocks are compared while a machine stands still: its stall is no step of the wall clock."""
+"""Two clocks are compared while a machine is stalled: its stall is not a step of the wall clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""udp_multicast in a network namespace of its own: nothing can leave this machine."""
+"""udp_multicast in a separate network namespace: no packet leaves this machine."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Values to bytes: against a bit-by-bit packer, at the ends, between, and what is no number."""
+"""Encoding of values against a bit-by-bit packer: limits, values between, values not finite."""
 
 from __future__ import annotations
 

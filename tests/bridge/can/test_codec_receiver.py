@@ -1,4 +1,4 @@
-"""Counters unwrapped: lost, repeated, overtaken, late, silent; never a wrong number."""
+"""Unwrapped counters with lost, repeated, overtaken and late frames: numbers are right."""
 
 from __future__ import annotations
 

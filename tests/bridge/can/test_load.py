@@ -1,4 +1,4 @@
-"""Load: of messages and of logs; C and NumPy say what Python says."""
+"""Load of messages and of logs: C and NumPy agree with Python."""
 
 from __future__ import annotations
 

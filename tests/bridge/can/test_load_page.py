@@ -1,4 +1,4 @@
-"""``docs/bus-load.md`` says what the DBC files and the formulas say."""
+"""``docs/bus-load.md`` agrees with the DBC files and the formulas."""
 
 from __future__ import annotations
 

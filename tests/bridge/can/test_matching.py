@@ -1,6 +1,6 @@
-"""A frame with the number of a message but of another format is never taken for the message.
+"""A frame with the identifier of a message but another format is never accepted as the message.
 
-The rule is `frame_accepted` of frame.h; the places here use it, besides nodes.
+The rule is `frame_accepted` of frame.h; the functions tested here use it, as nodes do.
 """
 
 from __future__ import annotations

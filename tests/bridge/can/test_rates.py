@@ -1,4 +1,4 @@
-"""Control rates of layouts, and simulated response times beside those of the analysis."""
+"""Control rates of layouts, and simulated response times compared with those of the analysis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives with protocols of their own: disabled by their node when its torque has ended."""
+"""Drives with their own protocols: their node disables them when its torque has ended."""
 
 from __future__ import annotations
 

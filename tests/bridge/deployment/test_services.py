@@ -1,4 +1,4 @@
-"""Services are those of their own bus, and a frame is one of them only in the right format."""
+"""Services belong to their own bus, and a frame is a service only in the right format."""
 
 from __future__ import annotations
 

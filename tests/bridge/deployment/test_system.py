@@ -1,4 +1,4 @@
-"""A scenario under a deployment: codecs, who hears what, and sentences for what does not fit."""
+"""A scenario with a deployment: codecs, receivers of messages, and errors for what does not fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A drive that answers on a bus as its profile says: what a rehearsal has in the motor's place."""
+"""A drive that answers on a bus according to its profile, in place of a motor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CiA 402 drives hear their host: its CANopen heartbeat, without which they stop, and SYNC."""
+"""CiA 402 drives receive their host's CANopen heartbeat, without which they stop, and SYNC."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profiles of drives: every file loads, says torque and state in SI, and its drive answers."""
+"""Profiles of drives: every file loads, gives torque and state in SI, and its drive answers."""
 
 from __future__ import annotations
 

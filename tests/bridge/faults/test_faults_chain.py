@@ -1,4 +1,4 @@
-"""Sender, faults, checks, delay line: what is accepted is what was sent, whatever is injected."""
+"""Sender, faults, checks, delay line: only sent samples are accepted, whatever is injected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults in C: several rules, that the seed decides, and that the record is the truth."""
+"""Faults in C: several rules, the effect of the seed, and the correctness of the record."""
 
 from __future__ import annotations
 

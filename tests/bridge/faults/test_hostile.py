@@ -1,4 +1,4 @@
-"""What a hostile peer does to frames: valid ones, made by somebody who knows the format."""
+"""Faults of a hostile peer: valid frames made with knowledge of the format."""
 
 from __future__ import annotations
 

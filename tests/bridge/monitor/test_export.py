@@ -1,4 +1,4 @@
-"""What plotting tools get is what the journals say: every slot, every number."""
+"""Exports for plotting tools contain every slot and every number of the journals."""
 
 from __future__ import annotations
 

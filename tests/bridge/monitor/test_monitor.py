@@ -1,4 +1,4 @@
-"""A snapshot says what the journals say, of runs that go on, have ended, or are broken."""
+"""Snapshots agree with the journals, for runs that are active, finished or damaged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who only listens learns states, values and losses from frames, and sends none."""
+"""A listener gets states, values and losses from frames, and sends none."""
 
 from __future__ import annotations
 

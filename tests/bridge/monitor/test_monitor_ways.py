@@ -1,4 +1,4 @@
-"""A listener behind a router, with a certificate, beside CAN."""
+"""A listener behind a router, with a certificate, and next to CAN."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who listens on Zenoh learns what nodes say, says nothing, and is nobody's peer."""
+"""A listener on Zenoh receives the messages of nodes, publishes nothing, and is not a peer."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""The C files of the bridge stand in an order: none calls one that calls it back, not even through
-others; each has a header of what it offers; a torque meets each file of its way once.
+"""The C files of the bridge have an order: no file calls one that depends on it.
+
+Each has a header with its interface, and a torque passes each file on its way once.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is written to a journal is there, after SIGKILL too; what is not a journal is refused."""
+"""Rows written to a journal survive SIGKILL; files that are not journals are refused."""
 
 import ctypes
 import os

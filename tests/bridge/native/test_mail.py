@@ -1,4 +1,4 @@
-"""Rings between C and threads of Python: who sleeps is woken, what does not fit is counted."""
+"""Rings between C and threads of Python: sleeping readers are woken, overflow is counted."""
 
 import os
 import threading

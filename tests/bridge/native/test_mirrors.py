@@ -1,4 +1,4 @@
-"""What Python says of structs, enums and limits of the bridge's C code is what its headers say."""
+"""Python's structs, enums and limits of the bridge's C code agree with its headers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deadlines and the histogram. No times are judged but against the clock itself."""
+"""Deadlines and the histogram. Times are compared with the clock itself only."""
 
 from __future__ import annotations
 

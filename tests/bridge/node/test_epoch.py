@@ -1,4 +1,4 @@
-"""EPOCH: which run is on the buses and when its t = 0 was; who says it, who believes it."""
+"""EPOCH: the run on the buses and the date of its t = 0, its senders and its acceptance."""
 
 from __future__ import annotations
 

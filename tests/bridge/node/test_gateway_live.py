@@ -1,4 +1,4 @@
-"""What a live gateway forwards, and what it does not."""
+"""Messages that a running gateway forwards, and those that it does not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What has to be heard before a start, and what is missed while a node runs."""
+"""Messages that are required before a start, and missing messages while a node runs."""
 
 import ctypes as c
 

@@ -1,4 +1,4 @@
-"""A live node and its safety: how it starts, refuses to, and ends. The test plays the others."""
+"""A running node and its safety functions: start, refusals and end. The test acts as its peers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nobody shares an identifier: messages, services, and all frames of drives, both ways."""
+"""Identifiers are unique: messages, services, and all frames to and from drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A host without loopback or multicast says so before anything starts."""
+"""A host without loopback or multicast is reported before anything starts."""
 
 from __future__ import annotations
 

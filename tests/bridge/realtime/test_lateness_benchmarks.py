@@ -1,4 +1,4 @@
-"""The benchmark scripts of the bridge run and say what they could not do. No times are judged."""
+"""The benchmark scripts of the bridge run and report limits. No times are evaluated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lives of nodes: their text, their files, and nodes with names that look like lives."""
+"""Lives of nodes: their text form, their files, and node names that look like lives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The babbling peer: so many frames of one identifier, until it is told to stop."""
+"""The babbling peer: frames of one identifier at a given rate until it is stopped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes that die, freeze, fail and come back: everybody else stays safe, nothing is lost."""
+"""Processes that are killed, freeze, fail and restart: the others stay safe, no data is lost."""
 
 from __future__ import annotations
 

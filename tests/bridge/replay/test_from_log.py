@@ -1,4 +1,4 @@
-"""Controllers on a bus log: they send what they sent, or the log says why not."""
+"""Controllers on a bus log: they send the same, or the report gives the reason."""
 
 from __future__ import annotations
 

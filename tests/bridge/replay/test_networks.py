@@ -1,4 +1,4 @@
-"""The buses of a twin: who sends when, against arbitration written down a second time in Python."""
+"""The buses of a twin, compared with a second implementation of arbitration in Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was heard is recorded: a replay is exact whoever the peers were, and tells strangers."""
+"""Received samples are recorded: a replay is exact for any peer, and reports foreign samples."""
 
 from __future__ import annotations
 

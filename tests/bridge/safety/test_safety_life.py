@@ -1,4 +1,4 @@
-"""Life cycle, watchdogs and peers: what stops a node, and what it takes to start again."""
+"""Life cycle, watchdogs and peers: causes of a stop, and conditions of the next start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An end that was paused for longer than its connection lives is heard again, and hears."""
+"""An end that was paused for longer than its lease is received again, and receives."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Who is there and silent."""
+"""Peers that are present but silent."""
 
 from bridge.deployment.zenoh_keys import Names
 from bridge.zenoh.lost_peers import LostPeers

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration is said before a session opens."""
+"""Errors in a configuration are reported before a session opens."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A running node asked and told over Zenoh."""
+"""Queries and commands to a running node over Zenoh."""
 
 import ctypes as c
 import threading

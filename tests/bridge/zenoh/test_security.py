@@ -1,4 +1,4 @@
-"""configs/zenoh/secure.json5: who is let in, and who may say what."""
+"""configs/zenoh/secure.json5: who may connect, and who may publish what."""
 
 import stat
 from collections.abc import Iterator

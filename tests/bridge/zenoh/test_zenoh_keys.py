@@ -1,4 +1,4 @@
-"""Keys and bytes, against a decoder that knows only docs/network.md."""
+"""Keys and bytes, against a decoder written from docs/network.md only."""
 
 import struct
 import zlib

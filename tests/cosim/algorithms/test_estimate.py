@@ -1,4 +1,4 @@
-"""Errors by step doubling: known errors and orders are found, and nothing else changes."""
+"""Errors by step doubling: known errors and orders are found, and the run does not change."""
 
 import json
 from dataclasses import replace

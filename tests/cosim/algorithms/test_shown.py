@@ -1,4 +1,4 @@
-"""``cosim show`` says what an algorithm makes of order and inputs."""
+"""``cosim show`` prints the order and the inputs according to the algorithm."""
 
 import json
 

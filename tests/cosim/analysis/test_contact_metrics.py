@@ -1,4 +1,4 @@
-"""Errors by phase and energy at the ports, against traces whose integrals are known."""
+"""Errors by phase and energy at the ports, against signals with known integrals."""
 
 from __future__ import annotations
 

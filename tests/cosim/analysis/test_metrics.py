@@ -1,4 +1,4 @@
-"""Metrics against closed forms, and what they say where there is no number."""
+"""Metrics against closed forms, and their messages if there is no number."""
 
 from __future__ import annotations
 

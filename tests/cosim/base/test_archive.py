@@ -1,4 +1,4 @@
-"""Archives of others, damaged at random and on purpose: one sentence, whatever is wrong."""
+"""Foreign archives, damaged at random and systematically: one error message for each."""
 
 from __future__ import annotations
 

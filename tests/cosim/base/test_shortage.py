@@ -1,4 +1,4 @@
-"""What the system could not give is a sentence; an error of the program stays what it is."""
+"""A shortage of resources gives a sentence; an error of the program is not changed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs of candump: what other programs write is read, and what is no log is refused."""
+"""Logs of candump: those of other programs are read, other files are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes whose clocks run too fast or too slow: what resynchronisation corrects, and what not."""
+"""Nodes whose clocks are too fast or too slow, within and beyond resynchronization."""
 
 from __future__ import annotations
 

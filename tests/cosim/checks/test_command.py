@@ -1,4 +1,4 @@
-"""``cosim check``, and what ``cosim run`` says of it."""
+"""``cosim check``, and its warnings in ``cosim run``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A forgotten wire is said by every command, and an error with --strict."""
+"""A missing wire is reported by every command, and is an error with --strict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/benchmark.md: what it shows runs, and it knows every preset, study, person and column."""
+"""docs/benchmark.md: its examples run, and it lists every preset, study, person and column."""
 
 from __future__ import annotations
 

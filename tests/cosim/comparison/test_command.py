@@ -1,4 +1,4 @@
-"""``cosim compare`` as a user meets it."""
+"""``cosim compare`` as a user runs it."""
 
 from __future__ import annotations
 

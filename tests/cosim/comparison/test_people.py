@@ -1,4 +1,4 @@
-"""Operators with components of their own, and links whose two ways differ."""
+"""Operators with their own components, and links with different directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the column "stable?" says of motions whose answer is known."""
+"""The column "stable?" for motions with a known result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FMUs that crash, hang, leak, refuse or talk: here, and in a process of their own."""
+"""FMUs that crash, hang, leak, refuse or print: in this process and isolated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An FMU that ends the simulation: the run is whole, finished, and says so."""
+"""An FMU that ends the simulation: the run is complete, finished, and reports it."""
 
 from __future__ import annotations
 

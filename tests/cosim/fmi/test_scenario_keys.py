@@ -1,4 +1,4 @@
-"""What a scenario says about FMUs: units, items, texts, sizes, log, isolate, timeout, build."""
+"""Keys of a scenario for FMUs: units, items, texts, sizes, log, isolate, timeout, build."""
 
 from __future__ import annotations
 

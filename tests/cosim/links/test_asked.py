@@ -1,4 +1,4 @@
-"""Every rule takes just as many delays from a law as it says it asks for, in chunks of any size."""
+"""Every rule takes as many delays from a law as it declares, in chunks of any size."""
 
 from __future__ import annotations
 

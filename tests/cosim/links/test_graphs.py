@@ -1,4 +1,4 @@
-"""Graphs: what an edge means, who reaches whom, and the facts of the presets."""
+"""Graphs: direction of edges, reachability, and the facts of the presets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tc netem line of each law, what it admits not to do, and the distribution tables."""
+"""The tc netem line of each law, its stated differences, and the distribution tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scenario may say about a link, and the sentences it gets back."""
+"""Settings of a link in a scenario, and the error messages for invalid ones."""
 
 from __future__ import annotations
 

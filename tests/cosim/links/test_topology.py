@@ -1,4 +1,4 @@
-"""Switching graphs, the weights that every receiver sees, and who can reach all."""
+"""Switching graphs, the weights that every receiver reads, and the roots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorder: what is in the file depends on the rows alone, and failures are said."""
+"""Recorder: the content of the file depends on the rows only, and failures are reported."""
 
 from __future__ import annotations
 

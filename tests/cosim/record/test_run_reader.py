@@ -1,4 +1,4 @@
-"""Run: what was recorded comes back, by name, or a sentence says why not."""
+"""Run: recorded data is read back by name, or an error gives the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of four cases of a bus: its numbers, its pictures, and what it says of them."""
+"""The page of four cases of a bus: its numbers, its pictures, and its statements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Components that fail in ways of their own."""
+"""Components that fail in different ways."""
 
 from __future__ import annotations
 

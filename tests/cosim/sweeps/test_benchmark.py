@@ -1,4 +1,4 @@
-"""The benchmark of sweeps runs. No times are judged."""
+"""The benchmark of sweeps runs. No times are evaluated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/sweep.md knows every key there is; the studies that come with the project run."""
+"""docs/sweep.md lists every key; the studies of the project run."""
 
 from __future__ import annotations
 

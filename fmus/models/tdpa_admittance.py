@@ -17,7 +17,8 @@ least f dq_d. f depends on dq_d: with a = K_p (q_d - q) - K_d dq the work is f d
 K_d, and f is found between 0 and its value for dq_d = w. For any delays and losses, the line
 delivers at most its input energy plus E_0; ``tdpa_impedance``, the other end, explains this. E_0 is
 the energy of the line at the start. With E_0 = 0 no torque appears against which the other end
-could do work, and the arms never move.
+could do work, and the arms never move. A frictionless joint of inertia m may reach sqrt(2 E_0 / m):
+0.045 rad/s for the preset of 1 mJ and 1 kg.m^2, hence the small value.
 
 The passivity controller reduces dq_d, which causes a position error (drift). With k_c > 0 the line
 also demands the lost position, as fast as its energy allows. This drift compensation is applied
@@ -40,8 +41,8 @@ from fmus.reference import Values, derive
 
 #: As those of ``tdpa_impedance``; ``TDPA drift`` with compensation.
 PRESETS: dict[str, dict[str, float]] = {
-    "TDPA": {"K_p": 50.0, "K_d": 10.0, "E_0": 5.0, "k_c": 0.0},
-    "TDPA drift": {"K_p": 50.0, "K_d": 10.0, "E_0": 5.0, "k_c": 1.0},
+    "TDPA": {"K_p": 50.0, "K_d": 10.0, "E_0": 1e-3, "k_c": 0.0},
+    "TDPA drift": {"K_p": 50.0, "K_d": 10.0, "E_0": 1e-3, "k_c": 1.0},
 }
 
 #: What this end sends and where the other takes it: (source, target), see ``bilateral``.
@@ -87,7 +88,7 @@ def model(joints: int = 2) -> Model:
             *_outputs(arm),
             arm.gain("K_p", STIFFNESS, 50.0, "Stiffness towards q_d"),
             arm.gain("K_d", DAMPING, 10.0, "Damping towards dq_d", minimum=1e-6),
-            arm.gain("E_0", "J", 5.0, "Energy in the line at the start"),
+            arm.gain("E_0", "J", 1e-3, "Energy in the line at the start"),
             rate("k_c", 0.0, "Gain of the drift compensation"),
             arm.tau_max,
         ),

@@ -83,7 +83,7 @@ def test_waves_leave_the_arms_as_far_apart_as_they_were(name: str) -> None:
 
 
 def test_time_domain_passivity_drifts_and_compensation_takes_it_back() -> None:
-    options = {"stop": 40.0, "master": grip(10.0, 5.0), "delay": JITTER}
+    options = {"stop": 80.0, "master": grip(10.0, 5.0), "delay": JITTER}
     plain, compensated = run(PAIRS["tdpa"], **options), run(PAIRS["tdpa-drift"], **options)
     assert np.linalg.norm(plain.apart[-1]) > 1.0
     assert np.abs(compensated.apart[-1]).max() < 0.05
@@ -219,7 +219,11 @@ def test_a_wave_line_gives_no_more_than_it_was_given(delay: float) -> None:
 
 @pytest.mark.parametrize("name", ["tdpa", "tdpa-drift"])
 def test_time_domain_passivity_holds_on_a_bad_line(name: str) -> None:
-    """Jitter and stale packets: both ends together give the arms E_0 = 5 J at the most."""
+    """Jitter and stale packets: both ends together give the arms hardly any energy.
+
+    E_0 is 1 mJ. The work is summed here at 1 ms, the ends count it at their own 5 ms, which makes
+    up to 0.53 J of the difference; without the passivity controllers it grows without a bound.
+    """
     held = run(
         PAIRS[name],
         stop=30.0,
@@ -230,7 +234,7 @@ def test_time_domain_passivity_holds_on_a_bad_line(name: str) -> None:
     assert held.failure is None
     assert held["slave_control.W"].min() > -1e-9
     into = [held[f"{arm}.tau"] * held[f"{arm}.dq"] for arm in ("master", "slave")]  # W, the arms
-    assert np.cumsum(sum(into), axis=0).max() * 1e-3 < 5.0  # J, E_0
+    assert np.cumsum(sum(into), axis=0).max() * 1e-3 < 0.7  # J
     assert np.abs(into[1]).max() > 1.0  # and that was not because nothing happened
 
 

@@ -81,6 +81,6 @@ def test_friction_lets_time_domain_passivity_settle_and_does_not_save_a_stiff_pd
     found = compare(read_base(CONFIG, variants, ["run.stop=60 s"]), variants, chosen, (0,)).outcomes
     paper, tdpa, stiff = found
     assert paper.verdict.stable and paper.numbers["apart"][0] < 1e-3
-    assert tdpa.verdict.stable and tdpa.numbers["apart"][0] < 0.01
+    assert tdpa.verdict.stable and tdpa.numbers["apart"][0] > 1.0  # nobody gives the line energy
     assert not stiff.verdict.stable
     assert all(o.numbers["peak"][0] <= 60.0 for o in found)

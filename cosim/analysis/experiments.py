@@ -24,8 +24,8 @@ from cosim.base.errors import RunError, ScenarioError
 
 #: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.
 FORCE = 1e-6
-#: Time for what the start sets off to die away, s.
-SETTLE = 40.0
+#: Time for what the start sets off to die away; what rests exactly for so long stays there, s.
+SETTLE, STILL = 40.0, 5.0
 #: Uncertainty of one period, as a share of |G|, from which on several are averaged; how many of
 #: slow and of fast forces.
 DISTURBED, SLOW_PERIODS, FAST_PERIODS = 0.05, 4, 6
@@ -131,15 +131,19 @@ class Bench:
         return found
 
     def push(self, seconds: float, force: float = FORCE) -> SignalTrace:
-        """A constant push on every joint for so many seconds, from rest.
+        """What a constant push on every joint for so many seconds, from rest, adds to the motion.
 
         `force` is in N.m (N for a port in space). Force and response are recorded. Raises
         ScenarioError if the port has no input for a test force, RunError if the run stops.
         """
         if not self.port.inject:
             raise ScenarioError("no input for a test force; name it in [analysis] as inject")
-        change = self._fed(seconds, np.full((1, self.size), force))
-        return self.run(change, (self.port.inject, self.port.response, *self.port.members))
+        names = (self.port.inject, self.port.response, *self.port.members)
+        run = self.run(self._fed(seconds, np.full((1, self.size), force)), names)
+        still = np.zeros((1, self.size))
+        if self.run(self._fed(min(seconds, STILL), still), names[1:]).constant:
+            return run
+        return run.less(self.run(self._fed(seconds, still), names[1:]))
 
     def gain(self, sines: MultiSine, periods: int = 1) -> PortGain:
         """G(jω): one run with the force on each joint, one without. Raises RunError, ScenarioError.

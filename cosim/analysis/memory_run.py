@@ -36,6 +36,16 @@ class SignalTrace:
     names: Mapping[str, tuple[str, ...]]
     stopped: str = ""
 
+    @property
+    def constant(self) -> bool:
+        """Whether no signal changes."""
+        return all((x == x[0]).all() for x in self.columns.values())
+
+    def less(self, other: SignalTrace) -> SignalTrace:
+        """The same, the signals of `other` subtracted; both have as many rows."""
+        rest = {name: self.columns[name] - x for name, x in other.columns.items()}
+        return replace(self, columns={**self.columns, **rest})
+
     def array(self, prefix: str) -> Array:
         """Entries of a signal, (n, m). Raises ScenarioError for one that was not recorded."""
         if prefix not in self.columns:

@@ -16,8 +16,14 @@ from cosim.analysis.analysis import Analysis, analyse
 from cosim.analysis.quantity import Quantity
 from cosim.analysis.subject import of_scenario
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+ROOT = Path(__file__).parents[2]
+CONFIGS = ROOT / "configs"
 SHIPPED = sorted([*CONFIGS.glob("*.toml"), *CONFIGS.glob("can/*.toml")])
+#: Scenarios in which nobody holds an arm, and the arm to analyze.
+UNHELD = {
+    "configs/compare/networks/ring.toml": "robot1",
+    "examples/own_controller/scenario.toml": "arm",
+}
 #: Shares by which a closed form may be off: ωT_s/4 at 60 rad/s and 5 ms where it is not sampled,
 #: the time that a push takes to become a straight line, what is left of a decay.
 UNSAMPLED, STRAIGHT, ROUNDED = 0.075, 0.04, 2e-3
@@ -56,6 +62,27 @@ def test_the_single_arm_is_beside_its_closed_forms() -> None:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_every_shipped_scenario_is_beside_its_closed_forms(path: Path) -> None:
     check(analyse(of_scenario(path)), 10)
+
+
+def test_these_are_all_shipped_scenarios() -> None:
+    files = [path for folder in ("configs", "examples") for path in (ROOT / folder).rglob("*.toml")]
+    scenarios = [path for path in files if "\n[components." in path.read_text(encoding="utf-8")]
+    assert sorted(scenarios) == sorted([*SHIPPED, *(ROOT / name for name in UNHELD)])
+
+
+@pytest.mark.slow
+def test_a_ring_that_nobody_holds_is_beside_its_closed_forms() -> None:
+    check(analyse(of_scenario(CONFIGS / "compare/networks/ring.toml", chosen="robot1")), 6)
+
+
+@pytest.mark.slow
+def test_an_own_controller_is_felt_as_its_spring(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PD with 20 N.m/rad, also by a push: the motion that it makes by itself is subtracted."""
+    monkeypatch.chdir(ROOT / "examples/own_controller")
+    monkeypatch.syspath_prepend(str(ROOT / "examples/own_controller"))
+    found = analyse(of_scenario("scenario.toml", chosen="arm"))
+    by_name = {q.name: q for q in found.quantities}
+    assert by_name["push_stiffness"].values == pytest.approx((20.0, 20.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

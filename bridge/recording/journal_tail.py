@@ -20,7 +20,7 @@ Rows = NDArray[np.void]
 
 @final
 class JournalTail:
-    """The rows of a journal so far. Raises JournalError for a file that is no journal (yet)."""
+    """The rows of a journal so far. Raises JournalError if the file is not a journal (yet)."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -57,7 +57,7 @@ class JournalTail:
 
     @property
     def closed(self) -> bool:
-        """Whether its writer has ended in order; a journal that is full looks the same."""
+        """Whether its writer has ended normally; a full journal looks the same."""
         header = self._header()
         return bool(header.rows == header.capacity)
 

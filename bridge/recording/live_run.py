@@ -70,9 +70,9 @@ def read_facts(folder: Path) -> Facts:
 
 
 def find_run(runs: Path) -> Path:
-    """The newest run in `runs` that goes on; else the newest with journals.
+    """The newest active run in `runs`; otherwise the newest with journals.
 
-    Raises ScenarioError where there is none.
+    Raises ScenarioError if there is none.
     """
     found = [f for f in runs.iterdir() if journals(f)] if runs.is_dir() else []
     if not found:
@@ -88,7 +88,7 @@ def journals(folder: Path) -> dict[Life, Path]:
 
 
 def is_live(folder: Path) -> bool:
-    """Whether a run's supervisor lives, and has not finished the folder."""
+    """Whether a run's supervisor is running and has not finished the folder."""
     started = folder / STARTED
     if not started.is_file() or (folder / METADATA).is_file():
         return False
@@ -176,7 +176,7 @@ class LiveRun:
             )
 
     def lives_of(self, node: str) -> list[Life]:
-        """The lives of a node that were seen, the first one first."""
+        """The observed lives of a node, in their order."""
         return lives_of(self.lives, node)
 
     def recent(self, seconds: float) -> dict[str, Rows]:
@@ -197,7 +197,7 @@ class LiveRun:
         return {node: np.concatenate(found) for node, found in parts.items() if found}
 
     def reports(self) -> Iterator[tuple[Life, Statement]]:
-        """(life, what it said at its end), of those that have."""
+        """(life, its report at the end), for lives that have one."""
         for life, tail in self.lives.items():
             try:
                 said = Statement.read(tail.path.parent, life)

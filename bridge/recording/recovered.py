@@ -16,8 +16,8 @@ from cosim.record.folder import NODES
 def collect(folder: Path, into: Path) -> None:
     """Write trajectories, link tables and bus logs of the journals in `folder` into `into`.
 
-    Raises ScenarioError where scenario and deployment are not where the folder says they are, or
-    no node reached its first slot; RunError where a file cannot be written.
+    Raises ScenarioError if scenario and deployment are not at the paths recorded in the folder, or
+    no node reached its first slot; RunError if a file cannot be written.
     """
     facts = read_facts(folder)
     system = load_system(facts.scenario, facts.deployment, facts.settings)

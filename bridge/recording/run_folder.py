@@ -194,7 +194,7 @@ def _without_future(held: IntArray, grid: Grid) -> IntArray:
 
 
 def bus_logs(system: System, nodes: Path) -> dict[str, FrameLog]:
-    """What was on each CAN bus, by time: what nodes sent, and what they heard of others."""
+    """The frames on each CAN bus, by time: those sent by nodes, and those received from others."""
     logs: dict[str, FrameLog] = {}
     for name, bus in system.deployment.buses.items():
         files = list(frame_files(nodes, name).values())

@@ -63,7 +63,7 @@ class ByLife(dict[Life, T]):
 
 
 def lives_of(lives: Iterable[Life], node: str) -> list[Life]:
-    """The lives of a node, the first one first."""
+    """The lives of a node, in their order."""
     return sorted(life for life in lives if life.node == node)
 
 

@@ -50,14 +50,14 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Statement(Record, frozen=True, kw_only=True):
-    """What a life says of itself at its end: the file ``LIFE.json``.
+    """The report of a life at its end: the file ``LIFE.json``.
 
-    `reasons`: names of the bits of ``Why`` that are latched; `refused`: why ARM or START was
-    refused last. `run`: the number of the run by EPOCH, 0: started without; `clock`: of the host;
-    `unshared`: EPOCHs of hosts whose clock is not known to be this one's.
+    `reasons`: names of the latched bits of ``Why``; `refused`: why ARM or START was refused last.
+    `run`: the number of the run by EPOCH, 0: started without; `clock`: of the host; `unshared`:
+    EPOCHs of hosts without a common clock.
 
-    `messages`: counters of each message's receiver; `sent`: of each outlet. Times are
-    ns of the monotonic clock.
+    `messages`: counters of each message's receiver; `sent`: of each outlet. Times are ns of the
+    monotonic clock.
     """
 
     life: Life
@@ -95,7 +95,7 @@ class Statement(Record, frozen=True, kw_only=True):
 
     @classmethod
     def read(cls, folder: Path, life: Life) -> Self | None:
-        """Of a life; None: it did not live to write one."""
+        """The report of a life; None if it ended before it could write one."""
         path = folder / life.file("json")
         if not path.is_file():
             return None
@@ -146,17 +146,17 @@ class Done(_Note, frozen=True, kw_only=True, tag="done"):
 
 
 class Remark(_Note, frozen=True, kw_only=True, tag="remark"):
-    """What somebody did who runs a rehearsal from Python, in words that nobody reads but people."""
+    """A remark, as free text for the reader, by a program that runs a rehearsal from Python."""
 
     remark: str
 
     def describe(self) -> str:
-        """As it was said."""
+        """The text of the remark."""
         return self.remark
 
 
 class Gone(_Note, frozen=True, kw_only=True, tag="gone"):
-    """A life ended although nobody had planned it; `signal`: that killed it, 0: none."""
+    """A life ended without a planned cause; `signal`: that killed it, 0: none."""
 
     life: Life
     end: LifeEnd
@@ -198,7 +198,7 @@ class Refused(_Note, frozen=True, kw_only=True, tag="refused"):
 
 
 class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
-    """A life heard nothing of a message for longer than it may; all were stopped. `to`: phrases."""
+    """A life received nothing of a message for too long; all were stopped. `to`: phrases."""
 
     life: Life
     to: tuple[str, ...]
@@ -219,7 +219,7 @@ def record_note(what: str | FaultEvent, t: float) -> Note:
 
 
 def refusal(reasons: Sequence[str], armed: bool, missing: Sequence[str] = ()) -> str:
-    """Why ARM or START was refused, in words; `missing`: what was not heard."""
+    """The reason for which ARM or START was refused, as text; `missing`: missing inputs."""
     if missing:
         return f"{refusal(reasons, armed)} (not heard: {', '.join(missing)})"
     others = [name for name in reasons if name != "command"]

@@ -44,10 +44,10 @@ def groups(system: System) -> dict[str, tuple[str, ...]]:
 def settings(
     system: System, hosts: Mapping[str, Sequence[str]], addresses: Mapping[str, str], zenoh: str
 ) -> list[str]:
-    """Changes of the deployment with which its nodes find each other: TCP, and UDP for samples.
+    """Changes of the deployment that let its nodes find each other: TCP, and UDP for samples.
 
-    `zenoh`: the configuration file of all Zenoh buses, "": as the deployment says. Raises
-    ScenarioError for a bus whose nodes connect to something else.
+    `zenoh`: the configuration file of all Zenoh buses, "": that of the deployment. Raises
+    ScenarioError for a bus whose nodes connect to another address.
     """
     found: list[str] = []
     for name, bus in system.deployment.buses.items():
@@ -80,9 +80,9 @@ def _text(path: str) -> str:
 
 @final
 class Hosts:
-    """Hosts for as long as a ``with`` lasts; more than one: with `network` between them.
+    """Hosts during a ``with`` block; more than one: connected by `network`.
 
-    `record`: gets a row a packet. Raises NetworkError where there are no namespaces.
+    `record`: file for one row per packet. Raises NetworkError if namespaces are not available.
     """
 
     def __init__(self, hosts: Mapping[str, Sequence[str]], record: Path, seed: int = 0) -> None:
@@ -125,7 +125,7 @@ class Hosts:
 
 
 def missing() -> str:
-    """What this machine lacks for hosts, as an error says it; "": nothing."""
+    """The requirements for hosts that this machine lacks, as an error message; "": none."""
     try:
         with _tried() as name:
             namespaces.multicast(name)

@@ -76,14 +76,14 @@ def _event_action(
 
 @final
 class _Links:
-    """What is wrong with each link of a network now: of several faults at once, all of it."""
+    """The active faults of each link of a network; simultaneous faults are combined."""
 
     def __init__(self, network: RelayNetwork | None) -> None:
         self._network = network
         self._wrong: dict[str, dict[int, Mapping[str, Any]]] = {}
 
     def check(self, event: FaultEvent, script: FaultScript) -> None:
-        """Raise ScenarioError where there is no such link."""
+        """Raise ScenarioError if the link does not exist."""
         if self._network is None:
             raise ScenarioError(
                 f"{event.action} needs nodes on separate hosts with a network between them; "

@@ -58,7 +58,7 @@ class Settings:
 
 @dataclass(slots=True)
 class RehearsalRecord:
-    """What came of a rehearsal: lives in the order they were started, and what was noticed."""
+    """The result of a rehearsal: lives in the order of their start, and notes."""
 
     lives: list[NodeHandle] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)

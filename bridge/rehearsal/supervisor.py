@@ -201,7 +201,7 @@ class Rehearsal:
         self._look()
 
     def _look(self) -> None:
-        """Notice nodes that have ended; one whose end nobody planned stops the others."""
+        """Detect nodes that have ended; an unplanned end stops the others."""
         for name, process in list(self.current.items()):
             process.poll()
             self._refused(process)
@@ -224,7 +224,7 @@ class Rehearsal:
             self._stop_others(process)
 
     def _stop_without_input(self, process: NodeHandle) -> None:
-        """A node that hears no more what it needs ends the run."""
+        """Stop the run if a node no longer receives a required input."""
         if not process.deaf or self._stopped:
             return
         note = Deaf(t=self.t, life=process.start.life, to=process.deaf)
@@ -245,7 +245,7 @@ class Rehearsal:
                 other.send_command("stop")
 
     def _end_late_lives(self) -> bool:
-        """Later lives that are not ready long after the end are ended: whether nobody else runs."""
+        """End restarted lives that are not ready long after the end of the run."""
         running = [p for p in self.current.values() if p.code is None]
         missed = [p for p in running if not p.ready and p.start.life.boot > 1]
         for process in missed:

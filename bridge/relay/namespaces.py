@@ -18,7 +18,7 @@ PREFIX = "cosim-"
 
 
 class NetworkError(CosimError, OSError):
-    """A namespace or an interface that cannot be made: the message says what is missing."""
+    """A namespace or an interface cannot be created; the message names what is missing."""
 
 
 def add(name: str) -> None:
@@ -55,7 +55,7 @@ def abandoned() -> list[str]:
 
 
 def ip(*arguments: str) -> str:
-    """Run iproute2. Raises NetworkError with what it said."""
+    """Run iproute2. Raises NetworkError with its error message."""
     try:
         found = subprocess.run(
             ["ip", *arguments], capture_output=True, text=True, check=False,

@@ -26,10 +26,10 @@ ROWS = 400_000
 
 @final
 class RelayNetwork:
-    """Hosts in network namespaces of their own, ``10.77.0.N``, and links between any two.
+    """Hosts in separate network namespaces, ``10.77.0.N``, and links between any two.
 
     `links`: tables of :class:`bridge.relay.impairment.RelayLinkSpec` by ``FROM>TO``, or ``*`` for
-    all. `record`: the file that gets a row a packet. Raises NetworkError without root.
+    all. `record`: file for one row per packet. Raises NetworkError without root privileges.
     """
 
     def __init__(

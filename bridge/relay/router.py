@@ -81,7 +81,7 @@ class Router:
             self.links[name].set(spec)
 
     def run(self, now: Callable[[], int], control: int, command: Callable[[], bool]) -> None:
-        """Until `command` says so, which is called when there is something to read on `control`."""
+        """Run until `command` ends it, which is called when data can be read on `control`."""
         while True:
             wait = _LOOK
             if self._waiting:

@@ -44,15 +44,15 @@ class LoggedSample:
 
     @property
     def running(self) -> bool:
-        """Whether its sender was in the run, as far as it says."""
+        """Whether its sender was in the run, according to the status."""
         return self.life not in (LifeState.UNCONFIGURED, LifeState.INACTIVE)
 
 
 def read_buses(system: System, logs: Sequence[Path]) -> dict[str, NDArray[np.void]]:
     """Rows (n,) of frames by bus of the deployment, in order of time.
 
-    A log's bus is that of this channel or name, or the one its file is called by. Raises
-    ScenarioError for a log of none of them, LogError for a file that is no log.
+    The bus of a log is the one with its channel or name, or with the name of its file. Raises
+    ScenarioError for a log of another bus, LogError for a file that is not a log.
     """
     found: dict[str, list[NDArray[np.void]]] = {}
     for path in logs:
@@ -93,10 +93,10 @@ def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[
 
 
 def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int:
-    """When t = 0 was on the log's clock, ns, from the time stamps in the frames.
+    """Time of t = 0 on the log's clock, ns, from the time stamps in the frames.
 
-    A stamp of 16 bits says it only modulo 65.5 ms; then counters decide, which is unique for 41 s
-    at 200 Hz. Raises ScenarioError where no message has a time stamp.
+    A stamp of 16 bits gives it modulo 65.5 ms; the counters resolve this, which is unique for 41 s
+    at 200 Hz. Raises ScenarioError if no message has a time stamp.
     """
     bits = max((_time_bits(system.messages[n]) for n, s in heard.items() if s), default=0)
     if not bits:

@@ -37,10 +37,10 @@ CLOSE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class SignalDifference:
-    """How far apart two runs are in one scalar; `at`: time of the largest difference, s.
+    """The difference of two runs in one scalar; `at`: time of the largest difference, s.
 
-    `bound_rms`, `bound`: what RMS and maximum may be for runs that are equal. `judged`: whether
-    that counts.
+    `bound_rms`, `bound`: limits of RMS and maximum for equal runs. `judged`: whether the limits
+    apply.
     """
 
     name: str
@@ -61,7 +61,7 @@ class SignalDifference:
 
 @dataclass(frozen=True, slots=True)
 class MetricDifference:
-    """A number of the summary in both runs; settle times are metrics of their own, in s."""
+    """A number of the summary in both runs; settle times are separate metrics, in s."""
 
     label: str
     unit: str
@@ -101,7 +101,7 @@ class RunDifference:
         return int(self.verdict == "different")
 
     def sentence(self) -> str:
-        """The verdict, with the bound it stands on."""
+        """The verdict, with the limit that determines it."""
         if self.verdict == "identical":
             return f"identical to the bit in {len(self.signals)} signals, {self.rows} rows"
         bound = f"quantisation and one period ({self.period * 1e3:g} ms)"

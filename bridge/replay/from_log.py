@@ -75,7 +75,7 @@ class ControllerReplay:
 
 @dataclass(frozen=True, slots=True)
 class LogReplay:
-    """What a log says of the controllers; `start_ns`: t = 0 on the log's clock."""
+    """The replays of the controllers in a log; `start_ns`: t = 0 on the log's clock."""
 
     start_ns: int
     nodes: tuple[ControllerReplay, ...]
@@ -90,11 +90,11 @@ class LogReplay:
 def replay_log(
     system: System, logs: Path | Sequence[Path], start_ns: int | None = None
 ) -> LogReplay:
-    """Run every controller's node on a log (candump text, .blf, .asc, .mf4; one or one a bus).
+    """Run every controller's node on a log (candump text, .blf, .asc, .mf4; one or one per bus).
 
     A node is a controller's if all its components are sampled. `start_ns`: t = 0 on the log's
-    clock, where the frames do not tell. Raises ScenarioError where the log has no frame of a
-    controller, or is of other buses; LogError for what is no log.
+    clock, if the frames do not contain it. Raises ScenarioError if the log has no frame of a
+    controller, or is of other buses; LogError for a file that is not a log.
     """
     paths = [logs] if isinstance(logs, Path) else list(logs)
     buses = bus_log.read_buses(system, paths)
@@ -195,7 +195,7 @@ def _limits(
 
 
 def _begin(wired: WiredNode, first: int) -> dict[str, History]:
-    """Active in its first slot; what it says is kept."""
+    """Make the node active in its first slot; its frames are recorded."""
     s = wired.struct
     s.slot = s.first = first
     s.life.state, s.life.armed = LifeState.ACTIVE, 1

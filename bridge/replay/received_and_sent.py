@@ -59,11 +59,11 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class AlteredSamples:
-    """Samples of a message that a life heard otherwise than its sender sent them.
+    """Samples of a message that a life received with other values than were sent.
 
-    `count` of them; of the first one its number, value `index`, which was `sent` and `heard`.
-    `misnumbered`: how many of them are another sample of the same sender, some turns of its counter
-    before; `unsent`: how many have a number that the sender has not sent.
+    `count`: their number; of the first one its number, and value `index` as `sent` and as `heard`
+    (received). `misnumbered`: how many are other samples of the same sender, some wraps of its
+    counter before; `unsent`: how many have a number that the sender has not sent.
     """
 
     life: Life
@@ -176,7 +176,7 @@ def missing_in_journal(
 
 @dataclass(frozen=True, slots=True)
 class ReceivedSamples:
-    """What a life heard of one message, in the order it heard it."""
+    """The samples of one message that a life received, in the order of reception."""
 
     life: Life
     message: str

@@ -50,11 +50,11 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class ReplayReport:
-    """What a replay found: slots by life, the greatest difference, and the first one if any.
+    """The result of a replay: slots by life, the greatest difference, and the first one, if any.
 
-    `altered`: samples that are not those of their sender; `alone`: messages some of whose samples
-    could not be held against their sender, which was not recorded or does not count them, or are
-    not in the journal of what was heard, which was full: their inputs are taken as recorded.
+    `altered`: samples that differ from those of their sender; `alone`: messages with samples that
+    could not be compared, because their sender was not recorded or has no counter, or because the
+    journal of received samples was full: their inputs are taken as recorded.
     """
 
     slots: Mapping[Life, int]
@@ -142,7 +142,7 @@ def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path
 def _hear(
     node: WiredNode, life: Life, heard: Mapping[Life, Rows], sent: Mapping[str, History]
 ) -> dict[str, History]:
-    """What was heard of each message, for its reception; what is sent again goes to `sent`."""
+    """Give the recorded samples of each message to its reception; forwarded ones go to `sent`."""
     rows = heard.get(life)
     if rows is None or rows.dtype != heard_dtype(node.system, life.node):
         found = "no samples" if rows is None else "samples of other messages"
@@ -165,7 +165,7 @@ def _hear(
 def _remember(
     node: WiredNode, message: str, outlet: native.OutletStruct, histories: Mapping[str, History]
 ) -> None:
-    """What an outlet sends, and what gateways make of it, is kept for its receivers."""
+    """Keep the samples that an outlet and its gateways send, for their receivers."""
     outlet.history = c.pointer(histories[message].struct)
     forwarded = Forwarding(node.system.forwards_of(message))
     for made in node.system.forwards_of(message):

@@ -40,7 +40,7 @@ from bridge.wiring.wiring import Rows
 def find(
     script: FaultScript, shown: FinishedRun, network: RecordedNetwork | None = None
 ) -> list[Evidence]:
-    """What the report shows of each table of a script, in their order."""
+    """The evidence in the report for each table of a script, in their order."""
     system = shown.system
     end = system.plan.ticks * system.plan.h
     found = []
@@ -149,7 +149,7 @@ def _of_frames(
 
 
 def _counted_as(fault: FrameFault, other: FrameFault, node: str) -> bool:
-    """Whether another fault at this node shows in the same counters, and in nothing else."""
+    """Whether another fault at this node has its symptoms in the same counters only."""
     signs = set(SIGNS[other.kind])
     there = "*" in other.nodes or node in other.nodes
     return there and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])
@@ -267,7 +267,7 @@ def _stopped(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> Sig
 
 
 def _jumped(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> Signs:
-    """A clock set forward makes its node late; one set back makes it silent to the others."""
+    """A clock set forward makes its node late; one set back silences it for the others."""
     by = abs(first.by)
     found = shown.late(node, first.t, first.t + by) or shown.stopped(node, first.t)
     silent = (

@@ -27,7 +27,7 @@ _HEADERS = 28 + 24
 
 
 class PacketRecord(Protocol):
-    """What a network recorded (:class:`bridge.relay.network.RelayNetwork`), and who is where."""
+    """The record of a network (:class:`bridge.relay.network.RelayNetwork`), and its hosts."""
 
     names: Sequence[str]
 

@@ -36,7 +36,7 @@ BEYOND, FEW = 0.02, 5
 
 @dataclass(frozen=True, slots=True)
 class Surplus:
-    """A message of which a life heard more samples than were sent."""
+    """A message of which a life received more samples than were sent."""
 
     life: Life
     message: str

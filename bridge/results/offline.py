@@ -78,7 +78,7 @@ def _recorded_plan(
 def _players(
     system: System, rows: Mapping[Life, Rows], node: str, inlet: Inlet
 ) -> Iterator[Player]:
-    """What an input was given at each hit of its component; also the age that its link told."""
+    """Values given to an input at each step of its component; also the age from its link."""
     for slot in (inlet.target, *([inlet.age] if inlet.age else [])):
         for name, place, column in _entries(system, node, slot):
             values = _received_signal(system, rows, node, inlet, column)
@@ -152,7 +152,7 @@ def _source(plan: NodePlan, source: Slot) -> int:
 
 
 def _silences(system: System, rows: Mapping[Life, Rows]) -> Iterator[Player]:
-    """What nodes told their components of stale inputs, s, at each hit of these."""
+    """Ages of stale inputs that nodes gave their components, s, at each of their steps."""
     for node, plan in system.nodes.items():
         for inlet in plan.inlets:
             stale = system.deployment.nodes[node].stale

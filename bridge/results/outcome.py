@@ -45,9 +45,9 @@ TWIN = "twin"
 
 
 def clear(folder: Path) -> None:
-    """Delete what an earlier rehearsal has left in a folder that is to be used again.
+    """Delete the files of an earlier rehearsal in a folder that will be reused.
 
-    A folder that holds something else as well is left alone: :func:`claim_folder` refuses it.
+    A folder with other files is left unchanged: :func:`claim_folder` refuses it.
     """
     if not (folder / NODES).is_dir():
         return
@@ -103,7 +103,7 @@ def complete(
 
 
 def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Say in ``run.json`` what is about to run, so that it can be replayed however it ends."""
+    """Write the start of the run to ``run.json``, so that it can be replayed however it ends."""
     found = metadata(system.scenario, system.plan) | deployment_facts(system, facts)
     write_metadata(folder, found)
     return found
@@ -170,7 +170,7 @@ def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
 
 
 def deployment_facts(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """What ``run.json`` says of the deployment: enough to replay it."""
+    """The entries of ``run.json`` about the deployment, sufficient for a replay."""
     return {
         "deployment": {
             "path": str(system.deployment.path.resolve()),

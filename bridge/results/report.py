@@ -31,7 +31,7 @@ def line(label: str, text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class NodeReport:
-    """One life of a node: how late it was, how it ended, and what it said of itself if it did."""
+    """One life of a node: its lateness, its end, and its statement, if it wrote one."""
 
     life: Life
     slots: int

@@ -77,7 +77,7 @@ class FinishedRun:
     altered: Mapping[tuple[Life, str], int] = field(default_factory=dict)
 
     def statement(self, life: Life) -> Statement | None:
-        """The report of a life; None where it did not live to tell."""
+        """The report of a life; None if it ended before it could write one."""
         return next((r.statement for r in self.reports if r.life == life), None)
 
     def lives(self, node: str) -> list[Life]:
@@ -101,18 +101,18 @@ class FinishedRun:
         return tuple(Sign(what=name, number=n) for name, n in found.items() if n)
 
     def extra_frames(self, life: Life, message: str) -> Signs:
-        """How many frames of a message were heard beyond those that were sent."""
+        """Number of frames of a message that were received in addition to those sent."""
         found = extra_frames(self.system, self.rows, self.reports)
         more = (s.heard - s.sent for s in found if (s.life, s.message) == (life, message))
         return tuple(Sign(what="surplus", number=n) for n in more)
 
     def altered_samples(self, life: Life, message: str) -> Signs:
-        """How many samples were heard otherwise than they were sent."""
+        """Number of samples that were received with other values than were sent."""
         n = self.altered.get((life, message), 0)
         return (Sign(what="altered", number=n),) if n else ()
 
     def foreign_frames(self, bus: str, accept: Accept) -> int:
-        """Frames of a kind that a life heard on a bus and no other life sent there; the most."""
+        """The most frames of an identifier that a life received on a bus and no life sent there."""
         logs = {life: Journal.open(p) for life, p in frame_files(self.nodes, bus).items()}
         rows = {
             life: log[accept.among(log)]["flags"] & Flags.SENT != 0 for life, log in logs.items()
@@ -205,7 +205,7 @@ class FinishedRun:
         return ()
 
     def alive(self, node: str, t0: float, t1: float) -> list[Life]:
-        """Lives of a node with slots in this time that have lived to tell."""
+        """Lives of a node with slots in this time that have a report."""
         return [
             life
             for life in self.lives(node)
@@ -262,13 +262,13 @@ class FinishedRun:
         return [n for n in done if (n.action, n.target) == ("clock-jump", node)]
 
     def _ends(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
-        """Where a message goes from here: to this life's inputs, and over what it forwards."""
+        """Destinations of a message from here: inputs of this life, and forwarded messages."""
         yield life, message
         for other, name in self._onwards(life, message):
             yield from self._ends(other, name)
 
     def _onwards(self, life: Life, message: str) -> Iterator[tuple[Life, str]]:
-        """Who hears what this life, of a gateway, forwards of a message, and as which message."""
+        """Receivers of a message that this gateway life forwards, and the forwarded message."""
         for name, made in self.system.messages.items():
             if made.forward is None or (made.forward.of, made.node) != (message, life.node):
                 continue

@@ -60,7 +60,7 @@ class Verdict:
 
 
 def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
-    """Judge a run that has come to its end, by its journals and reports."""
+    """Evaluate a finished run by its journals and reports."""
     timed = [*_timing_reasons(outcome), *_old_torques(system, outcome)]
     found = list(_always(system, outcome))
     if found:
@@ -78,7 +78,7 @@ def _stopped_early(outcome: RehearsalOutcome, report: NodeReport) -> bool:
 
 
 def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
-    """What no lateness explains."""
+    """Reasons that lateness cannot explain."""
     for report in outcome.reports:
         if _stopped_early(outcome, report) and not set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why or report.end}"
@@ -96,7 +96,7 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
 
 
 def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:
-    """What a machine that stands still can cause as well."""
+    """Reasons that a stalled machine can cause as well."""
     for report in outcome.reports:
         if _stopped_early(outcome, report) and set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why}"
@@ -130,7 +130,7 @@ def limit(system: System) -> float:
 
 
 def unplanned_lateness(system: System, outcome: RehearsalOutcome) -> float:
-    """How late a slot began at most where no fault was meant to make it late, s."""
+    """The greatest lateness of a slot without a fault that is meant to cause it, s."""
     worst = 0.0
     for report in outcome.reports:
         rows, node = outcome.rows[report.life], report.life.node

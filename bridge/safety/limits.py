@@ -99,7 +99,7 @@ def to_si(value: Number, unit: str, place: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LifeSpec:
-    """`ramp`: s in which the torque goes to 0 when a node stops; 0: at once."""
+    """`ramp`: time in which the torque decreases to 0 when a node stops, s; 0: immediately."""
 
     ramp: Number = 0.1
 

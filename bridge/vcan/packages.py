@@ -36,7 +36,7 @@ REQUIRED = ("can", "can-raw", "vcan")
 
 @dataclass(frozen=True)
 class GuestFiles:
-    """Files of the packages: the kernel, a static busybox, the modules to load, in order."""
+    """Files of the packages: the kernel, a static busybox, and the modules in loading order."""
 
     linux: Path
     busybox: Path

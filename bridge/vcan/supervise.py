@@ -106,11 +106,11 @@ def start_command(
 def wait_for_process(
     process: subprocess.Popen[bytes], timeout: float, tell: Callable[[signal.Signals], None]
 ) -> signal.Signals | None:
-    """Waits for the end of the process, and sees to it when it is time.
+    """Wait for the end of the process, and end it if necessary.
 
-    What stops it is `timeout` (s) or a signal to the watcher: then the process is told that
-    signal (SIGTERM at a time-out), SIGKILL after `GRACE` or at the next signal, and at last it is
-    killed. Returns what stopped it (SIGALRM: the time-out), None: nothing did.
+    `timeout` (s) or a signal to this process stops it: the process receives that signal (SIGTERM at
+    a time-out), then SIGKILL after `GRACE` or at the next signal. Returns the cause (SIGALRM: the
+    time-out), None: it ended by itself.
     """
     passed, deadline = stopwatch(), timeout
     cause: signal.Signals | None = None

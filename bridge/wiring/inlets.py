@@ -27,7 +27,7 @@ PERIODS = 4
 
 @final
 class InletBindings:
-    """Binds them to `struct`, and keeps alive what it points to.
+    """Binds the inlets to `struct`, and keeps the memory that they use.
 
     By message: `receptions`, `receivers`; by target: `lines`; by gate: `gates`, function and
     context; `inlets` in the plan's order. `real`: simulated samples are refused.
@@ -78,7 +78,7 @@ class InletBindings:
         self._alive += [receiver, values]
 
     def _max_age(self, carried: Carried) -> int:
-        """What the message says, or the drive it moves, if that is less; ns, 0: any."""
+        """The limit of the message, or that of the drive it moves, if smaller; ns, 0: none."""
         spec, d = self._spec.drive, self._system.deployment
         ages = [carried.max_age_ns]
         if spec is not None and drives_by(self._plan, self._spec, carried.name):
@@ -180,7 +180,7 @@ class InletBindings:
         self._follow(entry, inlet)
 
     def _follow(self, entry: native.InletStruct, inlet: Inlet) -> None:
-        """The frames of its own protocol that the drive behind an inlet follows."""
+        """The frame sequences of the drive behind an inlet."""
         drive = drive_sequences.emulated(self._system.deployment, self._name, inlet)
         if drive is None:
             return

@@ -21,7 +21,7 @@ from cosim.base.errors import ScenarioError
 
 @final
 class OutletBindings:
-    """Binds outlets to `struct`, and keeps alive what it points to.
+    """Binds outlets to `struct`, and keeps the memory that they use.
 
     By message, or by the name of a torque that stays in the node: `guards`; by gate: `gates`,
     function and context; `outlets` in the plan's order.
@@ -159,9 +159,9 @@ class OutletBindings:
 
 @final
 class Forwarding:
-    """Messages that are made of others, `made` by name; `alive` with this.
+    """Messages that are made of others, `made` by name; `alive` keeps their memory.
 
-    `buses`: the node's, or none: nobody sends (replay).
+    `buses`: of the node, or none: nothing is sent (replay).
     """
 
     def __init__(self, forwarded: Sequence[Carried], buses: Sequence[str] = ()) -> None:

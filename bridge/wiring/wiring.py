@@ -73,7 +73,7 @@ def heard_dtype(system: System, name: str) -> np.dtype[np.void]:
 
 
 def heard_rows(system: System, name: str) -> int:
-    """Room for what a node hears in a run: all samples of its messages, a quarter more, and 64."""
+    """Rows for the samples that a node receives in a run: all, a quarter more, and 64."""
     seconds = system.nodes[name].slots * system.nodes[name].h
     periods = [system.messages[m].period_ns for m in system.received_by(name)]
     return sum(64 + int(1.25e9 * seconds / period) for period in periods) or 1
@@ -208,7 +208,7 @@ class WiredNode:
 
     @property
     def receivers(self) -> Mapping[str, Receiver]:
-        """By message heard: what became of its frames."""
+        """By received message: the counters of its frames."""
         return self.inlet_bindings.receivers
 
     @property

@@ -60,7 +60,7 @@ def access_control(
 
 
 def _everybody(names: Names, subjects: list[str]) -> tuple[list[Table], list[Table]]:
-    """Rules and policies of all: to hear, and to see who is there."""
+    """Rules and policies common to all nodes: to receive, and to see present nodes."""
     everything = [f"{names.prefix}/**"]
     declared = ["declare_subscriber", "declare_queryable"]
     declared += ["liveliness_query", "declare_liveliness_subscriber"]

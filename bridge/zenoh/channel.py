@@ -40,10 +40,10 @@ ENCODING = "application/octet-stream;cosim.sample.v1"
 
 @dataclass(frozen=True, slots=True)
 class ZenohTraffic:
-    """What one node says and hears on a bus: numbers of frames by key, and whom it waits for.
+    """Messages that one node sends and receives on a bus: frame numbers by key, and its peers.
 
-    `heard_by_others`: keys it publishes that somebody has to listen to before it is ready;
-    `steady`: keys it hears that are said all the time, and the longest period of them, s.
+    `heard_by_others`: keys it publishes that must have a subscriber before it is ready; `steady`:
+    received keys that are published continuously, and their longest period, s.
     """
 
     node: str
@@ -123,9 +123,9 @@ class ZenohAttachment:
         declare(self.session)
 
     def wait_for_peers(self) -> None:
-        """Until every peer is there and somebody listens to what has to be heard.
+        """Wait until every peer is present and the required keys have subscribers.
 
-        Raises BusError after the option ``wait`` (s), with who is missing.
+        Raises BusError after the option ``wait`` (s), with the missing peers.
         """
         if self._options.wait <= 0:
             return
@@ -175,7 +175,7 @@ class ZenohAttachment:
         close_session(self.session)
 
     def _mend(self) -> None:
-        """Open the session anew where a peer is heard no more; see :class:`LostPeers`."""
+        """Reopen the session if a peer is no longer received; see :class:`LostPeers`."""
         while not self._stop.wait(LOOK):
             silent = self._silence.silent(self.presence.there, monotonic_ns())
             if silent:
@@ -232,7 +232,7 @@ class ZenohAttachment:
 def control_publisher(
     session: zenoh.Session, key: str, reliability: str, *, block: bool = False
 ) -> zenoh.Publisher:
-    """A publisher for control: at once, first, dropped rather than late.
+    """A publisher for control: immediate, high priority, dropped rather than late.
 
     `block`: late rather than dropped, for lock-step.
     """

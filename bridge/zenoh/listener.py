@@ -32,10 +32,10 @@ CAPACITY = 8192
 
 @final
 class ZenohEar:
-    """A session of its own that hears what nodes say on a bus.
+    """A separate session that receives the messages of nodes on a bus.
 
-    `says`: keys and numbers of frames, by node; `rules`: who may say what. Raises ScenarioError,
-    BusError.
+    `says`: keys and numbers of frames, by node; `rules`: permissions of publishers. Raises
+    ScenarioError, BusError.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class ZenohEar:
 
     @property
     def nodes(self) -> Mapping[str, bool]:
-        """Whose tokens are there, of all nodes of the bus."""
+        """The nodes of the bus whose tokens are present."""
         there = self.presence.there
         return {node: node in there for node in self._says}
 
     @property
     def note(self) -> str:
-        """Who is connected, or what is tried."""
+        """The connected sessions, or the endpoints that it tries."""
         found = len(self.session.info.peers_zid()) + len(self.session.info.routers_zid())
         if not found:
             tried = ", ".join(self._options.connect) or "whom scouting finds"
@@ -120,7 +120,7 @@ def open_listener(
 ) -> ZenohEar:
     """Listen to all nodes of a Zenoh bus. `connect`: endpoints other than the deployment's.
 
-    `who`: name of the certificate, where there are any. Raises ScenarioError, BusError.
+    `who`: name of the certificate, if TLS is enabled. Raises ScenarioError, BusError.
     """
     d = system.deployment
     names = names_of(d, bus)

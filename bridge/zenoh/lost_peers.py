@@ -22,10 +22,11 @@ GONE = 0.5
 
 @final
 class LostPeers:
-    """For how long each key has been silent; `counts`: messages by key.
+    """Time for which each key has been silent; `counts`: messages by key.
 
-    `senders`: the node that says each key; `lease`, s; `period`: the longest of a key, s; `udp`:
-    whether this end listens over UDP. Whoever hears counts up; :meth:`silent` looks.
+    `senders`: the node that publishes each key; `lease`, s; `period`: the longest of a key, s;
+    `udp`: whether this end listens over UDP. Receivers increment the counts; :meth:`silent` reads
+    them.
     """
 
     def __init__(
@@ -41,10 +42,10 @@ class LostPeers:
         self._factor = dict.fromkeys(senders, 1)
 
     def silent(self, there: Collection[str], now_ns: int) -> list[str]:
-        """Nodes that have not said one of their keys for too long.
+        """Nodes that have not published one of their keys for too long.
 
-        `there`: nodes whose tokens are there; one that never was there is not silent. Who has been
-        named is so again only after twice the time, until it is heard.
+        `there`: nodes whose tokens are present; a node that was never present is not silent. A
+        reported node is reported again only after twice the time, until it is received.
         """
         found = []
         self._met.update(there)

@@ -56,7 +56,7 @@ def _first(system: System, message: str) -> bool:
 
 
 def rules_of(system: System, bus: str) -> Mapping[str, object]:
-    """Who may say what on a bus: of every session on it, where its file wants rules."""
+    """Permissions of every session on a bus to publish, if its file enables rules."""
     nodes = [n for n in system.deployment.nodes if bus in system.buses_of(n)]
     names = names_of(system.deployment, bus)
     return access_control(names, nodes, gateways=gateways(system.deployment))

@@ -30,10 +30,10 @@ TIMES = 5
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """A node's date less ours: `seconds`, to within +- `bound` s.
+    """A node's date minus ours: `seconds`, to within +- `bound` s.
 
-    `shared`: the same host, or a time server keeps the date of both; only then the date counts.
-    `answer`: what it answered. `running`: it is in a run.
+    `shared`: the same host, or a time server keeps the date of both; only then the date is used.
+    `answer`: its answer. `running`: it is in a run.
     """
 
     node: str
@@ -54,7 +54,7 @@ class Offset:
 
 
 def measure(session: zenoh.Session, names: Names, node: str, ours: HostClock) -> Offset:
-    """Ask a node for its clock, and keep the fastest answer. Raises RunError: nobody answers."""
+    """Query a node's clock, and keep the fastest answer. Raises RunError without an answer."""
     found: list[tuple[int, int, dict[str, Any]]] = []
     for _ in range(TIMES):
         before = realtime_ns()
@@ -119,10 +119,10 @@ def start_lead_time(offsets: Sequence[Offset]) -> float:
 
 
 def announce_epoch(session: zenoh.Session, system: System, bus: str) -> list[str]:
-    """Before START: measure the clocks of all nodes that are there, and say one t = 0 to them.
+    """Before START: measure the clocks of all present nodes, and send them a common t = 0.
 
-    Nothing is said where some run already: who starts now joins them. Returns warnings. Raises
-    RunError as :func:`judge` does.
+    Nothing is sent if some nodes are already running: the others then join them. Returns warnings.
+    Raises RunError as :func:`judge` does.
     """
     names, ours, epoch = names_of(system.deployment, bus), host_clock(), system.services[bus].epoch
     assert epoch is not None  # a Zenoh bus has one
@@ -137,9 +137,10 @@ def announce_epoch(session: zenoh.Session, system: System, bus: str) -> list[str
 
 
 def measured_origin(session: zenoh.Session, names: Names, system: System) -> tuple[int, int] | None:
-    """The run that goes on, by clocks that were measured: its number, t = 0 on CLOCK_MONOTONIC, ns.
+    """The active run, by measured clocks: its number, and t = 0 on CLOCK_MONOTONIC, ns.
 
-    For a host whose date is not shared. None: nobody runs, or no offset is known well enough.
+    For a host without a common date. None: no node is running, or no offset is known accurately
+    enough.
     """
     ours, found = host_clock(), []
     for node in sorted(present_nodes(session, names) & set(system.nodes)):

@@ -31,7 +31,7 @@ KNOWN = ("listen", "connect", "keys", "reliability", "wait", "insecure", "lockst
 
 @dataclass(frozen=True, slots=True)
 class ZenohOptions:
-    """The options of one node's end of a bus; `place` is where they are said."""
+    """The options of one node's end of a bus; `place`: their position in the file."""
 
     place: str
     listen: tuple[str, ...] = ()
@@ -116,7 +116,7 @@ def _connect(
     listen: Mapping[str, tuple[str, ...]],
     place: str,
 ) -> tuple[str, ...]:
-    """As said; else to where the nodes before this one listen, so that each pair connects once."""
+    """The given endpoints; else those of earlier nodes, so that each pair connects once."""
     if isinstance(value, dict):
         return _by_node(value, deployment, place).get(node, ())
     if value is not None:
@@ -127,8 +127,10 @@ def _connect(
 
 
 def endpoints_of(deployment: Deployment, bus: str) -> tuple[str, ...]:
-    """Where somebody who is no node connects to: what all nodes connect to, a router; else where
-    they listen; else where they connect to. Raises ScenarioError.
+    """Endpoints for a client that is not a node. Raises ScenarioError.
+
+    A router to which all nodes connect, else the endpoints on which they listen, else those to
+    which they connect.
     """
     given, place = deployment.buses[bus].options, deployment.place("buses", bus, "options")
     value = given.get("connect")

@@ -94,7 +94,7 @@ def ping(
     reliability: str = "best-effort",
     patience: float = 10.0,
 ) -> PingResult:
-    """`n` pings, one every `period` (s). Raises RunError where nobody answers."""
+    """Send `n` pings, one every `period` (s). Raises RunError without an answer."""
     question = codec(names.of(node, "ping"), 0, SIGNALS)
     answer = codec(names.of(other, "pong"), 0, SIGNALS)
     stamps = np.full((n, 3), np.nan)  # sent, heard by the other, back; ns
@@ -144,7 +144,7 @@ def _linger(stamps: Floats) -> None:
 
 
 def evaluate_stamps(sent: Sequence[float] | Floats, stamps: Floats) -> PingResult:
-    """From stamps (n, 3), ns: sent, heard by the other's clock, back. Raises RunError."""
+    """Evaluate stamps (n, 3), ns: sent, received by the other's clock, back. Raises RunError."""
     sent_ns = np.asarray(sent, dtype=np.float64)
     rtt = stamps[:, 2] - stamps[:, 0]
     if np.isnan(rtt).all():

@@ -17,9 +17,9 @@ LOOK = 0.02
 
 @final
 class Presence:
-    """The nodes of a bus whose tokens are there; `node` declares its own with :meth:`declare`.
+    """The nodes of a bus whose tokens are present; :meth:`declare` publishes that of `node`.
 
-    `what`: the token looked for, ``alive`` or ``ready``.
+    `what`: the token, ``alive`` or ``ready``.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Presence:
 
     @property
     def there(self) -> frozenset[str]:
-        """Nodes whose token is there, this one's not counted."""
+        """Nodes whose token is present, without this one."""
         return frozenset(self._there - {self._node})
 
     def declare(self) -> None:
@@ -61,7 +61,7 @@ class Presence:
         return self._session.liveliness().declare_token(self._names.of(self._node, what))
 
     def missing(self, peers: Iterable[str], publishers: Mapping[str, zenoh.Publisher]) -> list[str]:
-        """Which of `peers` are not there, and to which of `publishers` (by key) nobody listens."""
+        """The `peers` that are not present, and the `publishers` (by key) without a subscriber."""
         absent = sorted(set(peers) - self._there)
         unheard = [key for key, p in publishers.items() if not _matching(p)]
         said = [f"not {self._what}: {', '.join(absent)}"] if absent else []
@@ -69,7 +69,7 @@ class Presence:
 
 
 def present_nodes(session: zenoh.Session, names: Names) -> frozenset[str]:
-    """The nodes whose sessions are there, asked once."""
+    """The nodes whose sessions are present, by one query."""
     found = session.liveliness().get(names.of("*", "alive"))
     keys = [str(reply.ok.key_expr) for reply in found if reply.ok is not None]
     return frozenset(key.split("/")[-2] for key in keys)
@@ -90,6 +90,6 @@ def wait_until_there(
 
 
 def _matching(publisher: zenoh.Publisher) -> bool:
-    """Zenoh's stub says bool; what comes is an object that is always true."""
+    """Zenoh's stub declares bool, but the value is an object that is always true."""
     status: object = publisher.matching_status
     return bool(getattr(status, "matching", status))

@@ -81,9 +81,9 @@ def _answering(
 
 
 def state(wired: WiredNode, end: ZenohAttachment, unheard: Sequence[str]) -> dict[str, Any]:
-    """What a node is doing: life cycle, slot, lateness (us), peers, counts of its messages.
+    """The state of a node: life cycle, slot, lateness (us), peers, counts of its messages.
 
-    `unheard`: what it waits for before its start.
+    `unheard`: the inputs for which it waits before its start.
     """
     s = wired.struct
     return {
@@ -154,9 +154,9 @@ def clock(wired: WiredNode) -> dict[str, Any]:
 def ask(
     session: zenoh.Session, names: Names, node: str, what: str, seconds: float = 3.0
 ) -> dict[str, Any]:
-    """Ask a node for one of `READ`, or tell it one of `TOLD`; what it answers.
+    """Send a node one of the queries `READ` or commands `TOLD`; return its answer.
 
-    Raises RunError where nobody answers within `seconds` (s).
+    Raises RunError without an answer within `seconds` (s).
     """
     if what not in (*READ, *TOLD):
         raise RunError(f"{what!r}; a node is asked for one of {', '.join((*READ, *TOLD))}")
@@ -201,10 +201,10 @@ COMMANDS = {"start": 1, "stop": 2, "arm": 128, "reset": 129}
 def command(
     session: zenoh.Session, names: Names, nmt: Encoding, what: str, number: int = 0
 ) -> None:
-    """Send NMT `what` to the node of a number, 0: all; `nmt`: of the bus's services.
+    """Send NMT `what` to the node with a number, 0: all; `nmt`: of the bus's services.
 
-    A node that is told to start has its t = 0 where the EPOCH before it said, or 100 ms after it
-    hears of it. Raises RunError for another command, and where no node listens.
+    A started node has its t = 0 at the time in the preceding EPOCH, or 100 ms after it receives the
+    START. Raises RunError for another command, and if no node subscribes.
     """
     if what not in COMMANDS:
         raise RunError(f"{what!r} is not a command; expected one of {', '.join(COMMANDS)}")

@@ -155,10 +155,10 @@ def udp_of(config: zenoh.Config) -> list[str]:
 
 
 def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) -> zenoh.Session:
-    """Open a session. Raises BusError, which says what could not be opened.
+    """Open a session. Raises BusError, which names what could not be opened.
 
-    `within`: seconds for Zenoh to connect to its endpoints; None: for ever. The first
-    session of a process decides about Zenoh's threads: `RUNTIME`.
+    `within`: time for Zenoh to connect to its endpoints, s; None: unlimited. The first session of a
+    process determines Zenoh's threads: `RUNTIME`.
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
     found: list[zenoh.Session | zenoh.ZError] = []

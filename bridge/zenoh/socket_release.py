@@ -16,9 +16,9 @@ _OPEN = Path("/proc/self/fd")
 
 
 def release(endpoints: Iterable[str]) -> int:
-    """Give up this process's sockets bound to these ``udp/HOST:PORT``. Returns how many there were.
+    """Close this process's sockets bound to these ``udp/HOST:PORT``. Returns their number.
 
-    Only Linux knows which descriptors a process has: elsewhere none is found.
+    Only Linux lists the descriptors of a process; on other systems none is found.
     """
     wanted = {_address(e) for e in endpoints if e.startswith("udp/")}
     if not wanted or not _OPEN.is_dir():

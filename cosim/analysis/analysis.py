@@ -32,10 +32,10 @@ from cosim.base.errors import CosimError
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """What was found: `quantities` in two groups, and what the figures show.
+    """The results: `quantities` in two groups, and the data of the figures.
 
-    `bound`: O6 at the times of the run, where it is known and its conditions hold; `swept`: the
-    port by frequency; `remarks`: what could not be done, and why.
+    `bound`: O6 at the times of the run, if it is known and its conditions hold; `swept`: the port
+    by frequency; `remarks`: parts that were not possible, with reasons.
     """
 
     title: str

@@ -26,9 +26,9 @@ from cosim.analysis.manipulability import running_integral
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """What a force cost: `norm` = ‖f‖₂, `integral` = ∫|f| dt, `peak` of an entry, `holding`.
+    """The effort of a force: `norm` = ‖f‖₂, `integral` = ∫|f| dt, `peak` of an entry, `holding`.
 
-    `holding`: mean of |f| over the last `window` s, the torque it takes in the end.
+    `holding`: mean of |f| over the last `window` s, the torque needed at the end.
     """
 
     norm: float

@@ -124,7 +124,7 @@ class Bench:
         return (*arm.parameters, *arm.gravity)[: len(law.theta_hat)]
 
     def run(self, change: Change, signals: Sequence[str]) -> SignalTrace:
-        """What comes of a change. Raises RunError where the run has to stop."""
+        """The result of a change. Raises RunError if the run must stop."""
         found = trace(changed(self.system.plan, change), signals, self.every)
         if found.stopped:
             raise RunError(found.stopped)

@@ -132,11 +132,10 @@ class _Playing:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What is different in an experiment.
+    """The changes of an experiment.
 
-    `values`: parameters and start values by component; `forces`: values an entry of an input is
-    fed with, (n, m) for its m entries, by the input's name: what fed it before is taken off;
-    `seconds`: how long the run is.
+    `values`: parameters and start values by component; `forces`: values of an input, (n, m) for its
+    m entries, by the input's name, in place of its sources; `seconds`: duration of the run, s.
     """
 
     seconds: float

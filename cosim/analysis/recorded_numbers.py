@@ -23,11 +23,11 @@ from cosim.analysis.signals import Signals
 
 @dataclass(frozen=True, slots=True)
 class RecordedPort:
-    """What was recorded at a port: `t` (n,) s, the rest (n, m) by the role it plays.
+    """The recorded signals at a port: `t` (n,) s, the others (n, m) by their role.
 
-    `far`: (torque, velocity) at the other end; `units` of force and response; `estimates`:
-    theta_hat of each robot as it ended, () where one was not recorded; `mean`: (n, m), the mean
-    position of all robots of a network, None where the robot is alone.
+    `far`: (torque, velocity) at the other end; `units` of force and response; `estimates`: final
+    theta_hat of each robot, () if it was not recorded; `mean`: (n, m), the mean position of all
+    robots of a network, None for a single robot.
     """
 
     t: Array

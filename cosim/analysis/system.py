@@ -109,10 +109,10 @@ class AnalyzedSystem:
         )
 
     def hand(self, name: str) -> Hand | None:
-        """What holds an arm: the grip inside it, operators wired to it, or the sum of both.
+        """The impedance that holds an arm: its grip, operators wired to it, or the sum of both.
 
-        None where nothing does, or where something else than a spring and a damper to a constant
-        place acts as well.
+        None without one, or if something other than a spring and a damper to a constant position
+        acts as well.
         """
         arm = self.arms[name]
         external, place = (self.plan.slots().get(f"{name}.{port}") for port in

@@ -163,7 +163,7 @@ def _dropped(events: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _taken(busy: NDArray[np.void], start: int, end: int) -> dict[int, int]:
-    """How long each node had the bus between two times, ps."""
+    """Time for which each node occupied the bus between two times, ps."""
     low = np.searchsorted(busy["end"], start, side="right")
     high = np.searchsorted(busy["start"], end, side="left")
     rows = busy[low:high]

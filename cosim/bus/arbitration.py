@@ -76,7 +76,7 @@ def arbitrate(requests: Iterable[PendingFrame], *, fifo: bool = False) -> list[S
 
 
 def _heads(waiting: list[PendingFrame]) -> list[PendingFrame]:
-    """Of each node the request it was handed first."""
+    """The oldest request of each node, from requests in the order of queueing."""
     heads: dict[int, PendingFrame] = {}
     for request in waiting:
         heads.setdefault(request.node, request)

@@ -167,7 +167,7 @@ def busy_share(
 
 
 def _busy_until(rows: NDArray[np.void], t: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How long the bus was busy before each time, ps; busy stretches do not overlap."""
+    """Time for which the bus was busy before each time, ps; busy intervals do not overlap."""
     if not len(rows):
         return np.zeros(len(t), np.int64)
     gone = np.append(0, np.cumsum(rows["end"] - rows["start"]))

@@ -202,7 +202,7 @@ def _order(plan: Plan) -> list[list[str]]:
 
 
 def _gauss_seidel_order(plan: Plan, step: Step, before: Sequence[str]) -> str:
-    """Of whom a Gauss-Seidel step sees the end of the interval, and of whom the start."""
+    """The components of which a Gauss-Seidel step uses the end of the interval, and the others."""
     sources = {w.source.component for w in plan.wires if w.target.component == step.name}
     new = ", ".join(sorted(sources & set(before)))
     old = ", ".join(sorted(sources - set(before)))
@@ -261,7 +261,7 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
 
 
 def _available_value(plan: Plan, source: Step, step: Step) -> str:
-    """What of `source` there is when `step` is due at tick k."""
+    """The value of `source` that is available when `step` is due at tick k."""
     aligned_ = step.period % source.period == 0
     if source.name in plan.order:
         return "computed in this tick" if aligned_ else f"computed when last due, {_due(source)}"

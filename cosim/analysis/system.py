@@ -97,7 +97,7 @@ class AnalyzedSystem:
         return any(signal == f"{name}.{arm.position}" for name, arm in self.arms.items())
 
     def period(self, name: str) -> float:
-        """How often a component steps, s."""
+        """The period of a component, s."""
         return self.plan.component(name).period * self.plan.h
 
     def held(self) -> tuple[str, ...]:
@@ -198,7 +198,7 @@ def _edges(system: AnalyzedSystem, name: str) -> Iterable[Edge]:
 
 
 def _source(plan: Plan, at: int) -> Wire | Link | None:
-    """What feeds a place of the signal vector."""
+    """The source of an entry of the signal vector."""
     edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
     for e in edges:
         if e.target.start <= at < e.target.start + e.target.size:

@@ -29,11 +29,11 @@ _BROKEN = (
 
 
 class ArchiveError(Exception):
-    """What is wrong with an archive, in a sentence without its name."""
+    """An invalid archive; the message is a sentence without its name."""
 
 
 def cache_folder() -> Path:
-    """Where archives are unpacked: ``$XDG_CACHE_HOME/cosim`` or ``~/.cache/cosim``."""
+    """The folder for unpacked archives: ``$XDG_CACHE_HOME/cosim`` or ``~/.cache/cosim``."""
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "cosim"
 

@@ -47,7 +47,7 @@ class IdentifierAccount:
 
     @property
     def sent(self) -> int:
-        """How many were sent."""
+        """Number of frames sent."""
         return len(self.times)
 
     @property
@@ -205,7 +205,7 @@ class Margin(NamedTuple):
 
     @property
     def margin(self) -> int | None:
-        """How much the simulated worst case stays below the bound, ns; negative: it exceeds it."""
+        """The bound minus the simulated worst case, ns; negative: it exceeds the bound."""
         return None if self.bound is None else self.bound - self.simulated
 
 

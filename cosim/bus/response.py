@@ -72,7 +72,7 @@ class Errors:
     interval: int = 0
 
     def within(self, t: int) -> int:
-        """How many there can be in `t` ns."""
+        """The greatest number of errors in `t` ns."""
         return self.burst + (-(-t // self.interval) if self.interval else 0)
 
 
@@ -184,7 +184,7 @@ def _response(
 
 
 def _queued(streams: Sequence[FrameStream], t: int, hidden: _Hidden) -> int:
-    """What streams can ask of the bus in `t` ns."""
+    """The greatest bus time that streams can request in `t` ns."""
     return sum(-(-(t + s.jitter + (hidden[s] or 0)) // s.period) * s.duration for s in streams)
 
 

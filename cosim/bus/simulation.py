@@ -112,7 +112,7 @@ class SimulatedBus:
 
     @property
     def now_ps(self) -> int:
-        """Where the last `advance` went to, ps."""
+        """The time of the last `advance`, ps."""
         return self._now
 
     @property
@@ -122,7 +122,7 @@ class SimulatedBus:
 
     @property
     def totals(self) -> BusTotals:
-        """How much was computed in which way."""
+        """Counters of the methods of computation."""
         found = TotalsStruct()
         self._c.bus_totals(self._bus, c.byref(found))
         return BusTotals(found.clean, found.bitwise)

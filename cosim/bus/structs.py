@@ -203,7 +203,7 @@ def tick_gates() -> tuple[int, int]:
 
 
 def library_path() -> Path:
-    """Where the shared library of the simulated bus is, built at installation."""
+    """The path of the shared library of the simulated bus, built at installation."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     return Path(__file__).parent.with_name(f"_bus{suffix}")
 

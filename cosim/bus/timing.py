@@ -59,7 +59,7 @@ class Bits(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FrameFormat:
-    """What a frame is apart from identifier and data."""
+    """The format of a frame, without identifier and data."""
 
     extended: bool = False
     fd: bool = False
@@ -91,7 +91,7 @@ class BusTiming:
                 raise TimingError(f"found a bit rate of {rate} bit/s, expected 1 to 1e9")
 
     def time_ns(self, bits: Bits) -> int:
-        """How long so many bits take, ns, to the nearest.
+        """The time of this number of bits, ns, rounded to the nearest.
 
         Do not add these up over a run: count bits, or ps as `cosim.bus.simulation` does.
         """

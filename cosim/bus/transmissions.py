@@ -32,7 +32,7 @@ TRANSMISSION = np.dtype(
 
 
 class Outcome(IntEnum):
-    """How an attempt to send ended; UNDER_WAY: not before the end of the events."""
+    """The result of an attempt to send; UNDER_WAY: it had not ended at the end of the events."""
 
     SENT = 0
     FAILED = 1

@@ -70,7 +70,7 @@ def longest_delay(link: Link) -> float:
 
 
 def is_constant(link: Link) -> bool:
-    """Whether what a link holds is always of the same age."""
+    """Whether the sample that a link holds always has the same age."""
     table = link.table
     if not isinstance(table, DrawnTable):
         return False

@@ -30,7 +30,7 @@ class Peaks:
 
 
 def peaks(net: RobotNetwork) -> Peaks:
-    """What the robots of `net` will reach when their grips pull them from where they start."""
+    """Peak values of the robots of `net` when their grips pull them from their start positions."""
     n, m = len(net.laws), min(len(arm.q) for arm in net.arms)
     dz, tau = np.zeros(n), np.zeros(n)
     for j in range(m):

@@ -69,7 +69,7 @@ def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def size(system: AnalyzedSystem) -> Iterator[Finding]:
-    """How much is recorded, uncompressed."""
+    """The size of the recorded data, uncompressed."""
     from cosim.engine.simulate import columns
 
     spec, plan = system.scenario.run.record, system.plan

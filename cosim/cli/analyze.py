@@ -82,7 +82,7 @@ def analyze(
 
 @contextmanager
 def status() -> Iterator[Callable[[str], None]]:
-    """What is being tested, on a terminal's standard error; elsewhere nothing."""
+    """Print the current test to standard error, if that is a terminal."""
     from rich.console import Console
 
     console = Console(stderr=True)

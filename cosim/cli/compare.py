@@ -134,6 +134,6 @@ def _listing(known: Variants) -> list[str]:
 
 
 def _said(column: MetricColumn, known: Variants) -> str:
-    """Where a column comes from, and whether it is one of the default ones."""
+    """The source of a column, and whether it is one of the default columns."""
     kind = getattr(column.metric, "kind", "error")
     return f"{kind}{' *' if column.name in known.default_columns else ''}"

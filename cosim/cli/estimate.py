@@ -1,4 +1,4 @@
-"""What ``cosim run --estimate-error`` prints and writes: ``estimate.json`` in the run folder."""
+"""Output of ``cosim run --estimate-error``: text, and ``estimate.json`` in the run folder."""
 
 from __future__ import annotations
 

@@ -303,7 +303,7 @@ def _emulated(plan: Plan) -> list[list[str]]:
 
 
 def _netem(plan: Plan, link: Link) -> list[str]:
-    """What comes nearest to a link in the kernel's network emulator; nothing for a stored table."""
+    """The closest settings of the kernel's network emulator for a link; none for a stored table."""
     from cosim.base.errors import ScenarioError
     from cosim.links.netem import netem
     from cosim.links.table import DrawnTable

@@ -22,7 +22,7 @@ _WIDTH = 16
 
 
 def header(scenario: Scenario, plan: Plan) -> str:
-    """What is about to run."""
+    """The header of the summary: the planned run."""
     from cosim.fmi.components import fmus_in
 
     fmus = fmus_in(c.component for c in plan.components)
@@ -142,7 +142,7 @@ def _settled(scenario: Scenario, results: tuple[MetricResult, ...]) -> str:
 
 
 def late_ticks(outcome: RunOutcome) -> list[str]:
-    """Where clocks of an FMU ticked after their time, a line an FMU."""
+    """Late ticks of the clocks of FMUs, one line per FMU."""
     return [
         f"{name}: clocks ticked late {n} times, by up to {most:g} s: it takes no shorter steps, so "
         "they wait for the next one; a smaller period makes that less"

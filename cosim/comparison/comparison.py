@@ -17,7 +17,7 @@ from cosim.comparison.variants import ComparisonSelection, MetricColumn, PortMea
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What was compared and what came out, in the order of the table."""
+    """The compared cases and their results, in the order of the table."""
 
     base: Base
     variants: Variants

@@ -204,7 +204,7 @@ def _control(
 
 
 def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Document]:
-    """What each side receives from the other, in one channel a way."""
+    """The signals that each side receives from the other, one channel per direction."""
     made = []
     for here, role in variants.roles.items():
         there = law.hears.get(here, role.hears)

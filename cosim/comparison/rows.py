@@ -53,7 +53,7 @@ class ComparisonRow:
         return [] if any(isnan(v) for v in values) else values
 
     def cell(self, column: MetricColumn, unit: str) -> str:
-        """What a column shows."""
+        """The text of a cell."""
         values = self.values(column)
         if not values:
             return NOTHING

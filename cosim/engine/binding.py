@@ -192,7 +192,7 @@ class Binding:
         )  # fmt: skip
 
     def late_clock_ticks(self) -> dict[str, tuple[int, float]]:
-        """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
+        """Number of late clock ticks of each FMU, and their greatest delay (s)."""
         found = {}
         for step, unit in zip(self.plan.components, self.units, strict=True):
             fmu = stepped_fmu(step.component)

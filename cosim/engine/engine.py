@@ -126,7 +126,7 @@ class Engine:
         self._next_tables(ticks)
 
     def failure(self, result: int) -> BaseException:
-        """What a result of ``engine_run`` other than OK and STOPPED means, as an error."""
+        """The error for a result of ``engine_run`` other than OK and STOPPED."""
         return self._error(EngineResult(result))
 
     def end(self, result: int) -> Termination | None:
@@ -164,7 +164,7 @@ class Engine:
                 self._keep_tables(link.name, self._rows[link.name][: bound.row])
 
     def _hits(self, name: str, ticks: int) -> int:
-        """How often a component is due in the next `ticks` ticks."""
+        """Number of steps of a component in the next `ticks` ticks."""
         period = self.plan.component(name).period
         return -(-(self.tick + ticks) // period) - -(-self.tick // period)
 
@@ -205,7 +205,7 @@ class Engine:
         }
 
     def late_clock_ticks(self) -> dict[str, tuple[int, float]]:
-        """How often clocks of each FMU ticked after their time, and by how much at the most (s)."""
+        """Number of late clock ticks of each FMU, and their greatest delay (s)."""
         return self._bound.late_clock_ticks()
 
     def logs(self) -> dict[str, str]:

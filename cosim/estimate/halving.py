@@ -99,7 +99,7 @@ def _save(step: Step) -> object:
 
 
 def slot_slice(slot: Slot) -> slice:
-    """Where a slot is in the signal vector."""
+    """The slice of a slot in the signal vector."""
     return slice(slot.start, slot.start + slot.size)
 
 

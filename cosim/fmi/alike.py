@@ -1,4 +1,4 @@
-"""What instances of FMI 2.0 and FMI 3.0 do alike: their functions differ in names only."""
+"""The common part of FMI 2.0 and FMI 3.0 instances, whose functions differ in names only."""
 
 from __future__ import annotations
 

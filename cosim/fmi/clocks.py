@@ -30,7 +30,7 @@ _KINDS = {
 
 
 class ClockedFmu(Protocol):
-    """What is asked here of an FMU: :class:`cosim.fmi.component.FmuComponent`."""
+    """The interface of an FMU used here: :class:`cosim.fmi.component.FmuComponent`."""
 
     @property
     def name(self) -> str:

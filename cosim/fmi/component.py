@@ -276,7 +276,7 @@ class FmuComponent:
         }
 
     def log_text(self) -> str:
-        """What the FMU logged, if `options.log` is set; stays after :meth:`close`."""
+        """The log of the FMU, if `options.log` is set; also after :meth:`close`."""
         return self._instance.log.text() if self._instance is not None else self._last_text
 
     def is_text(self, name: str) -> bool:
@@ -295,7 +295,7 @@ class FmuComponent:
             self._private = None
 
     def facts(self) -> Mapping[str, str]:
-        """What a run's metadata keeps of an FMU."""
+        """Metadata of an FMU for a run."""
         return {
             "file": str(self.archive.path),
             "sha256": self.archive.sha256,

@@ -34,13 +34,13 @@ def is_fmu(component: Component) -> bool:
 
 
 def facts(component: Component) -> Mapping[str, str] | None:
-    """What a run's metadata keeps of an FMU: file, hash, version, tool; None: a Python class."""
+    """Metadata of an FMU for a run: file, hash, version, tool; None: a Python class."""
     fmu = fmu_of(component)
     return None if fmu is None else fmu.facts()
 
 
 def model_name(component: Component) -> str:
-    """What a component is, in words: the file of an FMU, or the class."""
+    """The model of a component as text: the file of an FMU, or the class."""
     fmu = fmu_of(component)
     if fmu is not None:
         name = f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
@@ -158,5 +158,5 @@ def close(components: Sequence[Component], failed: int, status: int) -> None:
 
 
 def fmus_in(components: Iterable[Component]) -> int:
-    """How many of the components are FMUs."""
+    """Number of components that are FMUs."""
     return sum(map(is_fmu, components))

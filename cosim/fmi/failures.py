@@ -1,4 +1,4 @@
-"""What stopped a step, in a sentence."""
+"""Messages for failed steps."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
 
 
 def step_failure(result: EngineResult, status: int, lines: Sequence[str]) -> str:
-    """What an FMU did instead of a step; `lines`: the last of its log."""
+    """The error for a failed step of an FMU; `lines`: the last lines of its log."""
     if result is EngineResult.EARLY_RETURN:
         return "the FMU returned early from its step, which is not supported"
     verb = {EngineResult.SET: "setting inputs", EngineResult.GET: "getting outputs"}.get(

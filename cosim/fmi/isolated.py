@@ -221,7 +221,7 @@ class RemoteInstance:
         self._call("bind", layout)
 
     def late_clock_ticks(self) -> tuple[int, float]:
-        """How often a clock ticked after its time there, and by how much at the most (s)."""
+        """Number of late clock ticks in the other process, and their greatest delay (s)."""
         found: tuple[int, float] = self._call("late_clock_ticks")
         return found
 

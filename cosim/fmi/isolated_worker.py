@@ -51,7 +51,7 @@ class Worker:
         self._unit = bind(self._instance, layout, self._alive)
 
     def late_clock_ticks(self) -> tuple[int, float]:
-        """How often a clock ticked after its time, and by how much at the most (s)."""
+        """Number of late clock ticks, and their greatest delay (s)."""
         return late_clock_ticks(self._unit)
 
     def step(self, t: float, hit: int) -> tuple[int, int, int]:

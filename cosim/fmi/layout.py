@@ -201,7 +201,7 @@ def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> i
 
 
 def late_clock_ticks(unit: structs.UnitStruct) -> tuple[int, float]:
-    """How often a clock of an FMU ticked after its time, and by how much at the most (s)."""
+    """Number of late clock ticks of an FMU, and their greatest delay (s)."""
     if not unit.typed:
         return 0, 0.0
     typed = structs.Typed.from_address(unit.typed)

@@ -144,7 +144,7 @@ class Clocks:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What an instance is made from. `early_return`, `event_mode`: FMI 3.0 only."""
+    """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only."""
 
     fmi: str
     path: Path

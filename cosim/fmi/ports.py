@@ -85,6 +85,6 @@ def _family(
 
 
 def _kind(v: FmuVariable) -> tuple[object, ...]:
-    """What members of one array have in common."""
+    """The common properties of the members of one array."""
     ticks = v.attributes.get("intervalVariability")
     return v.type, v.unit, v.causality, v.initial, v.clocks, ticks

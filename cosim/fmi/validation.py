@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def problems(path: str | Path) -> list[str]:
-    """What FMPy finds wrong with an FMU; empty when nothing is."""
+    """Problems that FMPy finds in an FMU; empty if there are none."""
     path = Path(path)
     from fmpy.validation import validate_fmu
 

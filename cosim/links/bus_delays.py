@@ -51,7 +51,7 @@ class BusDelays:
 
     @property
     def mean(self) -> float:
-        """Of the samples that arrived, s."""
+        """The mean delay of the samples that arrived, s."""
         return float(self.delay[np.isfinite(self.delay)].mean())
 
     @property
@@ -71,7 +71,7 @@ class BusDelays:
         return _Simulated(self.delay)
 
     def facts(self) -> dict[str, Any]:
-        """What is known of the bus and the frame, and a digest of the delays."""
+        """Facts about the bus and the frame, and a digest of the delays."""
         digest = sha256(self.delay.astype("<f8").tobytes())
         return {"law": "bus", **self.known, "sha256": digest.hexdigest()}
 

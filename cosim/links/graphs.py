@@ -66,7 +66,7 @@ class Graph:
 
     @property
     def n(self) -> int:
-        """How many robots."""
+        """Number of robots."""
         return int(self.weights.shape[0])
 
     @property

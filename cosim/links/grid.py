@@ -1,4 +1,4 @@
-"""When a link's sender sends and its receiver looks; seconds as ticks, and as shares of a cycle."""
+"""Times at which a link's sender sends and its receiver reads, as ticks and parts of a cycle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """When there is something to send and to receive: every n_s and n_r ticks of h (s)."""
+    """Times of sending and receiving: every n_s and n_r ticks of h (s)."""
 
     n_s: int
     n_r: int
@@ -40,7 +40,7 @@ class Grid:
         return self.n_r * decimal_fraction(self.h)
 
     def sent(self, rows: int) -> int:
-        """How many samples are sent up to the last of `rows` looks."""
+        """Number of samples sent up to the last of `rows` reads."""
         return self.n_r * (rows - 1) // self.n_s + 1 if rows else 0
 
     def ticks_up(self, T: FloatArray) -> FloatArray:
@@ -59,7 +59,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """What comes again every `length` (s), looked at every `period` (s) from t = 0; exact.
+    """A cycle of `length` (s), read every `period` (s) from t = 0, in exact fractions.
 
     Looks are counted in parts: a look is `p` parts after the one before, and `q` parts are the
     cycle, p/q = period/length in lowest terms.

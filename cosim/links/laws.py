@@ -53,20 +53,20 @@ class Law(Protocol):
 
     @property
     def mean(self) -> float:
-        """What the mean of the delays that arrive tends to, s."""
+        """The long-term mean of the delays that arrive, s."""
 
     @property
     def loses_packets(self) -> bool:
         """Whether a packet can be lost."""
 
     def limit(self, period: Fraction) -> int | None:
-        """How many delays there are at this sampling period (s); None: as many as you like."""
+        """Number of delays available at this sampling period (s); None: unlimited."""
 
     def stream(self, period: Fraction, rng: Generator) -> Delays:
         """The delays at t = 0, period, 2·period, … (s), drawn from `rng`."""
 
     def facts(self) -> dict[str, Any]:
-        """What is written down with a run: the law's name and its values, SI."""
+        """The metadata of a run: the law's name and its values, SI."""
 
 
 def decimal_fraction(seconds: float) -> Fraction:
@@ -75,7 +75,7 @@ def decimal_fraction(seconds: float) -> Fraction:
 
 
 def facts_of(law: str, values: Any) -> dict[str, Any]:
-    """What is written down with a run: the law's name, and the fields of a dataclass, SI."""
+    """The metadata of a run: the law's name, and the fields of a dataclass, SI."""
     return {"law": law} | {f.name: _plain(getattr(values, f.name)) for f in fields(values)}
 
 

@@ -54,7 +54,7 @@ class Loss(Protocol):
         """The losses of packets sent at t = 0, period, 2·period, … (s), drawn from `rng`."""
 
     def facts(self) -> dict[str, Any]:
-        """What is written down with a run: the model's name and its values, SI."""
+        """The metadata of a run: the model's name and its values, SI."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,7 +132,7 @@ def _kept(hold: float) -> str:
 
 
 def _distribution(law: Law) -> str | None:
-    """What a law's table is called; None: netem needs none."""
+    """The name of a law's distribution table; None: netem needs none."""
     if law.maximum == law.minimum or isinstance(law, Constant | Uniform):
         return None
     return str(law.facts()["law"])

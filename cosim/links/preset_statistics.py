@@ -31,13 +31,13 @@ class DelayFigures:
 
 
 def figures_of_preset(name: str, draws: int = DRAWS) -> DelayFigures:
-    """Of as many draws at 200 packets a second. Raises ScenarioError for an unknown name."""
+    """Statistics of `draws` packets at 200 per second. Raises ScenarioError if unknown."""
     law = delay_law({"law": "preset", "name": name}, Path())
     return figures(law.stream(PERIOD, generator(0, f"preset {name}")).take(draws))
 
 
 def figures_of_trace(name: str) -> DelayFigures:
-    """Of all rows. Raises ScenarioError for an unknown name."""
+    """Statistics of all rows of a trace. Raises ScenarioError for an unknown name."""
     return figures(frozen(name).trace(lookup="index").delay)
 
 

@@ -1,4 +1,4 @@
-"""What can be reached from where, along the edges of a directed graph."""
+"""Reachability along the edges of a directed graph."""
 
 from __future__ import annotations
 

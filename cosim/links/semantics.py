@@ -57,7 +57,7 @@ class Rule(Protocol):
     """A semantics: declared facts and the rows it makes of a law."""
 
     def facts(self) -> dict[str, Any]:
-        """What is written down with a run: as a scenario writes it."""
+        """The metadata of a run, in the form of a scenario."""
 
     def check(self, law: Law, grid: Grid) -> None:
         """Refuse a law that this rule cannot follow. Raises ScenarioError."""

@@ -66,7 +66,7 @@ class StoredTable:
         return TableStream(_StoredRows(self.path), self.grid, self.length)
 
     def facts(self) -> dict[str, Any]:
-        """What the file says, as a replay of it."""
+        """The facts in the file, for its replay."""
         facts, _ = read_facts(self.path)
         return {**facts, "name": self.name, "replay": self.path.name}
 

@@ -32,7 +32,7 @@ class Choices(Protocol):
 
 
 class Switching(Protocol):
-    """When which graph is there: declared facts and a way to draw."""
+    """The graph in effect at each time: declared facts and a way to draw."""
 
     def check(self, graphs: int) -> None:
         """Refuse a number of graphs it does not switch between. Raises ScenarioError."""
@@ -50,7 +50,7 @@ class Switching(Protocol):
         """The graphs at t = 0, period, 2·period, … (s), drawn from `rng`."""
 
     def facts(self) -> dict[str, Any]:
-        """What is written down with a run, SI."""
+        """The metadata of a run, SI."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ class TableSpec(Protocol):
         """The rows from the first on. Raises ScenarioError if there are fewer than `length`."""
 
     def facts(self) -> dict[str, Any]:
-        """What is written down with the table."""
+        """The metadata of the table."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ class Topology:
 
     @property
     def n(self) -> int:
-        """How many robots."""
+        """Number of robots."""
         return self.graphs[0].n
 
     @property

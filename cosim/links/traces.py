@@ -72,7 +72,7 @@ class DelayTrace:
 
     @property
     def mean(self) -> float:
-        """Of the delays of packets that arrived, each for as long as it is looked up, s."""
+        """The mean delay of packets that arrived, weighted by the duration of each, s."""
         arrives = np.isfinite(self.delay)
         if self.lookup == "index":
             return float(np.mean(self.delay[arrives]))

@@ -103,7 +103,7 @@ def write_groups(path: Path, facts: Mapping[str, Any], groups: Iterable[NDArray[
 
 @contextmanager
 def _write_errors(path: Path) -> Iterator[None]:
-    """What the system refuses in the block becomes a RunError that names the file."""
+    """Turn system errors in the block into a RunError that names the file."""
     try:
         yield
     except OSError as error:

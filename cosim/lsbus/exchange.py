@@ -98,7 +98,7 @@ class OperationBus:
 
     @property
     def now_ps(self) -> int:
-        """Where the last `advance` went to, ps."""
+        """The time of the last `advance`, ps."""
         return self.bus.now_ps
 
     def send(self, node: int, buffer: bytes) -> None:

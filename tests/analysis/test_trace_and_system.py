@@ -12,7 +12,7 @@ import pytest
 
 from cosim.analysis.closed_form import felt_damping
 from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
-from cosim.analysis.memory_run import Change, changed, trace
+from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.analysis.system import AnalyzedSystem, age, system
 from cosim.base.errors import ScenarioError
 from cosim.scenario.assemble import assemble
@@ -185,3 +185,14 @@ def test_facts_that_fail_are_noted_and_stop_nothing(monkeypatch: pytest.MonkeyPa
     found = known(DOCUMENTS["single-6"])
     assert found.silent == {"robot": "ZeroDivisionError: division by zero"}
     assert "control" in found.facts and found.held() == ()
+
+
+def test_the_motion_without_a_force_is_subtracted_from_a_push() -> None:
+    t = np.linspace(0.0, 1.0, 3)
+    before = SignalTrace(t, {"x": np.array([[1.0], [0.5], [0.2]])}, {}, {})
+    after = SignalTrace(t, {"x": np.array([[1.0], [0.6], [0.4]]), "f": np.ones((3, 1))}, {}, {})
+    left = after.less(before)
+    assert left.array("x")[:, 0] == pytest.approx([0.0, 0.1, 0.2])
+    assert left.array("f")[:, 0] == pytest.approx([1.0, 1.0, 1.0])
+    assert not before.constant
+    assert SignalTrace(t, {"f": np.ones((3, 1))}, {}, {}).constant

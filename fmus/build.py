@@ -61,6 +61,8 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "abdessameud2014": ({},),
     "wave_impedance": ({},),
     "wave_admittance": ({},),
+    "wave_integral_impedance": ({},),
+    "wave_integral_admittance": ({},),
     "tdpa_impedance": ({},),
     "tdpa_admittance": ({},),
     "endpoint_operator": ({},),

@@ -28,6 +28,8 @@ from fmus.models import (
     wang2014,
     wave_admittance,
     wave_impedance,
+    wave_integral_admittance,
+    wave_integral_impedance,
 )
 
 #: (source on this side, target on the other side) of each signal that one side sends.
@@ -107,6 +109,11 @@ PAIRS: dict[str, Pair] = {
         _side(abdessameud2014, "Abdessameud violating"),
     ),
     "wave": _wave("Wave variables, b = 10 (Niemeyer, Slotine 1991)", "wave(b=10)"),
+    "wave-integral": Pair(
+        "Integrals of waves, b = 10 (after Niemeyer, Slotine 1998)",
+        _side(wave_integral_impedance, "wave integrals(b=10)"),
+        _side(wave_integral_admittance, "wave integrals(b=10)"),
+    ),
     "scattering": _wave("Scattering, n = 3 (Anderson, Spong 1989)", "scattering(n=3)"),
     "tdpa": _tdpa("Time-domain passivity (Ryu, Artigas, Preusche 2010)", "TDPA"),
     "tdpa-drift": _tdpa("Time-domain passivity with drift compensation", "TDPA drift"),

@@ -23,6 +23,8 @@ from fmus.models import (
     tdpa_impedance,
     wave_admittance,
     wave_impedance,
+    wave_integral_admittance,
+    wave_integral_impedance,
     xi,
 )
 from fmus.models.arm import Joints
@@ -43,6 +45,8 @@ MODELS = [
     tdpa_impedance,
     wave_admittance,
     wave_impedance,
+    wave_integral_admittance,
+    wave_integral_impedance,
     xi,
 ]
 pytestmark = pytest.mark.usefixtures("compiled_once")

@@ -23,6 +23,7 @@ from fmus.models import (
     wang2014,
     wave_admittance,
     wave_impedance,
+    wave_integral_impedance,
 )
 from fmus.models.dynamics import coriolis, inertia
 from fmus.models.planar2r import PRESETS
@@ -179,6 +180,29 @@ def test_a_matched_line_end_does_not_reflect_a_wave() -> None:
     for K_d, reflects in ((10.0, False), (40.0, True)):
         y = outputs(wave_admittance.kernel(), {"b": [10.0] * 2, "K_d": [K_d] * 2}, u=[3.0, -2.0])
         assert np.any(np.abs(y["v"]) > 1e-12) == reflects
+
+
+@given(seed=st.integers(0, 2**32 - 1), b=st.sampled_from([1.0, 10.0]))
+def test_no_more_energy_is_given_on_than_integrals_of_waves_bring(seed: int, b: float) -> None:
+    """Whatever arrives, with an arm at rest, whose torque is the wave: ∑ h w²/(4b) <= max E_j.
+
+    Of samples that a wave can have sent (dU² <= 4b h dE), it also gives on the whole integral.
+    """
+    rng, kernel = np.random.default_rng(seed), wave_integral_impedance.kernel()
+    kernel.initialize({"b": np.full(2, b)})
+    sent_U, sent_E = np.zeros((61, 2)), np.zeros((61, 2))
+    waves = np.where(rng.random((60, 2)) < 0.8, rng.uniform(-20, 20, (60, 2)), 0.0)
+    sent_U[1:], sent_E[1:] = np.cumsum(H * waves, 0), np.cumsum(H * waves**2 / (4 * b), 0)
+    late = np.minimum(np.maximum.accumulate(rng.integers(0, 61, 60)), 60)
+    rows = [*late, *[60] * 61]  # in jumps, held, and all of it at the end
+    out, energy, u = np.zeros(2), np.zeros(2), {"dq": np.zeros(2)}
+    kernel.initial(u | {"U_j": np.zeros(2), "E_j": np.zeros(2)})
+    for k, row in enumerate(rows):
+        y = kernel.step(k * H, H, u | {"U_j": sent_U[row], "E_j": sent_E[row]})
+        out += H * np.array(y["tau"])
+        energy += H * np.array(y["tau"]) ** 2 / (4 * b)
+        assert (energy <= sent_E[: row + 1].max(axis=0) * (1 + 1e-9) + 1e-12).all()
+    assert np.allclose(out, sent_U[60])
 
 
 # ---- time-domain passivity ---------------------------------------------------------------------

@@ -82,6 +82,27 @@ def test_waves_leave_the_arms_as_far_apart_as_they_were(name: str) -> None:
     assert 2.5 < np.linalg.norm(held.apart[-1]) < 7.0
 
 
+def test_integrals_of_waves_are_waves_over_a_constant_delay() -> None:
+    held = [
+        run(PAIRS[name], stop=20.0, master=grip(10.0, 5.0)) for name in ("wave", "wave-integral")
+    ]
+    for name in ("master.q", "slave.q", "master.tau"):
+        assert np.allclose(held[0][name], held[1][name], atol=1e-6)
+
+
+def test_integrals_of_waves_keep_the_offset_over_a_varying_delay() -> None:
+    """At rest the arms are as far apart as at the start; waves that are held and skipped drift."""
+    options = {
+        "stop": 90.0,
+        "master": grip(10.0, 5.0),
+        "delay": JITTER,
+        "semantics": "last-arrival",
+    }
+    waves, integrals = (run(PAIRS[name], **options) for name in ("wave", "wave-integral"))
+    assert np.abs(waves.apart[-1] - waves.apart[0]).max() > 0.2
+    assert np.abs(integrals.apart[-1] - integrals.apart[0]).max() < 0.02
+
+
 def test_time_domain_passivity_drifts_and_compensation_takes_it_back() -> None:
     options = {"stop": 80.0, "master": grip(10.0, 5.0), "delay": JITTER}
     plain, compensated = run(PAIRS["tdpa"], **options), run(PAIRS["tdpa-drift"], **options)

@@ -34,6 +34,8 @@ from fmus.models import (
     wang2014,
     wave_admittance,
     wave_impedance,
+    wave_integral_admittance,
+    wave_integral_impedance,
 )
 from tests.fmus.test_parity import differ, inputs
 from tests.fmus.test_parity_fmi import Slave, Version
@@ -64,6 +66,8 @@ CASES = [
     Case(abdessameud2014, abdessameud2014.Abdessameud2014, True),
     Case(wave_impedance, wave_impedance.WaveImpedance),
     Case(wave_admittance, wave_admittance.WaveAdmittance, True),
+    Case(wave_integral_impedance, wave_integral_impedance.WaveIntegralImpedance, True),
+    Case(wave_integral_admittance, wave_integral_admittance.WaveIntegralAdmittance, True),
     Case(tdpa_impedance, tdpa_impedance.TdpaImpedance, True),
     Case(tdpa_admittance, tdpa_admittance.TdpaAdmittance, True),
     Case(endpoint_operator, endpoint_operator.EndpointOperator),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.bus.arbitration import rank
-from cosim.bus.frames import BusEvent, DropCause
+from cosim.bus.frames import BusEvent, BusFrame, DropCause, frame_of
 from cosim.bus.response import Response
 from cosim.bus.timing import BusTiming
 
@@ -26,6 +26,11 @@ class BusHistory:
     names: tuple[str, ...]
     requests: NDArray[np.void]
     events: NDArray[np.void]
+
+    def sent(self) -> Iterator[tuple[int, BusFrame]]:
+        """Each frame that was sent, with the time of the end of its last bit, ps."""
+        for row in self.events[self.events["kind"] == BusEvent.SENT]:
+            yield int(row["time"]), frame_of(self.requests[row["request"]]["frame"])
 
 
 @dataclass(frozen=True, slots=True)

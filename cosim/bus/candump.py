@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,22 @@ def read_candump(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.void]]
     at = np.array(times, np.int64)
     order = np.argsort(at, kind="stable")
     return at[order], np.array(rows, FRAME)[order]
+
+
+def candump_lines(frames: Iterable[tuple[int, BusFrame]], bus: str, digits: int = 6) -> str:
+    """Frames, each with its time in ps, as ``candump -l`` writes them (nine digits: ``-N``)."""
+    return "".join(
+        f"({at // 10**12}.{at % 10**12 // 10 ** (12 - digits):0{digits}}) {bus} {_text(frame)}\n"
+        for at, frame in frames
+    )
+
+
+def _text(frame: BusFrame) -> str:
+    kind, data = frame.format, frame.data.hex().upper()
+    identifier = f"{frame.identifier:08X}" if kind.extended else f"{frame.identifier:03X}"
+    if kind.fd:
+        return f"{identifier}##{kind.brs | kind.esi << 1:X}{data}"
+    return f"{identifier}#R{frame.length or ''}" if kind.remote else f"{identifier}#{data}"
 
 
 def _frame(identifier: str, text: str, place: str) -> BusFrame:

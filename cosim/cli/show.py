@@ -12,6 +12,7 @@ from cosim.cli.numbers import finite
 from cosim.cli.options import Set, Strict, Verify
 
 if TYPE_CHECKING:
+    from cosim.bus.accounting import BusHistory
     from cosim.scenario.spec import Scenario
     from cosim.schedule.parts import Link, Slot, Step, Wire
     from cosim.schedule.plan import Plan
@@ -44,6 +45,12 @@ def show(
     picture: Annotated[
         Path | None, typer.Option(help="With --bus: write a PNG of the frames in the interval.")
     ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --bus: write the frames of the interval as candump does, in nanoseconds."
+        ),
+    ] = None,
 ) -> None:
     """Print how a scenario runs: components, rates, order, and what every input samples.
 
@@ -63,7 +70,7 @@ def show(
         return
     loaded = load(scenario, set_ or [])
     if bus:
-        for line in bus_account(loaded, bus, from_, for_, picture):
+        for line in bus_account(loaded, bus, (from_, for_), picture, log):
             typer.echo(line)
         return
     plan = assemble(loaded)
@@ -86,11 +93,15 @@ def show(
 
 
 def bus_account(
-    scenario: Scenario, name: str, begin: float, length: float, picture: Path | None
+    scenario: Scenario,
+    name: str,
+    interval: tuple[float, float],
+    picture: Path | None,
+    log: Path | None = None,
 ) -> list[str]:
-    """The account of a simulated bus from `begin` (s) for `length` (s), and its picture.
+    """The account of a simulated bus in an `interval` (start, length; s), its picture and its log.
 
-    Raises ScenarioError for an unknown bus, RunError for a picture that cannot be drawn.
+    Raises ScenarioError for an unknown bus, RunError for a file that cannot be written.
     """
     from cosim.base.errors import ScenarioError
     from cosim.base.names import unknown
@@ -107,13 +118,28 @@ def bus_account(
             "found no link on this bus, expected one: an account is of buses that carry links",
             scenario.place("bus", name),
         )
-    first, last = round(begin * 1e12), round((begin + length) * 1e12)
+    first, last = round(interval[0] * 1e12), round(sum(interval) * 1e12)
     h = bus_history(scenario, name, frames, last)
     lines = list(account_lines(h, first, last))
     if picture is not None:
         drawn = draw_account(picture, h, first, last)
         lines.append(f"picture          {drawn}")
+    if log is not None:
+        lines.append(f"log              {_write_log(h, name, log, first, last)}")
     return lines
+
+
+def _write_log(h: BusHistory, name: str, path: Path, first: int, last: int) -> str:
+    """Write the frames that ended from `first` to `last` (ps); what was written."""
+    from cosim.base.errors import RunError
+    from cosim.bus.candump import candump_lines
+
+    frames = [x for x in h.sent() if first <= x[0] <= last]
+    try:
+        path.write_text(candump_lines(frames, name, 9), encoding="utf-8")
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror}; expected a file that can be written") from None
+    return f"{path}: {len(frames)} frames"
 
 
 def recorded_run(folder: Path, *, check: bool) -> list[str]:

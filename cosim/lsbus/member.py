@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import final
 
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
+from cosim.bus.candump import candump_lines
 from cosim.bus.settings import BusNodeSettings, Disturbance
 from cosim.bus.timing import BusTiming
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
-from cosim.lsbus.logs import candump, operation_lines
+from cosim.lsbus.logs import operation_lines
 from cosim.lsbus.network import CanNetwork
 from cosim.lsbus.node import PS, NodeFmu
 from cosim.lsbus.operations import LsBusError
@@ -80,7 +81,9 @@ class IntegratedBus:
         if self._network is None:
             return {}
         return {
-            f"{self.name}.log": candump(self._network.bus.frames, self.name),
+            f"{self.name}.log": candump_lines(
+                ((at, frame) for at, _, frame in self._network.bus.frames), self.name
+            ),
             f"{self.name}.operations.tsv": operation_lines(self._network),
         }
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim.base.errors import CosimError
-from cosim.bus.candump import read_candump
+from cosim.bus.candump import candump_lines, read_candump
 from cosim.bus.frames import BusFrame, frame_of
 from cosim.bus.timing import FrameFormat
 
@@ -40,6 +40,26 @@ def test_every_kind_of_frame_is_read(tmp_path: Path) -> None:
         BusFrame(0x123, b"\x11\x22", FrameFormat(fd=True, brs=True)),
         BusFrame(0x123, b"\x11\x22"),
     ]
+
+
+@pytest.mark.parametrize(("digits", "times"), [(6, [0, 10**6]), (9, [0, 1_234_000])])
+def test_frames_of_every_kind_are_written_and_read_back(
+    tmp_path: Path, digits: int, times: list[int]
+) -> None:
+    """Times are rounded down to the last digit."""
+    kinds = [
+        BusFrame(0x123, b"\x11\x22"),
+        BusFrame(0x12345678, b"", FrameFormat(extended=True)),
+        BusFrame(0x123, b"", FrameFormat(remote=True), 5),
+        BusFrame(0x123, b"\x11\x22", FrameFormat(fd=True, brs=True)),
+        BusFrame(0x123, bytes(64), FrameFormat(extended=True, fd=True, esi=True)),
+    ]
+    for frame in kinds:
+        path = tmp_path / "bus.log"
+        path.write_text(candump_lines([(0, frame), (1_234_567, frame)], "can0", digits))
+        at, rows = read_candump(path)
+        assert list(at) == times
+        assert [frame_of(row) for row in rows] == [frame, frame]
 
 
 def test_frames_are_in_the_order_of_their_times(tmp_path: Path) -> None:

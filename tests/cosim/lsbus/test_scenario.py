@@ -12,12 +12,13 @@ import pytest
 
 from cosim.base.component import Outputs, Port, Values
 from cosim.base.errors import CosimError
+from cosim.bus.candump import candump_lines
 from cosim.bus.settings import ScriptedError
 from cosim.bus.timing import BusTiming
 from cosim.cli.info import info
 from cosim.cli.show import show
 from cosim.engine.simulate import simulate
-from cosim.lsbus.logs import candump, operation_lines
+from cosim.lsbus.logs import operation_lines
 from cosim.lsbus.network import CanNetwork
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
@@ -85,7 +86,9 @@ def test_operations_and_times_are_those_of_the_same_nodes_without_a_scenario(
         network.run(STOP)
     assert len(network.bus.frames) == 10
     assert (folder / "can0.operations.tsv").read_text("utf-8") == operation_lines(network)
-    assert (folder / "can0.log").read_text("utf-8") == candump(network.bus.frames, "can0")
+    assert (folder / "can0.log").read_text("utf-8") == candump_lines(
+        ((at, frame) for at, _, frame in network.bus.frames), "can0"
+    )
     recorded = Run.open(folder)
     assert recorded.column("a.sent")[-1] == recorded.column("b.sent")[-1] == 5
     log_source(folder / "can0.log", 0, TIMING, 0)  # can be traffic of another bus

@@ -11,6 +11,7 @@ from cosim.base.errors import ScenarioError
 from cosim.bus.frames import BusEvent
 from cosim.bus.traffic import RandomSource
 from cosim.checks import check
+from cosim.cli.show import show
 from cosim.engine.simulate import simulate
 from cosim.links.bus_delays import BusDelays
 from cosim.loading.files import load
@@ -152,6 +153,30 @@ def test_a_log_is_load(tmp_path):
     loaded = delays(plan_of(tmp_path, log)[1])["other"]
     assert (quiet != loaded).sum() == 1
     assert loaded[1000] > quiet[1000]
+
+
+def logged_load(tmp_path, capsys, number):
+    """The log of two.toml without the frames of its links, as traffic."""
+    log = tmp_path / f"{number}.log"
+    show(tmp_path / "two.toml", bus="can0", for_=2.2, log=log)
+    lines = log.read_text().splitlines(keepends=True)
+    assert f"log              {log}: {len(lines)} frames" in capsys.readouterr().out
+    others = [x for x in lines if " 101#" not in x and " 102#" not in x]
+    assert len(others) > 3000 and len(lines) - len(others) >= 2 * 2000
+    log.write_text("".join(others))
+    start = others[0].partition(")")[0].strip("(")
+    return f'[[bus.can0.traffic]]\nkind = "log"\nfile = "{log.name}"\nstart = "{start} s"\n'
+
+
+def test_a_run_with_its_recorded_log_as_load_is_the_same_run(tmp_path, capsys):
+    """To the nanosecond of the log; a run whose load was a log, to the bit."""
+    drawn = delays(plan_of(tmp_path, LOAD)[1])
+    once = delays(plan_of(tmp_path, logged_load(tmp_path, capsys, 1))[1])
+    twice = delays(plan_of(tmp_path, logged_load(tmp_path, capsys, 2))[1])
+    assert len(set(drawn["other"])) > 100
+    for name in ("urgent", "other"):
+        np.testing.assert_allclose(drawn[name], once[name], rtol=0, atol=1.01e-9)
+        assert once[name].tobytes() == twice[name].tobytes()
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def bus_account(
     picture: Path | None,
     log: Path | None = None,
 ) -> list[str]:
-    """The account of a simulated bus in an `interval` (start, length; s), its picture and its log.
+    """The account of a simulated bus, its picture and its log; `interval`: start and length (s).
 
     Raises ScenarioError for an unknown bus, RunError for a file that cannot be written.
     """

@@ -49,9 +49,9 @@ class Alone:
 
 @contextmanager
 def drive_of_the_master(folder: Path, *changes: str) -> Iterator[Alone]:
-    """The emulated drive of the master arm, ready."""
+    """The emulated drive of the master arm, ready: with silence = 0 it waits for no other node."""
     words = ("--node", "master", "--out", str(folder / "run"))
-    values = settings(*CALM, 'run.stop="60 s"', *changes)
+    values = settings(*CALM, 'run.stop="60 s"', "deploy.silence=0", *changes)
     with running(folder / "lib", "node", str(SCENARIO), *words, *values) as process:
         said(process, "waiting for NMT start")
         yield Alone(process, folder / "run")

@@ -10,15 +10,14 @@ import pytest
 from tests.fuzz import drive, sanitized
 from tests.fuzz.mutate import of_archive, of_bytes, of_text, packed, unpacked
 from tests.fuzz.targets import ROOT, TARGETS, Target
+from tests.tiers import first_fast
 
 numpy = pytest.importorskip("numpy")
 #: Mutants of each target; readers of archives and TOML are slower than those of bytes.
 COUNTS = {"journal": 200, "faults": 60, "buslog": 30, "decode": 100, "hear": 60}
-#: Targets in C are compiled with sanitizers first, which takes most of the time.
-NAMES = [
-    pytest.param(name, marks=[pytest.mark.slow] if name in sanitized.TARGETS else [])
-    for name in drive.names()
-]
+#: Targets of the fast tests; those in C are compiled with sanitizers first, which takes longer.
+FAST = ("journal", "faults", "buslog", "deployment")
+NAMES = first_fast([*FAST, *(name for name in drive.names() if name not in FAST)], len(FAST))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -85,6 +85,7 @@ def test_who_cannot_go_back_is_named_with_the_reason():
     assert found.samples == 1  # from the second point on it is another trajectory
 
 
+@pytest.mark.slow
 def test_an_fmu_is_as_its_kernel_and_one_without_states_is_left_out():
     ring = rings(3, 300)
     by = {c: estimate(lambda c=c: ring.plan(c)) for c in ("fmi2", "fmi3", "kernel")}

@@ -157,6 +157,7 @@ def test_port_of_a_pair_by_frequency_is_the_closed_form() -> None:
         assert (error / found.closed.size).max() < 0.08  # sampled at 5 ms, ω up to 60 rad/s
 
 
+@pytest.mark.slow
 def test_z_width_is_told_with_what_limits_it() -> None:
     found = number(analysed("pair-10"), "z_width")
     assert found.values[0] > 1e4 and "at least" in found.note and "free: 4" in found.note

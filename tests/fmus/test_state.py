@@ -217,6 +217,7 @@ def resident() -> int:
     return int(STATM.read_text().split()[1])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not STATM.exists(), reason="only Linux says how much memory is in use")
 @pytest.mark.parametrize("version", VERSIONS)
 def test_hundreds_of_instances_come_and_go_without_a_trace(drive: Any, version: str) -> None:

@@ -86,6 +86,7 @@ def test_a_list_runs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_two_processes_find_what_one_finds(tmp_path: Path) -> None:
     measured = []
     for jobs in (1, 2):

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.system.runs import ROOT
 
 RUN = """
@@ -40,6 +42,7 @@ def test_memory_is_flat_in_the_length_of_a_run(tmp_path: Path) -> None:
     assert abs(long - short) < 10.0, (short, long)
 
 
+@pytest.mark.slow
 def test_memory_is_flat_in_what_is_recorded(tmp_path: Path) -> None:
     """Every tick, 39 signals: 75 MB of numbers, of which a few chunks are held at a time."""
     short = peak(tmp_path / "short", 60.0, every=1)

@@ -74,6 +74,7 @@ def test_what_is_no_graph_is_refused(tmp_path: Path, was: str, now: str, says: s
     assert says in str(error.value)
 
 
+@pytest.mark.slow
 def test_friction_lets_time_domain_passivity_settle_and_does_not_save_a_stiff_pd() -> None:
     """Nobody at the master, torques within 60 N.m: what the guide says of `real-free`."""
     variants = read(VARIANTS)

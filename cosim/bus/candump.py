@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cosim.bus.frames import FRAME, BusFrame
 from cosim.bus.timing import FrameFormat, TimingError
-from cosim.bus.traffic import TrafficError
+from cosim.bus.traffic import LONGEST_PS, TrafficError
 
 _LINE = re.compile(
     r"\((?P<s>\d{1,12})\.(?P<part>\d{1,9})\)\s+(?P<bus>\S+)\s+"
@@ -27,8 +27,10 @@ _ERROR = 0x20000000
 def read_candump(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.void]]:
     """The data and remote frames of a log in the order of their times, without error frames.
 
-    Returns the times in ps (n,) and the frames (n,), rows of ``FRAME``. Raises TrafficError for a
-    file that cannot be read, has no frame, frames of several buses, or an invalid line.
+    Returns the times after the first frame in ps (n,) and the frames (n,), rows of ``FRAME``; the
+    times of ``candump -l`` count from 1970 and have too many ps for an integer of 64 bits. Raises
+    TrafficError for a file that cannot be read, has no frame, frames of several buses, more than
+    50 days, or an invalid line.
     """
     try:
         lines = Path(path).read_text("utf-8").splitlines()
@@ -52,7 +54,13 @@ def read_candump(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.void]]
     if len(buses) > 1:
         found = ", ".join(f"{name} (line {number})" for name, number in buses.items())
         raise TrafficError(f"{path}: found frames of the buses {found}; expected those of one bus")
-    at = np.array(times, np.int64)
+    first, last = min(times), max(times)
+    if last - first > LONGEST_PS:
+        raise TrafficError(
+            f"{path}: found frames that are {(last - first) / 1e12:.6g} s apart, expected at most"
+            f" {LONGEST_PS / 1e12:.6g} s (50 days)"
+        )
+    at = np.array([t - first for t in times], np.int64)
     order = np.argsort(at, kind="stable")
     return at[order], np.array(rows, FRAME)[order]
 

@@ -154,15 +154,23 @@ def _rate(r: ErrorRate) -> RateStruct:
 
 def _check(d: Disturbance, nodes: int) -> None:
     if d.node is not None and not 0 <= d.node < nodes:
-        raise BusSimulationError(f"{d}: found node {d.node}, expected 0 to {nodes - 1}")
+        raise BusSimulationError(f"found node {d.node} disturbed, expected 0 to {nodes - 1}")
     if isinstance(d, ErrorRate):
         wrong = not 0 <= d.rate < 1 or d.length < 1
+        found = f"a rate of {d.rate:g} and a length of {d.length} bits"
         expected = "a rate from 0 to less than 1 and a length of at least 1 bit"
     elif isinstance(d, ScriptedError):
+        width = 29 if d.extended else 11
         wrong = d.bit < 0 or d.length < 1 or d.attempt < 0 or d.level == LineLevel.DISCONNECTED
-        expected = "bit and attempt of at least 0, a length of at least 1, and no disconnection"
+        wrong |= not 0 <= d.identifier < 1 << width
+        found = f"identifier {d.identifier:#x}, bit {d.bit}, attempt {d.attempt}, {d.length} bits"
+        found += f" {d.level.name.lower()}"
+        expected = f"an identifier of {width} bits, bit and attempt of at least 0, at least 1 bit"
+        expected += ", and no disconnection"
     else:
         wrong = d.start_ps > d.end_ps or (d.level == LineLevel.DISCONNECTED and d.node is None)
+        found = f"an interruption from {d.start_ps / 1e12:g} s to {d.end_ps / 1e12:g} s"
+        found += f" ({d.level.name.lower()}, {'the bus' if d.node is None else f'node {d.node}'})"
         expected = "a start before the end, and a node to disconnect"
     if wrong:
-        raise BusSimulationError(f"found {d}, expected {expected}")
+        raise BusSimulationError(f"found {found}, expected {expected}")

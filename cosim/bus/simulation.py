@@ -45,7 +45,7 @@ from cosim.bus.timing import BusTiming
 _EVENT = struct.Struct("<qqihhhhBBBB")
 _FRAME = struct.Struct("<IBBH64s")
 _REQUEST = struct.Struct("<qiiIBBH64s")
-_FD_ON_CLASSIC = "found an FD frame on a classic bus, expected BusTiming(fd=True)"
+_FD_ON_CLASSIC = "found an FD frame on a classic bus, expected one with fd"
 _NO_FRAMES = np.empty(0, FRAME)
 
 

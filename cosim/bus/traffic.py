@@ -30,6 +30,8 @@ from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, frame_bits, mean, 
 BLOCK_PS = 10**11
 #: and a block has fewer than 2 to the power of this.
 _BLOCK_BITS = 24
+#: Times of traffic are at most 50 days, ps, so that sums of them fit into 64 bits.
+LONGEST_PS = 50 * 86400 * 10**12
 
 
 class TrafficError(CosimError, ValueError):
@@ -74,11 +76,13 @@ class PeriodicSource:
     random_data: bool = False
 
     def __post_init__(self) -> None:
-        if self.period_ps <= 0 or self.jitter_ps < 0 or self.offset_ps < 0:
+        times = self.period_ps, self.offset_ps, self.jitter_ps
+        if self.period_ps <= 0 or min(times) < 0 or max(times) > LONGEST_PS:
+            period, offset, jitter = (f"{t / 1e12:.6g} s" for t in times)
             raise TrafficError(
-                f"identifier {self.frame.identifier:#x}: found a period of {self.period_ps} ps,"
-                f" an offset of {self.offset_ps} ps and a jitter of {self.jitter_ps} ps, expected a"
-                " period above 0 and the others not below"
+                f"identifier {self.frame.identifier:#x}: found a period of {period}, an offset of"
+                f" {offset} and a jitter of {jitter}, expected a period above 0, the others not"
+                " below 0, and none above 50 days"
             )
 
     def requests(self, start_ps: int, end_ps: int) -> NDArray[np.void]:

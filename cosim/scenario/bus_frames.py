@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cosim.base.errors import ScenarioError
 from cosim.bus.frames import BusFrame
 from cosim.bus.settings import FrameEncoding
 from cosim.bus.timing import FrameFormat, padded
+from cosim.bus.traffic import LONGEST_PS
 from cosim.scenario.bus_spec import LinkFrameSpec
 from cosim.schedule.parts import Slot
 
@@ -34,18 +36,25 @@ class FrameOnBus:
     sources: tuple[Slot, ...] = ()
 
 
+def bus_time(seconds: float, key: str) -> int:
+    """A duration of a scenario in ps, from one in s. Raises ScenarioError below 0, or too long."""
+    if not 0 <= seconds <= LONGEST_PS / PS:
+        raise ScenarioError(f"found {key} = {seconds:g} s, expected 0 to {LONGEST_PS / PS:g} s")
+    return round(seconds * PS)
+
+
 def frame_on_bus(
     spec: LinkFrameSpec, fast: bool, name: str, ends: tuple[str, str], period_ps: int, offset: float
 ) -> FrameOnBus:
     """The frame of a link from `ends[0]` to `ends[1]`; `offset` in s.
 
-    Raises TimingError for one that CAN does not have.
+    Raises TimingError for one that CAN does not have, ScenarioError for an offset below 0.
     """
     kind = FrameFormat(extended=spec.extended, fd=spec.fd, brs=spec.fd and fast)
     frame = BusFrame(spec.id, bytes(padded(spec.bytes, spec.fd)), kind)
     known = spec.data in ("random", "zeros")
     encoding = FrameEncoding.NONE if known else FrameEncoding[spec.data.upper()]
     return FrameOnBus(
-        name, ends[0], (ends[1],), frame, period_ps, round(offset * PS), spec.data != "zeros",
-        encoding, spec.scale,
+        name, ends[0], (ends[1],), frame, period_ps, bus_time(offset, "offset"),
+        spec.data != "zeros", encoding, spec.scale,
     )  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cosim.base.errors import ScenarioError
+from cosim.base.names import unknown
 from cosim.bus.candump import read_candump
 from cosim.bus.dbc_traffic import dbc_sources, read_messages, senders
 from cosim.bus.frames import BusFrame
@@ -25,6 +26,7 @@ from cosim.bus.traffic import (
     random_load,
     refuse_fd,
 )
+from cosim.scenario.bus_frames import bus_time
 from cosim.scenario.bus_spec import (
     BabblingTraffic,
     DbcTraffic,
@@ -43,7 +45,7 @@ def traffic(
 ) -> tuple[list[TrafficSource], list[str]]:
     """(the sources of [[bus.NAME.traffic]], all nodes of the bus: `names`, and theirs behind).
 
-    Raises ScenarioError or TrafficError.
+    Raises ScenarioError, also for the settings of a node that is none of them, or TrafficError.
     """
     nodes = list(names)
     sources: list[TrafficSource] = []
@@ -63,11 +65,14 @@ def traffic(
         elif isinstance(t, RandomTraffic):
             sources.append(random_load(t.share, [node(t.node)], timing, seed))
         elif isinstance(t, LogTraffic):
-            start = _ps(scenario, t.start, bus)
+            start = _ps(scenario, t.start, bus, "start")
             path = scenario.path.parent / t.file
             sources.append(log_source(path, node(t.node), timing, start))
         else:
             sources.append(_periodic(scenario, bus, t, node(t.node), timing, seed))
+    for name in scenario.buses[bus].nodes:
+        if name not in nodes:
+            raise ScenarioError(unknown(name, nodes, "node of the bus"))
     return sources, nodes
 
 
@@ -79,16 +84,18 @@ def _periodic(
     timing: BusTiming,
     seed: int,
 ) -> PeriodicSource:
-    start = _ps(scenario, t.start, bus)
-    stop = None if t.stop is None else _ps(scenario, t.stop, bus)
+    start = _ps(scenario, t.start, bus, "start")
+    stop = None if t.stop is None else _ps(scenario, t.stop, bus, "stop")
+    if stop is not None and stop <= start:
+        raise ScenarioError(f"found start = {t.start} and stop = {t.stop}, expected stop behind")
     if isinstance(t, BabblingTraffic):
         return babbling(node, BusFrame(t.id, bytes(8)), timing, start, stop, t.share)
     return PeriodicSource(
         node,
         BusFrame(t.id, bytes(t.bytes), FrameFormat(extended=t.extended)),
-        _ps(scenario, t.period, bus),
-        offset_ps=_ps(scenario, t.offset, bus),
-        jitter_ps=_ps(scenario, t.jitter, bus),
+        _ps(scenario, t.period, bus, "period"),
+        offset_ps=_ps(scenario, t.offset, bus, "offset"),
+        jitter_ps=_ps(scenario, t.jitter, bus, "jitter"),
         seed=seed,
         start_ps=start,
         end_ps=stop,
@@ -103,7 +110,7 @@ def log_source(path: Path, node: int, timing: BusTiming, start_ps: int) -> LogSo
     """
     times, frames = read_candump(path)
     refuse_fd(path, bool((frames["flags"] & 1).any()), timing)
-    return LogSource(node, times - times[0] + start_ps, frames, timing)
+    return LogSource(node, times + start_ps, frames, timing)
 
 
 def disturbances(scenario: Scenario, bus: str, number: Mapping[str, int]) -> list[Disturbance]:
@@ -120,10 +127,10 @@ def disturbances(scenario: Scenario, bus: str, number: Mapping[str, int]) -> lis
                 found.append(ScriptedError(e.id, e.bit, e.attempt, e.length, e.extended, node))
             case InterruptionErrors():
                 level = LineLevel[e.level.upper()]
-                start, stop = _ps(scenario, e.start, bus), _ps(scenario, e.stop, bus)
-                found.append(Interruption(start, stop, level, node))
+                start = _ps(scenario, e.start, bus, "start")
+                found.append(Interruption(start, _ps(scenario, e.stop, bus, "stop"), level, node))
     return found
 
 
-def _ps(scenario: Scenario, value: int | float | str, bus: str) -> int:
-    return round(scenario.seconds(value, "bus", bus) * 1e12)
+def _ps(scenario: Scenario, value: int | float | str, bus: str, key: str) -> int:
+    return bus_time(scenario.seconds(value, "bus", bus), key)

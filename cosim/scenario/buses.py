@@ -114,7 +114,7 @@ def prepared_bus(
     """
     spec, seed = scenario.buses[name], scenario.run.seed
     timing = BusTiming(spec.bitrate, spec.data_bitrate, spec.fd)
-    others, names = traffic(scenario, name, timing, _nodes(spec, frames))
+    others, names = traffic(scenario, name, timing, _ends(frames))
     number = {node: i for i, node in enumerate(names)}
     parts = [_source(f, number, seed + i).requests(0, length_ps) for i, f in enumerate(frames)]
     owner = [np.full(len(p), i) for i, p in enumerate(parts)]
@@ -133,9 +133,8 @@ def prepared_bus(
     return PreparedBus(new, timing, tuple(names), rows.take(order), whose[order])
 
 
-def _nodes(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> list[str]:
-    names = {f.sender for f in frames} | {r for f in frames for r in f.receivers}
-    return sorted(names | set(spec.nodes))
+def _ends(frames: Sequence[FrameOnBus]) -> list[str]:
+    return sorted({f.sender for f in frames} | {r for f in frames for r in f.receivers})
 
 
 def node_settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:

@@ -65,8 +65,17 @@ def test_frames_of_every_kind_are_written_and_read_back(
 def test_frames_are_in_the_order_of_their_times(tmp_path: Path) -> None:
     (path := tmp_path / "bus.log").write_text("(2.000000001) a 001#\n(1.5) a 002#\n(1.5) a 003#\n")
     times, rows = read_candump(path)
-    assert times.tolist() == [1_500_000_000_000, 1_500_000_000_000, 2_000_000_001_000]
+    assert times.tolist() == [0, 0, 500_000_001_000]
     assert rows["id"].tolist() == [2, 3, 1]
+
+
+def test_times_since_1970_are_exact(tmp_path: Path) -> None:
+    """The example of can-utils: as candump writes them without an option."""
+    path = tmp_path / "bus.log"
+    path.write_text("(1436509053.850870) vcan0 1FFFFFFF#R\n(1436509052.249713) vcan0 044#2A\n")
+    times, rows = read_candump(path)
+    assert times.tolist() == [0, 1_601_157_000_000]
+    assert rows["id"].tolist() == [0x044, 0x1FFFFFFF]
 
 
 def test_what_python_can_writes_is_read(tmp_path: Path) -> None:
@@ -81,7 +90,7 @@ def test_what_python_can_writes_is_read(tmp_path: Path) -> None:
         for message in sent:
             log.on_message_received(message)
     times, rows = read_candump(path)
-    assert times.tolist() == [round(m.timestamp * 1e12) for m in sent]
+    assert times.tolist() == [round((m.timestamp - 1.25) * 1e12) for m in sent]
     for row, message in zip(rows, sent, strict=True):
         frame = frame_of(row)
         assert frame.identifier == message.arbitration_id
@@ -107,6 +116,7 @@ def test_what_python_can_writes_is_read(tmp_path: Path) -> None:
         ("(1.0) can0 123#R9", "line 2: found the data 'R9'"),
         ("(1.0) can0 900#", "line 2: found identifier 0x900, expected 11 bits"),
         ("(1.0) can0 F0000000#", ""),
+        ("(5000000.0) can0 123#", r"4\.99\w*e\+06 s apart|5e\+06 s apart"),
         ("(1.0) can1 123#", r"the buses can0 \(line 1\), can1 \(line 2\)"),
     ],
 )

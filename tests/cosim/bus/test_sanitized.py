@@ -13,7 +13,14 @@ from tests.fuzz import sanitized
 from tests.fuzz.targets import ROOT
 
 SOURCES = ROOT / "cosim" / "c" / "bus"
-TESTS = ("test_simulation.py", "test_wires.py", "test_clock.py", "test_counters_at_start.py")
+FOLDER = ROOT / "tests" / "cosim" / "bus"
+TESTS = (
+    FOLDER / "test_simulation.py",
+    FOLDER / "test_wires.py",
+    FOLDER / "test_clock.py",
+    FOLDER / "test_counters_at_start.py",
+    FOLDER.with_name("scenario") / "test_bus_ticks.py",
+)
 
 
 @pytest.mark.slow
@@ -25,7 +32,7 @@ def test_no_access_is_outside_the_memory_given(tmp_path: Path) -> None:
     subprocess.run(["gcc", *sanitized.FLAGS, "-o", str(library), *sources, "-lm"], check=True)
     words = [sys.executable, "-m", "pytest", "-q", "-p", "tests.cosim.bus.sanitized_library"]
     words += ["-p", "no:cacheprovider", f"--basetemp={tmp_path / 'inner'}"]
-    words += [str(ROOT / "tests" / "cosim" / "bus" / name) for name in TESTS]
+    words += map(str, TESTS)
     environment = {**os.environ, **sanitized.preloaded(), "SANITIZED_BUS": str(library)}
     found = subprocess.run(words, cwd=ROOT, env=environment, text=True, capture_output=True)
     assert found.returncode == 0, found.stdout[-4000:] + found.stderr[-4000:]

@@ -163,7 +163,7 @@ def test_the_dbc_reader_agrees_with_cantools():
 
 
 def test_traffic_that_cannot_be_is_refused(tmp_path):
-    with pytest.raises(TrafficError, match=r"identifier 0x1: found a period of 0 ps"):
+    with pytest.raises(TrafficError, match=r"identifier 0x1: found a period of 0 s"):
         PeriodicSource(0, BusFrame(1), 0)
     with pytest.raises(TrafficError, match="found a load of 120%"):
         random_load(1.2, [0], TIMING)

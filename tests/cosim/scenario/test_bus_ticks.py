@@ -85,6 +85,19 @@ node = "a"
 level = "inverted"
 """
 FIFO = '[bus.can0.nodes.plant]\nqueue = "fifo"\nlength = 3\n'
+MAILBOXES = '[bus.can0.nodes.a]\nqueue = "mailboxes"\nlength = 1\n'
+BABBLER = """[[bus.can0.traffic]]
+kind = "babbling"
+id = 1
+start = 0.3
+stop = 0.35
+"""
+SCRIPT = """[[bus.can0.errors]]
+kind = "script"
+id = 0x301
+bit = 30
+attempt = 7
+"""
 OWN = '[[bus.can0.traffic]]\nkind = "periodic"\nid = 0x50\nperiod = "5 ms"\nnode = "plant"\n'
 
 
@@ -106,7 +119,9 @@ def tables_of(tmp_path, bus="", data='data = "zeros"', simulated="auto", chunk=1
 
 
 @pytest.mark.parametrize(
-    "bus", ["", LOAD, LOAD + NOISE, FIFO + OWN + LOAD, OFF + NOISE], ids=range(5)
+    "bus",
+    ["", LOAD, LOAD + NOISE, FIFO + OWN + LOAD, OFF + NOISE, MAILBOXES + BABBLER + SCRIPT],
+    ids=range(6),
 )
 @pytest.mark.parametrize("data", ['data = "zeros"', 'data = "random"'])
 def test_known_frames_give_the_same_bytes_in_the_tick_as_ahead_of_the_run(tmp_path, bus, data):
@@ -117,6 +132,20 @@ def test_known_frames_give_the_same_bytes_in_the_tick_as_ahead_of_the_run(tmp_pa
     for name, rows in ahead.items():
         assert len(rows) == 1000
         assert (np.diff(rows) != 0).sum() > 50
+        assert within[name].tobytes() == rows.tobytes()
+    assert same.tobytes() == signals.tobytes()
+
+
+def test_fd_frames_give_the_same_bytes_in_the_tick_as_ahead_of_the_run(tmp_path):
+    """At a data bit rate of 2 Mbit/s, with errors."""
+    fd = {
+        "bitrate = 250e3": "bitrate = 250e3\nfd = true\ndata_bitrate = 2e6",
+        "bytes = 8": "bytes = 48, fd = true",
+    }
+    ahead, signals, _ = tables_of(tmp_path, LOAD + NOISE, 'data = "random"', **fd)
+    within, same, plan = tables_of(tmp_path, LOAD + NOISE, 'data = "random"', "in-tick", **fd)
+    assert plan.buses
+    for name, rows in ahead.items():
         assert within[name].tobytes() == rows.tobytes()
     assert same.tobytes() == signals.tobytes()
 

@@ -146,6 +146,17 @@ def test_links_of_one_channel_share_a_frame(tmp_path):
     assert found["urgent"].tobytes() == found["other"].tobytes()
 
 
+def test_times_of_a_log_may_count_from_1970(tmp_path):
+    found = []
+    for first in (0, 1_436_509_052):
+        lines = (f"({first + k // 1000}.{k % 1000:03}100) can0 050#00\n" for k in range(1900))
+        (tmp_path / "bus.log").write_text("".join(lines))
+        load = '[[bus.can0.traffic]]\nkind = "log"\nfile = "bus.log"\nstart = "0.1 ms"\n'
+        found.append(delays(plan_of(tmp_path, load)[1])["urgent"])
+    assert found[0].max() > found[0].min()
+    assert found[0].tobytes() == found[1].tobytes()
+
+
 def test_a_log_is_load(tmp_path):
     (tmp_path / "bus.log").write_text("(100.000000) can0 050#00\n(101.000500) can0 050##1AA55\n")
     log = 'fd = true\n[[bus.can0.traffic]]\nkind = "log"\nfile = "bus.log"\nstart = "1.00005 s"\n'
@@ -191,6 +202,30 @@ def test_a_log_that_is_none_is_refused_with_the_place_of_the_bus(tmp_path, conte
     assert "bus.can0" in str(error.value)
 
 
+PERIODIC = '[[bus.can0.traffic]]\nkind = "periodic"\nid = 9\nperiod = "1 ms"\n'
+ERROR = "[[bus.can0.errors]]\n"
+
+
+@pytest.mark.parametrize(
+    ("bus", "says"),
+    [
+        ("[bus.can0.nodes.plannt]\nlength = 2\n", "no node of the bus 'plannt'; did you mean"),
+        (PERIODIC + "start = 2\nstop = 1\n", "found start = 2 and stop = 1, expected stop behind"),
+        (PERIODIC + "start = -1\n", "found start = -1 s, expected 0 to"),
+        (PERIODIC + "jitter = 1e99\n", r"found jitter = 1e\+99 s, expected 0 to"),
+        (PERIODIC.replace("periodic", "babbling").replace("period", "share")
+         .replace('"1 ms"', "1e-30"), "none above 50 days"),
+        (ERROR + 'kind = "script"\nid = 0x900\nbit = 1\n', "0x900, .* an identifier of 11 bits"),
+        (ERROR + 'kind = "rate"\nrate = 2\n', "found a rate of 2 and a length of 1 bits"),
+        (ERROR + 'kind = "interruption"\nstart = 2\nstop = 1\n', "an interruption from 2 s to 1 s"),
+    ],
+)  # fmt: skip
+def test_nodes_traffic_and_errors_that_cannot_be_are_refused(tmp_path, bus, says):
+    with pytest.raises(ScenarioError, match=says) as error:
+        plan_of(tmp_path, bus)
+    assert "two.toml at bus.can0" in str(error.value)
+
+
 def test_check_says_how_the_bus_was_computed_and_warns_of_losses(tmp_path):
     rules = {f.rule: f for f in check(*plan_of(tmp_path))}
     assert "ahead of the run" in rules["bus-response"].reason
@@ -208,6 +243,7 @@ def test_check_says_how_the_bus_was_computed_and_warns_of_losses(tmp_path):
         ('bus = "can0"', 'bus = "can0"\ndelay = { law = "constant", delay = 1 }', "expected no "),
         ("0x102", "0x101", "one identifier in two frames"),
         ("0x102", "0x902", "11 bits"),
+        ("bytes = 8", 'bytes = 8, offset = "-1 ms"', "found offset = -0.001 s, expected 0 to"),
         ("bytes = 8", "bytes = 9", "9 bytes"),
         ('frame = { id = 0x101, bytes = 8, data = "zeros" }', "", "without frame"),
         ('bus = "can0"', "", "either delay, or bus"),

@@ -35,7 +35,11 @@ GROUPS = {
         tuple(f"tests/bridge/{room}" for room in _BRIDGE),
         ("bridge", "fmus"),
     ),
-    "bus": Group(("cosim/c/bus/*.c", "cosim/c/bus/*.h"), ("tests/cosim/bus",), ("cosim", "fmus")),
+    "bus": Group(
+        ("cosim/c/bus/*.c", "cosim/c/bus/*.h"),
+        ("tests/cosim/bus", "tests/cosim/scenario/test_bus_ticks.py"),
+        ("cosim", "fmus"),
+    ),
     "engine": Group(
         ("cosim/c/*.c", "cosim/c/*.h"),
         ("tests/cosim/engine", "tests/cosim/fmi", "tests/system"),

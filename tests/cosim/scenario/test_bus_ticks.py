@@ -163,6 +163,17 @@ def test_signals_that_are_zero_give_the_same_bytes_as_zeros_ahead_of_the_run(tmp
     assert facts["urgent"]["data"] == "float64"
 
 
+@pytest.mark.parametrize("node", ["plant", "a"])
+def test_requests_of_one_time_stay_in_the_order_of_the_frames(tmp_path, node):
+    """Of one FIFO node, at a tick in which a receiver may come before the sender."""
+    bus, at_once = (FIFO + OWN).replace("plant", node), {"2.3 ms": "0 ms"}
+    ahead, _, _ = tables_of(tmp_path, bus, **at_once)
+    encoded, _, plan = tables_of(tmp_path, bus, 'data = "float64"', **at_once)
+    assert plan.buses
+    for name, rows in ahead.items():
+        assert encoded[name].tobytes() == rows.tobytes()
+
+
 WAVE = """
 title = "Bits that are signals"
 [run]

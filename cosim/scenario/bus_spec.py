@@ -49,12 +49,15 @@ class LinkFrameSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class ScenarioBusNodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A node: its transmit queue, and whether it recovers from bus-off automatically."""
+    """A node: its transmit queue, whether it recovers from bus-off automatically, and how much
+    faster than nominal its clock is, parts per million.
+    """
 
     queue: Literal["sorted", "fifo", "mailboxes"] = "sorted"
     length: Count = 64
     one_shot: bool = False
     recovers: bool = True
+    clock_ppm: float = 0.0
 
 
 class _Times(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -144,8 +144,9 @@ def node_settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
         return BusNodeSettings(name, inbox=BLOCK)
     queue = QueueKind[node.queue.upper()]
     return BusNodeSettings(
-        name, queue, node.length, node.one_shot, recovers=node.recovers, inbox=BLOCK
-    )
+        name, queue, node.length, node.one_shot, recovers=node.recovers, inbox=BLOCK,
+        clock_ppm=node.clock_ppm,
+    )  # fmt: skip
 
 
 def in_ticks(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> bool:

@@ -78,6 +78,14 @@ def test_the_urgent_frame_goes_first_and_the_other_waits_for_exactly_its_length(
     np.testing.assert_allclose(found["other"], (first + second - 3) * 2e-6, rtol=0, atol=1e-15)
 
 
+def test_the_clock_of_a_sender_times_its_frames_and_a_receiver_too_far_off_gets_none(tmp_path):
+    fast = "[bus.can0.nodes.a]\nclock_ppm = 1000\n"
+    found, nominal = (delays(plan_of(tmp_path, bus)[1])["urgent"] for bus in (fast, ""))
+    np.testing.assert_allclose(found, nominal / 1.001, rtol=1e-6, atol=0)
+    with pytest.raises(ScenarioError, match="found no frame 0x101 that arrives"):
+        plan_of(tmp_path, fast.replace("1000", "30000"))
+
+
 def test_simulated_worst_stays_within_the_analysis_and_show_facts_say_how(tmp_path):
     _, plan = plan_of(tmp_path, links=LINKS.replace(', data = "zeros"', ""))
     for link in plan.links:
@@ -211,6 +219,7 @@ ERROR = "[[bus.can0.errors]]\n"
     [
         ("[bus.can0.nodes.plannt]\nlength = 2\n", "no node of the bus 'plannt'; did you mean"),
         (PERIODIC + "start = 2\nstop = 1\n", "found start = 2 and stop = 1, expected stop behind"),
+        ("[bus.can0.nodes.a]\nclock_ppm = 1e6\n", "node a: found clock_ppm = 1000000.0, expected"),
         (PERIODIC + "start = -1\n", "found start = -1 s, expected 0 to"),
         (PERIODIC + "jitter = 1e99\n", r"found jitter = 1e\+99 s, expected 0 to"),
         (PERIODIC.replace("periodic", "babbling").replace("period", "share")

@@ -42,7 +42,7 @@ def test_comments_texts_and_directives_stay(
 @pytest.mark.parametrize("name", GROUPS)
 def test_every_group_has_sources_and_tests(name: str) -> None:
     group = GROUPS[name]
-    assert all((ROOT / path).is_dir() for path in group.tests)
+    assert all((ROOT / path).exists() for path in group.tests)
     assert len(group.mutants(ROOT)) > 100
 
 

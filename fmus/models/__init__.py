@@ -4,7 +4,8 @@ From both, :func:`fmus.reference.derive` makes the functions that scenarios use:
 ``fmu(version, **sizes)``, ``kernel(**sizes)`` and the class of the NumPy reference (such as
 ``Xi``).
 
-Several models share ``start`` (checks of inputs and outputs), ``dynamics`` (M, C, g and Y),
-``arm`` and ``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose
-reference follows from the inputs alone).
+Several models share ``start`` (checks of inputs and outputs), ``dynamics`` (M, C, g and Y of the
+planar arm), ``chain`` (the table and the dynamics of any serial arm), ``joints`` and
+``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose reference follows
+from the inputs alone).
 """

@@ -33,7 +33,7 @@ torque is limited to ±tau_max; while any joint is at its limit z and theta_hat 
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, Q_J, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, Q_J, RATE, gain, rate, signal, torque
 from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
 from fmus.numeric import Array
 from fmus.reference import Values, derive

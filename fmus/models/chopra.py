@@ -20,7 +20,7 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
 from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
 from fmus.numeric import Array
 from fmus.reference import Values, derive

@@ -20,8 +20,8 @@ Sampled: inputs are read at t_k, outputs are held to the next step.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, DQ, TORQUE, Q, gain
 from fmus.models.dynamics import gravity
+from fmus.models.joints import DAMPING, DQ, TORQUE, Q, gain
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 

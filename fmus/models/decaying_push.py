@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from cosim.base.errors import RunError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import TORQUE, Joints
+from fmus.models.joints import TORQUE, Joints
 from fmus.reference import Values, derive
 
 

@@ -21,7 +21,7 @@ Sampled: inputs are read at t_k, outputs are held to the next step. An unconnect
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DQ, TORQUE, Q, gain
+from fmus.models.joints import DQ, TORQUE, Q, gain
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

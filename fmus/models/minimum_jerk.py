@@ -18,7 +18,7 @@ Sampled: the target of t_k is held to the next step. Outputs at the start are th
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import PLANAR, RATE, Joints
+from fmus.models.joints import PLANAR, RATE, Joints
 from fmus.numeric import np
 from fmus.reference import Values, derive
 

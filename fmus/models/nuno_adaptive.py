@@ -21,8 +21,8 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.arm import DAMPING, DQ_J, Q_J, RATE, gain, rate, signal, torque
-from fmus.models.arm import EXCHANGE as EXCHANGE
+from fmus.models.joints import DAMPING, DQ_J, Q_J, RATE, gain, rate, signal, torque
+from fmus.models.joints import EXCHANGE as EXCHANGE
 from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
 from fmus.numeric import Array
 from fmus.reference import Values, derive

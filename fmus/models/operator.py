@@ -13,7 +13,7 @@ law, evaluated at every stage of its integrator, for grips too stiff for the com
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, STIFFNESS, TORQUE, Joints
+from fmus.models.joints import DAMPING, STIFFNESS, TORQUE, Joints
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 

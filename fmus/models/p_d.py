@@ -24,7 +24,7 @@ to ±tau_max.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, STIFFNESS, Joints, controller
+from fmus.models.joints import DAMPING, STIFFNESS, Joints, controller
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

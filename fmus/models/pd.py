@@ -23,8 +23,8 @@ to ±tau_max.
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.arm import DAMPING, STIFFNESS, Joints, controller
-from fmus.models.arm import EXCHANGE as EXCHANGE
+from fmus.models.joints import DAMPING, STIFFNESS, Joints, controller
+from fmus.models.joints import EXCHANGE as EXCHANGE
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

@@ -46,8 +46,8 @@ from collections.abc import Callable
 
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, RATE, STIFFNESS, TORQUE, signal
 from fmus.models.dynamics import coriolis, gravity, inertia
+from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, signal
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

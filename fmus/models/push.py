@@ -15,7 +15,7 @@ length before t_0 or t_1 counts as beginning at that time. Outputs at the start 
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import TORQUE, Joints
+from fmus.models.joints import TORQUE, Joints
 from fmus.reference import Values, derive
 
 _NEVER = 1e9  # s

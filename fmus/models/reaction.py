@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from cosim.base.errors import RunError
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import RATE, Joints
+from fmus.models.joints import RATE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

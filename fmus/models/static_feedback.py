@@ -19,8 +19,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import GAMMA, NETWORK, TAU_MAX, THETA_HAT, THETA_HAT_NEXT, controller
 from fmus.models.dynamics import regressor
+from fmus.models.joints import GAMMA, NETWORK, TAU_MAX, THETA_HAT, THETA_HAT_NEXT, controller
 from fmus.numeric import Array, np
 from fmus.reference import Law, Values
 

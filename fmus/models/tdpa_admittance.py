@@ -35,7 +35,7 @@ that cannot follow.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, RATE, STIFFNESS, TORQUE, Joints, rate
+from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints, rate
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

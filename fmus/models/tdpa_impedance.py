@@ -28,7 +28,7 @@ changes.
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.arm import DAMPING, RATE, TORQUE, Joints
+from fmus.models.joints import DAMPING, RATE, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

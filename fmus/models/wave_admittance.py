@@ -20,7 +20,7 @@ limited to ±tau_max; v = u - 2 F then contains the limited torque, and the port
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, STIFFNESS, TORQUE, Joints
+from fmus.models.joints import DAMPING, STIFFNESS, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

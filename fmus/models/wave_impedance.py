@@ -26,7 +26,7 @@ to ±tau_max; the wave u = v + 2 F then contains the limited torque, and the por
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, TORQUE, Joints
+from fmus.models.joints import DAMPING, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

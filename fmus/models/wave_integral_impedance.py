@@ -34,7 +34,7 @@ step. Each joint's torque is limited to ±tau_max; u = w + 2 F then contains the
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import DAMPING, Joints
+from fmus.models.joints import DAMPING, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 

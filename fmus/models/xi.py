@@ -14,7 +14,7 @@ without delay and without an algebraic loop. `alpha` must equal that of the cont
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.arm import RATE, Joints, rate
+from fmus.models.joints import RATE, Joints, rate
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 

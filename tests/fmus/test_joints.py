@@ -27,7 +27,7 @@ from fmus.models import (
     wave_integral_impedance,
     xi,
 )
-from fmus.models.arm import Joints
+from fmus.models.joints import Joints
 from fmus.reference import Reference
 from tests.fmus.test_parity import inputs
 from tests.fmus.test_parity_fmi import Slave

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 from fmpy import simulate_fmu
 
 from cosim.bus.timing import BusTiming
+from cosim.lsbus.network import CanNetwork
 from fmus.bus_fmu import build_bus
 from tests.cosim.lsbus.exporter import node
 
@@ -22,7 +23,12 @@ pytestmark = pytest.mark.slow
 
 
 def container(
-    folder: Path, fmus: Sequence[str], links: Sequence[Sequence[str]], step: float, baud: float
+    folder: Path,
+    fmus: Sequence[str],
+    links: Sequence[Sequence[str]],
+    step: float,
+    baud: float,
+    first_byte: Mapping[str, float],
 ) -> np.ndarray:
     """The outputs of 8 ms of the FMUs in one container; those of the first node have no prefix."""
     for name, k in (("a", 0x100), ("b", 0x200)):
@@ -39,11 +45,11 @@ def container(
     first, second = (x for x in fmus if x != "bus")
     values = {f"{n}.{k}": v for n in "ab" for k, v in (PARAMETERS | {"baud": baud}).items()}
     values |= {"a.id": 256.0, "b.id": 512.0}
-    values |= {"smooth": FIRST_BYTE[first], f"{second}.smooth": FIRST_BYTE[second]}
+    values |= {"smooth": first_byte[first], f"{second}.smooth": first_byte[second]}
     found: np.ndarray = simulate_fmu(
         str(folder / "all.fmu"), validate=False, start_values=values, stop_time=8e-3,
         output_interval=step, fmi_type="CoSimulation", use_event_mode=False,
-        output=["sent", "heard", f"{second}.sent", f"{second}.heard"],
+        output=[f"{n}{x}" for n in ("", f"{second}.") for x in ("sent", "heard", "ticked")],
     )  # fmt: skip
     return found
 
@@ -54,16 +60,32 @@ def test_the_first_node_of_a_container_hears_the_other_one(
 ) -> None:
     """Without a bus. The second node sends too; version 2.0 hands it no frames (docs/ls-bus.md)."""
     second = fmus[1]
-    found = container(
-        tmp_path, fmus, [["a.fmu", "Powertrain", "b.fmu", "Powertrain"]], step=1e-3, baud=0.0
-    )
+    links = [["a.fmu", "Powertrain", "b.fmu", "Powertrain"]]
+    found = container(tmp_path, fmus, links, step=1e-3, baud=0.0, first_byte=FIRST_BYTE)
     assert found["sent"][-1] == found[f"{second}.sent"][-1] == 5
     assert list(found["heard"][1:6]) == [FIRST_BYTE[second] + k for k in range(5)]
 
 
-def test_a_container_takes_the_bus_fmu_and_its_nodes(tmp_path: Path) -> None:
-    """Nodes send all frames, and no FMU reports an error; version 2.0 delivers no frame here."""
+def test_the_bus_fmu_in_a_container_ticks_at_the_ends_of_frames(tmp_path: Path) -> None:
+    """The bus gets the frames of both nodes, and its clocks tick when a frame has been sent.
+
+    Version 2.0 passes no data on from clocks that it ticks itself (docs/ls-bus.md).
+    """
     build_bus(2, BusTiming(500e3), tmp_path / "bus.fmu")
     links = [[f"{n}.fmu", "Powertrain", "bus.fmu", f"Node{i + 1}"] for i, n in enumerate("ab")]
-    found = container(tmp_path, ("bus", "a", "b"), links, step=1e-4, baud=500e3)
+    found = container(tmp_path, ("bus", "a", "b"), links, 1e-4, 500e3, {"a": 0.0, "b": 0.0})
     assert found["sent"][-1] == found["b.sent"][-1] == 5
+    given = {k: v for k, v in PARAMETERS.items() if k != "kind"}
+    nodes = [
+        node(tmp_path, f"{name}-own", "triggered", **given, id=k)
+        for name, k in (("a", 0x100), ("b", 0x200))
+    ]
+    with CanNetwork(BusTiming(500e3), nodes, step=1e-4) as network:
+        network.run(8e-3)
+    ends = sorted({x.time_ps for x in network.exchanged if not x.sent})
+    assert len(ends) == 10
+    for k in range(5):
+        first, second = (1e-12 * t for t in ends[2 * k : 2 * k + 2])
+        for clock in ("ticked", "b.ticked"):
+            assert found[clock][10 * (k + 1) + 2] == pytest.approx(first, abs=1e-9)
+            assert found[clock][10 * (k + 1) + 9] == pytest.approx(second, abs=1e-9)

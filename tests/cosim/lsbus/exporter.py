@@ -45,6 +45,7 @@ def description(kind: str, period: float, first: float, flags: str = "") -> str:
 <Float64 name="tec" valueReference="20" causality="output"/>
 <Float64 name="sent" valueReference="21" causality="output"/>
 <Float64 name="heard" valueReference="22" causality="output"/>
+<Float64 name="ticked" valueReference="23" causality="output"/>
 <Float64 name="smooth" valueReference="30" causality="input" start="0"/>
 <Float64 name="jump" valueReference="31" causality="input" variability="discrete" start="0"/>
 </ModelVariables><ModelStructure/></fmiModelDescription>"""

@@ -5,7 +5,8 @@
  * at its first tick, its configuration: `baud`, and with `discard` that lost frames are discarded. It counts errors by
  * what the bus tells it (TEC), says its status when that changes, and is silent when bus-off.
  * Bytes of the data of frame k: k + SMOOTH + JUMP, and one more each. SMOOTH is a continuous input, JUMP
- * a discrete one, and HEARD is the first byte of the last frame received.
+ * a discrete one, HEARD is the first byte of the last frame received, and TICKED is the time of the last
+ * tick of Rx_Clock.
  * kind: 0 Tx_Clock is triggered (by the FMU), 1 counts down, 2 is changing, 3 has a period.
  */
 #include <math.h>
@@ -18,7 +19,7 @@
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
 enum { TX_CLOCK = 1, RX_CLOCK, TX_DATA, RX_DATA, KIND = 10, ID, BYTES, COUNT, FIRST, PERIOD, BAUD,
-       DISCARD, BAD, NOTIFY, TEC = 20, SENT, HEARD, SMOOTH = 30, JUMP };
+       DISCARD, BAD, NOTIFY, TEC = 20, SENT, HEARD, TICKED, SMOOTH = 30, JUMP };
 enum { TRIGGERED, COUNTDOWN, CHANGING, PERIODIC };
 enum { NOT_YET_KNOWN, UNCHANGED, CHANGED };
 
@@ -26,7 +27,7 @@ typedef struct {
     log_t log;
     void *environment;
     bool initializing, in_event, tx_on, rx_on, notify, announced, asked, asked_change;
-    double time, p[10], inputs[2], heard;
+    double time, p[10], inputs[2], heard, ticked;
     uint8_t tx[8192], rx[8192];
     size_t n_tx, n_rx;
     int tec, sent, status;
@@ -128,7 +129,7 @@ FMI int fmi3EnterStepMode(fmu_t *x)
 FMI int fmi3SetClock(fmu_t *x, const uint32_t *r, size_t n, const bool *v)
 {
     if (!x->in_event || n != 1 || !v[0]) return refuse(x, "no clock to set");
-    if (r[0] == RX_CLOCK) { x->rx_on = true; return 0; }
+    if (r[0] == RX_CLOCK) { x->rx_on = true, x->ticked = x->time; return 0; }
     if (r[0] != TX_CLOCK || p(x, KIND) == TRIGGERED) return refuse(x, "no clock of this FMU to set");
     x->tx_on = true, x->announced = false, x->asked_change = false;
     produce(x);
@@ -220,7 +221,8 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
     (void)m;
     for (size_t i = 0; i < n; i++)
         v[i] = r[i] >= SMOOTH ? x->inputs[r[i] - SMOOTH] : r[i] == HEARD ? x->heard
-             : r[i] == TEC ? x->tec : r[i] == SENT ? x->sent : x->p[r[i] - KIND];
+             : r[i] == TICKED ? x->ticked : r[i] == TEC ? x->tec
+             : r[i] == SENT ? x->sent : x->p[r[i] - KIND];
     return 0;
 }
 FMI int fmi3SetBoolean(fmu_t *x, const uint32_t *r, size_t n, const bool *v, size_t m)

@@ -5,7 +5,7 @@
 same. What is up to date, by the contents of everything it is made from, is left alone.
 
 Of about 10 s of processor time, engine and bridge take 3 and the models 7: 6 for the compilers (the
-FMI layer once, then two small C files and a link for each of 26 libraries), 1 for the archives.
+FMI layer once, then two small C files and a link for each of 28 libraries), 1 for the archives.
 """
 
 from __future__ import annotations

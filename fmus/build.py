@@ -41,6 +41,7 @@ VERSIONS: tuple[Version, ...] = ("2.0", "3.0")
 #: What an installation brings as FMUs: models of ``fmus.models``, and the sizes of each.
 SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "planar2r": ({},),
+    "arm": ({},),
     "operator": ({},),
     "xi": ({},),
     "teleoperation": (
@@ -71,6 +72,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "push": ({},),
     "decaying_push": ({},),
     "grasp": ({},),
+    "encoder": ({},),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

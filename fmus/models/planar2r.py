@@ -42,12 +42,12 @@ stage, and as outputs at the end of the step.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from cosim.base.errors import ScenarioError
-from fmus.model import Model, Terminal, Variable
+from fmus.model import Model, Variable
+from fmus.models import environment
 from fmus.models.dynamics import coriolis, gravity, inertia
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, signal
+from fmus.models.environment import grip_torque, wall_torque
+from fmus.models.joints import PLANAR, TORQUE
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -65,59 +65,11 @@ PRESETS: dict[str, dict[str, tuple[float, ...]]] = {
 }
 
 
-def _ports() -> tuple[Variable, ...]:
-    return (
-        Variable("tau", "input", (2,), TORQUE, description="Control torque"),
-        Variable(*("tau_ext", "input", (2,), TORQUE, 0.0, "External torque fed in"), optional=True),
-        Variable(*("q_h", "input", (2,), "rad", 0.0, "Position the operator wants"), optional=True),
-        Variable(
-            *("grip", "input", (), "1", 1.0, "Scale of the grip: 0 released, 1 held"), optional=True
-        ),
-        Variable("q", "output", (2,), "rad", settable=True, description="Joint position"),
-        Variable("dq", "output", (2,), RATE, settable=True, description="Joint velocity"),
-        signal(
-            "tau_h",
-            TORQUE,
-            "Torque of the operator on the robot",
-            ("q_h", "grip"),
-            ("q", "dq", "k_p", "k_d"),
-        ),
-        signal(
-            "tau_e",
-            TORQUE,
-            "Torque of the robot on its environment",
-            start_depends=("q", "dq", "k_w", "b_w", "q_w", "contact"),
-        ),
-    )
-
-
 def _parameters() -> tuple[Variable, ...]:
     theta = PRESETS["SL91"]["theta"]
     return (
         Variable("theta", "parameter", (3,), "kg.m2", theta, "Lumped inertia parameters"),
         Variable("theta_g", "parameter", (2,), TORQUE, 0.0, "Gravity parameters, 0 = horizontal"),
-        Variable("k_p", "parameter", (2,), STIFFNESS, 0.0, "Stiffness of the grip", minimum=0.0),
-        Variable("k_d", "parameter", (2,), DAMPING, 0.0, "Damping of the grip", minimum=0.0),
-        Variable("k_w", "parameter", (2,), STIFFNESS, 0.0, "Stiffness of the wall", minimum=0.0),
-        Variable("b_w", "parameter", (2,), DAMPING, 0.0, "Damping of the wall", minimum=0.0),
-        Variable("q_w", "parameter", (2,), "rad", 0.0, "Position of the wall"),
-        Variable(
-            "contact",
-            "parameter",
-            start=0.0,
-            description="Law of the wall: 0 spring-damper, 1 Hunt-Crossley n = 1, 2 n = 1.5",
-            type="integer",
-            minimum=0.0,
-            maximum=2.0,
-        ),
-        Variable(
-            "substeps",
-            "parameter",
-            start=1.0,
-            description="Integrator steps in a communication step",
-            type="integer",
-            minimum=1.0,
-        ),
     )
 
 
@@ -127,13 +79,14 @@ def model() -> Model:
         identifier="planar2r",
         description="Planar arm with two revolute joints, operator's grip and wall inside",
         kind="continuous",
-        variables=_ports() + _parameters(),
+        variables=(
+            *environment.ports(PLANAR),
+            *_parameters(),
+            *environment.parameters(PLANAR),
+        ),
         sources=("planar2r.c", "contact.c", "contact.h", "trig.c"),
         step=1e-3,
-        terminals=(
-            Terminal("joints", ("tau", "q", "dq"), "Torque in, position and velocity out"),
-            Terminal("hand", ("q_h", "grip", "tau_h"), "The operator's hand"),
-        ),
+        terminals=environment.TERMINALS,
         documentation=__doc__ or "",
     )
 
@@ -145,15 +98,12 @@ def law(
 
     `tau`, `tau_ext` (2,) N.m; `q_h` (2,) rad; `grip` scalar, 0 to 1.
     """
-    substeps = int(x["substeps"])
-    q, dq = x["q"], x["dq"]
 
     def acceleration(q: Array, dq: Array) -> Array:
-        return _acceleration(x, q, dq, tau + tau_ext + _grip(x, q, dq, q_h, grip))
+        return _acceleration(x, q, dq, tau + tau_ext + grip_torque(x, q, dq, q_h, grip))
 
-    for _ in range(substeps):
-        q, dq = _runge_kutta(acceleration, q, dq, h / substeps)
-    return _outputs_at(x, q, dq, q_h, grip)
+    q, dq = environment.integrate(x, acceleration, h)
+    return environment.outputs_at(x, q, dq, q_h, grip)
 
 
 def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Values:
@@ -168,52 +118,16 @@ def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Val
             "theta[2] > 0 and theta[0] theta[2] > theta[1]^2 + theta[2]^2",
             "planar2r.theta",
         )
-    return _outputs_at(x, x["q"], x["dq"], q_h, grip)
+    return environment.outputs_at(x, x["q"], x["dq"], q_h, grip)
 
 
 def _acceleration(x: Values, q: Array, dq: Array, pushed: Array) -> Array:
     """ddq, rad/s2, where `pushed` is tau + tau_ext + tau_h."""
     theta = x["theta"]
-    torque = pushed - _wall(x, q, dq) - coriolis(theta, q, dq) @ dq
+    torque = pushed - wall_torque(x, q, dq) - coriolis(theta, q, dq) @ dq
     if x["theta_g"].any():
         torque = torque - gravity(x["theta_g"], q)
     return np.asarray(np.linalg.solve(inertia(theta, q), torque), dtype=np.float64)
-
-
-def _grip(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Array:
-    """tau_h, N.m."""
-    return grip * (-x["k_d"] * dq - x["k_p"] * (q - q_h))
-
-
-def _wall(x: Values, q: Array, dq: Array) -> Array:
-    """tau_e, N.m."""
-    k_w, b_w, contact = x["k_w"], x["b_w"], int(x["contact"])
-    depth = np.maximum(0.0, q - x["q_w"])
-    if contact == 0:
-        torque = k_w * depth + b_w * dq
-    else:
-        torque = (depth if contact == 1 else depth * np.sqrt(depth)) * (k_w + b_w * dq)
-    return np.where(depth > 0, np.maximum(0.0, torque), 0.0)
-
-
-def _outputs_at(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Values:
-    """All outputs at a position q (rad) and velocity dq (rad/s)."""
-    tau_h, tau_e = _grip(x, q, dq, q_h, grip), _wall(x, q, dq)
-    return {"q": q, "dq": dq, "tau_h": tau_h, "tau_e": tau_e}
-
-
-def _runge_kutta(
-    acceleration: Callable[[Array, Array], Array], q: Array, dq: Array, h: float
-) -> tuple[Array, Array]:
-    """(q, dq) a time h (s) later, by one step of the classical method."""
-    k1, l1 = dq, acceleration(q, dq)
-    k2 = dq + h / 2 * l1
-    l2 = acceleration(q + h / 2 * k1, k2)
-    k3 = dq + h / 2 * l2
-    l3 = acceleration(q + h / 2 * k2, k3)
-    k4 = dq + h * l3
-    l4 = acceleration(q + h * k3, k4)
-    return q + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), dq + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
 
 
 fmu, kernel, Planar2R = derive(model, law, start)

@@ -14,6 +14,7 @@ from fmus.models.chain import Table
 SOURCE = """
 #include "chain_forward.h"
 #include "export.h"
+#include "hyperbolic.h"
 
 static Chain view(int n, double *const *t) {
     const Chain chain = {n, t[0], t[1], t[2], t[3], t[4], t[5]};
@@ -28,6 +29,10 @@ EXPORT void inverse(int n, double *const *t, double *q, double *dq, double *ddq,
 EXPORT int forward(int n, double *const *t, double *q, double *dq, double *tau, double *ddq) {
     const Chain chain = view(n, t);
     return chain_forward(&chain, q, dq, tau, ddq);
+}
+
+EXPORT void tangents(int n, const double *x, double *y) {
+    for (int i = 0; i < n; i++) y[i] = hyperbolic_tangent(x[i]);
 }
 
 EXPORT void repeat(int n, double *const *t, double *q, double *dq, double *tau, double *ddq,
@@ -70,7 +75,8 @@ def compile_chain(folder: Path) -> ctypes.CDLL:
     (folder / "chain.c").write_text(SOURCE)
     include = Path(toolchain.__file__).parent / "c"
     output = folder / f"chain{toolchain.shared_suffix()}"
-    toolchain.compile_shared([folder / "chain.c", include / "trig.c"], output, include=[include])
+    sources = [folder / "chain.c", include / "trig.c", include / "hyperbolic.c"]
+    toolchain.compile_shared(sources, output, include=[include])
     return ctypes.CDLL(str(output))
 
 
@@ -128,11 +134,13 @@ def fr3() -> Table:
 
 def planar(theta: np.ndarray, theta_g: np.ndarray) -> Table:
     """The planar arm of the lumped parameters `theta` (3,), upright if `theta_g` (2,) is not 0."""
-    l1, m2, gravity = 1.0, 0.5, 9.81 if theta_g.any() else 0.0
+    l1, m2, gravity = 1.0, 1.05 * theta[1] ** 2 / theta[2], 9.81 if theta_g.any() else 0.0
     inertia = np.zeros((2, 10))  # theta2 = m2 l1 lc2, theta_g1 = (m1 lc1 + m2 l1) gravity
-    inertia[0, 0], inertia[0, 9] = 5.0, theta[0] - theta[2] - m2 * l1**2
+    inertia[0, 0] = 5.0
     inertia[0, 1] = theta_g[0] / gravity - m2 * l1 if gravity else 0.0
-    inertia[1, [0, 1, 9]] = m2, theta[1] / l1, theta[2]
+    inertia[0, [6, 9]] = theta[0] - theta[2] - m2 * l1**2  # all mass on the x axis
+    inertia[1, [0, 1]] = m2, theta[1] / l1
+    inertia[1, [6, 9]] = theta[2]
     return Table(
         joint_type=np.zeros(2),
         rotation=np.array([np.eye(3), np.eye(3)]),

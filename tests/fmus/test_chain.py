@@ -33,6 +33,18 @@ def test_the_fr3_has_the_torques_that_pinocchio_gives_it(library: ctypes.CDLL) -
         assert np.allclose(inverse(Q, still, still), FR3_G, rtol=0, atol=5e-9)
 
 
+def test_the_hyperbolic_tangent_is_that_of_numpy(library: ctypes.CDLL) -> None:
+    x = np.concatenate([10.0 ** np.linspace(-300, 2, 5000), np.linspace(0, 25, 5000)])
+    x = np.concatenate([x, -x, [np.inf, -np.inf]])
+    y = np.zeros_like(x)
+    library.tangents(len(x), ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(y.ctypes.data))
+    assert np.allclose(y, np.tanh(x), rtol=1e-15, atol=0)
+    assert np.abs(y).max() == 1.0
+    x[:] = np.nan
+    library.tangents(len(x), ctypes.c_void_p(x.ctypes.data), ctypes.c_void_p(y.ctypes.data))
+    assert np.isnan(y).all()
+
+
 @pytest.mark.parametrize("n", [1, 2, 7, 16])
 def test_c_and_numpy_agree_on_random_chains(library: ctypes.CDLL, n: int) -> None:
     rng = np.random.default_rng(n)

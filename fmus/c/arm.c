@@ -1,0 +1,124 @@
+/* arm.c - serial arm of 1 to 16 joints; equations in fmus/models/arm.py.
+ *
+ *     (M(q) + diag J) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e - tau_f + tau_s
+ *
+ * Runge-Kutta of order 4, `substeps` times a communication step; everything at every stage.
+ */
+#include <stddef.h>
+
+#include "chain_check.h"
+#include "chain_forward.h"
+#include "contact.h"
+#include "hyperbolic.h"
+#include "model.h"
+
+enum { JOINTS = ENTRIES(q) };
+
+static const char DIVERGED[] =
+    "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is too long";
+static const char NO_INERTIA[] = "a joint moves no inertia; mass or armature is needed";
+
+/* tau_h = grip (-k_d dq - k_p (q - q_h)), operator's torque on the robot. */
+static inline double hand(const Model *x, int i, double q, double dq) {
+    return x->grip * (-x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]));
+}
+
+/* tau_e, robot's torque on its environment. */
+static inline double wall(const Model *x, int i, double q, double dq) {
+    return contact((int)x->contact, q - x->q_w[i], dq, x->k_w[i], x->b_w[i]);
+}
+
+/* tau_f - tau_s, friction and stops. */
+static inline double losses(const Model *x, int i, double q, double dq) {
+    double torque = x->damping[i] * dq;
+    if (x->friction[i] > 0.0) torque += x->friction[i] * hyperbolic_tangent(dq / x->v_f[i]);
+    torque += contact(SPRING_DAMPER, q - x->q_max[i], dq, x->k_s[i], x->b_s[i]);
+    return torque - contact(SPRING_DAMPER, x->q_min[i] - q, -dq, x->k_s[i], x->b_s[i]);
+}
+
+/* ddq, rad/s^2, where `torque` = tau + tau_ext. Returns whether every joint moves an inertia. */
+static inline int acceleration(const Model *x, const double *torque, const double *q,
+                               const double *dq, double *ddq) {
+    const Chain chain = CHAIN_OF(x);
+    double sum[JOINTS];
+    for (int i = 0; i < JOINTS; i++)
+        sum[i] = torque[i] + hand(x, i, q[i], dq[i]) - wall(x, i, q[i], dq[i]) -
+                 losses(x, i, q[i], dq[i]);
+    return chain_forward(&chain, q, dq, sum, ddq);
+}
+
+/* One step h of the classical method, in place. Returns whether every joint moves an inertia. */
+static int runge_kutta(const Model *x, const double *torque, double h, double *q, double *dq) {
+    static const double node[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
+    double v[JOINTS], a[JOINTS], p[JOINTS];           /* of this stage; v is the rate of p */
+    double sum_v[JOINTS] = {0.0}, sum_a[JOINTS] = {0.0};
+    int positive = 1;
+    for (int stage = 0; stage < 4; stage++) {
+        for (int i = 0; i < JOINTS; i++) {
+            p[i] = stage ? q[i] + node[stage] * h * v[i] : q[i];
+            v[i] = stage ? dq[i] + node[stage] * h * a[i] : dq[i];
+        }
+        positive &= acceleration(x, torque, p, v, a);
+        for (int i = 0; i < JOINTS; i++) {
+            sum_v[i] += weight[stage] * v[i];
+            sum_a[i] += weight[stage] * a[i];
+        }
+    }
+    for (int i = 0; i < JOINTS; i++) {
+        q[i] += h / 6.0 * sum_v[i];
+        dq[i] += h / 6.0 * sum_a[i];
+    }
+    return positive;
+}
+
+/* Take q, dq and what follows from them, or give a sentence and change nothing. */
+static const char *arrive(Model *x, const double *q, const double *dq) {
+    double tau_h[JOINTS], tau_e[JOINTS];
+    for (int i = 0; i < JOINTS; i++) {
+        tau_h[i] = hand(x, i, q[i], dq[i]);
+        tau_e[i] = wall(x, i, q[i], dq[i]);
+    }
+    if (!all_finite(q, JOINTS) || !all_finite(dq, JOINTS) || !all_finite(tau_h, JOINTS) ||
+        !all_finite(tau_e, JOINTS))
+        return DIVERGED;
+    for (int i = 0; i < JOINTS; i++) {
+        x->q[i] = q[i];
+        x->dq[i] = dq[i];
+        x->tau_h[i] = tau_h[i];
+        x->tau_e[i] = tau_e[i];
+    }
+    return NULL;
+}
+
+const char *model_initial(Model *x) {
+    static const double still[JOINTS] = {0.0};
+    const Chain chain = CHAIN_OF(x);
+    const char *problem = chain_problem(&chain);
+    double ddq[JOINTS];
+    if (problem) return problem;
+    if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
+    if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
+    for (int i = 0; i < JOINTS; i++) {
+        if (!(x->v_f[i] > 0.0)) return "v_f must be above 0";
+        if (!(x->q_min[i] < x->q_max[i])) return "q_min must be below q_max";
+        if (x->k_s[i] > 0.0 && !(x->q[i] >= x->q_min[i] && x->q[i] <= x->q_max[i]))
+            return "q is outside the stops q_min and q_max";
+    }
+    if (!chain_forward(&chain, x->q, still, still, ddq)) return NO_INERTIA;
+    return arrive(x, x->q, x->dq);
+}
+
+const char *model_step(Model *x, double t, double h) {
+    const int substeps = (int)x->substeps;
+    double torque[JOINTS], q[JOINTS], dq[JOINTS];
+    int positive = 1;
+    (void)t; /* the arm does not depend on time */
+    for (int i = 0; i < JOINTS; i++) {
+        torque[i] = x->tau[i] + x->tau_ext[i];
+        q[i] = x->q[i];
+        dq[i] = x->dq[i];
+    }
+    for (int i = 0; i < substeps; i++) positive &= runge_kutta(x, torque, h / substeps, q, dq);
+    if (!positive && all_finite(q, JOINTS) && all_finite(dq, JOINTS)) return NO_INERTIA;
+    return arrive(x, q, dq);
+}

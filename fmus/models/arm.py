@@ -1,0 +1,148 @@
+"""Serial arm of 1 to 16 revolute and prismatic joints, described by a table.
+
+The table (``joint_type`` to ``g``) is the one of the module ``fmus.models.chain``; a scenario fills
+it in from a URDF file with ``options.urdf`` (docs/arm.md). The equation of motion is::
+
+    (M(q) + diag J) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e - tau_f + tau_s
+
+    J       armature: inertia of the rotors at the joints
+    tau_f   damping dq + friction tanh(dq / v_f)           viscous and smooth Coulomb friction
+    tau_s   max(0,  k_s (q_min - q) - b_s dq)  for q < q_min      soft stops of the joints
+           -max(0,  k_s (q - q_max) + b_s dq)  for q > q_max
+
+All entries of a prismatic joint are in m, m/s, N, N/m and N.s/m where the table says rad, rad/s,
+N.m, N.m/rad and N.m.s/rad. Without rotors and friction, a very light last link makes a stiff
+equation; the step must then be short, or `substeps` greater.
+
+As ``planar2r``, the arm can include two parts of its environment, evaluated at every stage of the
+integrator and off by default. The first is the torque of an operator on the robot, at each joint;
+the input `q_h` is the position of the hand, and `grip` releases (0) or grasps (1) the arm::
+
+    tau_h = grip (-k_d dq - k_p (q - q_h))
+
+The second is the torque of the robot on its environment, at each joint, at the depth x = q - q_w
+beyond the wall. The parameter `contact` selects the law::
+
+    0   tau_e = max(0, k_w x + b_w dq)              spring and damper
+    1   tau_e = max(0, x (k_w + b_w dq))            Hunt and Crossley, exponent 1
+    2   tau_e = max(0, x^1.5 (k_w + b_w dq))        Hunt and Crossley, exponent 1.5
+
+The classical Runge-Kutta method of order 4 integrates the equation with `substeps` equal substeps
+in a communication step, with the inputs held. Each stage solves the equation by the articulated
+body algorithm, in a time that grows in proportion to the number of joints.
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008; the environment as in
+``planar2r``.
+"""
+
+from __future__ import annotations
+
+from cosim.base.errors import RunError, ScenarioError
+from fmus.model import Model, Variable
+from fmus.models import chain, environment
+from fmus.models.environment import grip_torque, wall_torque
+from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
+
+#: Where a joint has no limit, rad.
+FREE = 1e6
+
+
+def _friction(arm: Joints) -> tuple[Variable, ...]:
+    return (
+        arm.gain("damping", DAMPING, 0.0, "Viscous friction"),
+        arm.gain("friction", TORQUE, 0.0, "Coulomb friction"),
+        arm.gain("v_f", RATE, 0.1, "Velocity at which 76 % of the Coulomb friction act", 1e-6),
+    )
+
+
+def _stops(arm: Joints) -> tuple[Variable, ...]:
+    return (
+        arm.vector("q_min", "parameter", "rad", "Lower limit of the joint", -FREE),
+        arm.vector("q_max", "parameter", "rad", "Upper limit of the joint", FREE),
+        arm.gain("k_s", STIFFNESS, 0.0, "Stiffness of the stops at the limits, 0 = no stops"),
+        arm.gain("b_s", DAMPING, 0.0, "Damping of the stops"),
+    )
+
+
+def model(joints: int = 7) -> Model:
+    """Declare the arm of `joints`; by default equal rods in a horizontal plane, without friction.
+
+    Raises FmuError for a number of joints that is not a whole number from 1 to 16.
+    """
+    arm = Joints(joints)
+    return Model(
+        identifier="arm",
+        description="Serial arm of any revolute and prismatic joints, operator's grip and wall"
+        " inside",
+        kind="continuous",
+        variables=(
+            *environment.ports(arm),
+            *chain.variables(arm),
+            *_friction(arm),
+            *_stops(arm),
+            *environment.parameters(arm),
+        ),
+        sources=(
+            *("arm.c", "chain.h", "chain_check.h", "chain_forward.h"),
+            *("contact.c", "contact.h", "hyperbolic.c", "hyperbolic.h", "trig.c"),
+        ),
+        step=1e-3,
+        terminals=environment.TERMINALS,
+        documentation=__doc__ or "",
+    )
+
+
+def law(
+    x: Values, t: float, h: float, tau: Array, tau_ext: Array, q_h: Array, grip: Array
+) -> Values:
+    """The motion over [t, t + h), s, with the inputs held; tau_h and tau_e (n,) N.m at its end.
+
+    `tau`, `tau_ext` (n,) N.m; `q_h` (n,) rad; `grip` scalar, 0 to 1. Raises RunError where the
+    inertia matrix is singular.
+    """
+    table = chain.of_values(x)
+
+    def acceleration(q: Array, dq: Array) -> Array:
+        pushed = tau + tau_ext + grip_torque(x, q, dq, q_h, grip) - wall_torque(x, q, dq)
+        return chain.forward(table, q, dq, pushed - _losses(x, q, dq))
+
+    try:
+        q, dq = environment.integrate(x, acceleration, h)
+    except np.linalg.LinAlgError as error:
+        raise RunError(f"arm: {error}", time=t) from None
+    return environment.outputs_at(x, q, dq, q_h, grip)
+
+
+def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Values:
+    """Outputs at the start; the inputs have the shapes and units of :func:`law`.
+
+    Raises ScenarioError for a table or limits that no arm has.
+    """
+    table = chain.of_values(x)
+    chain.check(table, "arm")
+    if np.linalg.eigvalsh(chain.mass_matrix(table, x["q"]))[0] <= 0.0:
+        raise ScenarioError(
+            "a joint moves no inertia at the start; expected mass or armature", "arm.inertia"
+        )
+    for i, (low, high) in enumerate(zip(x["q_min"], x["q_max"], strict=True)):
+        if low >= high:
+            raise ScenarioError(f"{low:g} is not below q_max {high:g}", f"arm.q_min[{i}]")
+        if x["k_s"][i] > 0.0 and not low <= x["q"][i] <= high:
+            raise ScenarioError(
+                f"{x['q'][i]:g} is outside the stops {low:g} to {high:g}", f"arm.q[{i}]"
+            )
+    return environment.outputs_at(x, x["q"], x["dq"], q_h, grip)
+
+
+def _losses(x: Values, q: Array, dq: Array) -> Array:
+    """tau_f - tau_s, N.m."""
+    friction = x["damping"] * dq + x["friction"] * np.tanh(dq / x["v_f"])
+    below, above = x["q_min"] - q, q - x["q_max"]
+    up = np.where(below > 0, np.maximum(0.0, x["k_s"] * below - x["b_s"] * dq), 0.0)
+    down = np.where(above > 0, np.maximum(0.0, x["k_s"] * above + x["b_s"] * dq), 0.0)
+    return np.asarray(friction + down - up)
+
+
+fmu, kernel, Arm = derive(model, law, start)

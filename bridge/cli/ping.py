@@ -42,7 +42,7 @@ def ping(
         list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
     ] = None,
 ) -> None:
-    """Measure round-trip times between two nodes, and predict their effect on the controllers."""
+    """Measure round-trip times between two nodes, and predict effects on the controllers."""
     from bridge.deployment.system import load_system
     from bridge.zenoh import ping as measuring
 

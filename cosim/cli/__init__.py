@@ -24,6 +24,11 @@ def main() -> None:
 
 
 def _command() -> None:
+    if sys.argv[1:] in ([], ["-h"], ["--help"]):
+        from cosim.cli.overview import overview
+
+        print(overview(), end="")
+        sys.exit(0 if sys.argv[1:] else 2)
     from cosim.cli.commands import command
 
     command()

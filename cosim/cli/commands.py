@@ -18,103 +18,8 @@ from typer.main import get_command
 
 from cosim.base.errors import CosimError, FolderWarning, shortage
 from cosim.base.interrupts import exit_code, signals_as_interrupt
+from cosim.cli.overview import COMMANDS, overview
 
-#: Module and first line of help of every command, whose function has its name. Those of the bridge
-#: are here by name only: this package does not know it.
-COMMANDS: dict[str, tuple[str, str]] = {
-    "run": (
-        "cosim.cli.run",
-        "Run a scenario; write trajectories, metadata, link tables and figures to a run folder.",
-    ),
-    "show": (
-        "cosim.cli.show",
-        "Print how a scenario runs: components, rates, order, and what every input samples.",
-    ),
-    "info": (
-        "cosim.cli.info",
-        "Print an FMU's variables, units, capabilities and platforms, and validate it.",
-    ),
-    "reproduce": (
-        "cosim.cli.reproduce",
-        "Reproduce the paper: run Sec. VII and Theorems 1-5, draw the figures, check all claims.",
-    ),
-    "analyze": (
-        "cosim.cli.analyze",
-        "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
-    ),
-    "check": (
-        "cosim.cli.check",
-        "Check a scenario without running it: stability margins, links, wiring, predictions.",
-    ),
-    "compare": (
-        "cosim.cli.compare",
-        "Compare controllers: run each with every operator and link law, and print one table.",
-    ),
-    "delays": (
-        "cosim.cli.delays",
-        "List delays by name: presets of networks, and frozen traces with their SHA-256 sums.",
-    ),
-    "sweep": (
-        "cosim.cli.sweep",
-        "Run a parameter study: simulate every point; write a table and figures. Resumable.",
-    ),
-    "export": (
-        "cosim.cli.export",
-        "Write a scenario as an SSP that other tools run, or as one FMU that contains it.",
-    ),
-    "new": (
-        "cosim.cli.new",
-        "Write a controller in Python, a scenario it runs in, and a test.",
-    ),
-    "recover": (
-        "cosim.cli.recover",
-        "Complete a run folder after the run was killed or the disk was full.",
-    ),
-    "rehearse": (
-        "bridge.cli.rehearse",
-        "Run a scenario in real time, one process per node, on real buses; then check the run.",
-    ),
-    "node": (
-        "bridge.cli.node",
-        "Run one node of a deployment: configure it, wait for the start, run until the end.",
-    ),
-    "replay": (
-        "bridge.cli.replay",
-        "Recompute a recorded run offline, and compare every signal of every node.",
-    ),
-    "monitor": (
-        "bridge.cli.monitor",
-        "Show the status of a running or finished rehearsal (read-only).",
-    ),
-    "campaign": (
-        "bridge.cli.campaign",
-        "Run a rehearsal with each fault script of a campaign, and check each run.",
-    ),
-    "soak": (
-        "bridge.cli.soak",
-        "Run a soak test: many rehearsals with random faults, several at once.",
-    ),
-    "diff": (
-        "bridge.cli.diff",
-        "Compare two runs signal by signal, largest differences first, and print a verdict.",
-    ),
-    "keys": (
-        "bridge.cli.keys",
-        "Create a test authority and one certificate per node, for configs/zenoh/secure.json5.",
-    ),
-    "bus": (
-        "bridge.cli.bus",
-        "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.",
-    ),
-    "ping": (
-        "bridge.cli.ping",
-        "Measure round-trip times between two nodes, and predict their effect on the controllers.",
-    ),
-    "tell": (
-        "bridge.cli.tell",
-        "Send a command or a query to the nodes of a deployment, and print their answers.",
-    ),
-}
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -140,10 +45,9 @@ class _Commands(TyperGroup):
         alone.command(cmd_name)(getattr(module, cmd_name))
         return get_command(alone)
 
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """A line each."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """The help of the program."""
+        formatter.write(overview())
 
 
 app = typer.Typer(

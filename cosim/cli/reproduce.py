@@ -59,7 +59,7 @@ def reproduce(
         bool, typer.Option("--quiet", "-q", help="Print only the claims that fail.")
     ] = False,
 ) -> None:
-    """Reproduce the paper: run Sec. VII and Theorems 1-5, draw the figures, check all claims."""
+    """Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims."""
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.summary import progress_bar
 

@@ -72,7 +72,7 @@ def run(
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario; write trajectories, metadata, link tables and figures to a run folder."""
+    """Run a scenario; write trajectories, metadata, link tables and figures to a folder."""
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, ScenarioError
     from cosim.base.interrupts import exit_code

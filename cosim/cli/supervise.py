@@ -8,6 +8,7 @@ before large imports, which takes about a millisecond.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import os
 import signal
@@ -93,10 +94,24 @@ def _die_with(parent: int) -> None:
 
 def _work(command: Callable[[], None], writing: int) -> NoReturn:
     """The child: run the command, and tell its exit code before the interpreter shuts down."""
+    codes: list[int] = []
+    atexit.register(_end, codes)
     _told.append(writing)
-    code = _code(command)
-    os.write(writing, f"code {code}\n".encode())
-    sys.exit(code)
+    codes.append(_code(command))
+    os.write(writing, f"code {codes[0]}\n".encode())
+    sys.exit(codes[0])
+
+
+def _end(codes: list[int]) -> None:
+    """End the process without taking the interpreter apart, which costs as much as many imports.
+
+    This function is registered first and therefore called last: threads have been joined, and the
+    other functions registered with atexit have been called.
+    """
+    if not codes:  # not the end of `_work`: an FMU has called exit()
+        return
+    ctypes.CDLL(None).fflush(None)  # what C code has printed
+    os._exit(codes[0])
 
 
 def _code(command: Callable[[], None]) -> int:

@@ -1,0 +1,145 @@
+"""The list of commands and the text of ``cosim --help``; needs no library for commands."""
+
+from __future__ import annotations
+
+import textwrap
+from shutil import get_terminal_size
+
+#: Of each group of commands: module and first line of help of a command, whose function has its
+#: name. Those of the bridge are here by name only: this package does not know it.
+GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+    "Simulate": {
+        "run": (
+            "cosim.cli.run",
+            "Run a scenario; write trajectories, metadata, link tables and figures to a folder.",
+        ),
+        "check": (
+            "cosim.cli.check",
+            "Check a scenario without running it: stability margins, links, wiring, predictions.",
+        ),
+        "show": (
+            "cosim.cli.show",
+            "Print how a scenario runs: components, rates, order, and what every input samples.",
+        ),
+        "info": (
+            "cosim.cli.info",
+            "Print an FMU's variables, units, capabilities and platforms, and validate it.",
+        ),
+        "export": (
+            "cosim.cli.export",
+            "Write a scenario as an SSP that other tools run, or as one FMU that contains it.",
+        ),
+        "new": (
+            "cosim.cli.new",
+            "Write a controller in Python, a scenario it runs in, and a test.",
+        ),
+        "recover": (
+            "cosim.cli.recover",
+            "Complete a run folder after the run was killed or the disk was full.",
+        ),
+    },
+    "Judge": {
+        "analyze": (
+            "cosim.cli.analyze",
+            "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
+        ),
+        "compare": (
+            "cosim.cli.compare",
+            "Compare controllers: run each with every operator and link law, and print one table.",
+        ),
+        "sweep": (
+            "cosim.cli.sweep",
+            "Run a parameter study: simulate every point; write a table and figures. Resumable.",
+        ),
+        "diff": (
+            "bridge.cli.diff",
+            "Compare two runs signal by signal, largest differences first, and print a verdict.",
+        ),
+        "reproduce": (
+            "cosim.cli.reproduce",
+            "Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims.",
+        ),
+    },
+    "Rehearse": {
+        "rehearse": (
+            "bridge.cli.rehearse",
+            "Run a scenario in real time, one process per node, on real buses; then check the run.",
+        ),
+        "node": (
+            "bridge.cli.node",
+            "Run one node of a deployment: configure it, wait for the start, run until the end.",
+        ),
+        "replay": (
+            "bridge.cli.replay",
+            "Recompute a recorded run offline, and compare every signal of every node.",
+        ),
+        "monitor": (
+            "bridge.cli.monitor",
+            "Show the status of a running or finished rehearsal (read-only).",
+        ),
+        "tell": (
+            "bridge.cli.tell",
+            "Send a command or a query to the nodes of a deployment, and print their answers.",
+        ),
+        "campaign": (
+            "bridge.cli.campaign",
+            "Run a rehearsal with each fault script of a campaign, and check each run.",
+        ),
+        "soak": (
+            "bridge.cli.soak",
+            "Run a soak test: many rehearsals with random faults, several at once.",
+        ),
+    },
+    "Networks": {
+        "delays": (
+            "cosim.cli.delays",
+            "List delays by name: presets of networks, and frozen traces with their SHA-256 sums.",
+        ),
+        "ping": (
+            "bridge.cli.ping",
+            "Measure round-trip times between two nodes, and predict effects on the controllers.",
+        ),
+        "bus": (
+            "bridge.cli.bus",
+            "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.",
+        ),
+        "keys": (
+            "bridge.cli.keys",
+            "Create a test authority and one certificate per node, for configs/zenoh/secure.json5.",
+        ),
+    },
+}
+#: The same without the groups.
+COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
+_HEAD = """\
+Usage: cosim [OPTIONS] COMMAND [ARGS]...
+
+  Co-simulation of controllers and FMU plants over links with real latency.
+
+Options:
+  --version   Print the version and exit.
+  -h, --help  Show this message and exit.
+"""
+_END = """\
+Help of a command: cosim COMMAND --help. FMUs of the models: fmus --help.
+Begin with: cosim new controller my_law
+"""
+
+
+def overview() -> str:
+    """The help of the program: a line for each command, wrapped to the terminal (at most 100)."""
+    width = min(100, get_terminal_size().columns)
+    column = max(map(len, COMMANDS)) + 4
+    parts = [_HEAD]
+    for title, group in GROUPS.items():
+        lines = [
+            textwrap.fill(
+                line,
+                max(width, column + 20),
+                initial_indent=f"  {name}".ljust(column),
+                subsequent_indent=" " * column,
+            )
+            for name, (_, line) in group.items()
+        ]
+        parts.append("\n".join([f"{title}:", *lines, ""]))
+    return "\n".join([*parts, _END])

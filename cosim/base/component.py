@@ -75,6 +75,20 @@ class Parameter:
         return prod(self.shape)
 
 
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What a model makes of the options of a component: sizes, and parameters by name.
+
+    A module offers it as ``prepare(options, folder)``; paths among the options are relative to
+    `folder`. `values` are numbers or nested lists in the unit of the parameter; a preset and the
+    parameters of the scenario come after them. `files` has the SHA-256 of each file read, by path.
+    """
+
+    sizes: Mapping[str, int]
+    values: Mapping[str, Any]
+    files: Mapping[str, str]
+
+
 class Component(Protocol):
     """What the engine steps: a Python class with these members, or an FMU."""
 

@@ -237,7 +237,8 @@ def stop_metadata(error: BaseException) -> dict[str, Any]:
 
 
 def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
-    """The entries of ``run.json`` at the start: scenario, seeds, versions, FMU hashes, links."""
+    """The entries of ``run.json`` at the start: scenario, seeds, versions, hashes, links."""
+    files = {path: total for c in plan.components for path, total in c.files.items()}
     return {
         "status": RUNNING,
         "scenario": as_data(scenario),
@@ -250,6 +251,7 @@ def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "fmus": {
             c.name: found for c in plan.components if (found := facts(c.component)) is not None
         },
+        **({"files": files} if files else {}),
         "weights": {p.target.name: p.source.facts() for p in plan.players},
         "links": {x.name: x.table.facts() for x in plan.links},
         "wall": None,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from cosim.base.component import Component, Parameter, Port
+from cosim.base.component import Component, Parameter, Port, Preparation
 from cosim.base.convert import numbers
 from cosim.base.errors import FmuError, PlanError, ScenarioError
 from cosim.fmi.component import FmuComponent
@@ -59,13 +59,13 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
     start = 0
     for name, spec in sorted(scenario.components.items()):
         place = scenario.place("components", name)
-        component, presets = load_component(name, spec, scenario.path.parent, place)
+        component, presets, prepared = load_component(name, spec, scenario.path.parent, place)
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")
         inputs, start = _slots(name, component.inputs, start)
         outputs, start = _slots(name, component.outputs, start)
-        values, starts = _values(spec, component, presets, place)
+        values, starts = _values(spec, component, presets, prepared, place)
         steps.append(
             Step(
                 name=name,
@@ -79,6 +79,7 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
                 extrapolate=spec.extrapolate == "linear",
                 discrete=discrete_inputs(component),
                 sloped=sloped_inputs(component),
+                files=prepared.files,
             )
         )
     return steps
@@ -93,12 +94,18 @@ def _slots(name: str, ports: Iterable[Port], start: int) -> tuple[tuple[Slot, ..
 
 
 def _values(
-    spec: ComponentSpec, component: Component, presets: Mapping[str, Any], place: str
+    spec: ComponentSpec,
+    component: Component,
+    presets: Mapping[str, Any],
+    prepared: Preparation,
+    place: str,
 ) -> tuple[dict[str, tuple[float, ...]], dict[str, tuple[float, ...]]]:
     """(parameters and start values, start values of inputs), flattened."""
     settable = {p.name: p for p in component.parameters}
     inputs = {p.name: p for p in component.inputs}
-    given: dict[str, tuple[Any, str]] = {}
+    given: dict[str, tuple[Any, str]] = {
+        k: (v, f"{place}.options") for k, v in prepared.values.items()
+    }
     if spec.preset is not None:
         if spec.preset not in presets:
             known = ", ".join(sorted(presets)) or "none"

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from cosim.base.component import Component, Kind, Parameter, Port
+from cosim.base.component import Component, Kind, Parameter, Port, Preparation
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, ScenarioError
 from cosim.fmi import FmuComponent, FmuOptions
@@ -25,17 +25,21 @@ if TYPE_CHECKING:
 _MEMBERS = ("kind", "inputs", "outputs", "parameters", "initialize", "initial", "step")
 
 
+#: Of a model without the hook ``prepare``, or of a component without options.
+_UNPREPARED = Preparation({}, {}, {})
+
+
 def load_component(
     name: str, spec: ComponentSpec, folder: Path, place: str
-) -> tuple[Component, Mapping[str, Any]]:
-    """The component a spec names, and the model's presets.
+) -> tuple[Component, Mapping[str, Any], Preparation]:
+    """The component a spec names, the model's presets, and what it made of the options.
 
     Raises ScenarioError at `place` for a model that cannot be found or made.
     """
     if spec.model.endswith(".fmu"):
         path = Path(spec.model)
         path = path if path.is_absolute() else folder / path
-        return _fmu(name, path, spec, spec.sizes, place), {}
+        return _fmu(name, path, spec, spec.sizes, place), {}, _UNPREPARED
     module_name, colon, attribute = spec.model.partition(":")
     module = _module(module_name, place)
     presets: Mapping[str, Any] = vars(module).get("PRESETS", {})
@@ -43,12 +47,13 @@ def load_component(
     if not callable(maker):
         missing = f"no {attribute!r}" if colon else "no function fmu(version, **sizes)"
         raise ScenarioError(f"module {module_name!r} has {missing}", f"{place}.model")
+    prepared = _prepared(module, spec, folder, place)
+    sizes = {**prepared.sizes, **spec.sizes}
     try:
-        if spec.options and not colon:
-            raise ScenarioError("only a Python component takes options", f"{place}.options")
         if not colon:
-            return _fmu(name, maker(spec.fmi, **spec.sizes), spec, {}, place), presets
-        component: Component = maker(**spec.sizes, **_options(spec, folder))
+            return _fmu(name, maker(spec.fmi, **sizes), spec, {}, place), presets, prepared
+        options = _options(spec, folder) if prepared is _UNPREPARED else {}
+        component: Component = maker(**sizes, **options)
     except TypeError as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.sizes") from None
     except CosimError as error:
@@ -58,7 +63,30 @@ def load_component(
     if spec.kind is not None:
         component.kind = spec.kind
     _check(component, f"{place}.model")
-    return component, presets
+    return component, presets, prepared
+
+
+def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str) -> Preparation:
+    """What a module makes of the options; they are not for Python components without the hook."""
+    prepare = vars(module).get("prepare")
+    if not spec.options or (prepare is None and ":" in spec.model):
+        return _UNPREPARED
+    if prepare is None:
+        raise ScenarioError(
+            "only a Python component, or a model that prepares them, takes options",
+            f"{place}.options",
+        )
+    try:
+        prepared: Preparation = prepare(spec.options, folder)
+    except CosimError as error:
+        raise ScenarioError(str(error), f"{place}.options") from None
+    for size, value in spec.sizes.items():
+        if prepared.sizes.get(size, value) != value:
+            raise ScenarioError(
+                f"found {value}, expected {prepared.sizes[size]} by the options",
+                f"{place}.sizes.{size}",
+            )
+    return prepared
 
 
 def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.base.component import Component, Kind
@@ -58,6 +58,7 @@ class Step:
     extrapolate: bool = False  # wires from continuous components, over a step
     discrete: frozenset[str] = frozenset()  # inputs that are held all the same
     sloped: frozenset[str] = frozenset()  # inputs that take the slope of what is extrapolated
+    files: Mapping[str, str] = field(default_factory=dict)  # read for it: SHA-256 by path
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ from fmus.model import Model, Variable
 from fmus.models import chain, environment
 from fmus.models.environment import grip_torque, wall_torque
 from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.models.robot import of_robot
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -146,3 +147,4 @@ def _losses(x: Values, q: Array, dq: Array) -> Array:
 
 
 fmu, kernel, Arm = derive(model, law, start)
+prepare = of_robot(model)

@@ -1,0 +1,110 @@
+"""What a model of a robot offers to scenarios: sizes and parameters from ``options.urdf``.
+
+```toml
+[components.master]
+model = "fmus.models.arm"
+options.urdf = "robots/two_rods.urdf"    # relative to the scenario
+options.base = "floor"                   # links of the file
+options.tip = "hand"
+options.payload = { mass = "0.5 kg", centre = [0.0, 0.0, 0.1] }   # in the frame of the tip
+options.fixed = { finger = 0.0 }         # joints that are held, rad or m
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cosim.base.component import Preparation
+from cosim.base.convert import number, numbers
+from cosim.base.errors import ScenarioError
+from fmus.models.chain import unphysical
+from fmus.robots.body import Placement, RigidBody, symmetric
+from fmus.robots.serial import serial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from fmus.model import Model
+
+_KEYS = ("urdf", "base", "tip", "payload", "fixed")
+_PAYLOAD = ("mass", "centre", "inertia")
+#: What stands for "no limit" of a position (rad) and of a torque (N.m) in the models.
+NO_LIMIT, NO_TORQUE = 1e6, 1e9
+
+
+def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Path) -> Preparation:
+    """Sizes and parameters of a `model` that has the size `joints`; paths are relative to `folder`.
+
+    Of the parameters, those that the model has. Raises ScenarioError for options or a file that
+    cannot be.
+    """
+    for key in options:
+        if key not in _KEYS:
+            raise ScenarioError(f"unknown key {key!r}; expected one of {', '.join(_KEYS)}")
+    urdf, base, tip = (_text(options, key) for key in _KEYS[:3])
+    path = folder / urdf
+    robot = serial(path, base, tip, _fixed(options), _payload(options))
+    sizes = {"joints": robot.table.joints}
+    found = {
+        **robot.table.values(),
+        "q_min": np.maximum(robot.lower, -NO_LIMIT),
+        "q_max": np.minimum(robot.upper, NO_LIMIT),
+        "tau_max": np.minimum(robot.effort, NO_TORQUE),
+        "damping": robot.damping,
+        "friction": robot.friction,
+    }
+    declared = {v.name for v in model(**sizes).variables if v.causality == "parameter"}
+    values = {name: value.tolist() for name, value in found.items() if name in declared}
+    return Preparation(sizes, values, {str(path): sha256(path.read_bytes()).hexdigest()})
+
+
+def _text(options: Mapping[str, Any], key: str) -> str:
+    value = options.get(key)
+    if not isinstance(value, str) or not value:
+        what = "a file" if key == "urdf" else "the name of a link"
+        raise ScenarioError(f"found {key} = {value!r}, expected {what}")
+    return value
+
+
+def _table(options: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = options.get(key, {})
+    if not isinstance(value, dict):
+        raise ScenarioError(f"found {key} = {value!r}, expected a table")
+    return value
+
+
+def _fixed(options: Mapping[str, Any]) -> dict[str, float]:
+    """The joints that are held; a text has a unit of an angle or of a length."""
+    return {
+        name: number(value, _unit_of(value), f"fixed.{name}")
+        for name, value in _table(options, "fixed").items()
+    }
+
+
+def _unit_of(value: Any) -> str:
+    return "m" if isinstance(value, str) and value.rstrip().endswith("m") else "rad"
+
+
+def _payload(options: Mapping[str, Any]) -> RigidBody | None:
+    """A body in the frame of the tip: a point at its centre, or with a tensor about it."""
+    if "payload" not in options:
+        return None
+    given = _table(options, "payload")
+    for key in given:
+        if key not in _PAYLOAD:
+            raise ScenarioError(
+                f"unknown key {key!r}; expected one of {', '.join(_PAYLOAD)}", "payload"
+            )
+    mass = number(given.get("mass", 0.0), "kg", "payload.mass")
+    centre = numbers(given.get("centre", 0.0), (3,), "m", "payload.centre")
+    entries = numbers(given.get("inertia", 0.0), (6,), "kg.m2", "payload.inertia")
+    body = RigidBody.about_centre(mass, symmetric(entries), Placement(np.eye(3), np.array(centre)))
+    if (why := unphysical(body.parameters())) is not None:
+        raise ScenarioError(why, "payload")
+    return body

@@ -52,6 +52,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     ),
     "adaptive": ({}, {"gravity": 1}),
     "damping": ({},),
+    "friction": ({},),
     "pointmass": ({},),
     "pd": ({},),
     "p_d": ({},),

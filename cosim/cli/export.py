@@ -1,13 +1,17 @@
-"""``cosim export``: a scenario for other tools, as an SSP or as one FMU."""
+"""``cosim export``: a scenario for other tools, as an SSP, as one FMU, or as one FMU a node."""
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cosim.cli.options import Set
+
+#: Who writes the nodes of a deployment; this package does not know it.
+NODES = "bridge.cli.nodes"
 
 
 def export(
@@ -22,9 +26,30 @@ def export(
             help="How to write links: annotation (ignored by other tools) or fmu (delay FMUs)."
         ),
     ] = "annotation",
+    deploy: Annotated[
+        str | None, typer.Option(help="With --nodes: the deployment, by name or file.")
+    ] = None,
+    nodes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write each node of --deploy as a network FMU (FMI 3.0, FMI-LS-BUS 1.0, CAN).",
+        ),
+    ] = None,
+    node: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="With --nodes: only this node; repeatable."),
+    ] = None,
+    platforms: Annotated[
+        str,
+        typer.Option(
+            help="With --nodes: comma-separated, e.g. x86_64-linux,x86_64-windows.",
+            show_default="host",
+        ),
+    ] = "",
     set_: Set = None,
 ) -> None:
-    """Write a scenario as an SSP that other tools run, or as one FMU that contains it."""
+    """Write a scenario for other tools: an SSP, one FMU, or a network FMU of each node."""
     from cosim.base.errors import ScenarioError
     from cosim.scenario.assemble import assemble
     from cosim.ssp import load as load_ssp
@@ -33,8 +58,20 @@ def export(
 
     if links not in ("annotation", "fmu"):
         raise ScenarioError(f"{links!r} is neither annotation nor fmu", "--links")
+    if (nodes is None) is not (deploy is None) or (nodes is None and (node or platforms)):
+        raise ScenarioError(
+            "found one of --deploy, --nodes, --node and --platforms, expected --deploy NAME"
+            " --nodes FOLDER", "cosim export",
+        )  # fmt: skip
+    if ssp is None and fmu is None and nodes is None:
+        raise ScenarioError(
+            "nothing to write; expected --ssp FILE, --fmu FILE or --nodes FOLDER", "cosim export"
+        )
+    if nodes is not None:
+        writer = importlib.import_module(NODES)
+        writer.write(scenario, deploy, nodes, node or [], set_ or [], platforms)
     if ssp is None and fmu is None:
-        raise ScenarioError("nothing to write; expected --ssp FILE or --fmu FILE", "cosim export")
+        return
     from cosim.loading.files import load
 
     read = load_ssp if scenario.suffix == ".ssp" else load

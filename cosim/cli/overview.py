@@ -27,7 +27,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "export": (
             "cosim.cli.export",
-            "Write a scenario as an SSP that other tools run, or as one FMU that contains it.",
+            "Write a scenario for other tools: an SSP, one FMU, or a network FMU of each node.",
         ),
         "new": (
             "cosim.cli.new",

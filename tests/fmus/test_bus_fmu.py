@@ -140,7 +140,7 @@ def test_the_archive_is_valid_complete_and_the_same_each_time(tmp_path: Path, th
     assert list(read_terminals(FmuComponent(three))) == ["Node1", "Node2", "Node3"]
     with zipfile.ZipFile(three) as archive:
         manifest = archive.read("extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml").decode()
-        assert {"sources/bus.c", "sources/bus_fmi3.c"} <= set(archive.namelist())
+        assert {"sources/bus.c", "sources/lsbus_fmi3.c"} <= set(archive.namelist())
     assert 'isBusSimulationFMU="true"' in manifest
 
 

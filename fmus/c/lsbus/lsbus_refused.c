@@ -1,5 +1,5 @@
-/* bus_refused.c - functions of FMI 3.0.2 that the bus FMU has, but not what they are for. */
-#include "bus_fmu.h"
+/* lsbus_refused.c - functions of FMI 3.0.2 that every binary has, also without what they are for. */
+#include "core.h"
 
 #ifdef __GNUC__
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard's, not needed here */
@@ -7,22 +7,22 @@
 
 #define REFUSED(function, ...)                                                               \
     fmi3Status fmi3##function(fmi3Instance x, __VA_ARGS__) {                                 \
-        return bus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
+        return lsbus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
     }
 #define REFUSED_BARE(function)                                                               \
     fmi3Status fmi3##function(fmi3Instance x) {                                              \
-        return bus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
+        return lsbus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
     }
 /* Nothing asked of nothing is fine. */
 #define GET(T)                                                                               \
     fmi3Status fmi3Get##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,           \
                           fmi3##T values[], size_t nValues) {                                \
-        return n ? bus_refuse(x, "fmi3Get" #T ": found no such variable") : fmi3OK;          \
+        return n ? lsbus_refuse(x, "fmi3Get" #T ": found no such variable") : fmi3OK;          \
     }
 #define SET(T)                                                                               \
     fmi3Status fmi3Set##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,           \
                           const fmi3##T values[], size_t nValues) {                          \
-        return n ? bus_refuse(x, "fmi3Set" #T ": found no such variable") : fmi3OK;          \
+        return n ? lsbus_refuse(x, "fmi3Set" #T ": found no such variable") : fmi3OK;          \
     }
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String token,

@@ -1,75 +1,47 @@
 /* bus_fmu.c - what the bus does with operations, and what it tells the nodes. */
-#include "bus_fmu.h"
+#include "core.h"
 
-#include <stdarg.h>
-#include <stdio.h>
 #include <string.h>
 
-enum {
-    OP_FORMAT_ERROR = 0x01, OP_TRANSMIT = 0x10, OP_FD_TRANSMIT = 0x11, OP_CONFIRM = 0x20,
-    OP_LOST = 0x30, OP_BUS_ERROR = 0x31, OP_CONFIGURATION = 0x40, OP_STATUS = 0x41, OP_WAKEUP = 0x42
-};
-enum { BAUDRATE = 1, FD_BAUDRATE, LOST_BEHAVIOR = 4, RETRANSMIT = 1, DISCARD = 2, BUS_OFF = 3 };
+enum { RETRANSMIT = 1, DISCARD = 2, BUS_OFF = 3 };
 /* Something that waits is sent or fails within this time; idle buses are simulated no longer. */
 static const int64_t HORIZON = 1000000000000;
 static const int64_t SECOND = 1000000000000;
 
-fmi3Status bus_refuse(bus_fmu_t *x, const char *format, ...) {
-    va_list values;
-    va_start(values, format);
-    vsnprintf(x->message, sizeof x->message, format, values);
-    va_end(values);
-    if (x->log) x->log(x->environment, fmi3Error, "logStatusError", x->message);
-    return fmi3Error;
-}
-
-static fmi3Status refuse_node(bus_fmu_t *x, int32_t node, const char *why) {
-    return bus_refuse(x, "Node%d, t = %.12g s: %s", (int)node + 1, (double)x->now / (double)SECOND,
+static fmi3Status refuse_node(fmu_t *x, int32_t node, const char *why) {
+    return lsbus_refuse(x, "Node%d, t = %.12g s: %s", (int)node + 1, (double)x->now / (double)SECOND,
                       why);
 }
 
 /* --- operations as bytes --------------------------------------------------------------------- */
 
-static uint32_t number(const uint8_t *b, int bytes) {
-    uint32_t found = 0;
-    for (int i = 0; i < bytes; i++) found |= (uint32_t)b[i] << 8 * i;
-    return found;
-}
-
-static void put(bus_port_t *p, uint32_t value, int bytes) {
-    for (int i = 0; i < bytes; i++) p->tx[p->n_tx++] = (uint8_t)(value >> 8 * i);
-}
-
 /* The header of an operation for a node; false: no room. */
-static bool head(bus_fmu_t *x, int32_t node, uint32_t code, size_t length) {
-    bus_port_t *p = &x->ports[node];
-    if (p->n_tx + length > ROOM) return false;
-    put(p, code, 4), put(p, (uint32_t)length, 4);
-    return true;
+static bool head(fmu_t *x, int32_t node, uint32_t code, size_t length) {
+    return put_head(&x->ports[node], code, length);
 }
 
-static fmi3Status append(bus_fmu_t *x, int32_t node, const uint8_t *bytes, size_t n) {
-    bus_port_t *p = &x->ports[node];
+static fmi3Status append(fmu_t *x, int32_t node, const uint8_t *bytes, size_t n) {
+    port_t *p = &x->ports[node];
     memcpy(p->tx + p->n_tx, bytes, n);
     p->n_tx += n;
     return fmi3OK;
 }
 
-static fmi3Status full(bus_fmu_t *x, int32_t node) {
+static fmi3Status full(fmu_t *x, int32_t node) {
     return refuse_node(x, node, "found more operations for it than fit, expected its Tx_Clock to"
                                 " tick when it said");
 }
 
-static fmi3Status tell(bus_fmu_t *x, int32_t node, uint32_t code, uint32_t id) {
+static fmi3Status tell(fmu_t *x, int32_t node, uint32_t code, uint32_t id) {
     if (!head(x, node, code, 12)) return full(x, node);
     put(&x->ports[node], id, 4);
     return fmi3OK;
 }
 
-static fmi3Status tell_frame(bus_fmu_t *x, int32_t node, const can_frame_t *f) {
+static fmi3Status tell_frame(fmu_t *x, int32_t node, const can_frame_t *f) {
     const bool fd = f->flags & CAN_FD;
     const size_t n = (size_t)f->length;
-    bus_port_t *p = &x->ports[node];
+    port_t *p = &x->ports[node];
     uint8_t data[64] = {0};
     if (!head(x, node, fd ? OP_FD_TRANSMIT : OP_TRANSMIT, (fd ? 17u : 16u) + n))
         return full(x, node);
@@ -81,7 +53,7 @@ static fmi3Status tell_frame(bus_fmu_t *x, int32_t node, const can_frame_t *f) {
     return append(x, node, data, n);
 }
 
-static fmi3Status send_back(bus_fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
+static fmi3Status send_back(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
     if (n > 0xffff || !head(x, node, OP_FORMAT_ERROR, 10 + n)) return full(x, node);
     put(&x->ports[node], (uint32_t)n, 2);
     return append(x, node, raw, n);
@@ -89,7 +61,7 @@ static fmi3Status send_back(bus_fmu_t *x, int32_t node, const uint8_t *raw, size
 
 /* --- what nodes send ------------------------------------------------------------------------- */
 
-static void forget(bus_fmu_t *x, int64_t request) {
+static void forget(fmu_t *x, int64_t request) {
     for (int32_t i = 0; i < x->n_waiting; i++)
         if (x->waiting[i].request == request) x->waiting[i--] = x->waiting[--x->n_waiting];
 }
@@ -110,12 +82,12 @@ static bool frame_of(const uint8_t *raw, size_t n, bool fd, can_frame_t *f) {
     return !fd || can_padded(f->flags, f->length) == (int32_t)length;
 }
 
-static fmi3Status transmit(bus_fmu_t *x, int32_t node, const can_frame_t *f) {
+static fmi3Status transmit(fmu_t *x, int32_t node, const can_frame_t *f) {
     bus_request_t request;
     if ((f->flags & CAN_FD) && !WITH_FD)
         return refuse_node(x, node, "found CAN FD Transmit, expected CAN Transmit: the bus has no"
                                     " data bit rate");
-    if (x->ports[node].off)
+    if (x->off[node])
         return refuse_node(x, node, "found a frame after the status BUS_OFF, expected none");
     if (x->n_waiting == N_NODES * QUEUE)
         return refuse_node(x, node, "found a frame more than fits, expected fewer");
@@ -128,24 +100,24 @@ static fmi3Status transmit(bus_fmu_t *x, int32_t node, const can_frame_t *f) {
 }
 
 /* 1: carried out; 0: these bytes are no configuration; -1: one that this bus does not have. */
-static int configure(bus_port_t *p, const uint8_t *raw, size_t n) {
+static int configure(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
     if (n == 10 && raw[8] == LOST_BEHAVIOR && raw[9] >= RETRANSMIT && raw[9] <= DISCARD) {
-        p->discards = raw[9] == DISCARD;
+        x->discards[node] = raw[9] == DISCARD;
         return 1;
     }
-    if (n != 13 || raw[8] < BAUDRATE || raw[8] > 3) return 0;
+    if (n != 13 || raw[8] < CAN_BAUDRATE || raw[8] > CAN_XL_BAUDRATE) return 0;
     const uint32_t rate = number(raw + 9, 4);
-    if (raw[8] == BAUDRATE) return rate == BITRATE ? 1 : -1;
-    return WITH_FD && raw[8] == FD_BAUDRATE && rate == DATA_BITRATE ? 1 : -1;
+    if (raw[8] == CAN_BAUDRATE) return rate == BITRATE ? 1 : -1;
+    return WITH_FD && raw[8] == CAN_FD_BAUDRATE && rate == DATA_BITRATE ? 1 : -1;
 }
 
-static void set_status(bus_fmu_t *x, int32_t node, uint8_t status) {
-    x->ports[node].off = status == BUS_OFF;
+static void set_status(fmu_t *x, int32_t node, uint8_t status) {
+    x->off[node] = status == BUS_OFF;
     for (int32_t i = 0; i < x->n_waiting && status == BUS_OFF; i++)
         if (x->waiting[i].node == node) bus_abort(x->bus, node, x->waiting[i].request);
 }
 
-static fmi3Status take(bus_fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
+static fmi3Status take(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
     const uint32_t code = number(raw, 4);
     can_frame_t frame;
     fmi3Status status = fmi3OK;
@@ -156,7 +128,7 @@ static fmi3Status take(bus_fmu_t *x, int32_t node, const uint8_t *raw, size_t n)
         if (!frame_of(raw, n, code == OP_FD_TRANSMIT, &frame)) break;
         return transmit(x, node, &frame);
     case OP_CONFIGURATION:
-        done = configure(&x->ports[node], raw, n);
+        done = configure(x, node, raw, n);
         if (done < 0)
             return refuse_node(x, node, "found a Configuration with another bit rate than that of"
                                         " the bus, expected the same");
@@ -181,9 +153,9 @@ static fmi3Status take(bus_fmu_t *x, int32_t node, const uint8_t *raw, size_t n)
     return send_back(x, node, raw, n);
 }
 
-fmi3Status bus_settle(bus_fmu_t *x) {
+fmi3Status core_settle(fmu_t *x) {
     for (int32_t node = 0; node < N_NODES; node++) {
-        bus_port_t *p = &x->ports[node];
+        port_t *p = &x->ports[node];
         size_t at = 0, n = p->n_rx;
         p->n_rx = 0;
         while (at < n) {
@@ -201,8 +173,8 @@ fmi3Status bus_settle(bus_fmu_t *x) {
 
 /* --- what the bus tells them ----------------------------------------------------------------- */
 
-static fmi3Status fault(bus_fmu_t *x, const bus_event_t *e) {
-    bus_port_t *p = &x->ports[e->node];
+static fmi3Status fault(fmu_t *x, const bus_event_t *e) {
+    port_t *p = &x->ports[e->node];
     int32_t which = 0;
     if (!x->n_contenders) return fmi3OK;
     for (int32_t i = 0; i < x->n_contenders; i++)
@@ -213,16 +185,16 @@ static fmi3Status fault(bus_fmu_t *x, const bus_event_t *e) {
     return fmi3OK;
 }
 
-static fmi3Status lost(bus_fmu_t *x, const bus_event_t *e, uint32_t id) {
+static fmi3Status lost(fmu_t *x, const bus_event_t *e, uint32_t id) {
     int32_t n = 0;
     for (int32_t i = 0; i < x->n_contenders; i++)
         if (x->contenders[i].node != e->node) x->contenders[n++] = x->contenders[i];
     x->n_contenders = n;
-    if (!x->ports[e->node].discards || !bus_abort(x->bus, e->node, e->request)) return fmi3OK;
+    if (!x->discards[e->node] || !bus_abort(x->bus, e->node, e->request)) return fmi3OK;
     return tell(x, e->node, OP_LOST, id);
 }
 
-static fmi3Status happened(bus_fmu_t *x, const bus_event_t *e) {
+static fmi3Status happened(fmu_t *x, const bus_event_t *e) {
     bus_waiting_t w = {e->request, 0, e->node};
     for (int32_t i = 0; i < x->n_waiting; i++)
         if (x->waiting[i].request == e->request) w = x->waiting[i];
@@ -244,13 +216,13 @@ static fmi3Status happened(bus_fmu_t *x, const bus_event_t *e) {
     return fmi3OK;
 }
 
-static bool for_a_node(const bus_fmu_t *x, const bus_event_t *e) {
+static bool for_a_node(const fmu_t *x, const bus_event_t *e) {
     return e->kind == EVENT_SENT || e->kind == EVENT_RECEIVED || e->kind == EVENT_ERROR ||
-           (e->kind == EVENT_LOST && x->ports[e->node].discards);
+           (e->kind == EVENT_LOST && x->discards[e->node]);
 }
 
 /* When the next operation is due by `until`, if nobody sends anything; `nodes`: for whom. */
-static int64_t next(bus_fmu_t *x, int64_t until, bool nodes[N_NODES]) {
+static int64_t next(fmu_t *x, int64_t until, bool nodes[N_NODES]) {
     int64_t first = NEVER;
     int more = 1;
     memcpy(x->saved, x->memory, x->size);
@@ -268,7 +240,7 @@ static int64_t next(bus_fmu_t *x, int64_t until, bool nodes[N_NODES]) {
     return first;
 }
 
-fmi3Status bus_go(bus_fmu_t *x, int64_t until) {
+fmi3Status core_go(fmu_t *x, int64_t until) {
     while (x->now < until) {
         bool nodes[N_NODES] = {false};
         const int64_t due = next(x, until, nodes), part = due < until ? due : until;
@@ -286,13 +258,29 @@ fmi3Status bus_go(bus_fmu_t *x, int64_t until) {
     return fmi3OK;
 }
 
-void bus_schedule(bus_fmu_t *x) {
+void core_schedule(fmu_t *x) {
     bool nodes[N_NODES] = {false};
     const int64_t due = x->n_waiting ? next(x, x->now + HORIZON, nodes) : NEVER;
     for (int32_t i = 0; i < N_NODES; i++) {
-        bus_port_t *p = &x->ports[i];
+        port_t *p = &x->ports[i];
         const int64_t tick = p->n_tx ? x->now : nodes[i] ? due : NEVER;
         if (tick == p->tick) continue;
         p->tick = tick, p->changed = tick != NEVER;
     }
+}
+
+fmi3Status core_tick(fmu_t *x) {
+    (void)x; /* what a node is told is there when its clock ticks */
+    return fmi3OK;
+}
+
+size_t core_float64(fmu_t *x, fmi3ValueReference vr, const double **values) {
+    (void)x, (void)vr, (void)values;
+    return 0;
+}
+
+bool core_boolean(fmu_t *x, fmi3ValueReference vr, fmi3Boolean *value) {
+    (void)x;
+    *value = true;
+    return vr == NOTIFICATIONS;
 }

@@ -1,20 +1,41 @@
-/* bus_fmi3.c - the bus as an FMU of FMI 3.0.2 for co-simulation: the functions that it needs. */
+/* lsbus_fmi3.c - the functions of FMI 3.0.2 that an FMU with CAN terminals needs; see lsbus.h. */
 #include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "bus_fmu.h"
+#include "core.h"
 
 #ifdef __GNUC__
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard's, not needed here */
 #endif
 
 static const double PS = 1e-12;
+enum { TIME = 4 * N_PORTS + 1 };
 
 #define REQUIRE(modes)                                                                       \
     do {                                                                                     \
-        if (!(x->mode & (modes))) return bus_refuse(x, "%s: not allowed in this mode", __func__); \
+        if (!(x->mode & (modes))) return lsbus_refuse(x, "%s: not allowed in this mode", __func__); \
     } while (0)
+
+fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...) {
+    va_list values;
+    va_start(values, format);
+    vsnprintf(x->message, sizeof x->message, format, values);
+    va_end(values);
+    if (x->log) x->log(x->environment, fmi3Error, "logStatusError", x->message);
+    return fmi3Error;
+}
+
+void lsbus_begin(fmu_t *x) {
+    x->now = 0;
+    for (int32_t i = 0; i < N_PORTS; i++) {
+        port_t *p = &x->ports[i];
+        p->n_rx = p->n_tx = 0, p->tick = NEVER;
+        p->rx_on = p->tx_on = p->changed = false;
+    }
+}
 
 const char *fmi3GetVersion(void) { return "3.0"; }
 
@@ -23,21 +44,21 @@ fmi3Instance fmi3InstantiateCoSimulation(
     fmi3Boolean loggingOn, fmi3Boolean eventModeUsed, fmi3Boolean earlyReturnAllowed,
     const fmi3ValueReference required[], size_t nRequired, fmi3InstanceEnvironment environment,
     fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
-    const size_t first = (sizeof(bus_fmu_t) + 15) / 16 * 16, size = bus_room();
+    const size_t first = (sizeof(fmu_t) + 15) / 16 * 16;
     const char *wrong = NULL;
     if (!token || strcmp(token, TOKEN) != 0) wrong = "found another instantiationToken";
     else if (!eventModeUsed) wrong = "found eventModeUsed = false, expected true: clocks tick in it";
-    bus_fmu_t *x = wrong ? NULL : calloc(1, first + 2 * size + 16);
+    fmu_t *x = wrong ? NULL : calloc(1, first + core_room() + 16);
     if (!x) {
         if (logMessage)
             logMessage(environment, fmi3Error, "logStatusError", wrong ? wrong : "no memory");
         return NULL;
     }
     uint8_t *start = (uint8_t *)x + first;
-    x->log = logMessage, x->environment = environment, x->size = size;
-    x->memory = start + (16 - (uintptr_t)start % 16) % 16, x->saved = x->memory + size;
+    x->log = logMessage, x->environment = environment;
+    x->room = start + (16 - (uintptr_t)start % 16) % 16;
     x->mode = INSTANTIATED;
-    bus_begin(x);
+    lsbus_begin(x);
     return x;
 }
 
@@ -51,15 +72,16 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance x, fmi3Boolean loggingOn, size_t n,
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined,
                                        fmi3Float64 tolerance, fmi3Float64 startTime,
                                        fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(INSTANTIATED);
-    if (startTime != 0.0) return bus_refuse(x, "found startTime %g s, expected 0 s", startTime);
+    if (startTime != 0.0) return lsbus_refuse(x, "found startTime %g s, expected 0 s", startTime);
     x->mode = INITIALIZATION;
-    return fmi3OK;
+    lsbus_begin(x);
+    return core_begin(x);
 }
 
-static fmi3Status change(bus_fmu_t *x, unsigned from, unsigned to, const char *function) {
-    if (!(x->mode & from)) return bus_refuse(x, "%s: not allowed in this mode", function);
+static fmi3Status change(fmu_t *x, unsigned from, unsigned to, const char *function) {
+    if (!(x->mode & from)) return lsbus_refuse(x, "%s: not allowed in this mode", function);
     x->mode = to;
     return fmi3OK;
 }
@@ -77,15 +99,14 @@ fmi3Status fmi3Terminate(fmi3Instance x) {
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     x->mode = INSTANTIATED;
-    bus_begin(x);
     return fmi3OK;
 }
 
 /* The terminal of a value reference of this kind; NULL: it is of another kind. */
-static bus_port_t *port(bus_fmu_t *x, fmi3ValueReference vr, uint32_t kind) {
-    if (vr < TX_CLOCK || vr > 4 * N_NODES || (vr - 1) % 4 + 1 != kind) return NULL;
+static port_t *port(fmu_t *x, fmi3ValueReference vr, uint32_t kind) {
+    if (vr < TX_CLOCK || vr > 4 * N_PORTS || (vr - 1) % 4 + 1 != kind) return NULL;
     return &x->ports[(vr - 1) / 4];
 }
 
@@ -93,11 +114,11 @@ static bus_port_t *port(bus_fmu_t *x, fmi3ValueReference vr, uint32_t kind) {
 
 fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                         const fmi3Clock values[]) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(EVENT);
     for (size_t i = 0; i < n; i++) {
-        bus_port_t *tx = port(x, vr[i], TX_CLOCK), *rx = port(x, vr[i], RX_CLOCK);
-        if (!tx && !rx) return bus_refuse(x, "fmi3SetClock: %u is no clock", (unsigned)vr[i]);
+        port_t *tx = port(x, vr[i], TX_CLOCK), *rx = port(x, vr[i], RX_CLOCK);
+        if (!tx && !rx) return lsbus_refuse(x, "fmi3SetClock: %u is no clock", (unsigned)vr[i]);
         if (tx) tx->tx_on = values[i];
         if (rx) rx->rx_on = values[i];
     }
@@ -106,15 +127,15 @@ fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], si
 
 fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                         fmi3Clock values[]) {
-    return n ? bus_refuse(instance, "fmi3GetClock: found an input clock, expected none") : fmi3OK;
+    return n ? lsbus_refuse(instance, "fmi3GetClock: found an input clock, expected none") : fmi3OK;
 }
 
 /* What is left until a Tx_Clock ticks, ps, and whether it is news. */
-static fmi3Status left(bus_fmu_t *x, fmi3ValueReference vr, int64_t *ps,
+static fmi3Status left(fmu_t *x, fmi3ValueReference vr, int64_t *ps,
                        fmi3IntervalQualifier *qualifier) {
-    bus_port_t *p = port(x, vr, TX_CLOCK);
+    port_t *p = port(x, vr, TX_CLOCK);
     *ps = 0;
-    if (!p) return bus_refuse(x, "%u is no clock with an interval", (unsigned)vr);
+    if (!p) return lsbus_refuse(x, "%u is no clock with an interval", (unsigned)vr);
     *qualifier = p->changed ? fmi3IntervalChanged
                             : p->tick == NEVER ? fmi3IntervalNotYetKnown : fmi3IntervalUnchanged;
     if (p->tick != NEVER && p->tick > x->now) *ps = p->tick - x->now;
@@ -122,15 +143,15 @@ static fmi3Status left(bus_fmu_t *x, fmi3ValueReference vr, int64_t *ps,
     return fmi3OK;
 }
 
-static fmi3Status look(bus_fmu_t *x) {
-    const fmi3Status status = x->mode & EVENT ? bus_settle(x) : fmi3OK;
-    if (status == fmi3OK) bus_schedule(x);
+static fmi3Status look(fmu_t *x) {
+    const fmi3Status status = x->mode & EVENT ? core_settle(x) : fmi3OK;
+    if (status == fmi3OK) core_schedule(x);
     return status;
 }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                                   fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(INITIALIZATION | EVENT);
     fmi3Status status = look(x);
     for (size_t i = 0; i < n && status == fmi3OK; i++) {
@@ -144,7 +165,7 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
 fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                                    fmi3UInt64 counters[], fmi3UInt64 resolutions[],
                                    fmi3IntervalQualifier qualifiers[]) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(INITIALIZATION | EVENT);
     fmi3Status status = look(x);
     for (size_t i = 0; i < n && status == fmi3OK; i++) {
@@ -159,15 +180,15 @@ fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReferen
 
 fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                          const size_t sizes[], const fmi3Binary values[], size_t nValues) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(EVENT);
-    if (nValues != n) return bus_refuse(x, "fmi3SetBinary: found %u values", (unsigned)nValues);
+    if (nValues != n) return lsbus_refuse(x, "fmi3SetBinary: found %u values", (unsigned)nValues);
     for (size_t i = 0; i < n; i++) {
-        bus_port_t *p = port(x, vr[i], RX_DATA);
-        if (!p) return bus_refuse(x, "fmi3SetBinary: %u is no Rx_Data", (unsigned)vr[i]);
-        if (!p->rx_on) return bus_refuse(x, "fmi3SetBinary: Rx_Clock does not tick");
+        port_t *p = port(x, vr[i], RX_DATA);
+        if (!p) return lsbus_refuse(x, "fmi3SetBinary: %u is no Rx_Data", (unsigned)vr[i]);
+        if (!p->rx_on) return lsbus_refuse(x, "fmi3SetBinary: Rx_Clock does not tick");
         if (sizes[i] > ROOM - p->n_rx)
-            return bus_refuse(x, "fmi3SetBinary: found %u bytes, expected at most %u",
+            return lsbus_refuse(x, "fmi3SetBinary: found %u bytes, expected at most %u",
                               (unsigned)sizes[i], (unsigned)(ROOM - p->n_rx));
         if (sizes[i]) memcpy(p->rx + p->n_rx, values[i], sizes[i]);
         p->n_rx += sizes[i];
@@ -177,12 +198,13 @@ fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference vr[], s
 
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                          size_t sizes[], fmi3Binary values[], size_t nValues) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(INITIALIZATION | EVENT | STEPPING | TERMINATED);
-    if (nValues != n) return bus_refuse(x, "fmi3GetBinary: found %u values", (unsigned)nValues);
+    if (nValues != n) return lsbus_refuse(x, "fmi3GetBinary: found %u values", (unsigned)nValues);
     for (size_t i = 0; i < n; i++) {
-        bus_port_t *tx = port(x, vr[i], TX_DATA), *rx = port(x, vr[i], RX_DATA);
-        if (!tx && !rx) return bus_refuse(x, "fmi3GetBinary: %u is no Binary", (unsigned)vr[i]);
+        port_t *tx = port(x, vr[i], TX_DATA), *rx = port(x, vr[i], RX_DATA);
+        if (!tx && !rx) return lsbus_refuse(x, "fmi3GetBinary: %u is no Binary", (unsigned)vr[i]);
+        if (tx && tx->tx_on && x->mode == EVENT && core_tick(x) != fmi3OK) return fmi3Error;
         sizes[i] = tx ? (tx->tx_on ? tx->n_tx : 0) : rx->n_rx;
         values[i] = tx ? tx->tx : rx->rx;
     }
@@ -191,20 +213,28 @@ fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference vr[], s
 
 fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                           fmi3Boolean values[], size_t nValues) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] != NOTIFICATIONS) return bus_refuse(x, "%u is no Boolean", (unsigned)vr[i]);
-        values[i] = true;
+        if (!core_boolean(x, vr[i], &values[i]))
+            return lsbus_refuse(x, "%u is no Boolean", (unsigned)vr[i]);
     }
     return fmi3OK;
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                           fmi3Float64 values[], size_t nValues) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
+    size_t at = 0;
+    REQUIRE(INITIALIZATION | EVENT | STEPPING | TERMINATED);
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] != TIME) return bus_refuse(x, "%u is no Float64", (unsigned)vr[i]);
-        values[i] = (double)x->now * PS;
+        const double now = (double)x->now * PS, *from = &now;
+        const size_t count = vr[i] == TIME ? 1 : core_float64(x, vr[i], &from);
+        if (!count) return lsbus_refuse(x, "%u is no Float64", (unsigned)vr[i]);
+        if (count > nValues - at)
+            return lsbus_refuse(x, "fmi3GetFloat64: found room for %u values, expected more",
+                                (unsigned)nValues);
+        memcpy(values + at, from, count * sizeof *values);
+        at += count;
     }
     return fmi3OK;
 }
@@ -212,7 +242,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
 /* --- events and steps ------------------------------------------------------------------------ */
 
 fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance instance) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(INITIALIZATION | EVENT);
     return fmi3OK;
 }
@@ -221,15 +251,17 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *again,
                                     fmi3Boolean *terminate, fmi3Boolean *nominals,
                                     fmi3Boolean *states, fmi3Boolean *defined,
                                     fmi3Float64 *nextTime) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(EVENT);
-    for (int32_t i = 0; i < N_NODES; i++) {
-        bus_port_t *p = &x->ports[i];
+    fmi3Status status = fmi3OK;
+    for (int32_t i = 0; i < N_PORTS; i++) {
+        port_t *p = &x->ports[i];
+        if (p->tx_on && status == fmi3OK) status = core_tick(x);
         if (p->tx_on) p->n_tx = 0, p->tick = NEVER;
         p->tx_on = p->rx_on = false;
     }
-    const fmi3Status status = bus_settle(x);
-    bus_schedule(x);
+    if (status == fmi3OK) status = core_settle(x);
+    core_schedule(x);
     *again = *terminate = *nominals = *states = *defined = false;
     *nextTime = 0.0;
     return status;
@@ -238,13 +270,13 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *again,
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3Boolean noSetPrior,
                       fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early,
                       fmi3Float64 *last) {
-    bus_fmu_t *x = instance;
+    fmu_t *x = instance;
     REQUIRE(STEPPING);
     if (!(fabs(t - (double)x->now * PS) < 1e-9) || !(h >= 0.0) || !(t + h < 9e6))
-        return bus_refuse(x, "fmi3DoStep: found a step from %.12g s of %.12g s, expected one from"
+        return lsbus_refuse(x, "fmi3DoStep: found a step from %.12g s of %.12g s, expected one from"
                              " %.12g s", t, h, (double)x->now * PS);
     *event = *terminate = *early = false, *last = t + h;
-    const fmi3Status status = bus_go(x, (int64_t)floor((t + h) / PS + 0.5));
-    for (int32_t i = 0; i < N_NODES; i++) *event = *event || x->ports[i].n_tx > 0;
+    const fmi3Status status = core_go(x, (int64_t)floor((t + h) / PS + 0.5));
+    for (int32_t i = 0; i < N_PORTS; i++) *event = *event || x->ports[i].n_tx > 0;
     return status;
 }

@@ -1,7 +1,7 @@
 /* bus_begin.c - the bus of an instance, at time 0. */
 #include <string.h>
 
-#include "bus_fmu.h"
+#include "core.h"
 
 static bus_settings_t settings(bus_node_settings_t nodes[N_NODES]) {
     bus_settings_t set;
@@ -17,21 +17,22 @@ static bus_settings_t settings(bus_node_settings_t nodes[N_NODES]) {
     return set;
 }
 
-size_t bus_room(void) {
+static size_t size_of_bus(void) {
     bus_node_settings_t nodes[N_NODES];
     const bus_settings_t set = settings(nodes);
     return (bus_size(&set) + 15) / 16 * 16;
 }
 
-void bus_begin(bus_fmu_t *x) {
+size_t core_room(void) { return 2 * size_of_bus(); }
+
+fmi3Status core_begin(fmu_t *x) {
     bus_node_settings_t nodes[N_NODES];
     const bus_settings_t set = settings(nodes);
+    x->size = size_of_bus();
+    x->memory = x->room, x->saved = x->room + x->size;
     x->bus = bus_create(x->memory, &set);
-    x->now = x->requests = 0, x->started = -1;
+    x->requests = 0, x->started = -1;
     x->n_waiting = x->n_contenders = 0;
-    for (int32_t i = 0; i < N_NODES; i++) {
-        bus_port_t *p = &x->ports[i];
-        p->n_rx = p->n_tx = 0, p->tick = NEVER;
-        p->rx_on = p->tx_on = p->changed = p->discards = p->off = false;
-    }
+    for (int32_t i = 0; i < N_NODES; i++) x->discards[i] = x->off[i] = false;
+    return fmi3OK;
 }

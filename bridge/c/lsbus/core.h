@@ -1,0 +1,93 @@
+/* core.h - a node of a deployment as the core of an FMU with one CAN terminal (lsbus.h).
+ *
+ * What a slot of the node does is node_slot (slot.h), as in the twin. Here are the plan of its
+ * components, whose C kernels are in the FMU, and its attachment to the terminal in place of bus.c.
+ * node_data.h and node_data.c are generated from the scenario and its deployment; memory_t begins with
+ *
+ *   node_t node;                       the node, and what it points to: inlets, outlets, guards ...
+ *   gate_t gates[];                    functions of inlets and outlets, called by the plan
+ *   double signals[], seen[];          seen: as they were recorded in the last slot, for the outputs
+ *   double kernels[];                  the variables of all components
+ */
+#ifndef CORE_H
+#define CORE_H
+
+#include "lsbus.h"
+#include "node.h"
+
+enum { WAITING = 256 };     /* frames between two slots, a power of two */
+
+/* The functions of a model's kernel (kernel.c). */
+typedef struct {
+    size_t (*size)(void);
+    void (*reset)(double *x);
+    const char *(*initial)(double *x);
+    const char *(*step)(double *x, double t, double h);
+} kernel_t;
+
+/* `count` values from one place to another. */
+typedef struct {
+    int32_t from, to, count;
+} move_t;
+
+/* A component: its variables begin at `first` of memory_t.kernels. Moves: of `values` to its variables,
+ * of signals to its variables, of its variables to signals. `lag`: ticks from the beginning of a step to
+ * the tick in which it is done; h: s. */
+typedef struct {
+    const char *name;
+    const kernel_t *kernel;
+    const double *values;
+    const move_t *given, *inputs, *outputs;
+    int32_t n_given, n_inputs, n_outputs, first, size, lag;
+    double h;
+} unit_t;
+
+/* As operation_t of the engine; `first`: its first tick. */
+enum { PLAN_COPY, PLAN_STEP, PLAN_GATE, PLAN_RECORD };
+typedef struct {
+    int32_t code, index;
+    int64_t period, first;
+    int32_t source, target, count;
+    double gain, offset;
+} plan_operation_t;
+
+typedef struct {
+    int32_t (*passing)(void *context, int64_t tick, double *signals);
+    void *context;
+} gate_t;
+
+#include "node_data.h" /* N_..., H, BITRATE, DATA_BITRATE, WITH_FD, TOKEN, memory_t */
+
+enum { N_PORTS = 1 };
+
+extern const memory_t node_first;               /* the node at its start */
+extern const size_t node_pointers[N_POINTERS];  /* where it points into itself */
+extern const unit_t node_units[N_UNITS];
+extern const plan_operation_t node_operations[N_OPERATIONS];
+extern const move_t node_outputs[N_OUTPUTS];    /* `from`: of signals */
+
+struct fmu {
+    LSBUS_MEMBERS(1);
+    memory_t memory;
+    const char *why;            /* a component or the node stopped; NULL: it runs */
+    bus_t bus;
+    ring_t received, sent;
+    frame_t received_frames[WAITING], sent_frames[WAITING];
+    journal_t none;             /* without rows */
+    double *record;
+    int64_t record_row;
+    frame_t pending;
+    int32_t has_pending;
+};
+
+/* The plan of the node's components, one tick: the function `run` of node_t. */
+int32_t plan_run(void *context, int64_t ticks);
+/* All components at their start. NULL, or why not. */
+const char *plan_begin(fmu_t *x);
+/* An operation that has arrived at `at_ns`. */
+fmi3Status operation_take(fmu_t *x, const uint8_t *raw, size_t n, int64_t at_ns);
+/* Put the bit rates of the bus, or a frame, into `tx`. */
+fmi3Status operation_rates(fmu_t *x);
+fmi3Status operation_send(fmu_t *x, const frame_t *frame);
+
+#endif

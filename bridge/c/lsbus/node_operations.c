@@ -1,0 +1,96 @@
+/* node_operations.c - frames of a node as operations of FMI-LS-BUS 1.0, in and out; see core.h. */
+#include <string.h>
+
+#include "core.h"
+
+/* The header of an operation. */
+static fmi3Status head(fmu_t *x, uint32_t code, size_t length) {
+    if (!put_head(x->ports, code, length))
+        return lsbus_refuse(x, "t = %.12g s: found more operations to be sent than fit, expected"
+                               " Tx_Clock to tick when it said", (double)x->now * 1e-12);
+    return fmi3OK;
+}
+
+static fmi3Status rate(fmu_t *x, uint8_t parameter, uint32_t bits) {
+    const fmi3Status status = head(x, OP_CONFIGURATION, 13);
+    if (status == fmi3OK) put(x->ports, parameter, 1), put(x->ports, bits, 4);
+    return status;
+}
+
+fmi3Status operation_rates(fmu_t *x) {
+    const fmi3Status status = rate(x, CAN_BAUDRATE, BITRATE);
+    return status == fmi3OK && WITH_FD ? rate(x, CAN_FD_BAUDRATE, DATA_BITRATE) : status;
+}
+
+fmi3Status operation_send(fmu_t *x, const frame_t *frame) {
+    const bool fd = frame->flags & FRAME_FD;
+    port_t *p = x->ports;
+    const fmi3Status status = head(x, fd ? OP_FD_TRANSMIT : OP_TRANSMIT,
+                                   (fd ? 17u : 16u) + frame->length);
+    if (status != fmi3OK) return status;
+    put(p, frame->id, 4), put(p, !!(frame->flags & FRAME_EXTENDED), 1);
+    if (fd) put(p, !!(frame->flags & FRAME_BRS), 1), put(p, !!(frame->flags & FRAME_ESI), 1);
+    else put(p, !!(frame->flags & FRAME_REMOTE), 1);
+    put(p, frame->length, 2);
+    memcpy(p->tx + p->n_tx, frame->data, frame->length);
+    p->n_tx += frame->length;
+    return fmi3OK;
+}
+
+/* The frame of a transmit operation; false: these bytes are none. */
+static bool frame_of(const uint8_t *raw, size_t n, bool fd, frame_t *f) {
+    const size_t first = fd ? 17 : 16;
+    if (n < first) return false;
+    const uint32_t id = number(raw + 8, 4), length = number(raw + first - 2, 2);
+    const uint8_t ide = raw[12], second = raw[13], esi = fd ? raw[14] : 0;
+    if (ide > 1 || second > 1 || esi > 1 || id >> (ide ? 29 : 11)) return false;
+    if (n != first + length || length > (fd ? 64u : 8u)) return false;
+    memset(f, 0, sizeof *f);
+    f->id = id, f->length = (uint16_t)length;
+    f->flags = (uint8_t)((fd ? FRAME_FD : 0) | (ide ? FRAME_EXTENDED : 0) | (esi ? FRAME_ESI : 0));
+    if (second) f->flags |= fd ? FRAME_BRS : FRAME_REMOTE;
+    memcpy(f->data, raw + first, length);
+    return true;
+}
+
+static fmi3Status receive(fmu_t *x, const frame_t *frame) {
+    ring_t *r = &x->received;
+    if (r->head - r->tail == WAITING)
+        return lsbus_refuse(x, "t = %.12g s: found more than %d frames since the last slot, expected"
+                               " fewer", (double)x->now * 1e-12, (int)WAITING);
+    r->frames[r->head++ & (WAITING - 1)] = *frame;
+    return fmi3OK;
+}
+
+static fmi3Status send_back(fmu_t *x, const uint8_t *raw, size_t n) {
+    const size_t length = n > 0xffff ? 0xffff : n;
+    const fmi3Status status = head(x, OP_FORMAT_ERROR, 10 + length);
+    if (status != fmi3OK) return status;
+    port_t *p = x->ports;
+    put(p, (uint32_t)length, 2);
+    memcpy(p->tx + p->n_tx, raw, length);
+    p->n_tx += length;
+    return fmi3OK;
+}
+
+/* Notifications are ignored, as the standard demands of a node without BusNotifications. */
+fmi3Status operation_take(fmu_t *x, const uint8_t *raw, size_t n, int64_t at_ns) {
+    const uint32_t code = n < 8 || number(raw + 4, 4) != n ? 0 : number(raw, 4);
+    frame_t frame;
+    switch (code) {
+    case OP_TRANSMIT:
+    case OP_FD_TRANSMIT:
+        if (!frame_of(raw, n, code == OP_FD_TRANSMIT, &frame)) break;
+        frame.t_ns = at_ns;
+        return receive(x, &frame);
+    case OP_FORMAT_ERROR:
+    case OP_CONFIRM:
+    case OP_LOST:
+    case OP_BUS_ERROR:
+    case OP_CONFIGURATION:
+    case OP_STATUS:
+    case OP_WAKEUP: return fmi3OK;
+    default: break;
+    }
+    return send_back(x, raw, n);
+}

@@ -1,0 +1,1 @@
+"""Nodes of a deployment as FMUs for other tools."""

@@ -1,0 +1,161 @@
+"""Nodes of a deployment as network FMUs of FMI-LS-BUS 1.0.
+
+A node FMU executes the slots of its node as the twin does, by the same C code (``bridge/c``), with
+the C kernels of its components and the tables of its deployment inside. What it sends and receives
+goes through a CAN terminal, which has the name of its bus.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from bridge.deployment.spec import BusSpec
+from bridge.deployment.system import System
+from bridge.export.kernels import kernels
+from bridge.export.plan_source import node_data, outputs
+from bridge.replay import twin
+from bridge.wiring.wiring import WiredNode
+from cosim.base.errors import ScenarioError
+from cosim.links.laws import Constant
+from cosim.links.table import DrawnTable
+from cosim.schedule.parts import Link
+from fmus.build import write_archive
+from fmus.lsbus_fmu import (
+    LsBusFmu,
+    SignalOutput,
+    binaries,
+    entries,
+    shell_sources,
+    token_of,
+)
+
+#: Delays of a link that an FMU may bring, drawn before the run.
+DRAWN = 1_000_000
+_C = Path(__file__).parent.parent / "c"
+#: The parts of ``bridge/c`` that a node in an FMU consists of.
+_UNITS = (
+    *("crc", "delay", "drive", "e2e", "epoch", "forward", "guard", "hear", "heard", "inlet"),
+    *("life", "limit", "message", "outlet", "receiver", "reception", "run_epoch", "send"),
+    *("sequence", "service", "slot", "watchdog"),
+)
+
+
+def export_nodes(
+    system: System, names: Sequence[str], folder: Path, platforms: Sequence[str] | None = None
+) -> list[Path]:
+    """Write ``FOLDER/NODE.fmu`` for each node, and return their paths.
+
+    `platforms`: of :data:`fmus.toolchain.PLATFORMS`; default the host's. Raises ScenarioError for a
+    node that cannot be such an FMU, FmuError for a component without a C kernel, and
+    fmus.toolchain.ToolchainError from the compiler.
+    """
+    for name in names:
+        check(system, name)
+    with (
+        tempfile.TemporaryDirectory(prefix="node-fmu-") as scratch,
+        twin.wired_nodes(system, Path(scratch)) as nodes,
+    ):
+        objects = Path(scratch) / "objects"
+        return [_write(nodes[name], folder / f"{name}.fmu", platforms, objects) for name in names]
+
+
+def check(system: System, name: str) -> None:
+    """Whether a node can be a network FMU. Raises ScenarioError."""
+    d = system.deployment
+    if name not in d.nodes:
+        raise ScenarioError(
+            f"found no node {name!r}, expected one of {', '.join(d.nodes)}", str(d.path)
+        )
+    place, buses = d.place("nodes", name), system.buses_of(name)
+    if not d.nodes[name].components:
+        raise ScenarioError("found a gateway, expected a node with components", place)
+    if len(buses) != 1:
+        found = " and ".join(buses) or "none"
+        raise ScenarioError(
+            f"found {len(buses)} buses ({found}), expected a node on one bus: a network FMU of a"
+            " node has one CAN terminal",
+            place,
+        )
+    if d.buses[buses[0]].kind != "can":
+        raise ScenarioError(
+            f"found bus {buses[0]} of the kind {d.buses[buses[0]].kind}, expected a CAN bus", place
+        )
+
+
+def notes(system: System, name: str) -> list[str]:
+    """What the FMU does differently from the node of a rehearsal, for its user."""
+    spec = system.deployment.nodes[name]
+    bus = system.deployment.buses[system.buses_of(name)[0]]
+    found = [
+        "ACTIVE from t = 0, as in the twin: no ARM, START, EPOCH or previews before",
+        "goes on after the end of the scenario",
+        f'its transmit queue is the importer\'s; the deployment has queue = "{bus.queue}"',
+    ]
+    if spec.apart is not None:
+        found.append("positions are not compared at the start (apart)")
+    links = [i.link for i in system.nodes[name].inlets if i.link is not None]
+    if links and system.deployment.latency and not all(_constant(link) for link in links):
+        length = system.plan.ticks * system.plan.h
+        found.append(f"the delays of links are those drawn for {length:g} s; then they repeat")
+    return found
+
+
+def _constant(link: Link) -> bool:
+    """Whether its delay is the same for all samples."""
+    return isinstance(link.table, DrawnTable) and isinstance(link.table.law, Constant)
+
+
+def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objects: Path) -> Path:
+    system = node.system
+    for name, line in node.lines.items():
+        if line.struct.n_delays > DRAWN:
+            raise ScenarioError(
+                f"found {line.struct.n_delays} delays of the link to {name}, expected at most"
+                f" {DRAWN}: a shorter run (--set run.stop=...)",
+                f"node {node.name}",
+            )
+    bus = system.deployment.buses[system.buses_of(node.name)[0]]
+    identifier = re.sub(r"\W", "_", f"node_{node.name}")
+    found = kernels([(s.name, s.component) for s in node.plan.plan.components])
+    sources = {
+        **shell_sources(),
+        **_bridge_sources(),
+        **{name: text for k in found.values() for name, text in k.sources().items()},
+        **node_data(node, found, _settings(bus)),
+    }
+    token = token_of(sources)
+    sources["node_data.h"] = sources["node_data.h"].replace(
+        "\ntypedef struct", f'#define TOKEN "{token}"\n\ntypedef struct', 1
+    )
+    fmu = LsBusFmu(
+        name=node.name,
+        identifier=identifier,
+        description=f"Node {node.name} of {system.deployment.title}: "
+        + ", ".join(s.name for s in node.plan.plan.components),
+        token=token,
+        terminals=(system.buses_of(node.name)[0],),
+        outputs=tuple(SignalOutput(s.name, s.shape, s.unit) for s in outputs(node)),
+    )
+    content = {name: text.encode() for name, text in entries(fmu, sources).items()}
+    content |= binaries(identifier, sources, platforms, objects)
+    write_archive(content, target)
+    return target
+
+
+def _settings(bus: BusSpec) -> dict[str, str]:
+    """Macros about the bus, whose bit rates the FMU says in its Configuration."""
+    return {
+        "BITRATE": f"{bus.bitrate}u",
+        "DATA_BITRATE": f"{bus.data_bitrate}u",
+        "WITH_FD": str(int(bus.fd)),
+    }
+
+
+def _bridge_sources() -> dict[str, str]:
+    """The C files of a node, by name, with all headers of ``bridge/c``."""
+    files = [_C / f"{name}.c" for name in _UNITS]
+    files += [*_C.glob("*.h"), *(_C / "lsbus").glob("*.[ch]")]
+    return {file.name: file.read_text(encoding="utf-8") for file in sorted(files)}

@@ -1,0 +1,266 @@
+"""Nodes of a deployment as network FMUs: frames and trajectories equal those of the twin."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.deployment.system import System, load_system
+from bridge.export import node_fmu
+from bridge.export.kernels import kernels
+from bridge.export.node_fmu import check, export_nodes, notes
+from cosim.base.errors import CosimError, FmuError, ScenarioError
+from cosim.bus.timing import BusTiming
+from cosim.cli.export import export
+from cosim.fmi import FmuComponent
+from cosim.fmi.options import FmuOptions
+from cosim.fmi.validation import problems
+from cosim.lsbus.codec import encode, split
+from cosim.lsbus.network import CanNetwork
+from cosim.lsbus.node import NodeFmu
+from cosim.lsbus.operations import (
+    CanFdTransmit,
+    CanTransmit,
+    Configuration,
+    Confirm,
+    FormatError,
+)
+from fmus.bus_fmu import build_bus
+from fmus.kernel import Kernel
+from fmus.models import planar2r
+from tests.bridge.deployments import TELEOPERATION, named
+from tests.bridge.export.nodes import (
+    Frames,
+    bare,
+    logged,
+    one_bus,
+    rebuilt,
+    received_ps,
+    rounded,
+    run_nodes,
+    system,
+    trajectories,
+    twin_frames,
+    twin_rows,
+    without_binaries,
+)
+from tests.cosim.lsbus.importer import End, Imported, run
+
+STOP = 0.06
+MS = 10**9
+
+
+class Built:
+    """All nodes of a deployment as FMUs, and the frames of its twin."""
+
+    def __init__(self, folder: Path, found: System) -> None:
+        self.system, self.folder = found, folder
+        self.fmus = {p.stem: p for p in export_nodes(found, list(found.nodes), folder / "fmus")}
+        self.frames = twin_frames(found, folder / "twin")
+
+
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """The deployment of the project, with guards, drives, services and delays."""
+    folder = tmp_path_factory.mktemp("shipped")
+    return Built(folder, system(folder, one_bus(), STOP))
+
+
+# ---- frames and trajectories ------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_frames_and_trajectories_are_those_of_the_twin(shipped: Built, tmp_path: Path) -> None:
+    """Every frame at its time with its bytes; every output at every slot."""
+    folder = run_nodes(shipped.system, shipped.fmus, tmp_path)
+    assert logged(folder) == rounded(shipped.frames)
+    assert received_ps(folder) == [1000 * t for t, _, _ in shipped.frames]
+    identifiers = {frame[1] for frame in shipped.frames}
+    assert identifiers >= {0x080, 0x4A1, 0x4A3, 0x3A2, 0x3A4, 0x701, 0x702}
+    for node in ("master", "slave"):
+        for output in (f"{node}.q", f"{node}.dq"):
+            found = trajectories(folder, node, output)
+            assert np.array_equal(found[:-1], twin_rows(shipped.system, tmp_path, node, output))
+    for node in ("master_control", "slave_control"):
+        for output in (f"{node}.tau", f"{node}.xi", f"{node}.theta_hat"):
+            wanted = twin_rows(shipped.system, tmp_path, node, output)
+            found = trajectories(folder, node, output)
+            assert np.array_equal(found[1::5], wanted)  # a slot ends 0.5 ms after its tick
+            assert np.ptp(found[:, 0]) > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["can-one-bus", "can-classic"])
+def test_frames_of_a_bare_deployment_are_those_of_the_twin(name: str, tmp_path: Path) -> None:
+    """Samples alone: CAN FD with Profile 5, and classic CAN with Profile 2."""
+    built = Built(tmp_path, system(tmp_path, bare(one_bus(name)), STOP))
+    folder = run_nodes(built.system, built.fmus, tmp_path / "run")
+    assert logged(folder) == rounded(built.frames)
+    assert len(built.frames) >= 4 * 12
+
+
+@pytest.mark.slow
+def test_frames_are_the_same_with_fmpy_and_the_bus_fmu(shipped: Built, tmp_path: Path) -> None:
+    """An importer and a bus that share no code with the scenario's."""
+    spec = shipped.system.deployment.buses["arms"]
+    timing = BusTiming(spec.bitrate, spec.data_bitrate, spec.fd)
+    bus = Imported(build_bus(len(shipped.fmus), timing, tmp_path / "bus.fmu"), {})
+    fmus = [bus, *(Imported(path, {}) for path in shipped.fmus.values())]
+    pairs = [(End(fmus[i + 1], 1), End(bus, 4 * i + 1)) for i in range(len(shipped.fmus))]
+    log = run(fmus, pairs, round(STOP * 1e12), MS)
+    heard: Frames = sorted(
+        {
+            (at // 1000, x.identifier, x.data)
+            for at, _, by_node, raw in log if not by_node
+            for x in split(raw) if not isinstance(x, Confirm)
+        }
+    )  # fmt: skip
+    assert heard == shipped.frames
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("node", "file", "old", "new"),
+    [
+        ("master", "outlet.c", "header.counter = (uint32_t)sequence;",
+         "header.counter = (uint32_t)sequence + 1;"),
+        ("master_control", "node_data.c", ".phase_ns = 500000, .h = ",
+         ".phase_ns = 600000, .h = "),
+        ("master_control", "inlet.c", "target[k] = in->gain * value[k] + in->offset;",
+         "target[k] = 1.01 * in->gain * value[k] + in->offset;"),
+    ],
+    ids=["counter", "phase", "gain"],
+)  # fmt: skip
+def test_a_mutant_is_noticed(
+    shipped: Built, tmp_path: Path, node: str, file: str, old: str, new: str
+) -> None:
+    path = rebuilt(shipped.fmus[node], tmp_path / f"{node}.fmu", file, old, new)
+    folder = run_nodes(shipped.system, {**shipped.fmus, node: path}, tmp_path)
+    assert logged(folder) != rounded(shipped.frames)
+
+
+# ---- the FMU alone ----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_archive_is_valid_complete_and_the_same_each_time(
+    shipped: Built, tmp_path: Path
+) -> None:
+    for path in shipped.fmus.values():
+        assert problems(path) == []
+    path = shipped.fmus["master"]
+    (again,) = export_nodes(shipped.system, ["master"], tmp_path)
+    assert again.read_bytes() == path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        manifest = archive.read("extra/org.fmi-standard.fmi-ls-bus/fmi-ls-manifest.xml").decode()
+    assert 'isBusSimulationFMU="false"' in manifest
+    assert {"sources/slot.c", "sources/node_data.c", "sources/planar2r/planar2r.c"} <= names
+    (unit,) = {p.unit for p in FmuComponent(path).outputs if p.name == "master.q"}
+    assert unit == "rad"
+
+
+@pytest.mark.slow
+def test_its_sources_alone_make_the_same_frames(shipped: Built, tmp_path: Path) -> None:
+    """Sent at the start, with the binary and with one that the importer compiles."""
+    sent = []
+    alone = without_binaries(shipped.fmus["slave"], tmp_path / "alone.fmu")
+    for path in (shipped.fmus["slave"], alone):
+        fmu = FmuComponent(path, "slave", options=FmuOptions(build=True))
+        timing = BusTiming(1e6, 5e6, fd=True)
+        with CanNetwork(timing, [NodeFmu(fmu)], step=1e-3) as network:
+            network.run(0.5e-3)
+            sent.append([x.operation for x in network.exchanged if x.sent])
+    assert sent[0] == sent[1]
+    kinds = [Configuration, Configuration, CanFdTransmit, CanTransmit]  # rates, STATE, heartbeat
+    assert [type(x) for x in sent[0]] == kinds
+
+
+@pytest.mark.slow
+def test_another_bit_rate_is_refused_and_unknown_operations_go_back(shipped: Built) -> None:
+    fmu = FmuComponent(shipped.fmus["master"], "master")
+    with (
+        CanNetwork(BusTiming(500e3), [NodeFmu(fmu)], step=1e-3) as network,
+        pytest.raises(CosimError, match="1000000"),
+    ):
+        network.run(1e-3)
+    alone = Imported(shipped.fmus["master"], {})
+    alone.slave.exitInitializationMode()
+    end = End(alone, 1)
+    end.give(encode([Confirm(0x4A1)]) + b"\x77\0\0\0\x0c\0\0\0????")
+    alone.slave.updateDiscreteStates()
+    end.ask(False, 0)
+    found = split(end.take(0))
+    assert sum(isinstance(x, FormatError) for x in found) == 1
+    alone.slave.updateDiscreteStates()
+    first = alone.slave.getFloat64([6], nValues=2)
+    alone.slave.enterStepMode()
+    alone.slave.doStep(0.0, 0.01)
+    alone.slave.reset()
+    alone.slave.enterInitializationMode()
+    assert alone.slave.getFloat64([6], nValues=2) == first
+    alone.slave.freeInstance()
+
+
+# ---- what is refused --------------------------------------------------------------------------
+
+
+def refused(scenario: Path, name: str, node: str) -> str:
+    with pytest.raises(ScenarioError) as error:
+        check(named(name, scenario=scenario), node)
+    return str(error.value)
+
+
+def test_nodes_that_cannot_be_such_an_fmu_are_refused() -> None:
+    assert "found 2 buses (left and right), expected a node on one bus" in refused(
+        TELEOPERATION, "can", "master_control"
+    )
+    gateway = next(n for n, s in named("gateway").deployment.nodes.items() if not s.components)
+    assert "found a gateway, expected a node with components" in refused(
+        TELEOPERATION, "gateway", gateway
+    )
+    assert "found bus" in refused(TELEOPERATION, "zenoh", "master")
+    assert "found no node 'nobody', expected one of master, " in refused(
+        TELEOPERATION, "can", "nobody"
+    )
+
+
+def test_a_component_without_kernel_and_too_many_delays_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = load_system(TELEOPERATION, "can-one-bus", ["run.stop=0.02"])
+    monkeypatch.setattr(node_fmu, "DRAWN", 3)
+    with pytest.raises(
+        ScenarioError, match=r"found 4 delays of the link to .*, expected at most 3"
+    ):
+        export_nodes(found, ["master_control"], tmp_path)
+    with pytest.raises(
+        FmuError, match=r"component arm: found .*Kernel, Python call-back, expected"
+    ):
+        kernels([("arm", Kernel(planar2r.model()))])
+
+
+def test_what_an_fmu_does_differently_is_said() -> None:
+    found = notes(named("can-one-bus"), "master_control")
+    assert any('queue = "fifo"' in note for note in found)
+    assert any("drawn for 60 s" in note for note in found)
+    assert not any("drawn" in note for note in notes(named("can-one-bus"), "master"))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"nodes": Path("x")}, "expected --deploy NAME --nodes FOLDER"),
+        ({"deploy": "can"}, "expected --deploy NAME --nodes FOLDER"),
+        ({"ssp": Path("x.ssp"), "node": ["master"]}, "expected --deploy NAME --nodes FOLDER"),
+        ({}, "expected --ssp FILE, --fmu FILE or --nodes FOLDER"),
+        ({"deploy": "can", "nodes": Path("x"), "node": ["slave_control"]}, "found 2 buses"),
+    ],
+)
+def test_the_command_says_what_it_expected(given: dict[str, Any], said: str) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        export(TELEOPERATION, **given)

@@ -80,8 +80,12 @@ def counted_shapes(
     for key, value in sizes.items():
         larger = {v.name: v.shape for v in module.model(**{key: value + 1}).variables}
         for v in model.variables:
-            if larger[v.name] != v.shape:
-                pairs = zip(v.shape, larger[v.name], strict=True)
+            shape = larger[v.name]
+            if len(shape) > len(v.shape):  # rows where there are several
+                one = ", ".join(map(str, v.shape))
+                found[v.name] = (f"{one}; or {key}, {one}",)
+            elif shape != v.shape:
+                pairs = zip(v.shape, shape, strict=True)
                 found[v.name] = tuple(str(a) if a == b else key for a, b in pairs)
     return found
 

@@ -99,10 +99,11 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     document["run"] |= {"seed": case.seed, "record": {"signals": signals}}
     controller = variants.controllers[case.controller]
     _hold(document, variants.operators[case.operator], variants)
-    _control(document, controller, variants, variants.operators[case.operator].control)
+    law = variants.links[case.link]
+    _control(document, controller, variants, law, variants.operators[case.operator].control)
     replaced = tuple(f"{role.controller}." for role in variants.roles.values())
     kept = [x for x in document.get("links", []) if not _touches(x, replaced)]
-    made = _links(controller, variants.links[case.link], variants)
+    made = _links(controller, law, variants)
     document["links"] = [*kept, *made]
     return build(document, base.path)
 
@@ -186,14 +187,23 @@ def _arm_of(end: Any, roles: Mapping[str, Role]) -> Any:
 
 
 def _control(
-    document: Document, controller: Controller, variants: Variants, values: Mapping[str, Any]
+    document: Document,
+    controller: Controller,
+    variants: Variants,
+    law: LinkLaw,
+    values: Mapping[str, Any],
 ) -> None:
-    """Put a controller into its roles, with `values` of the operator over its parameters."""
+    """Put a controller into its roles, with `values` of the operator over its parameters.
+
+    Where it receives from several roles, its size `neighbours` is their number.
+    """
     components = document["components"]
     for name, side in controller.sides.items():
         role = variants.roles[name]
         made = {**side.component, "model": _model(side.component["model"], variants.path.parent)}
         made["parameters"] = {**made.get("parameters", {}), **values}
+        if (senders := len(law.senders(name, role))) > 1:
+            made["sizes"] = {**made.get("sizes", {}), "neighbours": senders}
         made.setdefault("period", components[role.controller].get("period"))
         made["inputs"] = {port: _end(role, source) for port, source in side.inputs.items()}
         components[role.controller] = {k: v for k, v in made.items() if v is not None}
@@ -204,17 +214,19 @@ def _control(
 
 
 def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Document]:
-    """The signals that each side receives from the other, one channel per direction."""
+    """The signals that each side receives from the others, one channel per direction."""
     made = []
     for here, role in variants.roles.items():
-        there = law.hears.get(here, role.hears)
-        for port, source in controller.sides[here].receives.items():
-            ends = {
-                "from": _end(variants.roles[there], source),
-                "to": f"{variants.roles[here].controller}.{port}",
-                "channel": f"{there}->{here}",
-            }
-            made.append({**ends, **_link_options(law.received_by(here), variants.path.parent)})
+        senders = law.senders(here, role)
+        for row, there in enumerate(senders):
+            for port, source in controller.sides[here].receives.items():
+                target = port if len(senders) == 1 else f"{port.partition('[')[0]}[{row}]"
+                ends = {
+                    "from": _end(variants.roles[there], source),
+                    "to": f"{role.controller}.{target}",
+                    "channel": f"{there}->{here}",
+                }
+                made.append({**ends, **_link_options(law.received_by(here), variants.path.parent)})
     return made
 
 

@@ -24,18 +24,25 @@ def read_roles(top: Section) -> dict[str, Role]:
     for name, table in tables.items():
         table.only("arm", "controller", "hears")
         other = next(x for x in tables if x != name) if len(tables) == 2 else None
-        heard = heard_role(table, "hears", name, tables, other)
+        heard = heard_roles(table, "hears", name, tables, other)
         roles[name] = Role(table.text("arm"), table.text("controller"), heard)
     return roles
 
 
-def heard_role(
+def heard_roles(
     table: Section, key: str, name: str, known: Mapping[str, Any], default: str | None = None
-) -> str:
-    """The role from which `name` receives: another one. Raises ScenarioError."""
-    found = table.text(key, default)
-    if found not in known:
-        raise ScenarioError(unknown(found, known, "role"), table.place(key))
-    if found == name:
-        raise ScenarioError(f"{name} receives from itself; expected another role", table.place(key))
-    return found
+) -> tuple[str, ...]:
+    """The roles from which `name` receives: another one, or a list. Raises ScenarioError."""
+    place = table.place(key)
+    several = isinstance(table.data.get(key), list)
+    heard = table.texts(key) if several else (table.text(key, default),)
+    if not heard:
+        raise ScenarioError("empty list; expected the roles from which it receives", place)
+    for i, found in enumerate(heard):
+        if found not in known:
+            raise ScenarioError(unknown(found, known, "role"), place)
+        if found == name:
+            raise ScenarioError(f"{name} receives from itself; expected another role", place)
+        if found in heard[:i]:
+            raise ScenarioError(f"{found} twice; expected each role once", place)
+    return heard

@@ -20,12 +20,12 @@ Environment = Literal["free", "spring", "rigid"]
 class Role:
     """A role: the components of the scenario that are its arm and its controller.
 
-    `hears`: the role from which it receives, unless a link law specifies another one.
+    `hears`: the roles from which it receives, unless a link law specifies others.
     """
 
     arm: str
     controller: str
-    hears: str
+    hears: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +81,18 @@ class Operator:
 class LinkLaw:
     """Settings of a link: delay, semantics, loss; `sides`: differences by receiver.
 
-    `hears`: the role from which each role receives, if it differs from the roles' own.
+    `hears`: the roles from which each role receives, if they differ from the roles' own.
     """
 
     name: str
     title: str
     options: Mapping[str, Any]
     sides: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    hears: Mapping[str, str] = field(default_factory=dict)
+    hears: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def senders(self, name: str, role: Role) -> tuple[str, ...]:
+        """The roles from which the role of that name receives."""
+        return self.hears.get(name, role.hears)
 
     def received_by(self, role: str) -> dict[str, Any]:
         """The options of the way on which `role` receives."""

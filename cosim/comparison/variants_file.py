@@ -9,6 +9,7 @@
     arm = "master"
     controller = "master_control"
     hears = "slave"                         # whose signals it receives; of two roles the other's
+                                            # or ["a", "b"]: `neighbours` = 2, a row of inputs each
 
     [wiring]                                # of every controller, unless it says otherwise
     inputs = { q = "arm.q", dq = "arm.dq" } # its inputs, from its own arm
@@ -55,7 +56,7 @@ from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import KIND, aligned_error
 from cosim.comparison.extends import document
 from cosim.comparison.port_columns import port_bench, port_measure
-from cosim.comparison.roles_file import heard_role, read_roles
+from cosim.comparison.roles_file import heard_roles, read_roles
 from cosim.comparison.toml import Section
 from cosim.comparison.variants import (
     ComparisonSelection,
@@ -197,7 +198,7 @@ def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
     table.only("title", "hears", *_LINK, *roles)
     graph = table.table("hears")
     graph.only(*roles)
-    hears = {role: heard_role(graph, role, role, roles) for role in graph.data}
+    hears = {role: heard_roles(graph, role, role, roles) for role in graph.data}
     sides = {role: table.table(role) for role in roles if role in table}
     for side in sides.values():
         side.only(*_LINK)

@@ -22,6 +22,20 @@ typedef struct {
     int saturated;
 } Law;
 
+/* The sum over the neighbours of own - received for joint i; `received` has a row for each of them. */
+static inline double disagreement(double own, const double *received, int neighbours, int i) {
+    double sum = own - received[i];
+    for (int j = 1; j < neighbours; j++) sum += own - received[2 * j + i];
+    return sum;
+}
+
+/* Neighbours whose signal arrives at the input `port`: (2,), or (neighbours, 2) for several. */
+#define NEIGHBOURS(port) (ENTRIES(port) / 2)
+/* The same, and its mean, of the variable `own` and the input `port` of a model `x`. */
+#define DISAGREEMENT(own, port, i) \
+    disagreement((own), (const double *)x->port, NEIGHBOURS(port), (i))
+#define MEAN_DISAGREEMENT(own, port, i) (DISAGREEMENT(own, port, i) / NEIGHBOURS(port))
+
 /* By the model: z, dz and feedback, from inputs and parameters. */
 static void refer(const Model *x, Law *y);
 /* By the model: the output (2,) that is s, whatever it is called there. */

@@ -1,8 +1,8 @@
 """Adaptive consensus whose reference is a filter of second order: no delayed velocity is needed.
 
-With the other arm's position as it is received (delayed)::
+With the position of the other arm, or of n neighbours, as it is received (delayed)::
 
-    dz         = -k_d z - k_p (q - q_j)                          the reference velocity is a state
+    dz         = -k_d z - (k_p/n) Σ_j (q - q_j)                  the reference velocity is a state
     s          = dq - z
     tau        = -K s + Y(q, dq, z, dz) theta_hat
     dtheta_hat = -Gamma Y' s
@@ -11,7 +11,7 @@ with the regressor Y of ``dynamics``. Only positions are sent, and nothing recei
 differentiated, so jumps of the delay do no harm to dz.
 
 Condition: K, Gamma, k_p > 0 and k_d² >= 4 k_p; the delay may be any that is bounded, and may jump.
-Our own derivation: with p = q + 2 z / k_d and s = 0 the law reads dq = a (p - q) and
+Our own derivation, for n = 1: with p = q + 2 z / k_d and s = 0 the law reads dq = a (p - q) and
 dp = (a - k_p / a) (q - p) + (k_p / a) (q_j - p) with a = k_d / 2. All weights are >= 0 then, and
 integrators with such weights agree for any bounded delays. With k_d² < 4 k_p the reference
 overshoots, and the arms can diverge for delays that are long enough (preset ``... violating``).
@@ -33,8 +33,14 @@ torque is limited to ±tau_max; while any joint is at its limit z and theta_hat 
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, Q_J, RATE, gain, rate, signal, torque
-from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
+from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
+from fmus.models.static_feedback import (
+    Feedback,
+    adaptive,
+    adaptive_controller,
+    mean_disagreement,
+    received,
+)
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -49,13 +55,13 @@ EXCHANGE = (("plant.q", "control.q_j"),)
 _ALL = ("q", "dq", "q_j")
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``Abdessameud``."""
+def model(neighbours: int = 1) -> Model:
+    """Declare the controller for `neighbours` >= 1; defaults: ``Abdessameud``. Raises FmuError."""
     return adaptive_controller(
         "abdessameud2014",
         "Adaptive consensus with another arm by a reference filter of second order",
         (
-            Q_J,
+            received("q_j", "rad", neighbours),
             torque(_ALL, ("theta_hat", "z", "K", "k_p", "k_d", "tau_max"), elementwise=False),
             signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
             Variable("z", "output", (2,), RATE, description="Reference velocity", settable=True),
@@ -66,14 +72,15 @@ def model() -> Model:
         __doc__,
         Terminal("network", ("q_j",), "Position of the other arm"),
         more=(rate("k_d", 2.0, "Damping of the filter"),),
+        neighbours=neighbours,
     )
 
 
 def feedback(x: Values, q: Array, dq: Array, q_j: Array) -> Feedback:
-    """The equations above: `q`, `q_j` (m,) rad, the latter as received; `dq` (m,) rad/s."""
+    """The equations above: `q` (m,), `q_j` (m,) or (n, m) rad, as received; `dq` (m,)."""
     z = x["z_next"]
     s = dq - z
-    return Feedback(s, z, -x["k_d"] * z - x["k_p"] * (q - q_j), -x["K"] * s)
+    return Feedback(s, z, -x["k_d"] * z - x["k_p"] * mean_disagreement(q, q_j), -x["K"] * s)
 
 
 fmu, kernel, Abdessameud2014 = derive(model, *adaptive("s", feedback, dynamic=True))

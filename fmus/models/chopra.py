@@ -1,9 +1,9 @@
 """Adaptive synchronisation of r = dq + lambda q, for unknown inertia and a constant delay.
 
-Let r_j denote the r of the other arm as received (delayed)::
+Let r_j denote the r of the other arm, or of each neighbour, as received (delayed)::
 
     r          = dq + lambda q                                                sent
-    tau        = Y(q, dq, -lambda q, -lambda dq) theta_hat + K (r_j - r)
+    tau        = Y(q, dq, -lambda q, -lambda dq) theta_hat - K Σ_j (r - r_j)
     dtheta_hat = -Gamma Y' r
 
 with the regressor Y of ``dynamics``. Condition: lambda, K, Gamma > 0 and a constant delay,
@@ -19,9 +19,15 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 
 from __future__ import annotations
 
-from fmus.model import Model, Terminal, Variable
+from fmus.model import Model, Terminal
 from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
-from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
+from fmus.models.static_feedback import (
+    Feedback,
+    adaptive,
+    adaptive_controller,
+    disagreement,
+    received,
+)
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -33,13 +39,13 @@ PRESETS: dict[str, dict[str, float]] = {
 EXCHANGE = (("control.r", "control.r_j"),)
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``Chopra``."""
+def model(neighbours: int = 1) -> Model:
+    """Declare the controller for `neighbours` >= 1; defaults: ``Chopra``. Raises FmuError."""
     return adaptive_controller(
         "chopra",
         "Adaptive synchronisation of velocity and position with another arm",
         (
-            Variable("r_j", "input", (2,), RATE, description="Received r"),
+            received("r_j", RATE, neighbours, "Received r"),
             torque(("q", "dq", "r_j"), ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
             signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
         ),
@@ -47,13 +53,14 @@ def model() -> Model:
         rate("lambda", 0.5, "Gain of q in r"),
         __doc__,
         Terminal("network", ("r", "r_j"), "Signals exchanged with the other arm"),
+        neighbours=neighbours,
     )
 
 
 def feedback(x: Values, q: Array, dq: Array, r_j: Array) -> Feedback:
-    """The equations above for m joints: `q`, `dq` (m,) rad, rad/s; `r_j` (m,) rad/s, received."""
+    """The equations above for m joints: `q`, `dq` (m,) rad, rad/s; `r_j` (m,) or (n, m) rad/s."""
     r = dq + x["lambda"] * q
-    return Feedback(r, -x["lambda"] * q, -x["lambda"] * dq, x["K"] * (r_j - r))
+    return Feedback(r, -x["lambda"] * q, -x["lambda"] * dq, -x["K"] * disagreement(r, r_j))
 
 
 fmu, kernel, Chopra = derive(model, *adaptive("r", feedback))

@@ -1,8 +1,8 @@
 """Adaptive synchronisation of positions, for unknown inertia and a constant delay.
 
-With the motion q_j, dq_j of the other arm as received (delayed)::
+With the motion q_j, dq_j of the other arm, or of n neighbours, as received (delayed)::
 
-    e          = q - q_j,   de = dq - dq_j
+    e          = (1/n) Σ_j (q - q_j),   de = (1/n) Σ_j (dq - dq_j)
     epsilon    = dq + lambda e
     tau        = Y(q, dq, -lambda e, -lambda de) theta_hat - K epsilon - B de
     dtheta_hat = -Gamma Y' epsilon
@@ -12,7 +12,9 @@ with the regressor Y of ``dynamics``. Condition: lambda, K, B, Gamma > 0 and a c
 delay. If the delay varies, dq_j is not the derivative of q_j.
 
 Source: E. Nuño, R. Ortega, L. Basañez, "An adaptive controller for nonlinear teleoperators",
-Automatica 46(1), 2010.
+Automatica 46(1), 2010; for networks, from memory, E. Nuño, R. Ortega, L. Basañez, D. Hill,
+"Synchronization of networks of nonidentical Euler-Lagrange systems with uncertain parameters and
+communication delays", IEEE Trans. Automatic Control 56(4), 2011, which has no B.
 
 Sampled: outputs as of t_k; theta_hat advances by the explicit Euler method. Each joint's torque is
 limited to ±tau_max; while any joint is at its limit theta_hat is not updated (anti-windup).
@@ -21,9 +23,15 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.joints import DAMPING, DQ_J, Q_J, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
 from fmus.models.joints import EXCHANGE as EXCHANGE
-from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
+from fmus.models.static_feedback import (
+    Feedback,
+    adaptive,
+    adaptive_controller,
+    mean_disagreement,
+    received,
+)
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -34,14 +42,14 @@ PRESETS: dict[str, dict[str, float]] = {
 _ALL = ("q", "dq", "q_j", "dq_j")
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``Nuno``."""
+def model(neighbours: int = 1) -> Model:
+    """Declare the controller for `neighbours` >= 1; the defaults are ``Nuno``; raises FmuError."""
     return adaptive_controller(
         "nuno_adaptive",
         "Adaptive synchronisation of positions with another arm",
         (
-            Q_J,
-            DQ_J,
+            received("q_j", "rad", neighbours),
+            received("dq_j", RATE, neighbours, "Received joint velocity"),
             torque(_ALL, ("theta_hat", "K", "B", "lambda", "tau_max"), elementwise=False),
             signal(
                 "epsilon",
@@ -57,12 +65,13 @@ def model() -> Model:
         ),
         rate("lambda", 1.0, "Gain of the position error in epsilon"),
         __doc__,
+        neighbours=neighbours,
     )
 
 
 def feedback(x: Values, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Feedback:
-    """The equations above: `q`, `dq` (m,) rad, rad/s; `q_j`, `dq_j` (m,) alike, as received."""
-    e, de = q - q_j, dq - dq_j
+    """The equations above: `q`, `dq` (m,) rad, rad/s; `q_j`, `dq_j` (m,) or (n, m), as received."""
+    e, de = mean_disagreement(q, q_j), mean_disagreement(dq, dq_j)
     epsilon = dq + x["lambda"] * e
     return Feedback(epsilon, -x["lambda"] * e, -x["lambda"] * de, -x["K"] * epsilon - x["B"] * de)
 

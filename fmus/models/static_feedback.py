@@ -16,8 +16,10 @@ of robot manipulators", Int. J. Robotics Research 6(3), 1987; each law gives the
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
+from cosim.base.errors import FmuError
 from fmus.model import Model, Terminal, Variable
 from fmus.models.dynamics import regressor
 from fmus.models.joints import GAMMA, NETWORK, TAU_MAX, THETA_HAT, THETA_HAT_NEXT, controller
@@ -32,6 +34,30 @@ class Feedback(NamedTuple):
     z: Array
     dz: Array
     feedback: Array
+
+
+def disagreement(own: Array, received: Array) -> Array:
+    """The sum over the neighbours of `own` - received, (m,); `received` (m,) or (neighbours, m)."""
+    return np.asarray(np.sum(own - np.atleast_2d(received), axis=0))
+
+
+def mean_disagreement(own: Array, received: Array) -> Array:
+    """The mean over the neighbours of `own` - received, (m,), of the same arguments."""
+    return disagreement(own, received) / len(np.atleast_2d(received))
+
+
+def received(
+    name: str, unit: str, neighbours: int, description: str = "Received joint position"
+) -> Variable:
+    """The input of what neighbours send: (2,) from one of them, (neighbours, 2) from several.
+
+    Raises FmuError for less than one neighbour.
+    """
+    if neighbours < 1:
+        raise FmuError(f"neighbours is {neighbours}; expected at least 1")
+    shape = (2,) if neighbours == 1 else (neighbours, 2)
+    rows = "" if neighbours == 1 else ", a row for each neighbour"
+    return Variable(name, "input", shape, unit, description=description + rows)
 
 
 def adaptive(
@@ -69,11 +95,14 @@ def adaptive_controller(
     documentation: str | None,
     network: Terminal = NETWORK,
     more: tuple[Variable, ...] = (),
+    neighbours: int = 1,
 ) -> Model:
     """Such a controller: `signals` are what it receives and gives, `gains` stand before Gamma.
 
-    `more` are gains of the coupling besides `coupling`.
+    `more` are gains of the coupling besides `coupling`; with several `neighbours` the identifier
+    says how many.
     """
     variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, coupling, *more, TAU_MAX)
     sources = ("trig.c", "static_feedback.h", "regressor.h", "limit.h")
-    return controller(identifier, description, variables, sources, documentation, network)
+    made = controller(identifier, description, variables, sources, documentation, network)
+    return replace(made, identifier=f"{identifier}_n{neighbours}") if neighbours > 1 else made

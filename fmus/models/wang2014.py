@@ -1,13 +1,13 @@
 """Adaptive consensus with static feedback, for unknown inertia and a constant delay.
 
-With the motion q_j, dq_j of the other arm as received (delayed)::
+With the motion q_j, dq_j of the other arm, or of several neighbours, as received (delayed)::
 
-    z          = -lambda (q - q_j),   dz = -lambda (dq - dq_j)
+    z          = -lambda Σ_j (q - q_j),   dz = -lambda Σ_j (dq - dq_j)
     s          = dq - z
     tau        = -K s + Y(q, dq, z, dz) theta_hat
     dtheta_hat = -Gamma Y' s
 
-with the regressor Y of ``dynamics``; `lambda` is the weight w_ij of the only edge. The reference z
+with the regressor Y of ``dynamics``; `lambda` is the weight w_ij of every edge. The reference z
 is a static function of the measured and received signals, whereas the z of ``teleoperation`` is the
 state of a dynamic feedback. A displaced arm therefore pulls at the hand as long as it is displaced.
 Condition: lambda, K, Gamma > 0 and a constant delay of any size (for a network: a directed spanning
@@ -23,9 +23,15 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.joints import DAMPING, DQ_J, Q_J, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
 from fmus.models.joints import EXCHANGE as EXCHANGE
-from fmus.models.static_feedback import Feedback, adaptive, adaptive_controller
+from fmus.models.static_feedback import (
+    Feedback,
+    adaptive,
+    adaptive_controller,
+    disagreement,
+    received,
+)
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -36,26 +42,27 @@ PRESETS: dict[str, dict[str, float]] = {
 _ALL = ("q", "dq", "q_j", "dq_j")
 
 
-def model() -> Model:
-    """Declare the controller; the defaults are ``Wang``."""
+def model(neighbours: int = 1) -> Model:
+    """Declare the controller for `neighbours` >= 1; the defaults are ``Wang``. Raises FmuError."""
     return adaptive_controller(
         "wang2014",
         "Adaptive consensus with another arm by static feedback",
         (
-            Q_J,
-            DQ_J,
+            received("q_j", "rad", neighbours),
+            received("dq_j", RATE, neighbours, "Received joint velocity"),
             torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
             signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
         ),
         (gain("K", DAMPING, 16.0, "Feedback gain of s"),),
-        rate("lambda", 1.0, "Coupling gain: the weight of the edge"),
+        rate("lambda", 1.0, "Coupling gain: the weight of an edge"),
         __doc__,
+        neighbours=neighbours,
     )
 
 
 def feedback(x: Values, q: Array, dq: Array, q_j: Array, dq_j: Array) -> Feedback:
-    """The equations above: `q`, `dq` (m,) rad, rad/s; `q_j`, `dq_j` (m,) alike, as received."""
-    z, dz = -x["lambda"] * (q - q_j), -x["lambda"] * (dq - dq_j)
+    """The equations above: `q`, `dq` (m,) rad, rad/s; `q_j`, `dq_j` (m,) or (n, m), as received."""
+    z, dz = -x["lambda"] * disagreement(q, q_j), -x["lambda"] * disagreement(dq, dq_j)
     s = dq - z
     return Feedback(s, z, dz, -x["K"] * s)
 

@@ -21,6 +21,13 @@
 
 enum { CHAIN_MOST = 16 };
 
+/* Before a loop over the entries of a vector or a matrix: with -O2, GCC unrolls it only if asked. */
+#ifdef __GNUC__
+#define UNROLLED _Pragma("GCC unroll 9")
+#else
+#define UNROLLED
+#endif
+
 /* A view of the table: n joints, row-major arrays; see fmus/models/chain.py for shapes and units. */
 typedef struct {
     int n;
@@ -89,7 +96,7 @@ static inline void add_to_parent(const Pose *pose, const double link[6], double 
     rotate(pose->R, link, n);
     rotate(pose->R, link + 3, f);
     add_cross(pose->r, f, n);
-    for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++) {
         parent[k] += n[k];
         parent[k + 3] += f[k];
     }
@@ -139,7 +146,7 @@ static inline void chain_pose(const Chain *chain, const double *q, Pose *pose) {
         const double along = is_prismatic(chain, i) ? q[i] : 0.0;
         double s = 0.0, c = 1.0;
         if (!is_prismatic(chain, i)) sine_cosine(q[i], &s, &c);
-        for (int k = 0; k < 3; k++) {
+        UNROLLED for (int k = 0; k < 3; k++) {
             pose[i].R[3 * k] = R[3 * k] * c + R[3 * k + 1] * s;
             pose[i].R[3 * k + 1] = R[3 * k + 1] * c - R[3 * k] * s;
             pose[i].R[3 * k + 2] = R[3 * k + 2];
@@ -151,7 +158,7 @@ static inline void chain_pose(const Chain *chain, const double *q, Pose *pose) {
 /* The acceleration of the base in free fall upwards, which is what gravity does to the links. */
 static inline void base_acceleration(const Chain *chain, double a[6]) {
     a[0] = a[1] = a[2] = 0.0;
-    for (int k = 0; k < 3; k++) a[k + 3] = -chain->g[k];
+    UNROLLED for (int k = 0; k < 3; k++) a[k + 3] = -chain->g[k];
 }
 
 /* ---- dynamics: M(q) ddq + C(q, dq) dq + g(q) + armature ddq = tau ------------------------------ */
@@ -168,10 +175,10 @@ static inline void chain_inverse(const Chain *chain, const double *q, const doub
         const double *theta = chain->inertia + 10 * i;
         const int axis = axis_of(chain, i);
         double below[6], h[6];
-        for (int k = 0; k < 6; k++) below[k] = v[k];
+        UNROLLED for (int k = 0; k < 6; k++) below[k] = v[k];
         to_link(&pose[i], below, v);
         v[axis] += dq[i];
-        for (int k = 0; k < 6; k++) below[k] = a[k];
+        UNROLLED for (int k = 0; k < 6; k++) below[k] = a[k];
         to_link(&pose[i], below, a);
         a[axis] += ddq[i];
         add_turning(chain, i, v, dq[i], a);

@@ -40,13 +40,13 @@ static inline void column(const Articulated *of, int axis, double U[6]) {
     const double *A = of->A, *B = of->B, *M = of->M;
     const double about[6] = {A[2], A[4], A[5], B[6], B[7], B[8]};
     const double along[6] = {B[2], B[5], B[8], M[2], M[4], M[5]};
-    for (int k = 0; k < 6; k++) U[k] = axis == 2 ? about[k] : along[k];
+    UNROLLED for (int k = 0; k < 6; k++) U[k] = axis == 2 ? about[k] : along[k];
 }
 
 /* inertia -= U U^T / D. */
 static inline void subtract_square(Articulated *of, const double U[6], double inverse_D) {
     double s[6];
-    for (int k = 0; k < 6; k++) s[k] = U[k] * inverse_D;
+    UNROLLED for (int k = 0; k < 6; k++) s[k] = U[k] * inverse_D;
     double *A = of->A, *B = of->B, *M = of->M;
     A[0] -= U[0] * s[0];
     A[1] -= U[0] * s[1];
@@ -54,7 +54,7 @@ static inline void subtract_square(Articulated *of, const double U[6], double in
     A[3] -= U[1] * s[1];
     A[4] -= U[1] * s[2];
     A[5] -= U[2] * s[2];
-    for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++) {
         B[3 * k] -= U[k] * s[3];
         B[3 * k + 1] -= U[k] * s[4];
         B[3 * k + 2] -= U[k] * s[5];
@@ -70,7 +70,7 @@ static inline void subtract_square(Articulated *of, const double U[6], double in
 /* T = R S R^T for a symmetric S, both as xx xy xz yy yz zz. */
 static inline void turn_symmetric(const double R[9], const double S[6], double T[6]) {
     double P[9]; /* R S */
-    for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++) {
         const double *row = R + 3 * k;
         P[3 * k] = row[0] * S[0] + row[1] * S[1] + row[2] * S[2];
         P[3 * k + 1] = row[0] * S[1] + row[1] * S[3] + row[2] * S[4];
@@ -87,13 +87,13 @@ static inline void turn_symmetric(const double R[9], const double S[6], double T
 /* T = R B R^T. */
 static inline void turn(const double R[9], const double B[9], double T[9]) {
     double P[9]; /* R B */
-    for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++) {
         const double *row = R + 3 * k;
         P[3 * k] = row[0] * B[0] + row[1] * B[3] + row[2] * B[6];
         P[3 * k + 1] = row[0] * B[1] + row[1] * B[4] + row[2] * B[7];
         P[3 * k + 2] = row[0] * B[2] + row[1] * B[5] + row[2] * B[8];
     }
-    for (int k = 0; k < 3; k++) rotate(R, P + 3 * k, T + 3 * k);
+    UNROLLED for (int k = 0; k < 3; k++) rotate(R, P + 3 * k, T + 3 * k);
 }
 
 /* Adds the inertia of a link, in its frame, to that of the parent.
@@ -108,7 +108,7 @@ static inline void add_inertia(const Pose *pose, const Articulated *link, Articu
     turn(R, link->B, B);
     turn_symmetric(R, link->M, M);
     const double columns[3][3] = {{M[0], M[1], M[2]}, {M[1], M[3], M[4]}, {M[2], M[4], M[5]}};
-    for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++) {
         const double *m = columns[k];
         G[k] = B[k] + r[1] * m[2] - r[2] * m[1];
         G[3 + k] = B[3 + k] + r[2] * m[0] - r[0] * m[2];
@@ -121,9 +121,9 @@ static inline void add_inertia(const Pose *pose, const Articulated *link, Articu
     A[3] += r[2] * B[3] - r[0] * B[5] + r[2] * G[3] - r[0] * G[5];
     A[4] += r[0] * B[4] - r[1] * B[3] + r[2] * G[6] - r[0] * G[8];
     A[5] += r[0] * B[7] - r[1] * B[6] + r[0] * G[7] - r[1] * G[6];
-    for (int k = 0; k < 6; k++) parent->A[k] += A[k];
-    for (int k = 0; k < 9; k++) parent->B[k] += G[k];
-    for (int k = 0; k < 6; k++) parent->M[k] += M[k];
+    UNROLLED for (int k = 0; k < 6; k++) parent->A[k] += A[k];
+    UNROLLED for (int k = 0; k < 9; k++) parent->B[k] += G[k];
+    UNROLLED for (int k = 0; k < 6; k++) parent->M[k] += M[k];
 }
 
 /* What the algorithm keeps of a joint between its passes. */
@@ -143,7 +143,7 @@ static inline void move_links(const Chain *chain, const Pose *pose, const double
         double h[6];
         to_link(&pose[i], i > 0 ? link[i - 1].v : still, here->v);
         here->v[axis_of(chain, i)] += dq[i];
-        for (int k = 0; k < 6; k++) here->c[k] = here->p[k] = 0.0;
+        UNROLLED for (int k = 0; k < 6; k++) here->c[k] = here->p[k] = 0.0;
         add_turning(chain, i, here->v, dq[i], here->c);
         momentum(theta, here->v, h);
         add_gyration(here->v, h, here->p);
@@ -167,7 +167,7 @@ static inline int eliminate(const Chain *chain, const Pose *pose, const double *
         subtract_square(&here->inertia, here->U, here->inverse_D);
         add_product(&here->inertia, here->c, here->p);
         const double factor = here->u * here->inverse_D;
-        for (int k = 0; k < 6; k++) here->p[k] += here->U[k] * factor;
+        UNROLLED for (int k = 0; k < 6; k++) here->p[k] += here->U[k] * factor;
         add_inertia(&pose[i], &here->inertia, &link[i - 1].inertia);
         add_to_parent(&pose[i], here->p, link[i - 1].p);
     }
@@ -190,9 +190,9 @@ static inline int chain_forward(const Chain *chain, const double *q, const doubl
     for (int i = 0; i < chain->n; i++) {
         const Eliminated *here = &link[i];
         double parent[6], projected = 0.0;
-        for (int k = 0; k < 6; k++) parent[k] = a[k];
+        UNROLLED for (int k = 0; k < 6; k++) parent[k] = a[k];
         to_link(&pose[i], parent, a);
-        for (int k = 0; k < 6; k++) {
+        UNROLLED for (int k = 0; k < 6; k++) {
             a[k] += here->c[k];
             projected += here->U[k] * a[k];
         }

@@ -82,7 +82,9 @@ class RigidBody:
         return np.array([self.mass, *self.moment, xx, xy, yy, xz, yz, zz])
 
     def check(self, place: str) -> None:
-        """Raise ScenarioError at `place` unless it is a body of positive mass and inertia."""
+        """Raise ScenarioError at `place` unless mass and inertia are positive, or all of them 0."""
+        if not self.parameters().any():
+            return
         if not self.mass > 0.0:
             raise ScenarioError(f"the mass is {self.mass:g} kg, expected more than 0", place)
         if (why := unphysical(self.parameters())) is not None:

@@ -210,7 +210,7 @@ def _body(chain: _Chain, joint: UrdfJoint, apart: str) -> RigidBody:
     body = sum(chain.carried(joint.child, apart, at_child), start=RigidBody.nothing())
     if body.mass == 0.0:
         raise ScenarioError(
-            f"no <inertial>, expected one of a link that the joint {joint.name!r} moves",
+            f"no <inertial> with a mass, expected one: the joint {joint.name!r} moves the link",
             chain.urdf.place("link", joint.child),
         )
     return body

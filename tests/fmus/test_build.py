@@ -24,7 +24,7 @@ from fmus import toolchain
 from fmus.build import VERSIONS, build, build_all, find, pack, shipped_models
 from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
-from fmus.models import operator, planar2r, teleoperation, xi
+from fmus.models import arm, operator, planar2r, teleoperation, xi
 from fmus.source import c_files, sources, token
 from tests.tiers import first_fast
 
@@ -183,7 +183,9 @@ def test_the_sources_inside_build_to_the_same_numbers(version: str, tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("model", [planar2r.model(), teleoperation.model(2)], ids=["arm", "law"])
+@pytest.mark.parametrize(
+    "model", [planar2r.model(), teleoperation.model(2), arm.model()], ids=["planar", "law", "arm"]
+)
 def test_gcc_and_zig_give_the_same_bits(model: Model, tmp_path: Path) -> None:
     zig = tmp_path / f"zig{toolchain.shared_suffix()}"
     for name, text in sources(model).items():
@@ -204,7 +206,7 @@ def test_the_sources_compile_without_a_warning(
     if compiler == "zig":
         zig = (sys.executable, "-m", "ziglang", "cc")
         monkeypatch.setattr(toolchain, "host_compiler", lambda: zig)
-    for model in (planar2r.model(), teleoperation.model(3), xi.model()):
+    for model in (planar2r.model(), teleoperation.model(3), xi.model(), arm.model()):
         for name, text in sources(model).items():
             (tmp_path / name).write_text(text)
         # the generic layer is the same in all: once is enough

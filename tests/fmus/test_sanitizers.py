@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from fmus.model import Model, clocked
-from fmus.models import planar2r, teleoperation, xi
+from fmus.models import arm, planar2r, teleoperation, xi
 from fmus.source import sources, units
 
 HOST = Path(__file__).with_name("host.c")
@@ -40,7 +40,7 @@ def sanitized() -> tuple[str, ...]:
     return (sys.executable, "-m", "ziglang", "cc", "-fsanitize=undefined", "-fsanitize-trap=all")
 
 
-MODELS = (planar2r.model(), teleoperation.model(2), clocked(xi.model(), 1e-3))
+MODELS = (planar2r.model(), teleoperation.model(2), clocked(xi.model(), 1e-3), arm.model())
 
 
 @pytest.fixture(scope="module")

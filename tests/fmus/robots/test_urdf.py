@@ -65,8 +65,9 @@ CASES = [
     (LINKS.replace("<mass", "<weight") + files.joint("j", "revolute", "a", "b", LIMIT),
      "link 'b', <inertial>: unknown element <weight>, expected one of origin, mass, inertia"),
     (files.link("a") + files.link("b") + files.joint("j", "revolute", "a", "b", LIMIT),
-     "link 'b': no <inertial>, expected one of a link that the joint 'j' moves"),
+     "link 'b': no <inertial> with a mass, expected one: the joint"),
     (of_body(0.0, 1, 0, 0, 1, 0, 1), "link 'b': the mass is 0 kg, expected more than 0"),
+    (of_body(0.0, 0, 0, 0, 0, 0, 0), "no <inertial> with a mass, expected one: the joint"),
     (of_body(-1.0, 1, 0, 0, 1, 0, 1), "link 'b': the mass is -1 kg, expected more than 0"),
     (of_body(1.0, 1, 2, 0, 1, 0, 1), r"link 'b': principal moments -1, .* expected none below 0"),
     # as in the file of an xArm that PyBullet has
@@ -105,6 +106,12 @@ def test_shapes_colours_and_extensions_are_not_read(tmp_path: Path) -> None:
     shape = '<visual><geometry><mesh filename="b.stl"/></geometry></visual>'
     path = files.write(tmp_path, extra, of_joint().replace('name="b">', f'name="b">{shape}'))
     assert serial(path, "a", "b").names == ("j",)
+
+
+def test_a_link_of_zeros_at_a_fixed_joint_has_no_mass(tmp_path: Path) -> None:
+    """As the flange of the UR robots."""
+    end = files.link("flange", [0.0] * 10) + files.joint("end", "fixed", "b", "flange")
+    assert serial(files.write(tmp_path, of_joint(), end), "a", "flange").mass == BODY[0]
 
 
 def test_a_lamina_is_a_body(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ from fmus.lsbus_fmu import (
     token_of,
 )
 
-#: Delays of a link that an FMU may bring, drawn before the run.
+#: Delays of a link, or values of an input, that an FMU may bring, drawn before the run.
 DRAWN = 1_000_000
 _C = Path(__file__).parent.parent / "c"
 #: The parts of ``bridge/c`` that a node in an FMU consists of.
@@ -96,6 +96,8 @@ def notes(system: System, name: str) -> list[str]:
     ]
     if spec.apart is not None:
         found.append("positions are not compared at the start (apart)")
+    if system.nodes[name].plan.players:
+        found.append("values of inputs over time end with the scenario; the last ones are kept")
     links = [i.link for i in system.nodes[name].inlets if i.link is not None]
     if links and system.deployment.latency and not all(_constant(link) for link in links):
         length = system.plan.ticks * system.plan.h
@@ -110,13 +112,7 @@ def _constant(link: Link) -> bool:
 
 def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objects: Path) -> Path:
     system = node.system
-    for name, line in node.lines.items():
-        if line.struct.n_delays > DRAWN:
-            raise ScenarioError(
-                f"found {line.struct.n_delays} delays of the link to {name}, expected at most"
-                f" {DRAWN}: a shorter run (--set run.stop=...)",
-                f"node {node.name}",
-            )
+    _check_tables(node)
     bus = system.deployment.buses[system.buses_of(node.name)[0]]
     identifier = re.sub(r"\W", "_", f"node_{node.name}")
     found = kernels([(s.name, s.component) for s in node.plan.plan.components])
@@ -143,6 +139,21 @@ def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objec
     content |= binaries(identifier, sources, platforms, objects)
     write_archive(content, target)
     return target
+
+
+def _check_tables(node: WiredNode) -> None:
+    """Whether what was drawn for the run has a size for C. Raises ScenarioError."""
+    sizes = {f"delays of the link to {name}": x.struct.n_delays for name, x in node.lines.items()}
+    hits = {c.name: node.plan.slots // c.period for c in node.plan.plan.components}
+    for player in node.plan.plan.players:
+        sizes[f"values of {player.target.name}"] = hits[player.target.component]
+    for what, size in sizes.items():
+        if size > DRAWN:
+            raise ScenarioError(
+                f"found {size} {what}, expected at most {DRAWN}: a shorter run"
+                " (--set run.stop=...)",
+                f"node {node.name}",
+            )
 
 
 def _settings(bus: BusSpec) -> dict[str, str]:

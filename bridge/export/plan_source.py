@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from ctypes import c_double
 from typing import final
 
 from bridge.export.image import NodeImage, braces, number
@@ -10,7 +11,7 @@ from bridge.export.kernels import KernelSource
 from bridge.native import node as native
 from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError
-from cosim.native.structs import Code, UnitStruct
+from cosim.native.structs import Code, PlayerStruct, UnitStruct
 from cosim.schedule.operations import Operation
 from cosim.schedule.parts import Slot, Step
 
@@ -19,14 +20,10 @@ _CODES = {
     Code.SCALE: "PLAN_COPY",
     Code.STEP: "PLAN_STEP",
     Code.GATE: "PLAN_GATE",
+    Code.PLAY: "PLAN_PLAY",
     Code.RECORD: "PLAN_RECORD",
 }
-_REFUSED = {
-    Code.PUSH: "a link between two of its components",
-    Code.PULL: "a link between two of its components",
-    Code.AGE: "a link between two of its components",
-    Code.PLAY: "a weight that is a function of time",
-}
+_LINKS = (Code.PUSH, Code.PULL, Code.AGE)
 _KERNEL = """\
 size_t {0}_kernel_size(void);
 void {0}_kernel_reset(double *x);
@@ -59,6 +56,7 @@ def node_data(
         *(_KERNEL.format(name) for name in sorted({k.name for k in kernels.values()})),
         *image.constants,
         *units.tables,
+        *_played(node),
         *(f"const {name} = {braces(entries)};" for name, entries in tables.items()),
     ]
     return {
@@ -78,9 +76,27 @@ def _tables(node: WiredNode, image: NodeImage, units: _Units) -> dict[str, list[
         "move_t node_outputs[N_OUTPUTS]": [
             f"{{{s.start}, {i}, {s.size}}}" for i, s in enumerate(outputs(node))
         ],
+        "played_values_t node_players[N_PLAYERS]": [
+            f"{{played_{i}, {p.rows}}}" for i, p in enumerate(_players(node))
+        ]
+        or ["{NULL, 0}"],
         "memory_t node_first": [*image.initial, f".gates = {gates}", f".signals = {signals}"],
         "size_t node_pointers[N_POINTERS]": [f"offsetof(memory_t, {p})" for p in image.pointers],
     }
+
+
+def _players(node: WiredNode) -> list[PlayerStruct]:
+    """Inputs that follow a table, with the values of the whole run."""
+    count = len(node.plan.plan.players)
+    return list((PlayerStruct * count).from_address(node.engine.state.players)) if count else []
+
+
+def _played(node: WiredNode) -> list[str]:
+    return [
+        f"static const double played_{i}[] = "
+        f"{braces([number(v) for v in (c_double * p.rows).from_address(p.values)])};"
+        for i, p in enumerate(_players(node))
+    ]
 
 
 def _header(node: WiredNode, image: NodeImage, units: _Units, settings: Mapping[str, str]) -> str:
@@ -92,6 +108,7 @@ def _header(node: WiredNode, image: NodeImage, units: _Units, settings: Mapping[
         "N_VARIABLES": max(1, units.size),
         "N_UNITS": len(plan.components),
         "N_OPERATIONS": len(plan.operations),
+        "N_PLAYERS": max(1, len(plan.players)),
         "N_OUTPUTS": len(outputs(node)),
         "N_POINTERS": len(image.pointers),
         "H": repr(plan.h),
@@ -161,10 +178,10 @@ def _operation(o: Operation, node: str) -> str:
     """A line of the table of operations. Raises ScenarioError for one that is not there."""
     code = Code(o.code)
     if code not in _CODES:
-        what = _REFUSED.get(code, "an input that is extrapolated")
+        what = "a link between its components" if code in _LINKS else "an extrapolated input"
         raise ScenarioError(
-            f"found {what}, expected wires inside the node, and links from other nodes: a network"
-            " FMU has no others",
+            f"found {what}, expected wires between the components of a node, and links from other"
+            " nodes: a network FMU has no others",
             f"node {node}",
         )
     fields = (_CODES[code], o.index, o.period, o.first, o.source, o.target, o.count)

@@ -43,13 +43,19 @@ typedef struct {
 } unit_t;
 
 /* As operation_t of the engine; `first`: its first tick. */
-enum { PLAN_COPY, PLAN_STEP, PLAN_GATE, PLAN_RECORD };
+enum { PLAN_COPY, PLAN_STEP, PLAN_GATE, PLAN_PLAY, PLAN_RECORD };
 typedef struct {
     int32_t code, index;
     int64_t period, first;
     int32_t source, target, count;
     double gain, offset;
 } plan_operation_t;
+
+/* Values of an input over time, one each time it is due; after the last one it keeps that. */
+typedef struct {
+    const double *values;
+    int64_t count;
+} played_values_t;
 
 typedef struct {
     int32_t (*passing)(void *context, int64_t tick, double *signals);
@@ -64,6 +70,7 @@ extern const memory_t node_first;               /* the node at its start */
 extern const size_t node_pointers[N_POINTERS];  /* where it points into itself */
 extern const unit_t node_units[N_UNITS];
 extern const plan_operation_t node_operations[N_OPERATIONS];
+extern const played_values_t node_players[N_PLAYERS];
 extern const move_t node_outputs[N_OUTPUTS];    /* `from`: of signals */
 
 struct fmu {

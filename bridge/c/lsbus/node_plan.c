@@ -55,6 +55,12 @@ static const char *carry_out(fmu_t *x, const plan_operation_t *op, int64_t tick)
                                     : op->gain * s[op->source + i] + op->offset;
         return NULL;
     case PLAN_STEP: return step(x, op->index, tick);
+    case PLAN_PLAY: {
+        const played_values_t *p = node_players + op->index;
+        const int64_t row = (tick - op->first) / op->period;
+        s[op->target] = p->values[row < p->count ? row : p->count - 1];
+        return NULL;
+    }
     case PLAN_GATE:
         return m->gates[op->index].passing(m->gates[op->index].context, tick, s)
                    ? "found an input or output that stops the node"

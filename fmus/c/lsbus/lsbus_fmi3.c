@@ -230,13 +230,13 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
         const double now = (double)x->now * PS, *from = &now;
         const size_t count = vr[i] == TIME ? 1 : core_float64(x, vr[i], &from);
         if (!count) return lsbus_refuse(x, "%u is no Float64", (unsigned)vr[i]);
-        if (count > nValues - at)
-            return lsbus_refuse(x, "fmi3GetFloat64: found room for %u values, expected more",
-                                (unsigned)nValues);
-        memcpy(values + at, from, count * sizeof *values);
-        at += count;
+        if (count <= nValues - at) memcpy(values + at, from, count * sizeof *values), at += count;
+        else at = nValues + 1;
+        if (at > nValues) break;
     }
-    return fmi3OK;
+    if (at == nValues) return fmi3OK;
+    return lsbus_refuse(x, "fmi3GetFloat64: found nValues = %u, expected another number",
+                        (unsigned)nValues);
 }
 
 /* --- events and steps ------------------------------------------------------------------------ */

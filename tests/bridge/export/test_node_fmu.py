@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from cosim.lsbus.operations import (
 from fmus.bus_fmu import build_bus
 from fmus.kernel import Kernel
 from fmus.models import planar2r
-from tests.bridge.deployments import TELEOPERATION, named
+from tests.bridge.deployments import NETWORK, TELEOPERATION, named
 from tests.bridge.export.nodes import (
     Frames,
     bare,
@@ -101,6 +102,38 @@ def test_frames_of_a_bare_deployment_are_those_of_the_twin(name: str, tmp_path: 
     folder = run_nodes(built.system, built.fmus, tmp_path / "run")
     assert logged(folder) == rounded(built.frames)
     assert len(built.frames) >= 4 * 12
+
+
+@pytest.mark.slow
+def test_nodes_of_several_components_with_weights_over_time_are_those_of_the_twin(
+    tmp_path: Path,
+) -> None:
+    """Six nodes with robot and controller: two kernels in one library, wires between them."""
+    found = named("network-can", "run.stop=0.1", scenario=NETWORK)
+    assert {len(node.plan.components) for node in found.nodes.values()} == {2}
+    assert all(node.plan.players for node in found.nodes.values())
+    built = Built(tmp_path, found)
+    folder = run_nodes(found, built.fmus, tmp_path / "run")
+    assert logged(folder) == rounded(built.frames)
+    wanted = twin_rows(found, tmp_path / "rows", "robot3", "robot3.q")
+    assert np.array_equal(trajectories(folder, "robot3", "robot3.q")[:-1], wanted)
+
+
+@pytest.mark.slow
+def test_two_instances_in_one_process_do_not_touch_each_other(shipped: Built) -> None:
+    """One alone, and one with steps of another between its steps."""
+    sent = []
+    for both in (False, True):
+        nodes = [NodeFmu(FmuComponent(shipped.fmus["slave"], f"n{i}")) for i in range(1 + both)]
+        timing = BusTiming(1e6, 5e6, fd=True)
+        with ExitStack() as stack:
+            networks = [stack.enter_context(CanNetwork(timing, [n], step=1e-3)) for n in nodes]
+            for k in range(1, 21):
+                for i, network in enumerate(networks):
+                    network.run(k * 1e-3 * (1 + 2 * i))
+            sent.append([(x.time_ps, x.operation) for x in networks[0].exchanged if x.sent])
+    assert sent[0] == sent[1]
+    assert len(sent[0]) > 5
 
 
 @pytest.mark.slow
@@ -242,6 +275,15 @@ def test_a_component_without_kernel_and_too_many_delays_are_refused(
         FmuError, match=r"component arm: found .*Kernel, Python call-back, expected"
     ):
         kernels([("arm", Kernel(planar2r.model()))])
+
+
+def test_a_link_between_components_of_one_node_is_refused(tmp_path: Path) -> None:
+    found = one_bus()
+    both = ["master_control", "slave_control"]
+    found["nodes"]["master_control"]["components"] = both
+    del found["nodes"]["slave_control"], found["nodes"]["master_control"]["stale"]
+    with pytest.raises(ScenarioError, match="found a link between its components, expected wires"):
+        export_nodes(system(tmp_path, found, 0.02), ["master_control"], tmp_path)
 
 
 def test_what_an_fmu_does_differently_is_said() -> None:

@@ -31,7 +31,8 @@ def write(
     found: dict[str, list[str]] = {}
     for name, path in zip(chosen, export_nodes(system, chosen, folder, asked), strict=True):
         components = ", ".join(c.name for c in system.nodes[name].plan.components)
-        typer.echo(f"{path}  FMI 3.0, CAN terminal {system.buses_of(name)[0]}, with {components}")
+        terminals = ", ".join(system.buses_of(name))
+        typer.echo(f"{path}  FMI 3.0, CAN terminal {terminals}, with {components}")
         for note in notes(system, name):
             found.setdefault(note, []).append(name)
     for note, of in found.items():

@@ -2,7 +2,7 @@
 
 A node FMU executes the slots of its node as the twin does, by the same C code (``bridge/c``), with
 the C kernels of its components and the tables of its deployment inside. What it sends and receives
-goes through a CAN terminal, which has the name of its bus.
+goes through CAN terminals, which have the names of its buses.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from bridge.deployment.spec import BusSpec
 from bridge.deployment.system import System
 from bridge.export.kernels import kernels
 from bridge.export.plan_source import node_data, outputs
@@ -70,30 +69,32 @@ def check(system: System, name: str) -> None:
             f"found no node {name!r}, expected one of {', '.join(d.nodes)}", str(d.path)
         )
     place, buses = d.place("nodes", name), system.buses_of(name)
-    if not d.nodes[name].components:
-        raise ScenarioError("found a gateway, expected a node with components", place)
-    if len(buses) != 1:
-        found = " and ".join(buses) or "none"
-        raise ScenarioError(
-            f"found {len(buses)} buses ({found}), expected a node on one bus: a network FMU of a"
-            " node has one CAN terminal",
-            place,
-        )
-    if d.buses[buses[0]].kind != "can":
-        raise ScenarioError(
-            f"found bus {buses[0]} of the kind {d.buses[buses[0]].kind}, expected a CAN bus", place
-        )
+    if not d.nodes[name].components or system.nodes[name].forwards:
+        raise ScenarioError("found a gateway, expected a node that forwards nothing", place)
+    if not buses:
+        raise ScenarioError("found no bus, expected a node that sends or receives", place)
+    for bus in buses:
+        if d.buses[bus].kind != "can":
+            raise ScenarioError(
+                f"found bus {bus} of the kind {d.buses[bus].kind}, expected a CAN bus", place
+            )
 
 
 def notes(system: System, name: str) -> list[str]:
     """What the FMU does differently from the node of a rehearsal, for its user."""
     spec = system.deployment.nodes[name]
-    bus = system.deployment.buses[system.buses_of(name)[0]]
+    buses = system.buses_of(name)
+    queues = ", ".join(sorted({system.deployment.buses[bus].queue for bus in buses}))
     found = [
         "ACTIVE from t = 0, as in the twin: no ARM, START, EPOCH or previews before",
         "goes on after the end of the scenario",
-        f'its transmit queue is the importer\'s; the deployment has queue = "{bus.queue}"',
+        f'its transmit queue is the importer\'s; the deployment has queue = "{queues}"',
     ]
+    if len(buses) > 1:
+        found.append(
+            f"{len(buses)} CAN terminals ({', '.join(buses)}): for other importers, since those of"
+            " a scenario have one"
+        )
     if spec.apart is not None:
         found.append("positions are not compared at the start (apart)")
     if system.nodes[name].plan.players:
@@ -113,14 +114,13 @@ def _constant(link: Link) -> bool:
 def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objects: Path) -> Path:
     system = node.system
     _check_tables(node)
-    bus = system.deployment.buses[system.buses_of(node.name)[0]]
     identifier = re.sub(r"\W", "_", f"node_{node.name}")
     found = kernels([(s.name, s.component) for s in node.plan.plan.components])
     sources = {
         **shell_sources(),
         **_bridge_sources(),
         **{name: text for k in found.values() for name, text in k.sources().items()},
-        **node_data(node, found, _settings(bus)),
+        **node_data(node, found),
     }
     token = token_of(sources)
     sources["node_data.h"] = sources["node_data.h"].replace(
@@ -132,7 +132,7 @@ def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objec
         description=f"Node {node.name} of {system.deployment.title}: "
         + ", ".join(s.name for s in node.plan.plan.components),
         token=token,
-        terminals=(system.buses_of(node.name)[0],),
+        terminals=system.buses_of(node.name),
         outputs=tuple(SignalOutput(s.name, s.shape, s.unit) for s in outputs(node)),
     )
     content = {name: text.encode() for name, text in entries(fmu, sources).items()}
@@ -154,15 +154,6 @@ def _check_tables(node: WiredNode) -> None:
                 " (--set run.stop=...)",
                 f"node {node.name}",
             )
-
-
-def _settings(bus: BusSpec) -> dict[str, str]:
-    """Macros about the bus, whose bit rates the FMU says in its Configuration."""
-    return {
-        "BITRATE": f"{bus.bitrate}u",
-        "DATA_BITRATE": f"{bus.data_bitrate}u",
-        "WITH_FD": str(int(bus.fd)),
-    }
 
 
 def _bridge_sources() -> dict[str, str]:

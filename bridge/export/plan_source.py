@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from ctypes import c_double
 from typing import final
 
+from bridge.deployment.spec import BusSpec
 from bridge.export.image import NodeImage, braces, number
 from bridge.export.kernels import KernelSource
 from bridge.native import node as native
@@ -39,10 +40,8 @@ def outputs(node: WiredNode) -> list[Slot]:
     return [slot for step in node.plan.plan.components for slot in step.outputs]
 
 
-def node_data(
-    node: WiredNode, kernels: Mapping[str, KernelSource], settings: Mapping[str, str]
-) -> dict[str, str]:
-    """``node_data.h`` and ``node_data.c``; `settings`: further macros.
+def node_data(node: WiredNode, kernels: Mapping[str, KernelSource]) -> dict[str, str]:
+    """``node_data.h`` and ``node_data.c``.
 
     Raises ScenarioError for a plan with an operation that these FMUs do not have.
     """
@@ -60,7 +59,7 @@ def node_data(
         *(f"const {name} = {braces(entries)};" for name, entries in tables.items()),
     ]
     return {
-        "node_data.h": f"/* node_data.h - {head}\n" + _header(node, image, units, settings),
+        "node_data.h": f"/* node_data.h - {head}\n" + _header(node, image, units),
         "node_data.c": "\n\n".join(parts) + "\n",
     }
 
@@ -71,6 +70,9 @@ def _tables(node: WiredNode, image: NodeImage, units: _Units) -> dict[str, list[
     gates = braces(_gates(node, image))
     signals = braces([number(float(v)) for v in node.engine.signals])
     return {
+        "rates_t node_rates[N_BUSES]": [
+            f"{{{bus.bitrate}u, {bus.data_bitrate if bus.fd else 0}u}}" for bus in _buses(node)
+        ],
         "unit_t node_units[N_UNITS]": units.entries,
         "plan_operation_t node_operations[N_OPERATIONS]": operations,
         "move_t node_outputs[N_OUTPUTS]": [
@@ -83,6 +85,12 @@ def _tables(node: WiredNode, image: NodeImage, units: _Units) -> dict[str, list[
         "memory_t node_first": [*image.initial, f".gates = {gates}", f".signals = {signals}"],
         "size_t node_pointers[N_POINTERS]": [f"offsetof(memory_t, {p})" for p in image.pointers],
     }
+
+
+def _buses(node: WiredNode) -> list[BusSpec]:
+    """The buses of the node, in the order of its terminals."""
+    d = node.system.deployment
+    return [d.buses[name] for name in node.system.buses_of(node.name)]
 
 
 def _players(node: WiredNode) -> list[PlayerStruct]:
@@ -99,7 +107,7 @@ def _played(node: WiredNode) -> list[str]:
     ]
 
 
-def _header(node: WiredNode, image: NodeImage, units: _Units, settings: Mapping[str, str]) -> str:
+def _header(node: WiredNode, image: NodeImage, units: _Units) -> str:
     """Sizes, and ``memory_t``. To be made after the tables, which find pointers."""
     plan = node.plan.plan
     counts = {
@@ -111,8 +119,8 @@ def _header(node: WiredNode, image: NodeImage, units: _Units, settings: Mapping[
         "N_PLAYERS": max(1, len(plan.players)),
         "N_OUTPUTS": len(outputs(node)),
         "N_POINTERS": len(image.pointers),
+        "N_BUSES": len(_buses(node)),
         "H": repr(plan.h),
-        **settings,
     }
     macros = "".join(f"#define {name} {text}\n" for name, text in counts.items())
     members = "".join(f"    {m}\n" for m in image.members)

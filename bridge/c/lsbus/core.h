@@ -1,7 +1,7 @@
-/* core.h - a node of a deployment as the core of an FMU with one CAN terminal (lsbus.h).
+/* core.h - a node of a deployment as the core of an FMU with a CAN terminal for each of its buses (lsbus.h).
  *
  * What a slot of the node does is node_slot (slot.h), as in the twin. Here are the plan of its
- * components, whose C kernels are in the FMU, and its attachment to the terminal in place of bus.c.
+ * components, whose C kernels are in the FMU, and its attachment to the terminals in place of bus.c.
  * node_data.h and node_data.c are generated from the scenario and its deployment; memory_t begins with
  *
  *   node_t node;                       the node, and what it points to: inlets, outlets, guards ...
@@ -62,39 +62,45 @@ typedef struct {
     void *context;
 } gate_t;
 
-#include "node_data.h" /* N_..., H, BITRATE, DATA_BITRATE, WITH_FD, TOKEN, memory_t */
+/* Bit rates of a bus, bit/s; data: 0 of a classic one. */
+typedef struct {
+    uint32_t nominal, data;
+} rates_t;
 
-enum { N_PORTS = 1 };
+#include "node_data.h" /* N_..., H, TOKEN, memory_t */
+
+enum { N_PORTS = N_BUSES };
 
 extern const memory_t node_first;               /* the node at its start */
 extern const size_t node_pointers[N_POINTERS];  /* where it points into itself */
+extern const rates_t node_rates[N_BUSES];
 extern const unit_t node_units[N_UNITS];
 extern const plan_operation_t node_operations[N_OPERATIONS];
 extern const played_values_t node_players[N_PLAYERS];
 extern const move_t node_outputs[N_OUTPUTS];    /* `from`: of signals */
 
 struct fmu {
-    LSBUS_MEMBERS(1);
+    LSBUS_MEMBERS(N_BUSES);
     memory_t memory;
-    const char *why;            /* a component or the node stopped; NULL: it runs */
-    bus_t bus;
-    ring_t received, sent;
-    frame_t received_frames[WAITING], sent_frames[WAITING];
+    const char *who, *why;      /* who stopped, and why; NULL: nobody */
+    bus_t buses[N_BUSES];
+    ring_t received[N_BUSES], sent[N_BUSES];
+    frame_t received_frames[N_BUSES][WAITING], sent_frames[N_BUSES][WAITING];
     journal_t none;             /* without rows */
     double *record;
     int64_t record_row;
-    frame_t pending;
-    int32_t has_pending;
+    frame_t pending[N_BUSES];
+    int32_t has_pending[N_BUSES];
 };
 
 /* The plan of the node's components, one tick: the function `run` of node_t. */
 int32_t plan_run(void *context, int64_t ticks);
 /* All components at their start. NULL, or why not. */
 const char *plan_begin(fmu_t *x);
-/* An operation that has arrived at `at_ns`. */
-fmi3Status operation_take(fmu_t *x, const uint8_t *raw, size_t n, int64_t at_ns);
-/* Put the bit rates of the bus, or a frame, into `tx`. */
-fmi3Status operation_rates(fmu_t *x);
-fmi3Status operation_send(fmu_t *x, const frame_t *frame);
+/* An operation that has arrived from a bus at `at_ns`. */
+fmi3Status operation_take(fmu_t *x, int32_t bus, const uint8_t *raw, size_t n, int64_t at_ns);
+/* Put the bit rates of a bus, or a frame, into its `tx`. */
+fmi3Status operation_rates(fmu_t *x, int32_t bus);
+fmi3Status operation_send(fmu_t *x, int32_t bus, const frame_t *frame);
 
 #endif

@@ -1,4 +1,4 @@
-/* node_core.c - slots of a node at the times of its Tx_Clock, and its bus; see core.h. */
+/* node_core.c - slots of a node at the times of its Tx_Clocks, and its buses; see core.h. */
 #include <string.h>
 
 #include "core.h"
@@ -57,44 +57,58 @@ static void copy(memory_t *m) {
 
 static void attach(fmu_t *x) {
     node_t *n = &x->memory.node;
-    memset(&x->bus, 0, sizeof x->bus);
-    memset(&x->received, 0, sizeof x->received);
-    memset(&x->sent, 0, sizeof x->sent);
+    memset(x->buses, 0, sizeof x->buses);
+    memset(x->received, 0, sizeof x->received);
+    memset(x->sent, 0, sizeof x->sent);
     memset(&x->none, 0, sizeof x->none);
-    x->received.frames = x->received_frames, x->sent.frames = x->sent_frames;
-    x->bus.kind = BUS_MEMORY, x->bus.rx = &x->received, x->bus.tx = &x->sent;
-    n->buses = &x->bus, n->pending = &x->pending, n->has_pending = &x->has_pending;
-    x->has_pending = 0, x->record_row = 0, x->record = NULL;
+    for (int32_t b = 0; b < N_BUSES; b++) {
+        bus_t *bus = &x->buses[b];
+        x->received[b].frames = x->received_frames[b], x->sent[b].frames = x->sent_frames[b];
+        bus->kind = BUS_MEMORY, bus->number = (uint32_t)b;
+        bus->rx = &x->received[b], bus->tx = &x->sent[b];
+        x->has_pending[b] = 0;
+    }
+    n->buses = x->buses, n->pending = x->pending, n->has_pending = x->has_pending;
+    x->record_row = 0, x->record = NULL;
     n->journal = &x->none, n->record = &x->record, n->record_row = &x->record_row;
     n->engine = x, n->run = plan_run, n->signals = x->memory.signals;
     for (int32_t i = 0; i < n->n_inlets; i++) delay_reset(n->inlets[i].delay);
 }
 
 fmi3Status core_begin(fmu_t *x) {
+    fmi3Status status = fmi3OK;
     copy(&x->memory);
     attach(x);
     x->why = plan_begin(x);
-    if (x->why) return lsbus_refuse(x, "at the start: %s", x->why);
-    return operation_rates(x);
+    if (x->why) return lsbus_refuse(x, "%s, at the start: %s", x->who, x->why);
+    for (int32_t b = 0; b < N_BUSES && status == fmi3OK; b++) status = operation_rates(x, b);
+    return status;
 }
 
 /* --- slots ----------------------------------------------------------------------------------- */
 
 static int64_t deadline_ps(const node_t *n) { return (n->slot * n->h_ns + n->phase_ns) * PS; }
 
+/* What the slot has sent on a bus, as operations. */
+static fmi3Status hand_over(fmu_t *x, int32_t b, int64_t at) {
+    ring_t *r = &x->sent[b];
+    fmi3Status status = fmi3OK;
+    if (x->buses[b].send_failed)
+        return lsbus_refuse(x, "t = %.12g s: found more than %d frames in one slot, expected fewer",
+                            (double)at * 1e-9, (int)WAITING);
+    for (; r->tail != r->head && status == fmi3OK; r->tail++)
+        status = operation_send(x, b, &r->frames[r->tail & (WAITING - 1)]);
+    return status;
+}
+
 static fmi3Status slot(fmu_t *x) {
     node_t *n = &x->memory.node;
     const int64_t at = n->slot * n->h_ns + n->phase_ns;
+    fmi3Status status = fmi3OK;
     if (node_slot(n, at, at, 0))
-        return lsbus_refuse(x, "t = %.12g s: %s", (double)at * 1e-9, x->why ? x->why : "stopped");
-    if (x->bus.send_failed)
-        return lsbus_refuse(x, "t = %.12g s: found more than %d frames in one slot, expected fewer",
-                            (double)at * 1e-9, (int)WAITING);
-    for (ring_t *r = &x->sent; r->tail != r->head; r->tail++) {
-        const fmi3Status status = operation_send(x, &r->frames[r->tail & (WAITING - 1)]);
-        if (status != fmi3OK) return status;
-    }
-    return fmi3OK;
+        return lsbus_refuse(x, "%s, t = %.12g s: %s", x->who, (double)at * 1e-9, x->why);
+    for (int32_t b = 0; b < N_BUSES && status == fmi3OK; b++) status = hand_over(x, b, at);
+    return status;
 }
 
 fmi3Status core_tick(fmu_t *x) {
@@ -115,28 +129,34 @@ fmi3Status core_go(fmu_t *x, int64_t until) {
     return fmi3OK;
 }
 
-fmi3Status core_settle(fmu_t *x) {
-    port_t *p = x->ports;
+static fmi3Status take(fmu_t *x, int32_t b) {
+    port_t *p = &x->ports[b];
     const size_t n = p->n_rx;
-    size_t at = 0;
+    fmi3Status status = fmi3OK;
     p->n_rx = 0;
-    while (at < n) {
-        size_t length = n - at;
-        const uint32_t said = length < 8 ? 0 : number(p->rx + at + 4, 4);
-        if (said >= 8 && said <= length) length = said;
-        const fmi3Status status = operation_take(x, p->rx + at, length, (x->now + PS / 2) / PS);
-        if (status != fmi3OK) return status;
+    for (size_t at = 0; at < n && status == fmi3OK;) {
+        const size_t rest = n - at, said = rest < 8 ? 0 : number(p->rx + at + 4, 4);
+        const size_t length = said >= 8 && said <= rest ? said : rest;
+        status = operation_take(x, b, p->rx + at, length, (x->now + PS / 2) / PS);
         at += length;
     }
-    return fmi3OK;
+    return status;
+}
+
+fmi3Status core_settle(fmu_t *x) {
+    fmi3Status status = fmi3OK;
+    for (int32_t b = 0; b < N_BUSES && status == fmi3OK; b++) status = take(x, b);
+    return status;
 }
 
 void core_schedule(fmu_t *x) {
-    port_t *p = x->ports;
     const int64_t next = deadline_ps(&x->memory.node);
-    const int64_t tick = p->n_tx || next < x->now ? x->now : next;
-    if (tick == p->tick) return;
-    p->tick = tick, p->changed = true;
+    for (int32_t b = 0; b < N_BUSES; b++) {
+        port_t *p = &x->ports[b];
+        const int64_t tick = p->n_tx || next < x->now ? x->now : next;
+        if (tick == p->tick) continue;
+        p->tick = tick, p->changed = true;
+    }
 }
 
 /* --- values ---------------------------------------------------------------------------------- */

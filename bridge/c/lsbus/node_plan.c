@@ -13,6 +13,7 @@ const char *plan_begin(fmu_t *x) {
     for (int32_t i = 0; i < N_UNITS; i++) {
         const unit_t *u = node_units + i;
         double *variables = m->kernels + u->first;
+        x->who = u->name;
         if (u->kernel->size() != (size_t)u->size) return "found a kernel of another size";
         u->kernel->reset(variables);
         move(u->given, u->n_given, u->values, variables);
@@ -34,6 +35,7 @@ static const char *step(fmu_t *x, int32_t index, int64_t tick) {
     const unit_t *u = node_units + index;
     memory_t *m = &x->memory;
     double *variables = m->kernels + u->first;
+    x->who = u->name;
     move(u->inputs, u->n_inputs, m->signals, variables);
     const char *why = u->kernel->step(variables, (double)(tick - u->lag) * H, u->h);
     if (why) return why;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes as c
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from bridge.can.log import frame_of
 from bridge.deployment.system import System
+from bridge.native.frame import Flags, frame_dtype
+from bridge.native.journal import Journal
+from bridge.replay import twin
+from bridge.wiring.wiring import WiredNode
 from cosim.engine.simulate import simulate
 from cosim.record import Run
 from cosim.scenario.spec import build
@@ -49,6 +55,33 @@ def twin_frames(found: System, folder: Path) -> Frames:
     """Frames of the twin: end of the frame (ns), identifier, data."""
     folder.mkdir(exist_ok=True)
     return [(t, f.id, f.payload) for t, f in heard_by_all(found, folder).items()]
+
+
+def heard_on_buses(found: System, folder: Path) -> dict[str, Frames]:
+    """Frames of the twin as :func:`twin_frames`, by bus."""
+    folder.mkdir(exist_ok=True)
+    logs: dict[str, list[Journal]] = {name: [] for name in found.deployment.buses}
+
+    def log(node: WiredNode) -> None:
+        for name, bus in zip(found.buses_of(node.name), node.buses, strict=True):
+            path = folder / f"{node.name}-{name}.frames"
+            logs[name].append(Journal.create(path, frame_dtype(64), 10_000))
+            bus.struct.log = c.pointer(logs[name][-1].struct)
+
+    with twin.wired_nodes(found, folder, log) as nodes:
+        twin.run(found, nodes)
+    heard = {
+        name: sorted(
+            {(int(row["t_ns"]), frame.id, frame.payload)
+             for journal in journals for row in journal.rows
+             if not row["flags"] & Flags.SENT and (frame := frame_of(row))}
+        )
+        for name, journals in logs.items()
+    }  # fmt: skip
+    for journals in logs.values():
+        for journal in journals:
+            journal.close()
+    return heard
 
 
 def rounded(frames: Frames) -> Frames:

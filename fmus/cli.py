@@ -1,4 +1,4 @@
-"""``fmus``: build FMUs from models, list the models, validate FMUs.
+"""``fmus``: build FMUs from models, list the models, validate FMUs, check files of robots.
 
 Exit codes: 0 done, 1 an FMU has problems, 2 bad input or no compiler.
 """
@@ -122,6 +122,42 @@ def validate(fmu: Annotated[Path, typer.Argument(help="The .fmu file.")]) -> Non
     typer.echo(f"{fmu}: {'no problems found' if not found else f'{len(found)} problem(s)'}")
     if found:
         raise typer.Exit(1)
+
+
+@app.command("robot")
+def robot(
+    urdf: Annotated[Path, typer.Argument(help="The .urdf file.")],
+    base: Annotated[str, typer.Option(help="Link where an arm begins.")] = "",
+    tip: Annotated[str, typer.Option(help="Link where it ends.")] = "",
+    held: Annotated[
+        list[str] | None, typer.Option("--fixed", help="Hold a joint, e.g. finger=0; repeatable.")
+    ] = None,
+) -> None:
+    """Check a URDF file: print its links or, with --base and --tip, the joints of an arm."""
+    from fmus.robots import report
+    from fmus.robots.serial import serial
+    from fmus.robots.urdf import read
+
+    if bool(base) != bool(tip):
+        raise ScenarioError("found one of --base and --tip, expected both or none")
+    lines = report.tree(read(urdf))
+    if base:
+        lines = report.joints(serial(urdf, base, tip, _held(held or [])))
+    for line in lines:
+        typer.echo(line)
+
+
+def _held(texts: list[str]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise ScenarioError(
+                f"{text!r} is not JOINT=NUMBER, such as finger=0", "--fixed"
+            ) from None
+    return found
 
 
 def _models(names: list[str], sizes: dict[str, int]) -> list[Model]:

@@ -99,7 +99,6 @@ const char *model_initial(Model *x) {
     if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
     if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
     for (int i = 0; i < JOINTS; i++) {
-        if (!(x->v_f[i] > 0.0)) return "v_f must be above 0";
         if (!(x->q_min[i] < x->q_max[i])) return "q_min must be below q_max";
         if (x->k_s[i] > 0.0 && !(x->q[i] >= x->q_min[i] && x->q[i] <= x->q_max[i]))
             return "q is outside the stops q_min and q_max";

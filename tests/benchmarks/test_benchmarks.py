@@ -154,3 +154,14 @@ def test_every_command_is_measured_beside_the_start_of_python(tmp_path: Path) ->
     assert list(found["seconds"]) == names
     assert all(0 < found["seconds"][names[0]][0] < found["seconds"][name][0] for name in names[1:])
     assert all(name in said for name in names)
+
+
+@pytest.mark.slow
+def test_dynamics_of_an_arm_are_measured_and_those_of_others_where_they_are(
+    tmp_path: Path,
+) -> None:
+    found, said = run("chain.py", tmp_path)
+    assert set(found["ours"]) == {"forward", "inverse"}
+    assert found["steps"].keys() >= {"continuous arm", "sampled pd"}
+    assert "mujoco" in found or "MuJoCo" in found["absent"][0]
+    assert "| ours, forward dynamics (chain_forward) |" in said

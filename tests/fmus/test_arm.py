@@ -166,7 +166,9 @@ def wrong(name: str, index: tuple[int, ...], value: float) -> Values:
         (wrong("inertia", (2, 0), -1.0), "link 2: no body has this `inertia`"),
         (wrong("inertia", (3, 9), 0.9), "link 3: no body has this `inertia`"),
         (wrong("inertia", (1, 4), -0.1), "link 1: no body has this `inertia`"),
-        (wrong("inertia", (5, 2), 5.0), "link 5: no body has this `inertia`"),
+        (wrong("inertia", (5, 1), 1.0), "link 5: no body has this `inertia`"),
+        (wrong("inertia", (5, 2), 1.0), "link 5: no body has this `inertia`"),
+        (wrong("inertia", (5, 3), 1.0), "link 5: no body has this `inertia`"),
         (wrong("rotation", (4, 0, 0), 0.9), "link 4: `rotation` is not a rotation matrix"),
         (wrong("rotation", (6,), -np.eye(3)), "link 6: `rotation` is not a rotation matrix"),
         (wrong("q_min", (0,), 2e6), "q_min must be below q_max"),
@@ -190,6 +192,10 @@ def test_rods_laminae_points_and_motors_without_links_are_arms() -> None:
     ):
         single(theta)
     arm.kernel().initialize({"inertia": np.zeros((7, 10)), "armature": ROTOR})
+
+
+def test_limits_without_stops_do_not_bind_the_start() -> None:
+    fr3_arm({"q_min": np.full(7, 2.0), "q_max": np.full(7, 3.0)})
 
 
 def test_a_diverging_motion_is_said_and_changes_nothing() -> None:

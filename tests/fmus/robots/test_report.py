@@ -1,0 +1,55 @@
+"""``fmus robot`` prints the links of a file, or the joints of an arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cosim.base.errors import ScenarioError
+from fmus import cli
+from tests.fmus.robots import files
+
+
+def said(*arguments: object) -> list[str]:
+    result = CliRunner().invoke(cli.app, ["robot", *map(str, arguments)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.output.splitlines()
+
+
+def test_the_links_of_a_file_are_a_tree(tmp_path: Path) -> None:
+    lines = said(files.openarm(tmp_path))
+    assert lines[0] == "body"
+    assert lines[1] == "  link0, fixed joint mount"
+    assert lines[2] == "    link1, revolute joint joint1, 1.142 kg"
+    assert lines[-1].strip() == "tcp, fixed joint tool"
+    assert len(lines) == 11
+
+
+def test_the_joints_of_an_arm_have_limits_gravity_and_inertia(tmp_path: Path) -> None:
+    first, header, *rows = said(files.openarm(tmp_path), "--base", "body", "--tip", "tcp")
+    assert first == "7 joints, 4.675 kg beyond the base"
+    assert header.split()[2:6] == ["lower", "upper", "effort", "velocity"]
+    joint2 = rows[1].split()
+    assert joint2[:6] == ["joint2", "revolute", "-0.1745", "3.316", "40", "16.75"]
+    assert float(joint2[6]) == pytest.approx(10.0, abs=0.25)  # greatest torque of gravity
+    assert 0.059 <= float(joint2[7]) < 0.07  # least inertia
+    held = said(files.openarm(tmp_path), "--base", "body", "--tip", "tcp", "--fixed", "joint3=0.2")
+    assert held[0] == "6 joints, 4.675 kg beyond the base"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--base", "body"], "found one of --base and --tip, expected both or none"),
+        (["--base", "body", "--tip", "nose"], "no link 'nose' as tip"),
+        (["--base", "body", "--tip", "tcp", "--fixed", "joint3"], "'joint3' is not JOINT=NUMBER"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(
+    tmp_path: Path, options: list[str], message: str
+) -> None:
+    with pytest.raises(ScenarioError, match=message):
+        said(files.openarm(tmp_path), *options)

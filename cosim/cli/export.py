@@ -12,6 +12,9 @@ from cosim.cli.options import Set
 
 #: Who writes the nodes of a deployment; this package does not know it.
 NODES = "bridge.cli.nodes"
+_TOGETHER = (
+    "found one of --deploy, --nodes, --node and --platforms, expected --deploy NAME --nodes FOLDER"
+)
 
 
 def export(
@@ -59,10 +62,7 @@ def export(
     if links not in ("annotation", "fmu"):
         raise ScenarioError(f"{links!r} is neither annotation nor fmu", "--links")
     if (nodes is None) is not (deploy is None) or (nodes is None and (node or platforms)):
-        raise ScenarioError(
-            "found one of --deploy, --nodes, --node and --platforms, expected --deploy NAME"
-            " --nodes FOLDER", "cosim export",
-        )  # fmt: skip
+        raise ScenarioError(_TOGETHER, "cosim export")
     if ssp is None and fmu is None and nodes is None:
         raise ScenarioError(
             "nothing to write; expected --ssp FILE, --fmu FILE or --nodes FOLDER", "cosim export"

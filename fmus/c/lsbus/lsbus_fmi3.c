@@ -230,9 +230,12 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
         const double now = (double)x->now * PS, *from = &now;
         const size_t count = vr[i] == TIME ? 1 : core_float64(x, vr[i], &from);
         if (!count) return lsbus_refuse(x, "%u is no Float64", (unsigned)vr[i]);
-        if (count <= nValues - at) memcpy(values + at, from, count * sizeof *values), at += count;
-        else at = nValues + 1;
-        if (at > nValues) break;
+        if (count > nValues - at) {
+            at = nValues + 1;
+            break;
+        }
+        memcpy(values + at, from, count * sizeof *values);
+        at += count;
     }
     if (at == nValues) return fmi3OK;
     return lsbus_refuse(x, "fmi3GetFloat64: found nValues = %u, expected another number",

@@ -135,7 +135,7 @@ def placements(table: Table, q: Array) -> Iterator[tuple[Array, Array]]:
         yield turned, place
 
 
-def _transforms(table: Table, q: Array) -> Iterator[Array]:
+def transforms(table: Table, q: Array) -> Iterator[Array]:
     """X of each link, (6, 6): a twist of the parent, given in the frame of the link."""
     for R, r in poses(table, q):
         X = np.zeros((6, 6))
@@ -144,7 +144,7 @@ def _transforms(table: Table, q: Array) -> Iterator[Array]:
         yield X
 
 
-def _axis(table: Table, i: int) -> Array:
+def axis(table: Table, i: int) -> Array:
     """S of joint i, (6,): about z or along z."""
     S = np.zeros(6)
     S[5 if table.joint_type[i] else 2] = 1.0
@@ -154,9 +154,9 @@ def _axis(table: Table, i: int) -> Array:
 def jacobians(table: Table, q: Array) -> Iterator[Array]:
     """J of each link, (6, n): its twist is J dq; `q` (n,) rad or m."""
     J = np.zeros((6, table.joints))
-    for i, X in enumerate(_transforms(table, q)):
+    for i, X in enumerate(transforms(table, q)):
         J = X @ J
-        J[:, i] = _axis(table, i)
+        J[:, i] = axis(table, i)
         yield J
 
 
@@ -165,7 +165,7 @@ def skew(a: Array) -> Array:
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
-def _motion_cross(v: Array) -> Array:
+def motion_cross(v: Array) -> Array:
     """V x, (6, 6): how a twist fixed in a frame that moves with the twist v changes."""
     w = skew(v[:3])
     return np.block([[w, np.zeros((3, 3))], [skew(v[3:]), w]])
@@ -225,17 +225,17 @@ def mass_matrix(table: Table, q: Array) -> Array:
 
 def inverse(table: Table, q: Array, dq: Array, ddq: Array) -> Array:
     """Tau (n,), N.m or N, of the motion q, dq, ddq (n,): recursive Newton-Euler algorithm."""
-    X = list(_transforms(table, q))
+    X = list(transforms(table, q))
     v, a, wrenches = np.zeros(6), np.concatenate([np.zeros(3), -table.g]), []
     for i, theta in enumerate(table.inertia):
-        S, inertia = _axis(table, i), spatial_inertia(theta)
+        S, inertia = axis(table, i), spatial_inertia(theta)
         v = X[i] @ v + S * dq[i]
-        a = X[i] @ a + S * ddq[i] + _motion_cross(v) @ S * dq[i]
-        wrenches.append(inertia @ a - _motion_cross(v).T @ inertia @ v)
+        a = X[i] @ a + S * ddq[i] + motion_cross(v) @ S * dq[i]
+        wrenches.append(inertia @ a - motion_cross(v).T @ inertia @ v)
     tau, wrench = table.armature * ddq, np.zeros(6)
     for i in reversed(range(table.joints)):
         wrench = wrench + wrenches[i]
-        tau[i] += _axis(table, i) @ wrench
+        tau[i] += axis(table, i) @ wrench
         wrench = X[i].T @ wrench
     return tau
 

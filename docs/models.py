@@ -23,6 +23,7 @@ PAPER = {
     "operator": "Sec. VII",
     "xi": "(47)",
     "teleoperation": "(42)-(45), (61), (76)-(81), Remark 3; Theorems 3, 4, 5",
+    "arm_teleoperation": "as teleoperation, for serial arms",
     "adaptive": "(29)-(32), Remark 3, Sec. IV-C; Theorem 2",
     "damping": "(24); Theorem 1",
     "pointmass": "(17), (18), Sec. III",

@@ -74,6 +74,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "decaying_push": ({},),
     "grasp": ({},),
     "encoder": ({},),
+    "arm_teleoperation": ({},),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

@@ -17,6 +17,7 @@
 
 #include "limit.h"
 #include "model.h"
+#include "neighbours.h"
 #include "regressor.h"
 
 enum { P = ENTRIES(theta_hat) };
@@ -26,43 +27,6 @@ typedef struct {
     double Ys[P]; /* Y^T s */
     int saturated, stale;
 } Law;
-
-/* --- neighbours --------------------------------------------------------------------------- */
-
-#if NETWORKED
-enum { NEIGHBOURS = ENTRIES(w) };
-
-/* Whether an active edge brings nothing younger than age_max. */
-static inline int is_stale(const Model *x, int j) {
-    return x->w[j] > 0.0 && x->age[j] > x->age_max;
-}
-
-static inline int any_stale(const Model *x) {
-    int stale = 0;
-    for (int j = 0; j < NEIGHBOURS; j++) stale |= is_stale(x, j);
-    return stale;
-}
-
-/* w_j; of a stale edge falling to 0 within age_fade. */
-static inline double weight(const Model *x, int j) {
-    if (!is_stale(x, j)) return x->w[j];
-    const double late = x->age[j] - x->age_max;
-    return late < x->age_fade ? (1.0 - late / x->age_fade) * x->w[j] : 0.0;
-}
-
-/* lambda sum_j w_j (xi - xi_in_j) of joint i. */
-static inline double coupling(const Model *x, int i, double xi) {
-    double consensus = 0.0;
-    for (int j = 0; j < NEIGHBOURS; j++)
-        consensus += weight(x, j) * (xi - x->xi_in[j][i]);
-    return x->lambda * consensus;
-}
-#else
-static inline int any_stale(const Model *x) { return (void)x, 0; }
-static inline double coupling(const Model *x, int i, double xi) {
-    return (void)x, (void)i, (void)xi, 0.0;
-}
-#endif
 
 /* --- gravity ------------------------------------------------------------------------------ */
 

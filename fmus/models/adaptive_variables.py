@@ -19,22 +19,28 @@ def variables(neighbours: int, gravity: bool) -> tuple[Variable, ...]:
         *_outputs(neighbours, gravity),
         *_next(gravity),
         *_gains(gravity),
-        *(_coupling() if neighbours else ()),
+        *(coupling_gains() if neighbours else ()),
         *_bounds(gravity),
         *(_gravity_parameters() if gravity else ()),
     )
 
 
 def _inputs(n: int) -> tuple[Variable, ...]:
-    arm = (
+    return (
         Variable("q", "input", (2,), "rad", description="Joint position"),
         Variable("dq", "input", (2,), _RATE, description="Joint velocity"),
+        *network_inputs(2, n),
     )
+
+
+def network_inputs(joints: int, n: int) -> tuple[Variable, ...]:
+    """What an arm of `joints` receives from `n` neighbours: xi_in (n, joints), w (n,), age (n,)."""
     if n == 0:
-        return arm
+        return ()
     return (
-        *arm,
-        Variable("xi_in", "input", (n, 2), _RATE, description="Received xi, a row a neighbour"),
+        Variable(
+            *("xi_in", "input", (n, joints), _RATE), description="Received xi, a row a neighbour"
+        ),
         Variable(
             *("w", "input", (n,), "1", 1.0, "Weight of each neighbour's edge, 0 = inactive"),
             optional=True,
@@ -141,7 +147,8 @@ def _bounds(gravity: bool) -> tuple[Variable, ...]:
     )
 
 
-def _coupling() -> tuple[Variable, ...]:
+def coupling_gains() -> tuple[Variable, ...]:
+    """Parameters of the coupling with neighbours: lambda, 1/s; age_max and age_fade, s."""
     return (
         Variable("lambda", "parameter", (), "1/s", 2.0, "Coupling gain", minimum=0.0),
         Variable("age_max", "parameter", (), "s", UNLIMITED, "Age beyond which xi_in is stale"),

@@ -13,18 +13,23 @@ w = J z of a link and the acceleration a by dz, its wrench is::
 The rows of Y are J' times the wrench of each unit parameter. ``chain_law.h`` computes Y theta and
 Y' s without Y, in one recursion.
 
-Source: Property 3 of the paper (linearity in the parameters) for any arm; the twists and wrenches of
-R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008.
+Source: Property 3 of the paper (linearity in the parameters) for any arm; the twists and wrenches
+of R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 from fmus.models import chain
 from fmus.models.chain import Table
 from fmus.numeric import Array, np
 
-#: The spatial inertia (6, 6) of each of the ten parameters alone.
-_UNITS = tuple(chain.spatial_inertia(theta) for theta in np.eye(10))
+
+@cache
+def _units() -> tuple[Array, ...]:
+    """The spatial inertia (6, 6) of each of the ten parameters alone."""
+    return tuple(chain.spatial_inertia(theta) for theta in np.eye(10))
 
 
 def regressor(table: Table, q: Array, dq: Array, z: Array, dz: Array, g: Array) -> Array:
@@ -41,7 +46,7 @@ def regressor(table: Table, q: Array, dq: Array, z: Array, dz: Array, g: Array) 
         turned = chain.motion_cross(v) @ S * z[i] + chain.motion_cross(w) @ S * dq[i]
         a = X @ a + S * dz[i] + 0.5 * turned
         v_cross, w_cross = -chain.motion_cross(v).T, -chain.motion_cross(w).T
-        for k, inertia in enumerate(_UNITS):
+        for k, inertia in enumerate(_units()):
             gyration = v_cross @ inertia @ w + w_cross @ inertia @ v
             Y[:, i, k] = J.T @ (inertia @ a + 0.5 * gyration)
     return Y

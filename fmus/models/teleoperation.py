@@ -97,7 +97,9 @@ def model(neighbours: int = 1, gravity: bool = False) -> Model:
         + (", gravity" if gravity else ""),
         kind="sampled",
         variables=variables(neighbours, bool(gravity)),
-        sources=(f"{stem}.c", "adaptive_law.h", "regressor.h", "limit.h", "trig.c"),
+        sources=(
+            *(f"{stem}.c", "adaptive_law.h", "neighbours.h", "regressor.h", "limit.h", "trig.c"),
+        ),
         step=5e-3,
         terminals=(joints, network) if neighbours else (joints,),
         documentation=__doc__ or "",
@@ -112,8 +114,8 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     """
     z, theta_hat, alpha, lambda_c = x["z_next"], x["theta_hat_next"], x["alpha"], x["lambda_c"]
     xi = dq + alpha * q
-    coupling, stale = _coupling(x, xi, *network) if network else (np.zeros_like(q), False)
-    dz = -alpha * dq + x["lambda_M"] * (dq - z) - coupling
+    pull, stale = coupling(x, xi, *network) if network else (np.zeros_like(q), False)
+    dz = -alpha * dq + x["lambda_M"] * (dq - z) - pull
     s = dq - z
     feedback = x["K"] * s + x["K_off"] * s[::-1] if lambda_c == 0 else np.zeros_like(s)
     Y = _regressor(x, q, dq, z, dz - lambda_c * s)  # (2, p)
@@ -178,8 +180,11 @@ def _positive_definite(matrix: Array) -> bool:
     return True
 
 
-def _coupling(x: Values, xi: Array, xi_in: Array, w: Array, age: Array) -> tuple[Array, bool]:
-    """(lambda Σ_j w_j (xi - xi_in_j), stale edges faded, whether any is stale)."""
+def coupling(x: Values, xi: Array, xi_in: Array, w: Array, age: Array) -> tuple[Array, bool]:
+    """(lambda Σ_j w_j (xi - xi_in_j) with stale edges faded, (m,) rad/s2; whether any is stale).
+
+    `xi` (m,), `xi_in` (n, m) rad/s, `w` (n,) without a unit, `age` (n,) s.
+    """
     late, fade = age - x["age_max"], x["age_fade"]  # s
     stale = (w > 0) & (age > x["age_max"])
     left = np.where(late < fade, 1 - late / (fade or 1.0), 0.0)  # of the weight, (n,)

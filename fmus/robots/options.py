@@ -8,6 +8,7 @@ options.base = "floor"                   # links of the file
 options.tip = "hand"
 options.payload = { mass = "0.5 kg", centre = [0.0, 0.0, 0.1] }   # in the frame of the tip
 options.fixed = { finger = 0.0 }         # joints that are held, rad or m
+options.estimate = 0.8                   # of an adaptive law: theta_hat(0), a part of the file's
 ```
 """
 
@@ -32,17 +33,17 @@ if TYPE_CHECKING:
 
     from fmus.model import Model
 
-_KEYS = ("urdf", "base", "tip", "payload", "fixed")
+_KEYS = ("urdf", "base", "tip", "payload", "fixed", "estimate")
 _PAYLOAD = ("mass", "centre", "inertia")
 #: What stands for "no limit" of a position (rad) and of a torque (N.m) in the models.
 NO_LIMIT, NO_TORQUE = 1e6, 1e9
 
 
 def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Path) -> Preparation:
-    """Sizes and parameters of a `model` that has the size `joints`; paths are relative to `folder`.
+    """Sizes and values of a `model` that has the size `joints`; paths are relative to `folder`.
 
-    Of the parameters, those that the model has. Raises ScenarioError for options or a file that
-    cannot be.
+    Of the values, those whose variable the model has. Raises ScenarioError for options or a file
+    that cannot be.
     """
     for key in options:
         if key not in _KEYS:
@@ -51,6 +52,7 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
     path = folder / urdf
     robot = serial(path, base, tip, _fixed(options), _payload(options))
     sizes = {"joints": robot.table.joints}
+    declared = {v.name: v for v in model(**sizes).variables}
     found = {
         **robot.table.values(),
         "q_min": np.maximum(robot.lower, -NO_LIMIT),
@@ -59,7 +61,10 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
         "damping": robot.damping,
         "friction": robot.friction,
     }
-    declared = {v.name for v in model(**sizes).variables if v.causality == "parameter"}
+    if "estimate" in options:
+        if "theta_hat" not in declared:
+            raise ScenarioError("the model estimates nothing; expected no key 'estimate'")
+        found["theta_hat"] = number(options["estimate"], "1", "estimate") * robot.table.inertia
     values = {name: value.tolist() for name, value in found.items() if name in declared}
     return Preparation(sizes, values, {str(path): sha256(path.read_bytes()).hexdigest()})
 

@@ -1,4 +1,4 @@
-"""Y theta and Y' s of serial chains: published numbers, C = NumPy, and what the laws need of them."""
+"""Y theta and Y' s of serial chains: published numbers, C = NumPy, what the laws need of them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,3 @@
+/* arm_adaptive.c - the adaptive law for one serial arm alone. */
+#define NETWORKED 0
+#include "arm_law.h"

@@ -1,0 +1,132 @@
+/* arm_law.h - the adaptive law of the paper for a serial arm; equations in
+ * fmus/models/arm_teleoperation.py.
+ *
+ *     tau = -K s + Y(q, dq, z, dz) theta_hat + J dz,  dtheta_hat = -Gamma Y^T s,  s = dq - z
+ *     dz  = -alpha dq + lambda_M (dq - z) - lambda sum_j w_j (xi - xi_in_j)
+ *
+ * Sampled: outputs as of t_k; the state of t_k + h waits in z_next, theta_hat_next.
+ *
+ * Included once a model, after NETWORKED is defined (neighbours.h).
+ */
+#ifndef ARM_LAW_H
+#define ARM_LAW_H
+
+#include <stddef.h>
+
+#include "chain_check.h"
+#include "chain_law.h"
+#include "limit.h"
+#include "model.h"
+#include "neighbours.h"
+
+enum { JOINTS = ENTRIES(q), NO_GRAVITY = 0, COMPENSATED, ADAPTED };
+
+typedef struct {
+    double xi[JOINTS], dz[JOINTS], s[JOINTS], tau[JOINTS], Ys[10 * JOINTS];
+    int saturated, stale;
+} Law;
+
+/* Adds g(q) of the table to tau. */
+static inline void add_gravity(const Chain *chain, const double *q, double *tau) {
+    static const double still[JOINTS] = {0.0};
+    double g[JOINTS];
+    chain_inverse(chain, q, still, still, g);
+    for (int i = 0; i < JOINTS; i++) tau[i] += g[i];
+}
+
+/* The law as of t_k, with the state z, theta_hat. */
+static inline void law(const Model *x, const double *z, const double *theta_hat, Law *y) {
+    const Chain chain = CHAIN_OF(x);
+    const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
+    double base[6] = {0.0}, dz[JOINTS], tau[JOINTS];
+    if ((int)x->gravity == ADAPTED) base_acceleration(&chain, base);
+    for (int i = 0; i < JOINTS; i++) {
+        y->xi[i] = x->dq[i] + x->alpha * x->q[i];
+        y->s[i] = x->dq[i] - z[i];
+        y->dz[i] = -x->alpha * x->dq[i] + x->lambda_M * y->s[i] - coupling(x, i, y->xi[i]);
+        dz[i] = inertial ? y->dz[i] - x->lambda_c * y->s[i] : y->dz[i];
+    }
+    chain_law(&chain, theta_hat, base, x->q, x->dq, z, dz, y->s, tau, y->Ys);
+    if ((int)x->gravity == COMPENSATED) add_gravity(&chain, x->q, tau);
+    y->saturated = 0;
+    for (int i = 0; i < JOINTS; i++) {
+        tau[i] += x->armature[i] * dz[i];
+        if (!inertial) tau[i] -= x->K[i] * y->s[i];
+        y->tau[i] = limited(tau[i], x->tau_max[i]);
+        y->saturated |= y->tau[i] != tau[i];
+    }
+    y->stale = any_stale(x);
+}
+
+static inline int finite_law(const Law *y) {
+    return all_finite(y->tau, JOINTS) && all_finite(y->xi, JOINTS) && all_finite(y->s, JOINTS) &&
+           all_finite(y->dz, JOINTS) && all_finite(y->Ys, 10 * JOINTS);
+}
+
+static inline void give(Model *x, const Law *y) {
+    for (int i = 0; i < JOINTS; i++) {
+        x->tau[i] = y->tau[i];
+        x->xi[i] = y->xi[i];
+        x->s[i] = y->s[i];
+    }
+}
+
+static const char DIVERGED[] =
+    "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged";
+
+/* Values that no single minimum or maximum says. */
+static inline const char *check(const Model *x) {
+    const Chain chain = CHAIN_OF(x);
+    const char *problem = chain_problem(&chain);
+    if (problem) return problem;
+    for (int i = 0; i < JOINTS; i++)
+        for (int k = 0; k < 10; k++)
+            if (!(x->theta_min[i][k] <= x->theta_hat[i][k] &&
+                  x->theta_hat[i][k] <= x->theta_max[i][k]))
+                return "theta_hat starts outside of theta_min ... theta_max";
+#if NETWORKED
+    if (!(x->alpha > 0.0))
+        return "alpha must be more than 0 with neighbours: positions would not agree";
+#endif
+    if (!(x->gravity >= NO_GRAVITY && x->gravity <= ADAPTED)) return "gravity must be 0, 1 or 2";
+    return NULL;
+}
+
+const char *model_initial(Model *x) {
+    Law y;
+    const char *why = check(x);
+    if (why != NULL) return why;
+    law(x, x->z, x->theta_hat[0], &y);
+    if (!finite_law(&y)) return DIVERGED;
+    give(x, &y);
+    for (int i = 0; i < JOINTS; i++) {
+        x->z_next[i] = x->z[i];
+        for (int k = 0; k < 10; k++) x->theta_hat_next[i][k] = x->theta_hat[i][k];
+    }
+    return NULL;
+}
+
+const char *model_step(Model *x, double t, double h) {
+    Law y;
+    (void)t; /* the law does not depend on time */
+    law(x, x->z_next, x->theta_hat_next[0], &y);
+    if (!finite_law(&y)) return DIVERGED;
+    give(x, &y);
+    const double advance = y.saturated ? 0.0 : h; /* anti-windup */
+    const double adapt = y.stale ? 0.0 : advance;
+    for (int i = 0; i < JOINTS; i++) {
+        x->z[i] = x->z_next[i];
+        x->z_next[i] += advance * y.dz[i];
+        for (int k = 0; k < 10; k++) {
+            const double theta_hat =
+                x->theta_hat_next[i][k] - adapt * x->Gamma[i][k] * y.Ys[10 * i + k];
+            x->theta_hat[i][k] = x->theta_hat_next[i][k];
+            x->theta_hat_next[i][k] = theta_hat > x->theta_max[i][k]   ? x->theta_max[i][k]
+                                      : theta_hat < x->theta_min[i][k] ? x->theta_min[i][k]
+                                                                       : theta_hat;
+        }
+    }
+    return NULL;
+}
+
+#endif

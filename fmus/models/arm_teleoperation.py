@@ -1,0 +1,197 @@
+"""The paper's adaptive controller for a serial arm of n joints: one arm, a pair, or a network.
+
+The law of ``teleoperation`` with the regressor of any serial chain instead of the planar arm's, for
+one arm and its neighbours j::
+
+    xi         = dq + alpha q                                                  sent, (47)
+    dz         = -alpha dq + lambda_M (dq - z) - lambda Σ_j w_j (xi - xi_in_j)
+    s          = dq - z
+    tau        = -K s + Y(q, dq, z, dz) theta_hat + J dz
+    dtheta_hat = -Gamma Y'(q, dq, z, dz) s
+
+    neighbours = 0                  (29)-(32), Theorem 2, without the coupling
+    lambda = 1, w_ij in w           (42)-(45), Theorem 3; with delayed xi_in (61), Theorem 4
+    neighbours = 1, w = 1           (76)-(81), Theorem 5
+
+theta_hat has the ten inertial parameters of each link, in the order of ``chain``; M, C and the
+regressor are those of ``chain_law``. The theorems hold for it, since they need of an arm its
+linearity in the parameters and dM/dt - 2 C skew-symmetric (Properties 1 to 3); the parameters need
+not be identifiable one by one. J is the inertia of the rotors (`armature`), which is known. The
+inertia in the table is used only for gravity that is compensated.
+
+Gamma has an entry for each parameter; 0 keeps a parameter at its start. Its units are those of the
+parameter squared per J.s (kg2 for a mass, (kg.m)2, (kg.m2)2): a gain that suits the masses is too
+high for the moments of light links by orders of magnitude, so that the default is 1 for m, 0.1 for
+m c and 0.01 for I. The start of theta_hat is 0, or a part of what a URDF file says with
+`options.urdf` and `options.estimate` (0.8, for example).
+
+gravity selects the treatment of g(q):
+
+    0  none         gravity is ignored, as for an arm in a horizontal plane
+    1  compensated  tau += g(q) of the table's inertia; theta_hat concerns M and C only
+    2  adapted      Y contains gravity, so that theta_hat adapts it. The estimate then absorbs a
+                    constant push: the arm stops, and reflected torques decay (``teleoperation``)
+
+Options, off by default, as of ``teleoperation``: `tau_max` limits each joint's torque, and while
+any joint is at its limit z and theta_hat are not updated. `theta_min` and `theta_max` clip
+theta_hat after each step, for example to masses that are not negative. `age_max` and `age_fade`
+treat edges that bring old signals. `lambda_c` > 0 (Remark 3) replaces K s by lambda_c M_hat s.
+
+Sampled: outputs as of t_k; z and theta_hat advance by one step of the explicit Euler method to
+t_k + h. K_i h must be small against the inertia of joint i: light wrists need short steps or
+small gains.
+
+Source: the paper, eqs (29)-(32), (42)-(45), (47), (61), (76)-(81), Remark 3, Theorems 2 to 5.
+"""
+
+from __future__ import annotations
+
+from cosim.base.errors import ScenarioError
+from fmus.model import Model, Terminal, Variable
+from fmus.models import chain
+from fmus.models.adaptive_variables import UNLIMITED, coupling_gains, network_inputs
+from fmus.models.chain_law import regressor
+from fmus.models.joints import DAMPING, RATE, TORQUE, Joints, rate
+from fmus.models.robot import of_robot
+from fmus.models.teleoperation import ADAPTED, COMPENSATED, coupling
+from fmus.numeric import Array, np
+from fmus.reference import Values, derive
+
+#: Of the ten parameters of a link: for m, m c and I.
+_GAMMA = (1.0, *(0.1,) * 3, *(0.01,) * 6)
+
+
+def model(joints: int = 7, neighbours: int = 1) -> Model:
+    """Declare the controller of an arm of `joints` that receives xi from `neighbours` >= 0.
+
+    Raises FmuError for a number of joints that is not a whole number from 1 to 16, and
+    ScenarioError for less than no neighbour.
+    """
+    if neighbours < 0:
+        raise ScenarioError(
+            f"neighbours is {neighbours}, expected at least 0", "fmus.models.arm_teleoperation"
+        )
+    arm = Joints(joints)
+    whom = f"{neighbours} neighbour(s)" if neighbours else "one arm alone"
+    network = Terminal("network", ("xi", "xi_in", "w", "age"), "Signals of the neighbours")
+    stem = "arm_teleoperation" if neighbours else "arm_adaptive"
+    sources = ("arm_law.h", "chain.h", "chain_check.h", "chain_law.h", "neighbours.h", "limit.h")
+    return Model(
+        identifier=f"{stem}_n{neighbours}" if neighbours > 1 else stem,
+        description=f"Adaptive controller of a serial arm with dynamic feedback, {whom}",
+        kind="sampled",
+        variables=(
+            arm.q,
+            arm.dq,
+            *network_inputs(joints, neighbours),
+            *_outputs(arm, neighbours),
+            *_gains(arm),
+            *(coupling_gains() if neighbours else ()),
+            *chain.variables(arm),
+        ),
+        sources=(f"{stem}.c", *sources, "trig.c"),
+        step=1e-3,
+        terminals=(
+            Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),
+            *((network,) if neighbours else ()),
+        ),
+        documentation=__doc__ or "",
+    )
+
+
+def _outputs(arm: Joints, neighbours: int) -> tuple[Variable, ...]:
+    received = ("xi_in", "w", "age") if neighbours else ()
+    gains = ("K", "alpha", "lambda_M", "lambda_c", "tau_max", "gravity")
+    network = ("lambda", "age_max", "age_fade") if neighbours else ()
+    table = tuple(v.name for v in chain.variables(arm))
+    starts = ("z", "theta_hat", *gains, *network, *table)
+    size, text = (arm.count, 10), "Estimate of the parameters of each link"
+    return (
+        arm.torque(("q", "dq", *received), starts, elementwise=False),
+        arm.signal("xi", RATE, "Signal sent: dq + alpha q", ("q", "dq"), ("alpha",)),
+        arm.signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
+        arm.vector("z", "output", RATE, "State of the dynamic feedback", settable=True),
+        Variable("theta_hat", "output", size, "1", description=text, settable=True),
+        arm.local("z_next", RATE, "z of the next step"),
+        Variable("theta_hat_next", "local", size, "1", description="theta_hat of the next step"),
+    )
+
+
+def _gains(arm: Joints) -> tuple[Variable, ...]:
+    size = (arm.count, 10)
+    text = "Feedback lambda_c M_hat s in place of K s (Remark 3), 0 = off"
+    return (
+        arm.gain("K", DAMPING, 10.0, "Feedback gain of s"),
+        Variable(
+            *("Gamma", "parameter", size, "1", _GAMMA * arm.count, "Adaptation gain"), minimum=0.0
+        ),
+        Variable("theta_min", "parameter", size, "1", -UNLIMITED, "Lower bound of theta_hat"),
+        Variable("theta_max", "parameter", size, "1", UNLIMITED, "Upper bound of theta_hat"),
+        rate("alpha", 0.5, "Gain of q in xi"),
+        rate("lambda_M", 10.0, "Manipulability gain"),
+        rate("lambda_c", 0.0, text),
+        arm.vector("tau_max", "parameter", TORQUE, "Limit of the torque", UNLIMITED, 0.0),
+        Variable(
+            "gravity",
+            "parameter",
+            start=1.0,
+            description="Gravity: 0 none, 1 compensated by the table, 2 adapted in theta_hat",
+            type="integer",
+            minimum=0.0,
+            maximum=2.0,
+        ),
+    )
+
+
+def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> Values:
+    """The equations above; z and theta_hat advance to t + h, s.
+
+    `q`, `dq` (n,) rad, rad/s. `network`: xi_in (k, n) rad/s, w (k,) without a unit and age (k,) s
+    of k neighbours, or nothing.
+    """
+    table, z, theta_hat = chain.of_values(x), x["z_next"], x["theta_hat_next"]
+    xi = dq + x["alpha"] * q
+    pull, stale = coupling(x, xi, *network) if network else (np.zeros_like(q), False)
+    dz = -x["alpha"] * dq + x["lambda_M"] * (dq - z) - pull
+    s = dq - z
+    inertial = x["lambda_c"] > 0
+    wanted_dz = dz - x["lambda_c"] * s
+    g = table.g if x["gravity"] == ADAPTED else np.zeros(3)
+    Y = regressor(table, q, dq, z, wanted_dz, g)  # (n, n, 10)
+    wanted = np.einsum("nik,ik->n", Y, theta_hat) + table.armature * wanted_dz
+    wanted = wanted + _compensation(x, q) - (0.0 if inertial else x["K"] * s)
+    tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
+    now = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
+    if (tau != wanted).any():
+        return now | {"z_next": z, "theta_hat_next": theta_hat}
+    if not stale:
+        adapted = theta_hat - h * x["Gamma"] * np.einsum("nik,n->ik", Y, s)
+        theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
+    return now | {"z_next": z + h * dz, "theta_hat_next": theta_hat}
+
+
+def start(x: Values, *inputs: Array) -> Values:
+    """State at the start. Raises ScenarioError, also where theta_hat is outside of its bounds."""
+    chain.check(chain.of_values(x), "arm_teleoperation")
+    low, start, high = x["theta_min"], x["theta_hat"], x["theta_max"]
+    for i in np.argwhere((start < low) | (start > high)):
+        at = tuple(i)
+        raise ScenarioError(
+            f"starts at {start[at]:g}, expected from {low[at]:g} to {high[at]:g}",
+            f"arm_teleoperation.theta_hat[{at[0]},{at[1]}]",
+        )
+    if "lambda" in x and x["alpha"] <= 0:
+        raise ScenarioError("alpha is 0, expected more than 0 with neighbours", "arm_teleoperation")
+    return {"z_next": x["z"], "theta_hat_next": x["theta_hat"]}
+
+
+def _compensation(x: Values, q: Array) -> Array:
+    """Known gravity, N.m, (n,)."""
+    still = np.zeros_like(q)
+    if x["gravity"] != COMPENSATED:
+        return still
+    return chain.inverse(chain.of_values(x), q, still, still)
+
+
+fmu, kernel, ArmTeleoperation = derive(model, law, start)
+prepare = of_robot(model)

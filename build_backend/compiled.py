@@ -35,7 +35,7 @@ def _engine() -> list[Path]:
     folder = ROOT / "cosim" / "c"
     sources = [*folder.glob("*.c"), *folder.glob("*.h")]
     output = ROOT / "cosim" / f"_engine{shared_suffix()}"
-    return _library(output, [folder / "engine.c"], sources, folder)
+    return _library(output, sorted(folder.glob("*.c")), sources, folder)
 
 
 def _bus() -> list[Path]:

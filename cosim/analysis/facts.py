@@ -25,6 +25,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.mujoco.options import PREFIX
+
 Array = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, ...]
 Values: TypeAlias = Mapping[str, Vector]
@@ -158,7 +160,8 @@ Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand
 
 
 def facts_of(model: str, values: Values) -> Facts | None:
-    """The facts of what a scenario calls `model`; None for an FMU file, or one that offers none.
+    """The facts of what a scenario calls `model`; None for an FMU file, a scene of
+    MuJoCo, or a model that offers none.
 
     Raises whatever the model's function raises.
     """
@@ -167,7 +170,7 @@ def facts_of(model: str, values: Values) -> Facts | None:
 
 
 def _function(model: str) -> Callable[[Values], Facts | None] | None:
-    if model.endswith(".fmu"):
+    if model.endswith(".fmu") or model.startswith(PREFIX):
         return None
     name = model.partition(":")[0]
     own = vars(importlib.import_module(name)).get("facts")

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, prod
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -114,3 +114,30 @@ class Component(Protocol):
 
     def set_state(self, state: object) -> None:
         """Continue from a state taken earlier."""
+
+
+@runtime_checkable
+class NativeComponent(Component, Protocol):
+    """A component from a foreign simulator, whose step is a C function that the engine calls.
+
+    It has a time step of its own, and what a run must record about it.
+    """
+
+    @property
+    def model_name(self) -> str:
+        """The model as text, for ``cosim show``."""
+
+    def facts(self) -> Mapping[str, str]:
+        """Metadata for ``run.json``: file, sum and version of the simulator."""
+
+    def check_period(self, period: float, place: str) -> None:
+        """Raise ScenarioError at `place` if `period` (s) is not a multiple of its own step."""
+
+    def native_step(self, period: float) -> tuple[int, int]:
+        """Addresses of the function (``native_t`` of ``engine.h``) and of its instance.
+
+        `period`: length (s) of every step. The component has been initialised before.
+        """
+
+    def failure(self) -> str:
+        """Why the last native step failed."""

@@ -4,6 +4,7 @@
  ├── ``ScenarioError``  a scenario says something that cannot be (file and TOML path)
  ├── ``UnitError``      a unit that does not exist or does not fit
  ├── ``FmuError``       an FMU that cannot be read, loaded or started
+ ├── ``MujocoError``    MuJoCo or a scene of it cannot be loaded
  ├── ``PlanError``      components that cannot be put in an order
  └── ``RunError``       a run that had to stop (component, tick, time)
 
@@ -37,6 +38,10 @@ class UnitError(CosimError, ValueError):
 
 class FmuError(CosimError, RuntimeError):
     """An FMU cannot be read, loaded, instantiated or initialised."""
+
+
+class MujocoError(CosimError, RuntimeError):
+    """MuJoCo is missing, or a scene of it cannot be read."""
 
 
 class PlanError(CosimError, ValueError):

@@ -85,6 +85,9 @@ static int step_unit(engine_t *e, int32_t index)
         result = step_fmi3(u, s, t, &status);
     } else if (u->kind == UNIT_TYPED) {
         result = step_typed(u, s, t, (e->tick - u->lag) / u->period, &status, &e->failed_signal);
+    } else if (u->kind == UNIT_NATIVE) {
+        if (((native_t)u->step)(u->instance, t, u->h, s + u->input, s + u->output))
+            result = RUN_STEP;
     } else {
         result = ((call_t)u->step)(index, t, u->h);
     }

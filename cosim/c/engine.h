@@ -33,11 +33,11 @@ INLINE void publish(int64_t *place, int64_t count)
 #endif
 }
 
-#define ENGINE_ABI 10
+#define ENGINE_ABI 11
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
-enum { UNIT_CALL = 0, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
+enum { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
        RUN_ENDED };             /* an FMU ended the simulation before its step */
@@ -55,6 +55,9 @@ typedef struct {
 } operation_t;
 
 typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
+/* A step from t (s) of length h (s): it reads the inputs and writes the outputs; not 0: it failed. */
+typedef int32_t (*native_t)(void *instance, double t, double h, const double *inputs,
+                            double *outputs);
 typedef int (*set2_t)(void *, const uint32_t *, size_t, const double *);
 typedef int (*get2_t)(void *, const uint32_t *, size_t, double *);
 typedef int (*step2_t)(void *, double, double, int);
@@ -132,7 +135,7 @@ typedef struct {
     int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
     double h;               /* s, length of a step */
     void *instance;
-    void *set, *step, *get; /* FMI functions, or the call-back in `step` */
+    void *set, *step, *get; /* FMI functions, or in `step` the call-back or native_t */
     const uint32_t *inputs, *outputs;   /* value references */
     int64_t n_inputs, n_outputs;        /* value references */
     int64_t input, input_count;         /* signals */

@@ -1,4 +1,4 @@
-"""``cosim info``: properties, capabilities and requirements of an FMU."""
+"""``cosim info``: properties, capabilities and requirements of an FMU or a scene of MuJoCo."""
 
 from __future__ import annotations
 
@@ -9,20 +9,28 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from cosim.base.component import Parameter, Port
     from cosim.fmi.component import FmuComponent
     from cosim.fmi.variables import FmuVariable
 
 
 def info(
-    fmu: Annotated[Path, typer.Argument(help="FMU file (.fmu).")],
+    model: Annotated[
+        str, typer.Argument(help="FMU file (.fmu), or mujoco:FILE for a scene of MuJoCo.")
+    ],
     validate: Annotated[
-        bool, typer.Option("--validate/--no-validate", help="Validate the FMU with FMPy as well.")
+        bool, typer.Option("--validate/--no-validate", help="Validate an FMU with FMPy as well.")
     ] = True,
 ) -> None:
-    """Print an FMU's variables, units, capabilities and platforms, and validate it."""
+    """Print the ports and units of an FMU or of a scene of MuJoCo; validate an FMU."""
     from cosim.cli.show import aligned
     from cosim.fmi import FmuComponent
+    from cosim.mujoco.options import PREFIX
 
+    if model.startswith(PREFIX):
+        _scene(model)
+        return
+    fmu = Path(model)
     component = FmuComponent(fmu)
     for line in aligned(_facts(component)):
         typer.echo(line[2:])
@@ -31,6 +39,30 @@ def info(
         typer.echo(line)
     if validate:
         _validate(fmu)
+
+
+def _scene(model: str) -> None:
+    from cosim.cli.show import aligned
+    from cosim.mujoco import MujocoComponent, scene_path
+
+    component = MujocoComponent(scene_path(model, Path()))
+    facts = [["kind", component.kind], *(list(fact) for fact in component.scene.facts())]
+    for line in aligned([*facts, *(list(fact) for fact in component.scene.counts())]):
+        typer.echo(line[2:])
+    rows = [["signal", "causality", "unit", "start", "description"]]
+    for causality, ports in (("input", component.inputs), ("output", component.outputs)):
+        rows += [[_name(p), causality, p.unit, "", p.description] for p in ports]
+    rows += [
+        [_name(p), "start", p.unit, " ".join(f"{x:g}" for x in p.default), p.description]
+        for p in component.parameters
+    ]
+    typer.echo("")
+    for line in aligned(rows):
+        typer.echo(line)
+
+
+def _name(port: Port | Parameter) -> str:
+    return port.name + (f"[{','.join(str(n) for n in port.shape)}]" if port.shape else "")
 
 
 def _signals(component: FmuComponent) -> list[list[str]]:

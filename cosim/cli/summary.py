@@ -23,14 +23,16 @@ _WIDTH = 16
 
 def header(scenario: Scenario, plan: Plan) -> str:
     """The header of the summary: the planned run."""
-    from cosim.fmi.components import fmus_in
+    from cosim.fmi.components import fmus_in, is_simulator
 
     fmus = fmus_in(c.component for c in plan.components)
+    scenes = sum(is_simulator(c.component) for c in plan.components)
     parts = [
         f"{n} {what}{'s' if n > 1 else ''}"
         for n, what in (
             (fmus, "FMU"),
-            (len(plan.components) - fmus, "Python component"),
+            (scenes, "MuJoCo scene"),
+            (len(plan.components) - fmus - scenes, "Python component"),
             (len(plan.links), "link"),
         )
         if n

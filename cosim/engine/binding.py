@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.fmi import access_order
 from cosim.fmi.component import FmuComponent
@@ -109,6 +110,10 @@ class Binding:
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
         fmu = stepped_fmu(step.component)
+        if isinstance(step.component, NativeComponent):
+            unit.kind = structs.UnitKind.NATIVE
+            unit.step, unit.instance = step.component.native_step(h)
+            return unit
         if fmu is not None:
             layout = access_order.layout(
                 fmu, h, lag, step.period, unit.input, unit.output, self._slopes(step)

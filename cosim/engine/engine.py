@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
@@ -193,6 +194,8 @@ class Engine:
             return sentence(failure, step.name)
         if result is EngineResult.NOT_FINITE:
             return not_finite(step.outputs, self.signals)
+        if isinstance(step.component, NativeComponent):
+            return step.component.failure()
         state = self._state
         return step_refused(step, self.signals, result, state.failed_status, state.failed_signal)
 

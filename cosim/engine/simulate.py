@@ -19,7 +19,7 @@ from cosim.base.errors import Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
-from cosim.fmi.components import facts
+from cosim.fmi.components import facts, simulator_facts
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
@@ -239,6 +239,11 @@ def stop_metadata(error: BaseException) -> dict[str, Any]:
 def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
     """The entries of ``run.json`` at the start: scenario, seeds, versions, hashes, links."""
     files = {path: total for c in plan.components for path, total in c.files.items()}
+    simulators = {
+        c.name: found
+        for c in plan.components
+        if (found := simulator_facts(c.component)) is not None
+    }
     return {
         "status": RUNNING,
         "scenario": as_data(scenario),
@@ -252,6 +257,7 @@ def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
             c.name: found for c in plan.components if (found := facts(c.component)) is not None
         },
         **({"files": files} if files else {}),
+        **({"simulators": simulators} if simulators else {}),
         "weights": {p.target.name: p.source.facts() for p in plan.players},
         "links": {x.name: x.table.facts() for x in plan.links},
         "wall": None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from cosim.base.component import Component, Outputs
+from cosim.base.component import Component, NativeComponent, Outputs
 from cosim.base.units import Unit
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
@@ -30,6 +30,11 @@ def is_fmu(component: Component) -> bool:
     return fmu_of(component) is not None
 
 
+def is_simulator(component: Component) -> bool:
+    """Whether the component belongs to a foreign simulator, and its step is a C function."""
+    return isinstance(component, NativeComponent)
+
+
 # ---- before the start -----------------------------------------------------------------------
 
 
@@ -39,12 +44,19 @@ def facts(component: Component) -> Mapping[str, str] | None:
     return None if fmu is None else fmu.facts()
 
 
+def simulator_facts(component: Component) -> Mapping[str, str] | None:
+    """Metadata of a component of a foreign simulator for a run; None: an FMU or a Python class."""
+    return component.facts() if isinstance(component, NativeComponent) else None
+
+
 def model_name(component: Component) -> str:
     """The model of a component as text: the file of an FMU, or the class."""
     fmu = fmu_of(component)
     if fmu is not None:
         name = f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
         return f"{name}, {component.connected}" if isinstance(component, FmuDriver) else name
+    if isinstance(component, NativeComponent):
+        return component.model_name
     return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
 
 
@@ -76,6 +88,8 @@ def reason_not_repeatable(component: Component) -> str:
     """Why a step cannot be done again in halves from a saved state; "": it can."""
     if isinstance(component, FmuDriver):
         return "steps together with the others on its bus"
+    if isinstance(component, NativeComponent):
+        return "has a step of its own, which cannot be halved"
     fmu = fmu_of(component)
     if fmu is None:
         missing = [m for m in ("get_state", "set_state") if m not in dir(component)]

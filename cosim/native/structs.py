@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 10
+ABI = 11
 
 
 class Code(IntEnum):
@@ -41,6 +41,7 @@ class UnitKind(IntEnum):
     """``UNIT_``: how a unit is stepped."""
 
     CALL = 0
+    NATIVE = 1
     FMI2 = 2
     FMI3 = 3
     TYPED = 4

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from cosim.base.component import Component, Parameter, Port, Preparation
+from cosim.base.component import Component, NativeComponent, Parameter, Port, Preparation
 from cosim.base.convert import numbers
 from cosim.base.errors import FmuError, PlanError, ScenarioError
 from cosim.fmi.component import FmuComponent
@@ -63,6 +63,8 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")
+        if isinstance(component, NativeComponent):
+            component.check_period(period, f"{place}.period")
         inputs, start = _slots(name, component.inputs, start)
         outputs, start = _slots(name, component.outputs, start)
         values, starts = _values(spec, component, presets, prepared, place)

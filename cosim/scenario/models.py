@@ -1,7 +1,8 @@
 """Resolution of the model names of a scenario to components.
 
-A model is a path to an ``.fmu``, a module that has ``fmu(version, **sizes)``, or
-``module:attribute`` that makes a Python component. Nothing is discovered or registered.
+A model is a path to an ``.fmu``, ``mujoco:`` and the path of a scene, a module that has
+``fmu(version, **sizes)``, or ``module:attribute`` that makes a Python component. Nothing is
+discovered or registered.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from cosim import mujoco
 from cosim.base.component import Component, Kind, Parameter, Port, Preparation
 from cosim.base.convert import number
-from cosim.base.errors import CosimError, FmuError, ScenarioError
+from cosim.base.errors import CosimError, FmuError, MujocoError, ScenarioError
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
@@ -40,6 +42,8 @@ def load_component(
         path = Path(spec.model)
         path = path if path.is_absolute() else folder / path
         return _fmu(name, path, spec, spec.sizes, place), {}, _UNPREPARED
+    if spec.model.startswith(mujoco.PREFIX):
+        return _scene(spec, folder, place), {}, _UNPREPARED
     module_name, colon, attribute = spec.model.partition(":")
     module = _module(module_name, place)
     presets: Mapping[str, Any] = vars(module).get("PRESETS", {})
@@ -87,6 +91,22 @@ def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str)
                 f"{place}.sizes.{size}",
             )
     return prepared
+
+
+def _scene(spec: ComponentSpec, folder: Path, place: str) -> Component:
+    """A scene of MuJoCo. Raises ScenarioError, MujocoError at `place`."""
+    if spec.kind == "sampled":
+        raise ScenarioError("found sampled, expected continuous for a scene", f"{place}.kind")
+    for key in ("sizes", "log", "isolate", "timeout", "memory", "build", "bus", "terminal"):
+        if getattr(spec, key):
+            raise ScenarioError(
+                "found a key that a scene of MuJoCo does not have", f"{place}.{key}"
+            )
+    options = mujoco.read_options(spec.options, f"{place}.options")
+    try:
+        return mujoco.MujocoComponent(mujoco.scene_path(spec.model, folder), options)
+    except MujocoError as error:
+        raise MujocoError(f"{place}.model: {error}") from None
 
 
 def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:

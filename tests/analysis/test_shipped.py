@@ -66,7 +66,11 @@ def test_every_shipped_scenario_is_beside_its_closed_forms(path: Path) -> None:
 
 def test_these_are_all_shipped_scenarios() -> None:
     files = [path for folder in ("configs", "examples") for path in (ROOT / folder).rglob("*.toml")]
-    scenarios = [path for path in files if "\n[components." in path.read_text(encoding="utf-8")]
+    scenarios = [
+        path for path in files
+        if "\n[components." in path.read_text(encoding="utf-8")
+        and path.parent.name != "mujoco"  # scenes state no facts: they have no closed forms
+    ]  # fmt: skip
     assert sorted(scenarios) == sorted([*SHIPPED, *(ROOT / name for name in UNHELD)])
 
 

@@ -12,6 +12,7 @@ import pytest
 import cosim.bus.frames
 import cosim.bus.settings
 import cosim.bus.structs
+import cosim.mujoco.library
 import cosim.native.fmu_log
 import cosim.native.structs
 from bridge.native import (
@@ -48,8 +49,8 @@ MODULES = (
     pace, safety,
 )  # fmt: skip
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
-ENGINE = [ROOT / "cosim/c/engine.h", ROOT / "cosim/c/fmu_log.h"]
-ENGINE_MODULES = (cosim.native.structs, cosim.native.fmu_log)
+ENGINE = [ROOT / "cosim/c" / name for name in ("engine.h", "fmu_log.h", "mujoco.h")]
+ENGINE_MODULES = (cosim.native.structs, cosim.native.fmu_log, cosim.mujoco.library)
 BUS = [ROOT / "cosim/c/bus" / name for name in ("bus.h", "length.h", "tick.h")]
 BUS_MODULES = (cosim.bus.frames, cosim.bus.settings, cosim.bus.structs)
 #: What modules have of C besides structs and enums, by its name there.
@@ -75,7 +76,7 @@ CONSTANTS = {
 }  # fmt: skip
 ENGINE_CONSTANTS = {
     "ENGINE_ABI": cosim.native.structs.ABI, "LOG_LINES": cosim.native.fmu_log.LOG_LINES,
-    "LOG_WIDTH": cosim.native.fmu_log.LOG_WIDTH,
+    "LOG_WIDTH": cosim.native.fmu_log.LOG_WIDTH, "MUJOCO_TEXT": cosim.mujoco.library.TEXT,
 }  # fmt: skip
 #: NumPy rows that C reads and writes in memory.
 BUS_ROWS = {

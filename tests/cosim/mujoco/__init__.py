@@ -1,0 +1,1 @@
+"""Tests of MuJoCo scenes as components; skipped where MuJoCo is not installed."""

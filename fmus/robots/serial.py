@@ -161,25 +161,28 @@ class _Chain:
             link = above.parent
         return joints
 
-    def carried(self, link: str, apart: str, frame: Placement) -> Iterator[RigidBody]:
-        """What moves with a link, given in the frame outside of `frame`; not the child `apart`.
+    def carried(self, link: str, apart: str) -> Iterator[RigidBody]:
+        """What moves with a link, in its frame; not the child `apart` and what that carries.
 
         Raises ScenarioError for a body that cannot be, and for a joint that moves.
         """
-        body = self.urdf.links[link]
-        if body is not None:
-            body.check(self.urdf.place("link", link))
-            yield body.moved(frame)
-        for joint in self.urdf.joints_on(link):
-            if joint.child == apart:
-                continue
-            if self.is_free(joint):
-                raise ScenarioError(
-                    "it moves, but is not between base and tip; expected it in `fixed` with the"
-                    f" value that it is held at: fixed = {{ {joint.name} = 0.0 }}",
-                    self.urdf.place("joint", joint.name),
-                )
-            yield from self.carried(joint.child, apart, frame @ self.frame(joint))
+        left = [(link, Placement(np.eye(3), np.zeros(3)))]
+        while left:
+            name, frame = left.pop()
+            body = self.urdf.links[name]
+            if body is not None:
+                body.check(self.urdf.place("link", name))
+                yield body.moved(frame)
+            for joint in self.urdf.joints_on(name):
+                if joint.child == apart:
+                    continue
+                if self.is_free(joint):
+                    raise ScenarioError(
+                        "it moves, but is not between base and tip; expected it in `fixed` with"
+                        f" the value that it is held at: fixed = {{ {joint.name} = 0.0 }}",
+                        self.urdf.place("joint", joint.name),
+                    )
+                left.append((joint.child, frame @ self.frame(joint)))
 
 
 def _parts(chain: _Chain, base: str, tip: str) -> Iterator[_Part]:
@@ -206,8 +209,7 @@ def _parts(chain: _Chain, base: str, tip: str) -> Iterator[_Part]:
 
 def _body(chain: _Chain, joint: UrdfJoint, apart: str) -> RigidBody:
     """All that moves with the child of a joint, in its frame. Raises ScenarioError for nothing."""
-    at_child = Placement(np.eye(3), np.zeros(3))
-    body = sum(chain.carried(joint.child, apart, at_child), start=RigidBody.nothing())
+    body = sum(chain.carried(joint.child, apart), start=RigidBody.nothing())
     if body.mass == 0.0:
         raise ScenarioError(
             f"no <inertial> with a mass, expected one: the joint {joint.name!r} moves the link",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import NoReturn, TypeAlias, final
 from xml.etree import ElementTree
@@ -17,9 +17,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cosim.base.errors import ScenarioError
+from cosim.base.toml import is_usable_number
 from fmus.numeric import Array
 from fmus.robots.body import Placement, RigidBody, from_rpy, symmetric
 
+#: Greatest size of a length, an angle, a mass or a moment of inertia (SI): some files have 1e+16 as
+#: a limit of a joint, which stands for none, but nothing else is so large.
+MOST = 1e9
 MOVING = ("revolute", "continuous", "prismatic")
 #: The inertia of each link by name; None for one without.
 Links: TypeAlias = dict[str, RigidBody | None]
@@ -109,24 +113,25 @@ class _Element:
             self.refuse(f"no attribute {attribute!r}")
         return found
 
-    def number(self, attribute: str, default: float | None = None) -> float:
+    def number(self, attribute: str, default: float | None = None, most: float = MOST) -> float:
         if default is not None and attribute not in self.element.keys():  # noqa: SIM118
             return default
-        return self._floats(attribute, 1)[0]
+        return self._floats(attribute, 1, most)[0]
 
     def vector(self, attribute: str, default: tuple[float, float, float]) -> Array:
         if attribute not in self.element.keys():  # noqa: SIM118
             return np.array(default)
-        return np.array(self._floats(attribute, 3))
+        return np.array(self._floats(attribute, 3, MOST))
 
-    def _floats(self, attribute: str, count: int) -> list[float]:
+    def _floats(self, attribute: str, count: int, most: float) -> list[float]:
         words = self.text(attribute).split()
         try:
             found = [float(word) for word in words]
         except ValueError:
             found = []
-        if len(found) != count or not all(map(isfinite, found)):
-            expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        if len(found) != count or not all(is_usable_number(x) and abs(x) <= most for x in found):
+            numbers = "a finite number" if count == 1 else f"{count} finite numbers"
+            expected = numbers if most == inf else f"{numbers} of at most {most:g}"
             self.refuse(f'found {attribute}="{self.text(attribute)}", expected {expected}')
         return found
 
@@ -258,10 +263,11 @@ def _limits(element: _Element, kind: str) -> tuple[float, float, float, float]:
         if bounded:
             element.refuse(f"no <limit>, expected one of a {kind} joint")
         return -inf, inf, inf, inf
-    lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
+    lower, upper, effort, velocity = (
+        limit.number(name, 0.0, inf) for name in ("lower", "upper", "effort", "velocity")
+    )
     if bounded and not lower < upper:
         limit.refuse(f"found lower {lower:g} and upper {upper:g}, expected lower below upper")
-    effort, velocity = (limit.number(name, 0.0) for name in ("effort", "velocity"))
     if min(effort, velocity) < 0.0:
         limit.refuse(f"found {min(effort, velocity):g}, expected effort and velocity of at least 0")
     bounds = (lower, upper) if bounded else (-inf, inf)

@@ -112,6 +112,18 @@ def _dbc(path: Path) -> None:
         Codec(layout).decode(bytes(layout.length))
 
 
+def _urdf(path: Path) -> None:
+    from fmus.models import chain
+    from fmus.robots import report
+    from fmus.robots.serial import serial
+    from fmus.robots.urdf import read
+
+    robot = read(path)
+    list(report.tree(robot))
+    first, *_, last = robot.links
+    chain.check(serial(path, first, last).table, str(path))
+
+
 def _fmu(path: Path) -> None:
     from cosim.cli.info import _facts, _signals
     from cosim.fmi import FmuComponent
@@ -173,6 +185,7 @@ TARGETS = {
         TOML("deployment", _deployment, also=(CONFIGS / "deploy",), beside=CONFIGS / "deploy"),
         TOML("faults", _faults, also=(CONFIGS / "faults",)),
         Target("dbc", _dbc, mutate.of_text, (".dbc",), (CONFIGS / "can",)),
+        Target("urdf", _urdf, mutate.of_text, (".urdf",)),
         Target("fmu", _fmu, mutate.of_archive, (".fmu",)),
         Target("ssp", _ssp, mutate.of_archive, (".ssp",)),
         Target("run", _run, mutate.of_archive, (".zip",)),

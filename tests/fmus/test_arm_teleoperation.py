@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from cosim.base.component import Component
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.engine.simulate import simulate
+from cosim.loading.files import load
+from cosim.record.run import Run
 from fmus.models import arm_teleoperation, chain, teleoperation
 from fmus.models.arm_teleoperation import ArmTeleoperation
 from fmus.models.teleoperation import Teleoperation
 from tests.fmus.chains import planar, random_body, random_chain
 
 H = 2e-3
+ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("compiled_once")
 Values = dict[str, np.ndarray]
 
@@ -121,3 +127,16 @@ def test_fewer_than_no_neighbours_are_refused() -> None:
         arm_teleoperation.model(neighbours=-1)
     assert arm_teleoperation.model(neighbours=0).identifier == "arm_adaptive"
     assert teleoperation.model(2).identifier == "teleoperation_n2"
+
+
+def test_two_openarms_agree_over_the_delays_of_the_paper(tmp_path: Path) -> None:
+    """configs/openarm.toml: all joints arrive where the hand is, which then feels nothing."""
+    scenario = load(ROOT / "configs" / "openarm.toml", ["run.stop=20 s"])
+    simulate(scenario, tmp_path / "run")
+    run = Run.open(tmp_path / "run")
+    target = [0.6, 0.8, -0.4, 1.2, 0.3, 0.2, 0.4]
+    for side in ("master", "slave"):
+        assert np.allclose(run.array(f"{side}.q")[-1], target, rtol=0, atol=5e-3)
+    assert abs(run.array("master_control.s")[-1]).max() < 1e-2
+    assert abs(run.array("master.tau_h")[-1]).max() < 0.05
+    assert abs(run.array("master_control.tau")).max(axis=0)[[0, 6]].tolist() > [1.0, 0.05]

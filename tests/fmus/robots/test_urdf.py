@@ -12,7 +12,7 @@ from fmus.robots.serial import serial
 from fmus.robots.urdf import read
 from tests.fmus.robots import files
 
-BODY = files.rows(files.OPENARM_LINKS)[0]
+BODY = list(files.BODY)
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
 LINKS = files.link("a") + files.link("b", BODY)
 

@@ -8,6 +8,7 @@ from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import peaks
+from cosim.fmi.components import is_simulator
 from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan
 
@@ -112,6 +113,8 @@ def unchecked_components(system: AnalyzedSystem) -> Iterator[Finding]:
             why = "its model offers no facts"
         elif system.scenario.components[step.name].model.endswith(".fmu"):
             why = "an FMU file offers no facts"
+        elif is_simulator(step.component):
+            why = "a scene of MuJoCo offers no facts"
         else:
             continue
         yield Finding(

@@ -27,6 +27,7 @@ from cosim.comparison.variants import (
     Variants,
 )
 from cosim.loading.files import read_document
+from cosim.mujoco import PREFIX, scene_path
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import Scenario, build
@@ -243,7 +244,9 @@ def _touches(link: Any, replaced: tuple[str, ...]) -> bool:
 
 
 def _model(model: str, folder: Path) -> str:
-    """A model's name; the path of an FMU is relative to the variants file."""
+    """A model's name; the path of an FMU or a scene is relative to the variants file."""
+    if model.startswith(PREFIX):
+        return f"{PREFIX}{scene_path(model, folder).absolute()}"
     return str((folder / model).absolute()) if model.endswith(".fmu") else model
 
 

@@ -27,21 +27,22 @@ ROUNDING = 1e-9
 class MujocoComponent:
     """One MuJoCo scene: joints, objects, contacts, actuators and sensors.
 
-    Inputs are held over a step; outputs are those at its end. `path`: an MJCF or URDF file. Raises
-    MujocoError if MuJoCo is missing or does not accept the file, and for options that do not fit.
+    Inputs are held over a step; outputs are those at its end. `path`: an MJCF or URDF file; `data`:
+    MuJoCo's ``MjData``, for viewers. Raises MujocoError if MuJoCo is missing or does not accept the
+    file, and for options that do not fit.
     """
 
     def __init__(self, path: Path, options: MujocoOptions | None = None) -> None:
         options = options or MujocoOptions()
         self.scene: Scene = read_scene(path)
         self._functions, self._mujoco = functions(), package()
-        self._data: Any = self.scene.data()
+        self.data: Any = self.scene.data()
         self._key = self._keyframe(options.keyframe)
         self._reset()
         groups = joint_groups(self.scene, options)
-        self._inputs = input_ports(self.scene, groups, self._data)
-        self._outputs = output_ports(self.scene, groups, self._data, options)
-        self._starts = start_ports(self.scene, groups, self._data)
+        self._inputs = input_ports(self.scene, groups, self.data)
+        self._outputs = output_ports(self.scene, groups, self.data, options)
+        self._starts = start_ports(self.scene, groups, self.data)
         self.kind: Kind = "continuous"
         self.inputs: tuple[Port, ...] = tuple(x.port for x in self._inputs)
         self.outputs: tuple[Port, ...] = tuple(x.port for x in self._outputs)
@@ -60,7 +61,7 @@ class MujocoComponent:
         return names.index(name) if name else -1
 
     def _bound(self) -> SceneStruct:
-        model, data = self.scene.model, self._data
+        model, data = self.scene.model, self.data
         targets = [place for x in self._inputs for place in x.addresses]
         self._arrays: list[NDArray[Any]] = [  # what C points to
             np.array(sorted(set(targets)), np.uintp),
@@ -111,14 +112,14 @@ class MujocoComponent:
         self._struct.failed = 0
         for start in self._starts:
             if start.parameter.name in values:
-                array = getattr(self._data, start.field)
+                array = getattr(self.data, start.field)
                 array[list(start.places)] = values[start.parameter.name]
 
     def _reset(self) -> None:
         if self._key < 0:
-            self._mujoco.mj_resetData(self.scene.model, self._data)
+            self._mujoco.mj_resetData(self.scene.model, self.data)
         else:
-            self._mujoco.mj_resetDataKeyframe(self.scene.model, self._data, self._key)
+            self._mujoco.mj_resetDataKeyframe(self.scene.model, self.data, self._key)
 
     def initial(self, u: Values) -> Outputs:
         """Outputs of the initial state for inputs `u`. Raises ScenarioError if MuJoCo fails."""
@@ -170,14 +171,14 @@ class MujocoComponent:
         """MuJoCo's state of integration: with the inputs and the solver's warm start."""
         which = self._mujoco.mjtState.mjSTATE_INTEGRATION
         state = np.zeros(self._mujoco.mj_stateSize(self.scene.model, which))
-        self._mujoco.mj_getState(self.scene.model, self._data, state, which)
+        self._mujoco.mj_getState(self.scene.model, self.data, state, which)
         return state
 
     def set_state(self, state: object) -> None:
         """Continue from what :meth:`get_state` gave."""
         which = self._mujoco.mjtState.mjSTATE_INTEGRATION
         values = np.asarray(state, np.float64)
-        self._mujoco.mj_setState(self.scene.model, self._data, values, which)
+        self._mujoco.mj_setState(self.scene.model, self.data, values, which)
         self._struct.failed = 0
 
 

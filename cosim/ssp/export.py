@@ -204,6 +204,10 @@ def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
             "found an FMU on a simulated CAN bus, which an SSP does not hold; expected one without",
             scenario.place("components", step.name, "bus"),
         )
+    if components.is_simulator(step.component):
+        raise ScenarioError(
+            "found a scene of MuJoCo, which an SSP does not hold; expected FMUs only", place
+        )
     if fmu is None:
         model = scenario.components[step.name].model
         raise ScenarioError(

@@ -70,7 +70,7 @@ def test_tau_is_the_torque_of_the_joint_whatever_the_gear(tmp_path):
     found = scene(tmp_path, MANY, groups=GROUPS)
     found.initialize({})
     found.initial({"tau_left": [6.0, 8.0], "tau_ext_left": [0.5, 0.25], "tau_right": [1.0, 2.0]})
-    data, joint = found._data, {n: found.scene.model.joint(n).dofadr[0] for n in
+    data, joint = found.data, {n: found.scene.model.joint(n).dofadr[0] for n in
                                 ("left_1", "left_2", "right_1", "right_2")}  # fmt: skip
     assert data.ctrl.tolist()[:2] == [3.0, -2.0]
     assert data.qfrc_actuator[joint["left_1"]] == 6.0

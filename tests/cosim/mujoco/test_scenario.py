@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from cosim.base.errors import CosimError, MujocoError
+from cosim.comparison import documents
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.mujoco import library
@@ -119,3 +120,29 @@ def test_show_and_check_know_a_scene(cosim: Command) -> None:
     assert "wall.xml, MuJoCo " in cosim("show", SHIPPED).out
     done = cosim("check", SHIPPED)
     assert done.code == 0 and "0 errors, 0 warnings" in done.out
+
+
+@pytest.mark.slow
+def test_a_rehearsal_with_scenes_replays_exactly(cosim: Command, tmp_path) -> None:
+    done = cosim(
+        *("rehearse", SHIPPED, "--deploy", CONFIGS.parent / "deploy" / "can.toml", "-i", "cosim"),
+        *("--clock", "simulated", "--set", "run.stop=0.5", "--no-plot"),
+        *("--set", 'deploy.nodes.master.components=["master","hand"]', "--out", tmp_path / "r"),
+    )
+    assert done.code == 0, done
+    assert "computed again: difference exactly 0" in done.out
+
+
+def test_an_ssp_does_not_hold_a_scene(cosim: Command) -> None:
+    said = cosim.refused("export", SHIPPED, "--ssp", "out.ssp")
+    assert "components.master.model: found a scene of MuJoCo, which an SSP does not hold" in said
+
+
+def test_the_scene_of_a_variant_is_relative_to_its_file(tmp_path) -> None:
+    assert documents._model("mujoco:a/b.xml", tmp_path) == f"mujoco:{tmp_path}/a/b.xml"
+
+
+def test_the_error_of_a_step_is_not_estimated_and_why(cosim: Command) -> None:
+    done = cosim("run", SHIPPED, "--set", "run.stop=0.1", "--estimate-error", "--no-plot")
+    assert done.code == 0
+    assert "has a step of its own, which cannot be halved" in done.out

@@ -29,13 +29,13 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import tables
 from fmus import kernel, toolchain
-from fmus.models import arm, chain, pd
+from fmus.models import arm, arm_teleoperation, chain, pd
 from fmus.models.chain import Table
 
 C = Path(__file__).parent / "c"
 JOINTS, ROUNDS = 7, 9
 #: Controllers of seven joints whose step is measured.
-CONTROLLERS: tuple[ModuleType, ...] = (pd,)
+CONTROLLERS: tuple[ModuleType, ...] = (pd, arm_teleoperation)
 PINOCCHIO_FLAGS = (
     "-O3", "-std=c++17", "-DNDEBUG", "-DBOOST_FUSION_INVOKE_MAX_ARITY=10",
     "-DBOOST_MPL_LIMIT_LIST_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",

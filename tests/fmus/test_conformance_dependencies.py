@@ -19,8 +19,11 @@ from fmus.source import scalars
 WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0), "age_fade": (0.1, 1.0)}
 #: Entries beside a diagonal, small enough for a positive definite matrix.
 OFF_DIAGONAL = {"K_off": 0.1, "Gamma_off": 0.001}
-#: A small change, and one that crosses a limit.
+#: Entries of a rotation and of a body, which random numbers would not be.
+TOGETHER = ("rotation", "inertia")
+#: A small change, and one that crosses a limit; of a rotation, one that leaves it a rotation.
 CHANGES = {"real": (0.01, 0.95), "integer": (1.0,), "boolean": ()}
+CHANGES_OF = {"rotation": (1e-7,)}
 POINTS = 40
 Pairs = set[tuple[str, str]]
 
@@ -39,7 +42,7 @@ class Probe:
             if v.causality == "output" and (in_steps or not v.settable)
         ]
         self.knowns = [
-            (n, CHANGES[v.type])
+            (n, CHANGES_OF.get(v.name, CHANGES[v.type]))
             for n, (v, _) in enumerate(variables)
             if v.causality == "input"
             or (not in_steps and (v.causality == "parameter" or v.settable))
@@ -75,6 +78,7 @@ class Probe:
             if v.name in OFF_DIAGONAL:
                 near = OFF_DIAGONAL[v.name] * more
             still = v.type != "real" or (v.causality == "parameter" and rng.random() < 0.4)
+            still = still or v.name in TOGETHER
             values.append(start if still else near)
         return np.concatenate(values)
 
@@ -116,11 +120,12 @@ def by_variable(pairs: Iterable[tuple[str, str]]) -> Pairs:
     return {(a.partition("[")[0], b.partition("[")[0]) for a, b in pairs}
 
 
-#: Ends of a line: what they give depends on inputs through what earlier steps moved and counted,
-#: so not all of it shows at the start; ``test_rivals_parity`` finds it in the middle of a run.
+#: Ends of a line, and differences of positions: what they give depends on inputs through what
+#: earlier steps moved and counted, so not all of it shows at the start; ``test_rivals_parity`` and
+#: ``test_encoder`` find it in the middle of a run.
 LATER = {
     "wave_admittance", "wave_integral_impedance", "wave_integral_admittance", "tdpa_impedance",
-    "tdpa_admittance",
+    "tdpa_admittance", "encoder",
 }  # fmt: skip
 
 

@@ -113,6 +113,7 @@ def steps(loops: ctypes.CDLL, table: Table, times: int) -> dict[str, float]:
         if "damping" in declared:
             values["damping"] = np.full(JOINTS, 5.0)
         made.initialize(values)
+        made.initial({p.name: np.full(p.shape, 0.1) for p in made.inputs})
         state = np.array(made.get_state())
         library = kernel.load(kernel.library(module.model(joints=JOINTS)))
         step = ctypes.cast(library.kernel_step, ctypes.c_void_p)

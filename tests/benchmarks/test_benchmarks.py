@@ -162,6 +162,6 @@ def test_dynamics_of_an_arm_are_measured_and_those_of_others_where_they_are(
 ) -> None:
     found, said = run("chain.py", tmp_path)
     assert set(found["ours"]) == {"forward", "inverse"}
-    assert found["steps"].keys() >= {"continuous arm", "sampled pd"}
+    assert found["steps"].keys() >= {"continuous arm", "sampled arm_teleoperation", "sampled pd"}
     assert "mujoco" in found or "MuJoCo" in found["absent"][0]
     assert "| ours, forward dynamics (chain_forward) |" in said

@@ -41,7 +41,7 @@ def test_the_arm_moves_as_planar2r():
     kernel = planar2r.kernel()
     ours, theirs = moved(arm, 1000, PUSH), moved(kernel, 1000, PUSH)[:, :4]
     assert np.ptp(theirs[:, 0]) > 1.0
-    assert np.abs(ours - theirs).max() < 1e-9
+    assert np.abs(ours - theirs).max() < 1e-12
 
 
 def test_the_engine_steps_the_same_bytes_as_the_component(wall):

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from cosim.analysis.metrics import MetricResult
     from cosim.engine.simulate import RunOutcome
     from cosim.record import Column, Run
-    from cosim.reporting.figures import Figure
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan
 
@@ -58,25 +57,6 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("run")
         yield lambda done, ticks: bar.update(task, completed=done, total=ticks)
-
-
-def figure_specs(scenario: Scenario) -> dict[str, Figure]:
-    """The scenario's figures."""
-    from cosim.reporting.figures import Figure, Panel
-
-    return {
-        name: Figure(
-            title=spec.title or scenario.title,
-            panels=tuple(
-                Panel(
-                    y=p.y, title=p.title, labels=p.labels, reference=p.reference,
-                    reference_label=p.reference_label, ylabel=p.ylabel,
-                )
-                for p in spec.panels
-            ),
-        )
-        for name, spec in scenario.figures.items()
-    }  # fmt: skip
 
 
 def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
@@ -164,6 +144,7 @@ def _ages(outcome: RunOutcome) -> list[str]:
 
 def figures(scenario: Scenario, run: Run, folder: Path) -> list[Path]:
     """Draw the scenario's figures into the run folder."""
+    from cosim.reporting.declared import figure_specs
     from cosim.reporting.figures import draw
 
     paths = []

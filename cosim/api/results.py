@@ -1,0 +1,213 @@
+"""The result of a run, as a program reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, final
+
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.record import Run
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas
+    import polars
+    import xarray
+    from numpy.typing import NDArray
+
+    from cosim.analysis.metrics import MetricResult
+    from cosim.reporting.figures import Figure
+    from cosim.scenario.spec import Scenario
+
+
+@final
+class RunResult:
+    """A recorded run: signals by name, metrics, tables for other libraries, a picture.
+
+    ``result["master.q"]`` is (n, m) in the unit ``result.unit("master.q")``; one entry,
+    ``result["master.q[0]"]``, and a scalar signal are (n,). ``result.t`` (n,) is in s. Unknown
+    names raise ScenarioError with the nearest known ones. A result made without `out` lives in a
+    temporary folder, which is removed with the object.
+    """
+
+    def __init__(self, run: Run, kept: TemporaryDirectory[str] | None = None) -> None:
+        self._run, self._kept = run, kept
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        if name in self._run.units:
+            return self._run.column(name)
+        return self._run.array(name)
+
+    def __len__(self) -> int:
+        return len(self._run)
+
+    def __repr__(self) -> str:
+        until = f"{self.t[-1]:g} s" if len(self) else "nothing"
+        return f"<run {self.title!r}: {len(self)} rows to {until}, {self.status}>"
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self._run.path.parent
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Time of each row, (n,), s."""
+        return self._run.t
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The names of all recorded signals."""
+        return tuple(dict.fromkeys(name.partition("[")[0] for name in self._run.names))
+
+    def unit(self, name: str) -> str:
+        """The unit of a signal."""
+        return self._run.unit(name)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What ``run.json`` says: scenario, versions, seed, files with their sums."""
+        return self._run.metadata
+
+    @property
+    def title(self) -> str:
+        """The title of the scenario, or the name of the folder."""
+        return str(self.metadata.get("scenario", {}).get("title") or self.folder.name)
+
+    @property
+    def status(self) -> str:
+        """``finished``, or how the run ended."""
+        return str(self.metadata.get("status", "unknown"))
+
+    @property
+    def metrics(self) -> Mapping[str, MetricResult]:
+        """The metrics that the scenario declares, by name: value, unit, detail and parts."""
+        from cosim.analysis import declared_metrics
+        from cosim.analysis.metrics import evaluate
+
+        found = evaluate(declared_metrics.metrics(self._scenario()), self._run)
+        return {result.name: result for result in found}
+
+    # ---- other libraries ---------------------------------------------------------------------
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A table with the time as its index; ``attrs["units"]`` has the unit of each column.
+
+        Raises ScenarioError where pandas is not installed.
+        """
+        pandas = _library("pandas")
+        columns = {name: self._run.column(name) for name in self._run.names}
+        frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
+        frame.attrs["units"] = {name: self._run.units[name] for name in columns}
+        return frame
+
+    def to_polars(self) -> polars.DataFrame:
+        """A table with the column ``t``. Raises ScenarioError where polars is not installed."""
+        polars = _library("polars")
+        columns = {"t": self.t} | {name: self._run.column(name) for name in self._run.names}
+        return polars.DataFrame(columns)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """A variable per signal over ``t``; vectors have a second dimension NAME_entry.
+
+        ``attrs["units"]`` of each variable is its unit. Raises ScenarioError where xarray is not
+        installed.
+        """
+        xarray = _library("xarray")
+        variables = {}
+        for name in self.signals:
+            values = self[name]
+            dims = ("t",) if values.ndim == 1 else ("t", f"{name}_entry")
+            variables[name] = (dims, values, {"units": self.unit(name)})
+        attributes = {"title": self.title, "folder": str(self.folder)}
+        return xarray.Dataset(variables, {"t": ("t", self.t, {"units": "s"})}, attributes)
+
+    # ---- pictures ----------------------------------------------------------------------------
+
+    def plot(self, *names: str, path: str | Path | None = None) -> Picture:
+        """A picture of signals over time, a panel each; by default the scenario's first figure.
+
+        `path`: the PNG to write, by default ``NAME.png`` in the run folder. Raises ScenarioError
+        for a signal that was not recorded.
+        """
+        from cosim.reporting.figures import Figure, Panel, draw
+
+        if names:
+            figure = Figure(tuple(Panel((name,), title=name) for name in names), self.title)
+            name = "signals"
+        else:
+            name, figure = self._declared_figure()
+        return Picture(draw(figure, self._run, path or self.folder / f"{name}.png"))
+
+    def _declared_figure(self) -> tuple[str, Figure]:
+        from cosim.reporting.declared import figure_specs
+        from cosim.reporting.figures import Figure, Panel
+
+        for name, figure in figure_specs(self._scenario()).items():
+            return name, figure
+        shown = self.signals[:6]
+        return "signals", Figure(tuple(Panel((x,), title=x) for x in shown), self.title)
+
+    def _repr_html_(self) -> str:
+        """The top of a report: title, status, metrics; without scripts."""
+        rows = [
+            f"<tr><td>{escape(m.label)}</td><td>{escape(m.text)}</td></tr>"
+            for m in self._metrics_or_none()
+        ]
+        until = f"{self.t[-1]:g} s" if len(self) else "nothing recorded"
+        return (
+            f"<div><b>{escape(self.title)}</b> &nbsp; {escape(self.status)}, {until}, "
+            f"{len(self)} rows, {len(self.signals)} signals<br><code>{escape(str(self.folder))}"
+            f"</code><table>{''.join(rows)}</table></div>"
+        )
+
+    def _metrics_or_none(self) -> tuple[MetricResult, ...]:
+        try:
+            return tuple(self.metrics.values())
+        except CosimError:  # a run that was cut short has no scenario, or no rows
+            return ()
+
+    def _scenario(self) -> Scenario:
+        """Of the scenario of the run what declares metrics and figures."""
+        from cosim.scenario.spec import build
+
+        document = self.metadata.get("scenario")
+        if not document:
+            raise ScenarioError("the folder does not say which scenario it ran", str(self.folder))
+        kept = {key: _given(document[key]) for key in ("title", "run", "metrics", "figures")}
+        return build(kept | {"components": {}}, self.folder / "run.json")
+
+
+@final
+class Picture:
+    """A PNG file that a notebook shows."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __repr__(self) -> str:
+        return f"<picture {self.path}>"
+
+    def _repr_png_(self) -> bytes:
+        """The bytes of the file."""
+        return self.path.read_bytes()
+
+
+def _given(value: Any) -> Any:
+    """A document without the keys that were not given."""
+    if isinstance(value, dict):
+        return {key: _given(x) for key, x in value.items() if x is not None}
+    return [_given(x) for x in value] if isinstance(value, list) else value
+
+
+def _library(name: str) -> Any:
+    """An optional library. Raises ScenarioError with the way to install it."""
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ScenarioError(f"{name} is not installed: pip install {name}") from None

@@ -1,0 +1,149 @@
+"""``cosim.run``, ``open``, ``check``, ``compare``, ``sweep``: one call for a command each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from cosim.api.given import name_of
+from cosim.api.results import RunResult
+from cosim.base.settings import as_toml, change
+from cosim.record import Run
+from cosim.scenario.spec import Scenario, build
+
+if TYPE_CHECKING:
+    from cosim.checks import Finding
+    from cosim.comparison.comparison import Comparison
+    from cosim.sweeps.run_point import StudyRow
+    from cosim.sweeps.table import SweepTable
+
+#: ``links[0]`` as a path has it: ``links.0``.
+_INDEX = re.compile(r"\[(\d+)\]")
+#: A scenario: a file, or a document with the keys of one.
+Given = str | Path | Mapping[str, Any]
+
+
+def run(
+    scenario: Given,
+    *,
+    set: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    out: str | Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, all_: None,
+) -> RunResult:
+    """Run a scenario in this process and return what it recorded.
+
+    `scenario`: a file (.toml, .ssp), or a mapping with the same keys, where ``model`` of a
+    component may be a Python class or function. `set`: values by dotted path, as
+    ``{"run.stop": "10 s"}`` or ``{"links[0].delay.high": "1 s"}``. `out`: the run folder, which
+    must be empty; by default a temporary one. `progress` is called with (ticks done, ticks in all).
+    Raises CosimError as the command does; an FMU that crashes takes this process with it.
+    """
+    from cosim.engine.simulate import simulate
+
+    loaded = _loaded(scenario, set, seed)
+    kept = TemporaryDirectory(prefix="cosim-") if out is None else None
+    folder = Path(kept.name, "run") if kept else Path(str(out))
+    simulate(loaded, folder, progress)
+    return RunResult(Run.open(folder), kept)
+
+
+def open(folder: str | Path) -> RunResult:
+    """A run folder, of a run, a rehearsal or a replay. Raises ScenarioError."""
+    return RunResult(Run.open(folder))
+
+
+def check(
+    scenario: Given,
+    *,
+    set: Mapping[str, Any] | None = None,
+) -> tuple[Finding, ...]:
+    """The findings of ``cosim check``, worst first. Raises CosimError for no scenario at all."""
+    from cosim.checks import check as findings
+    from cosim.scenario.assemble import assemble
+
+    loaded = _loaded(scenario, set, None)
+    return tuple(findings(loaded, assemble(loaded)))
+
+
+def compare(
+    scenario: str | Path,
+    *,
+    controllers: Sequence[str] = (),
+    operators: Sequence[str] = (),
+    links: Sequence[str] = (),
+    variants: str | Path | None = None,
+    seeds: int = 1,
+    set: Mapping[str, Any] | None = None,
+    jobs: int = 1,
+) -> Comparison:
+    """Compare controllers as ``cosim compare`` does; empty names mean the file's default.
+
+    `variants`: the file that defines the names, by default the one in ``compare/`` next to the
+    scenario; `seeds`: how many, from the scenario's on. Raises CosimError.
+    """
+    from cosim.comparison.comparison import compare as compare_all
+    from cosim.comparison.documents import check as refuse
+    from cosim.comparison.documents import read_base
+    from cosim.comparison.variants_file import read, variants_path
+
+    known = read(variants or variants_path(scenario))
+    chosen = known.select(list(controllers), list(operators), list(links))
+    base = read_base(scenario, known, _settings(set))
+    refuse(base, known, chosen)
+    return compare_all(base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs)
+
+
+def sweep(
+    study: str | Path,
+    out: str | Path,
+    *,
+    jobs: int = 1,
+    resume: bool = False,
+    limit: int | None = None,
+    each: Callable[[StudyRow], None] = lambda row: None,
+) -> SweepTable:
+    """Run a parameter study into the folder `out`, with `jobs` processes; return its table.
+
+    `each` is called with every row as it comes. `resume` continues a study that the folder
+    contains; `limit`: at most so many runs now. Raises CosimError.
+    """
+    from functools import partial
+
+    from cosim.sweeps import execute, workers
+    from cosim.sweeps.study import load_study
+
+    opened = partial(workers.processes, jobs)
+    return execute.sweep(
+        load_study(Path(study)), out, opened, resume=resume, limit=limit, done=each
+    )
+
+
+def _loaded(scenario: Given, set_: Mapping[str, Any] | None, seed: int | None) -> Scenario:
+    settings = _settings(set_) + ([f"run.seed={seed}"] if seed is not None else [])
+    if not isinstance(scenario, Mapping):
+        from cosim.loading.files import load
+
+        return load(scenario, settings)
+    document = _document(scenario)
+    for setting in settings:
+        change(document, setting)
+    return build(document, Path("scenario.toml"))
+
+
+def _document(value: Any) -> Any:
+    """A copy of a document, with the names of Python objects that make components."""
+    if isinstance(value, Mapping):
+        return {key: _document(x) for key, x in value.items()}
+    if isinstance(value, list | tuple):
+        return [_document(x) for x in value]
+    return name_of(value) if callable(value) else value
+
+
+def _settings(values: Mapping[str, Any] | None) -> list[str]:
+    """``path=value`` texts, as the command line has them."""
+    paths = {_INDEX.sub(r".\1", path): value for path, value in (values or {}).items()}
+    return [f"{path}={as_toml(_document(value))}" for path, value in paths.items()]

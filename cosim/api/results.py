@@ -98,17 +98,18 @@ class RunResult:
 
         Raises ScenarioError where pandas is not installed.
         """
-        pandas = _library("pandas")
+        library = _library("pandas")
         columns = {name: self._run.column(name) for name in self._run.names}
-        frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
+        frame: pandas.DataFrame = library.DataFrame(columns, index=library.Index(self.t, name="t"))
         frame.attrs["units"] = {name: self._run.units[name] for name in columns}
         return frame
 
     def to_polars(self) -> polars.DataFrame:
         """A table with the column ``t``. Raises ScenarioError where polars is not installed."""
-        polars = _library("polars")
+        library = _library("polars")
         columns = {"t": self.t} | {name: self._run.column(name) for name in self._run.names}
-        return polars.DataFrame(columns)
+        table: polars.DataFrame = library.DataFrame(columns)
+        return table
 
     def to_xarray(self) -> xarray.Dataset:
         """A variable per signal over ``t``; vectors have a second dimension NAME_entry.
@@ -116,14 +117,16 @@ class RunResult:
         ``attrs["units"]`` of each variable is its unit. Raises ScenarioError where xarray is not
         installed.
         """
-        xarray = _library("xarray")
+        library = _library("xarray")
         variables = {}
         for name in self.signals:
             values = self[name]
             dims = ("t",) if values.ndim == 1 else ("t", f"{name}_entry")
             variables[name] = (dims, values, {"units": self.unit(name)})
         attributes = {"title": self.title, "folder": str(self.folder)}
-        return xarray.Dataset(variables, {"t": ("t", self.t, {"units": "s"})}, attributes)
+        time = {"t": ("t", self.t, {"units": "s"})}
+        data: xarray.Dataset = library.Dataset(variables, time, attributes)
+        return data
 
     # ---- pictures ----------------------------------------------------------------------------
 

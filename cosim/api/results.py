@@ -130,7 +130,7 @@ class RunResult:
 
     # ---- pictures ----------------------------------------------------------------------------
 
-    def plot(self, *names: str, path: str | Path | None = None) -> Picture:
+    def plot(self, *names: str, path: str | Path | None = None) -> PngPicture:
         """A picture of signals over time, a panel each; by default the scenario's first figure.
 
         `path`: the PNG to write, by default ``NAME.png`` in the run folder. Raises ScenarioError
@@ -143,7 +143,7 @@ class RunResult:
             name = "signals"
         else:
             name, figure = self._declared_figure()
-        return Picture(draw(figure, self._run, path or self.folder / f"{name}.png"))
+        return PngPicture(draw(figure, self._run, path or self.folder / f"{name}.png"))
 
     def _declared_figure(self) -> tuple[str, Figure]:
         from cosim.reporting.declared import figure_specs
@@ -185,7 +185,7 @@ class RunResult:
 
 
 @final
-class Picture:
+class PngPicture:
     """A PNG file that a notebook shows."""
 
     def __init__(self, path: Path) -> None:

@@ -34,8 +34,13 @@ from fmus.models.chain import Table
 
 C = Path(__file__).parent / "c"
 JOINTS, ROUNDS = 7, 9
-#: Controllers of seven joints whose step is measured.
-CONTROLLERS: tuple[ModuleType, ...] = (pd, arm_teleoperation)
+#: Models of seven joints whose step is measured: name in the table, module, values of parameters.
+MODELS: tuple[tuple[str, ModuleType, dict[str, float]], ...] = (
+    ("plant arm", arm, {"damping": 5.0}),
+    ("controller pd", pd, {}),
+    ("controller arm_teleoperation, gravity adapted", arm_teleoperation, {"gravity": 2.0}),
+    ("controller arm_teleoperation, gravity compensated", arm_teleoperation, {"gravity": 1.0}),
+)
 PINOCCHIO_FLAGS = (
     "-O3", "-std=c++17", "-DNDEBUG", "-DBOOST_FUSION_INVOKE_MAX_ARITY=10",
     "-DBOOST_MPL_LIMIT_LIST_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
@@ -106,12 +111,11 @@ def ours(loops: ctypes.CDLL, table: Table, state: np.ndarray, times: int) -> dic
 def steps(loops: ctypes.CDLL, table: Table, times: int) -> dict[str, float]:
     """A step of the plant (four evaluations), and of each controller, by their kernels."""
     found = {}
-    for module in (arm, *CONTROLLERS):
+    for name, module, given in MODELS:
         made = module.kernel(joints=JOINTS)
-        declared = {p.name for p in made.parameters}
+        declared = {p.name: p for p in made.parameters}
         values = {k: v for k, v in table.values().items() if k in declared}
-        if "damping" in declared:
-            values["damping"] = np.full(JOINTS, 5.0)
+        values |= {k: np.full(declared[k].shape, v) for k, v in given.items()}
         made.initialize(values)
         made.initial({p.name: np.full(p.shape, 0.1) for p in made.inputs})
         state = np.array(made.get_state())
@@ -123,7 +127,7 @@ def steps(loops: ctypes.CDLL, table: Table, times: int) -> dict[str, float]:
             done = loops.steps(step, pointer(x), ctypes.c_double(1e-4), n)  # noqa: B023
             assert done == 1
 
-        found[made.kind + " " + module.model(joints=JOINTS).identifier] = least(call, times // 10)
+        found[name] = least(call, times // 10)
     return found
 
 

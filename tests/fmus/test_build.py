@@ -44,12 +44,14 @@ def trajectory(path: Path, model: Model) -> bytes:
     size = kernel.kernel_size()
     x = np.zeros(size)
     kernel.kernel_reset(x.ctypes.data)
-    assert kernel.kernel_initial(x.ctypes.data) is None
     rng, rows, offset = np.random.default_rng(7), [], 0
     places = {}
     for v in model.variables:
         places[v.name] = slice(offset, offset + v.size)
         offset += v.size
+    if "friction" in places:
+        x[places["friction"]] = 0.3
+    assert kernel.kernel_initial(x.ctypes.data) is None
     for k in range(STEPS):
         for port in model.inputs():
             x[places[port.name]] = rng.uniform(-2, 2, port.size)

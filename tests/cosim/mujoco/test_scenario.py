@@ -146,3 +146,16 @@ def test_the_error_of_a_step_is_not_estimated_and_why(cosim: Command) -> None:
     done = cosim("run", SHIPPED, "--set", "run.stop=0.1", "--estimate-error", "--no-plot")
     assert done.code == 0
     assert "has a step of its own, which cannot be halved" in done.out
+
+
+@pytest.mark.slow
+def test_controllers_are_compared_at_the_wall(cosim: Command, tmp_path) -> None:
+    done = cosim(
+        *("compare", SHIPPED, "--controllers", "paper,wave", "--links", "lan", "--no-plot"),
+        *("--out", tmp_path / "table"),
+    )
+    assert done.code == 0, done
+    table = json.loads((tmp_path / "table" / "table.json").read_text())
+    found = {run["controller"]: run["numbers"] for run in table["runs"]}
+    assert all(values["impact"] > 10.0 and values["rest"] > 0.1 for values in found.values())
+    assert found["wave"]["position"] < found["paper"]["position"]

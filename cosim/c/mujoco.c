@@ -81,8 +81,10 @@ static void give(const mujoco_t *x, double *outputs)
         outputs[i] = 0.0 + x->scales[i] * *(const double *)x->sources[i];
 }
 
+/* After a failure nothing is called any more: the data may be in any state until it is reset. */
 static int32_t run(mujoco_t *x, int64_t steps, const double *inputs, double *outputs)
 {
+    if (x->failed) return 1;
     if (setjmp(left)) {
         stepped = NULL;
         return 1;
@@ -100,7 +102,6 @@ static int32_t run(mujoco_t *x, int64_t steps, const double *inputs, double *out
 /* The outputs for the inputs given, without a step. Returns 0, or 1 with the reason in x->text. */
 API int32_t mujoco_outputs(mujoco_t *x, const double *inputs, double *outputs)
 {
-    x->failed = 0;
     return run(x, 0, inputs, outputs);
 }
 
@@ -109,7 +110,7 @@ API int32_t mujoco_step(void *instance, double t, double h, const double *inputs
 {
     mujoco_t *x = instance;
     (void)t, (void)h;
-    return x->failed ? 1 : run(x, x->substeps, inputs, outputs);
+    return run(x, x->substeps, inputs, outputs);
 }
 
 API size_t mujoco_size(void) { return sizeof(mujoco_t); }

@@ -78,6 +78,20 @@ def test_tau_is_the_torque_of_the_joint_whatever_the_gear(tmp_path):
     assert [data.qfrc_applied[joint[n]] for n in joint] == [0.5, 0.25, 2.0, 1.0]
 
 
+@pytest.mark.parametrize(("kind", "gain"), [("position", "kp"), ("velocity", "kv")])
+def test_a_reference_is_that_of_the_joint_whatever_the_gear(tmp_path, kind, gain):
+    servo = f'<actuator><{kind} joint="j" {gain}="100" gear="2"/></actuator></mujoco>'
+    found = scene(tmp_path, HINGE.replace("</mujoco>", servo))
+    name, state = ("q_ref", "q") if kind == "position" else ("dq_ref", "dq")
+    assert [p.name for p in found.inputs] == ["tau", "tau_ext", name]
+    assert found.inputs[0].optional
+    found.initialize({state: np.array([0.5])})
+    found.initial({name: [0.5]})
+    assert found.data.qfrc_actuator.tolist() == [0.0]
+    found.initial({name: [0.75]})
+    assert found.data.qfrc_actuator.tolist() == [100.0]  # 100 N.m/rad, 2 * 2 * 0.25 rad
+
+
 def test_without_actuators_the_torque_acts_on_the_joint(tmp_path):
     found = scene(tmp_path, HINGE)
     assert units(found.inputs) == {"tau": ((1,), "N.m"), "tau_ext": ((1,), "N.m")}

@@ -39,6 +39,11 @@ def load_component(
     Raises ScenarioError at `place` for a model that cannot be found or made.
     """
     if spec.model.endswith(".fmu"):
+        if spec.options:
+            raise ScenarioError(
+                "an FMU takes no options; expected its parameters, or the module of its model",
+                f"{place}.options",
+            )
         path = Path(spec.model)
         path = path if path.is_absolute() else folder / path
         return _fmu(name, path, spec, spec.sizes, place), {}, _UNPREPARED
@@ -84,6 +89,14 @@ def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str)
         prepared: Preparation = prepare(spec.options, folder)
     except CosimError as error:
         raise ScenarioError(str(error), f"{place}.options") from None
+    except Exception as error:
+        raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.options") from error
+    if not isinstance(prepared, Preparation):
+        raise ScenarioError(
+            f"{module.__name__}.prepare returned a {type(prepared).__name__}, expected a"
+            " Preparation",
+            f"{place}.options",
+        )
     for size, value in spec.sizes.items():
         if prepared.sizes.get(size, value) != value:
             raise ScenarioError(

@@ -72,7 +72,7 @@ def random_values(rng: np.random.Generator, n: int) -> Values:
     }
 
 
-@pytest.mark.parametrize("n", [2, 7])
+@pytest.mark.parametrize("n", [2, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 16))])
 def test_numpy_and_c_agree_on_random_arms(n: int) -> None:
     rng = np.random.default_rng(n)
     kernel, reference = arm.kernel(joints=n), Arm(joints=n)

@@ -15,7 +15,7 @@ from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.schedule.plan import Plan
-from fmus.models import chain
+from fmus.models import chain, pd
 from fmus.robots.serial import serial
 from tests.fmus.robots import files
 
@@ -128,3 +128,20 @@ def test_a_joint_of_the_arm_may_be_held(scenario: Path) -> None:
     assert robot.names == tuple(f"joint{i}" for i in (1, 2, 4, 5, 6, 7))
     assert np.array_equal(values(plan, "master")["rotation"], robot.table.rotation.ravel())
     chain.check(robot.table, "robot")
+
+
+def test_a_hook_that_fails_is_said_with_its_place(
+    scenario: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = ["components.slave_control.options.a=1"]
+    monkeypatch.setattr(pd, "prepare", lambda options, folder: options["b"], raising=False)
+    with pytest.raises(ScenarioError, match=r"slave_control.options: fmus.models.pd: .*'b'"):
+        assemble(load(scenario, settings))
+    monkeypatch.setattr(pd, "prepare", lambda options, folder: {})
+    with pytest.raises(ScenarioError, match=r"pd\.prepare returned a dict, expected a Preparation"):
+        assemble(load(scenario, settings))
+
+
+def test_an_fmu_takes_no_options(scenario: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"slave.options: an FMU takes no options; expected"):
+        assemble(load(scenario, ["components.slave.model=arm.fmu"]))

@@ -73,7 +73,7 @@ def functions() -> Functions:
         advance, evaluate = structs.address(mujoco.mj_step), structs.address(mujoco.mj_forward)
         handlers = [c.c_void_p.in_dll(mujoco, f"mju_user_{word}") for word in ("error", "warning")]
     except (OSError, AttributeError, ValueError) as error:
-        raise MujocoError(f"{path}: {error}; expected MuJoCo 3 or later") from None
+        raise MujocoError(f"{path}: {error}; expected MuJoCo 4: {INSTALL}") from None
     engine = structs.library()
     engine.mujoco_size.restype = c.c_size_t
     if engine.mujoco_size() != c.sizeof(SceneStruct):

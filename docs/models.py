@@ -62,7 +62,8 @@ def section(name: str, module: ModuleType) -> str:
     if sizes:
         said = ", ".join(f"`{key}` (default {int(value)})" for key, value in sizes.items())
         shipped = ", ".join(module.model(**given).identifier for given in SHIPPED[name])
-        lines += [f"Sizes: {said}. Shipped: {shipped}; others are built when first used.", ""]
+        brought = f"Shipped: {shipped}; others are" if shipped else "It is"
+        lines += [f"Sizes: {said}. {brought} built when first used.", ""]
     counted = {key: value for key, value in sizes.items() if not isinstance(value, bool)}
     lines += table(model.variables, counted_shapes(module, model, counted))
     for key in (key for key, value in sizes.items() if isinstance(value, bool)):

@@ -75,6 +75,10 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "grasp": ({},),
     "encoder": ({},),
     "arm_teleoperation": ({},),
+    "arm_nuno_adaptive": (),  # compiled when first used, as the next
+    "arm_chopra": (),
+    "arm_wang2014": (),
+    "arm_abdessameud2014": (),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

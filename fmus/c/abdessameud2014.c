@@ -1,19 +1,2 @@
-/* abdessameud2014.c - adaptive consensus with a filter of second order as reference; equations in
- * fmus/models/abdessameud2014.py.
- *
- *     tau = -K s + Y(q, dq, z, dz) theta_hat,   dtheta_hat = -Gamma Y^T s,   s = dq - z
- *     dz = -k_d z - k_p e,   e = mean over the neighbours of q - q_j
- */
-#include "model.h"
-#define DYNAMIC_REFERENCE 1
-#include "static_feedback.h"
-
-static void refer(const Model *x, Law *y) {
-    for (int i = 0; i < 2; i++) {
-        y->z[i] = x->z_next[i];
-        y->dz[i] = -x->k_d * y->z[i] - x->k_p * MEAN_DISAGREEMENT(x->q[i], q_j, i);
-        y->feedback[i] = -x->K[i] * (x->dq[i] - y->z[i]);
-    }
-}
-
-static double *sliding(Model *x) { return x->s; }
+/* abdessameud2014.c - adaptive consensus with a filter of second order as reference, of the planar arm. */
+#include "abdessameud2014.h"

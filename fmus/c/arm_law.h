@@ -19,38 +19,27 @@
 #include "model.h"
 #include "neighbours.h"
 
-enum { JOINTS = ENTRIES(q), NO_GRAVITY = 0, COMPENSATED, ADAPTED };
+enum { JOINTS = ENTRIES(q) };
 
 typedef struct {
     double xi[JOINTS], dz[JOINTS], s[JOINTS], tau[JOINTS], Ys[10 * JOINTS];
     int saturated, stale;
 } Law;
 
-/* Adds g(q) of the table to tau. */
-static inline void add_gravity(const Chain *chain, const double *q, double *tau) {
-    static const double still[JOINTS] = {0.0};
-    double g[JOINTS];
-    chain_inverse(chain, q, still, still, g);
-    for (int i = 0; i < JOINTS; i++) tau[i] += g[i];
-}
-
 /* The law as of t_k, with the state z, theta_hat. */
 static inline void law(const Model *x, const double *z, const double *theta_hat, Law *y) {
     const Chain chain = CHAIN_OF(x);
     const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
-    double base[6] = {0.0}, dz[JOINTS], tau[JOINTS];
-    if ((int)x->gravity == ADAPTED) base_acceleration(&chain, base);
+    double dz[JOINTS], tau[JOINTS];
     for (int i = 0; i < JOINTS; i++) {
         y->xi[i] = x->dq[i] + x->alpha * x->q[i];
         y->s[i] = x->dq[i] - z[i];
         y->dz[i] = -x->alpha * x->dq[i] + x->lambda_M * y->s[i] - coupling(x, i, y->xi[i]);
         dz[i] = inertial ? y->dz[i] - x->lambda_c * y->s[i] : y->dz[i];
     }
-    chain_law(&chain, theta_hat, base, x->q, x->dq, z, dz, y->s, tau, y->Ys);
-    if ((int)x->gravity == COMPENSATED) add_gravity(&chain, x->q, tau);
+    chain_feedforward(&chain, (int)x->gravity, theta_hat, x->q, x->dq, z, dz, y->s, tau, y->Ys);
     y->saturated = 0;
     for (int i = 0; i < JOINTS; i++) {
-        tau[i] += x->armature[i] * dz[i];
         if (!inertial) tau[i] -= x->K[i] * y->s[i];
         y->tau[i] = limited(tau[i], x->tau_max[i]);
         y->saturated |= y->tau[i] != tau[i];

@@ -192,4 +192,22 @@ static inline void chain_inverse(const Chain *chain, const double *q, const doub
     }
 }
 
+/* tau (n,) = g(q), the torques that hold the chain at rest: what is left of chain_inverse then. */
+static inline void chain_gravity(const Chain *chain, const Pose *pose, double *tau) {
+    const int n = chain->n;
+    double f[CHAIN_MOST][6], below[3], a[3];
+    UNROLLED for (int k = 0; k < 3; k++) a[k] = -chain->g[k];
+    for (int i = 0; i < n; i++) {
+        const double *theta = chain->inertia + 10 * i;
+        UNROLLED for (int k = 0; k < 3; k++) below[k] = a[k];
+        rotate_back(pose[i].R, below, a);
+        cross(theta + 1, a, f[i]);
+        UNROLLED for (int k = 0; k < 3; k++) f[i][3 + k] = theta[0] * a[k];
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        tau[i] = f[i][axis_of(chain, i)];
+        if (i > 0) add_to_parent(&pose[i], f[i], f[i - 1]);
+    }
+}
+
 #endif

@@ -86,18 +86,17 @@ static inline void link_gradient(const LinkMotion *of, const double b[3], double
 }
 
 /* tau (n,) = Y theta and Ys (n, 10) = Y^T s, for the estimate `theta` (n, 10) instead of the
- * table's inertia. `base` (6,) is the acceleration of the base: base_acceleration() for Y with
- * gravity, 0 for Y without. The armature of the joints is no part of either.
+ * table's inertia, in the position of `pose`. `base` (6,) is the acceleration of the base:
+ * base_acceleration() for Y with gravity, 0 for Y without. The armature of the joints is no part of
+ * either.
  */
-static inline void chain_law(const Chain *chain, const double *theta, const double base[6],
-                             const double *q, const double *dq, const double *z, const double *dz,
-                             const double *s, double *tau, double *Ys) {
+static inline void chain_law(const Chain *chain, const Pose *pose, const double *theta,
+                             const double base[6], const double *dq, const double *z,
+                             const double *dz, const double *s, double *tau, double *Ys) {
     static const double still[6] = {0.0};
     const int n = chain->n;
-    Pose pose[CHAIN_MOST];
     double f[CHAIN_MOST][6];
     LinkMotion below, here;
-    chain_pose(chain, q, pose);
     UNROLLED for (int k = 0; k < 6; k++) {
         below.v[k] = below.w[k] = below.sigma[k] = still[k];
         below.a[k] = base[k];
@@ -129,6 +128,27 @@ static inline void chain_law(const Chain *chain, const double *theta, const doub
         tau[i] = f[i][axis_of(chain, i)];
         if (i > 0) add_to_parent(&pose[i], f[i], f[i - 1]);
     }
+}
+
+/* How a law treats g(q): the values of its parameter `gravity`. */
+enum { NO_GRAVITY, COMPENSATED, ADAPTED };
+
+/* tau (n,): Y theta with the rotors' inertia, and g(q) of the table where it is compensated; and
+ * Ys (n, 10) = Y^T s. Y contains gravity where it is adapted.
+ */
+static inline void chain_feedforward(const Chain *chain, int gravity, const double *theta,
+                                     const double *q, const double *dq, const double *z,
+                                     const double *dz, const double *s, double *tau, double *Ys) {
+    Pose pose[CHAIN_MOST];
+    double base[6] = {0.0}, g[CHAIN_MOST];
+    chain_pose(chain, q, pose);
+    if (gravity == ADAPTED) base_acceleration(chain, base);
+    chain_law(chain, pose, theta, base, dq, z, dz, s, tau, Ys);
+    if (gravity == COMPENSATED) {
+        chain_gravity(chain, pose, g);
+        for (int i = 0; i < chain->n; i++) tau[i] += g[i];
+    }
+    for (int i = 0; i < chain->n; i++) tau[i] += chain->armature[i] * dz[i];
 }
 
 #endif

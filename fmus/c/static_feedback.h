@@ -4,7 +4,8 @@
  *     tau = Y(q, dq, z, dz) theta_hat + feedback,   dtheta_hat = -Gamma Y^T s,   s = dq - z
  *
  * The estimate of t_k + h waits in theta_hat_next; while a torque is at its limit it stands still.
- * A model includes this once, and says `refer` and `sliding`; its step is here. With
+ * A model includes this once, and says `refer` and `sliding`; its step is here. The arm is planar,
+ * or with SERIAL_ARM one with a table (chain.h), whose known gravity and rotors belong to tau. With
  * DYNAMIC_REFERENCE the reference z is a state: `refer` takes it from z_next, and the step advances
  * it by dz, or leaves it as well while a torque is at its limit.
  */
@@ -14,23 +15,54 @@
 #include <stddef.h>
 
 #include "limit.h"
+#include "model.h"
+#ifdef SERIAL_ARM
+#include "chain_check.h"
+#include "chain_law.h"
+#else
 #include "regressor.h"
+#endif
+
+enum { JOINTS = ENTRIES(q), PARAMETERS = ENTRIES(theta_hat) };
 
 typedef struct {
-    double z[2], dz[2], feedback[2]; /* by the model */
-    double s[2], tau[2], Ys[3];      /* by complete() */
+    double z[JOINTS], dz[JOINTS], feedback[JOINTS]; /* by the model */
+    double s[JOINTS], tau[JOINTS], Ys[PARAMETERS];  /* by complete() */
     int saturated;
 } Law;
+
+#ifdef SERIAL_ARM
+static inline void feedforward(const Model *x, const double *theta_hat, Law *y, double *tau) {
+    const Chain chain = CHAIN_OF(x);
+    chain_feedforward(&chain, (int)x->gravity, theta_hat, x->q, x->dq, y->z, y->dz, y->s, tau,
+                      y->Ys);
+}
+
+static const char *problem(const Model *x) {
+    const Chain chain = CHAIN_OF(x);
+    return chain_problem(&chain);
+}
+#else
+/* tau = Y theta_hat, Ys = Y^T s. */
+static inline void feedforward(const Model *x, const double *theta_hat, Law *y, double *tau) {
+    const Regressor Y = regressor(x->q, x->dq, y->z, y->dz);
+    torque_of(&Y, theta_hat, tau);
+    transposed_times(&Y, y->s, y->Ys);
+}
+
+/* Why the arm cannot be; NULL. */
+static const char *problem(const Model *x) { return (void)x, NULL; }
+#endif
 
 /* The sum over the neighbours of own - received for joint i; `received` has a row for each of them. */
 static inline double disagreement(double own, const double *received, int neighbours, int i) {
     double sum = own - received[i];
-    for (int j = 1; j < neighbours; j++) sum += own - received[2 * j + i];
+    for (int j = 1; j < neighbours; j++) sum += own - received[JOINTS * j + i];
     return sum;
 }
 
-/* Neighbours whose signal arrives at the input `port`: (2,), or (neighbours, 2) for several. */
-#define NEIGHBOURS(port) (ENTRIES(port) / 2)
+/* Neighbours whose signal arrives at the input `port`: (n,), or (neighbours, n) for several. */
+#define NEIGHBOURS(port) (ENTRIES(port) / JOINTS)
 /* The same, and its mean, of the variable `own` and the input `port` of a model `x`. */
 #define DISAGREEMENT(own, port, i) \
     disagreement((own), (const double *)x->port, NEIGHBOURS(port), (i))
@@ -38,31 +70,29 @@ static inline double disagreement(double own, const double *received, int neighb
 
 /* By the model: z, dz and feedback, from inputs and parameters. */
 static void refer(const Model *x, Law *y);
-/* By the model: the output (2,) that is s, whatever it is called there. */
+/* By the model: the output (n,) that is s, whatever it is called there. */
 static double *sliding(Model *x);
 
 /* Everything that follows from z, dz and feedback; NULL, or a sentence why it is no number. */
-static const char *complete(const Model *x, const double theta_hat[3], Law *y) {
+static const char *complete(const Model *x, const double *theta_hat, Law *y) {
+    double tau[JOINTS];
     refer(x, y);
-    const Regressor Y = regressor(x->q, x->dq, y->z, y->dz);
-    double feedforward[2];
-    torque_of(&Y, theta_hat, feedforward);
+    for (int i = 0; i < JOINTS; i++) y->s[i] = x->dq[i] - y->z[i];
+    feedforward(x, theta_hat, y, tau);
     y->saturated = 0;
-    for (int i = 0; i < 2; i++) {
-        const double tau = feedforward[i] + y->feedback[i];
-        y->s[i] = x->dq[i] - y->z[i];
-        y->tau[i] = limited(tau, x->tau_max[i]);
-        y->saturated |= y->tau[i] != tau;
+    for (int i = 0; i < JOINTS; i++) {
+        tau[i] += y->feedback[i];
+        y->tau[i] = limited(tau[i], x->tau_max[i]);
+        y->saturated |= y->tau[i] != tau[i];
     }
-    transposed_times(&Y, y->s, y->Ys);
-    if (!all_finite(y->tau, 2) || !all_finite(y->s, 2) || !all_finite(y->Ys, 3))
+    if (!all_finite(y->tau, JOINTS) || !all_finite(y->s, JOINTS) || !all_finite(y->Ys, PARAMETERS))
         return "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate"
                " diverged";
     return NULL;
 }
 
 static void give(Model *x, const Law *y) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = y->tau[i];
         sliding(x)[i] = y->s[i];
     }
@@ -70,30 +100,36 @@ static void give(Model *x, const Law *y) {
 
 const char *model_initial(Model *x) {
     Law y;
+    const double *theta_hat = (const double *)x->theta_hat;
+    double *next = (double *)x->theta_hat_next;
+    const char *why = problem(x);
+    if (why != NULL) return why;
 #ifdef DYNAMIC_REFERENCE
-    for (int i = 0; i < 2; i++) x->z_next[i] = x->z[i];
+    for (int i = 0; i < JOINTS; i++) x->z_next[i] = x->z[i];
 #endif
-    const char *why = complete(x, x->theta_hat, &y);
+    why = complete(x, theta_hat, &y);
     if (why != NULL) return why;
     give(x, &y);
-    for (int i = 0; i < 3; i++) x->theta_hat_next[i] = x->theta_hat[i];
+    for (int i = 0; i < PARAMETERS; i++) next[i] = theta_hat[i];
     return NULL;
 }
 
 /* The estimate of t_k becomes the output, that of t_k + h waits. */
 const char *model_step(Model *x, double t, double h) {
     Law y;
+    const double *Gamma = (const double *)x->Gamma;
+    double *theta_hat = (double *)x->theta_hat, *next = (double *)x->theta_hat_next;
     (void)t; /* the law does not depend on time */
-    const char *why = complete(x, x->theta_hat_next, &y);
+    const char *why = complete(x, next, &y);
     if (why != NULL) return why;
     give(x, &y);
     const double advance = y.saturated ? 0.0 : h; /* anti-windup */
-    for (int i = 0; i < 3; i++) {
-        x->theta_hat[i] = x->theta_hat_next[i];
-        x->theta_hat_next[i] -= advance * x->Gamma[i] * y.Ys[i];
+    for (int i = 0; i < PARAMETERS; i++) {
+        theta_hat[i] = next[i];
+        next[i] -= advance * Gamma[i] * y.Ys[i];
     }
 #ifdef DYNAMIC_REFERENCE
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < JOINTS; i++) {
         x->z[i] = y.z[i];
         x->z_next[i] += advance * y.dz[i];
     }

@@ -7,5 +7,5 @@ From both, :func:`fmus.reference.derive` makes the functions that scenarios use:
 Several models share ``start`` (checks of inputs and outputs), ``dynamics`` (M, C, g and Y of the
 planar arm), ``chain`` (the table and the dynamics of any serial arm), ``joints`` and
 ``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose reference follows
-from the inputs alone).
+from the inputs alone), ``serial_arm`` (adaptive laws of an arm with a table).
 """

@@ -33,7 +33,7 @@ torque is limited to ±tau_max; while any joint is at its limit z and theta_hat 
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, PLANAR, RATE, Joints, rate
 from fmus.models.static_feedback import (
     Feedback,
     adaptive,
@@ -57,22 +57,35 @@ _ALL = ("q", "dq", "q_j")
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; defaults: ``Abdessameud``. Raises FmuError."""
+    return declare(neighbours)
+
+
+def declare(
+    neighbours: int,
+    arm: Joints = PLANAR,
+    *,
+    serial: bool = False,
+    documentation: str | None = __doc__,
+) -> Model:
+    """The controller of the planar arm, or with `serial` of any `arm` with a table."""
     return adaptive_controller(
         "abdessameud2014",
         "Adaptive consensus with another arm by a reference filter of second order",
         (
-            received("q_j", "rad", neighbours),
-            torque(_ALL, ("theta_hat", "z", "K", "k_p", "k_d", "tau_max"), elementwise=False),
-            signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
-            Variable("z", "output", (2,), RATE, description="Reference velocity", settable=True),
-            Variable("z_next", "local", (2,), RATE, description="z of the next step"),
+            received(arm, "q_j", "rad", neighbours),
+            arm.torque(_ALL, ("theta_hat", "z", "K", "k_p", "k_d", "tau_max"), elementwise=False),
+            arm.signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
+            arm.vector("z", "output", RATE, "Reference velocity", settable=True),
+            arm.local("z_next", RATE, "z of the next step"),
         ),
-        (gain("K", DAMPING, 16.0, "Feedback gain of s"),),
+        (arm.gain("K", DAMPING, 16.0, "Feedback gain of s"),),
         Variable("k_p", "parameter", (), "1/s2", 1.0, "Stiffness of the filter", minimum=0.0),
-        __doc__,
+        documentation,
         Terminal("network", ("q_j",), "Position of the other arm"),
         more=(rate("k_d", 2.0, "Damping of the filter"),),
         neighbours=neighbours,
+        arm=arm,
+        serial=serial,
     )
 
 

@@ -48,17 +48,13 @@ from __future__ import annotations
 
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
-from fmus.models import chain
+from fmus.models import chain, serial_arm
 from fmus.models.adaptive_variables import UNLIMITED, coupling_gains, network_inputs
-from fmus.models.chain_law import regressor
 from fmus.models.joints import DAMPING, RATE, TORQUE, Joints, rate
 from fmus.models.robot import of_robot
-from fmus.models.teleoperation import ADAPTED, COMPENSATED, coupling
+from fmus.models.teleoperation import coupling
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
-
-#: Of the ten parameters of a link: for m, m c and I.
-_GAMMA = (1.0, *(0.1,) * 3, *(0.01,) * 6)
 
 
 def model(joints: int = 7, neighbours: int = 1) -> Model:
@@ -75,7 +71,6 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
     whom = f"{neighbours} neighbour(s)" if neighbours else "one arm alone"
     network = Terminal("network", ("xi", "xi_in", "w", "age"), "Signals of the neighbours")
     stem = "arm_teleoperation" if neighbours else "arm_adaptive"
-    sources = ("arm_law.h", "chain.h", "chain_check.h", "chain_law.h", "neighbours.h", "limit.h")
     return Model(
         identifier=f"{stem}_n{neighbours}" if neighbours > 1 else stem,
         description=f"Adaptive controller of a serial arm with dynamic feedback, {whom}",
@@ -89,7 +84,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
             *(coupling_gains() if neighbours else ()),
             *chain.variables(arm),
         ),
-        sources=(f"{stem}.c", *sources, "trig.c"),
+        sources=(f"{stem}.c", "arm_law.h", "neighbours.h", *serial_arm.SOURCES),
         step=1e-3,
         terminals=(
             Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),
@@ -105,15 +100,15 @@ def _outputs(arm: Joints, neighbours: int) -> tuple[Variable, ...]:
     network = ("lambda", "age_max", "age_fade") if neighbours else ()
     table = tuple(v.name for v in chain.variables(arm))
     starts = ("z", "theta_hat", *gains, *network, *table)
-    size, text = (arm.count, 10), "Estimate of the parameters of each link"
+    theta_hat, theta_hat_next = serial_arm.estimate(arm)
     return (
         arm.torque(("q", "dq", *received), starts, elementwise=False),
         arm.signal("xi", RATE, "Signal sent: dq + alpha q", ("q", "dq"), ("alpha",)),
         arm.signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
         arm.vector("z", "output", RATE, "State of the dynamic feedback", settable=True),
-        Variable("theta_hat", "output", size, "1", description=text, settable=True),
+        theta_hat,
         arm.local("z_next", RATE, "z of the next step"),
-        Variable("theta_hat_next", "local", size, "1", description="theta_hat of the next step"),
+        theta_hat_next,
     )
 
 
@@ -122,24 +117,14 @@ def _gains(arm: Joints) -> tuple[Variable, ...]:
     text = "Feedback lambda_c M_hat s in place of K s (Remark 3), 0 = off"
     return (
         arm.gain("K", DAMPING, 10.0, "Feedback gain of s"),
-        Variable(
-            *("Gamma", "parameter", size, "1", _GAMMA * arm.count, "Adaptation gain"), minimum=0.0
-        ),
+        serial_arm.adaptation(arm),
         Variable("theta_min", "parameter", size, "1", -UNLIMITED, "Lower bound of theta_hat"),
         Variable("theta_max", "parameter", size, "1", UNLIMITED, "Upper bound of theta_hat"),
         rate("alpha", 0.5, "Gain of q in xi"),
         rate("lambda_M", 10.0, "Manipulability gain"),
         rate("lambda_c", 0.0, text),
         arm.vector("tau_max", "parameter", TORQUE, "Limit of the torque", UNLIMITED, 0.0),
-        Variable(
-            "gravity",
-            "parameter",
-            start=1.0,
-            description="Gravity: 0 none, 1 compensated by the table, 2 adapted in theta_hat",
-            type="integer",
-            minimum=0.0,
-            maximum=2.0,
-        ),
+        serial_arm.gravity(),
     )
 
 
@@ -149,23 +134,21 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     `q`, `dq` (n,) rad, rad/s. `network`: xi_in (k, n) rad/s, w (k,) without a unit and age (k,) s
     of k neighbours, or nothing.
     """
-    table, z, theta_hat = chain.of_values(x), x["z_next"], x["theta_hat_next"]
+    z, theta_hat = x["z_next"], x["theta_hat_next"]
     xi = dq + x["alpha"] * q
     pull, stale = coupling(x, xi, *network) if network else (np.zeros_like(q), False)
     dz = -x["alpha"] * dq + x["lambda_M"] * (dq - z) - pull
     s = dq - z
     inertial = x["lambda_c"] > 0
     wanted_dz = dz - x["lambda_c"] * s
-    g = table.g if x["gravity"] == ADAPTED else np.zeros(3)
-    Y = regressor(table, q, dq, z, wanted_dz, g)  # (n, n, 10)
-    wanted = np.einsum("nik,ik->n", Y, theta_hat) + table.armature * wanted_dz
-    wanted = wanted + _compensation(x, q) - (0.0 if inertial else x["K"] * s)
+    Y, known = serial_arm.linear(x, q, dq, z, wanted_dz)
+    wanted = Y @ theta_hat.ravel() + known - (0.0 if inertial else x["K"] * s)
     tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
     now = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
     if (tau != wanted).any():
         return now | {"z_next": z, "theta_hat_next": theta_hat}
     if not stale:
-        adapted = theta_hat - h * x["Gamma"] * np.einsum("nik,n->ik", Y, s)
+        adapted = theta_hat - h * x["Gamma"] * (Y.T @ s).reshape(theta_hat.shape)
         theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
     return now | {"z_next": z + h * dz, "theta_hat_next": theta_hat}
 
@@ -183,14 +166,6 @@ def start(x: Values, *inputs: Array) -> Values:
     if "lambda" in x and x["alpha"] <= 0:
         raise ScenarioError("alpha is 0, expected more than 0 with neighbours", "arm_teleoperation")
     return {"z_next": x["z"], "theta_hat_next": x["theta_hat"]}
-
-
-def _compensation(x: Values, q: Array) -> Array:
-    """Known gravity, N.m, (n,)."""
-    still = np.zeros_like(q)
-    if x["gravity"] != COMPENSATED:
-        return still
-    return chain.inverse(chain.of_values(x), q, still, still)
 
 
 fmu, kernel, ArmTeleoperation = derive(model, law, start)

@@ -20,7 +20,7 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, PLANAR, RATE, Joints, rate
 from fmus.models.static_feedback import (
     Feedback,
     adaptive,
@@ -41,19 +41,34 @@ EXCHANGE = (("control.r", "control.r_j"),)
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; defaults: ``Chopra``. Raises FmuError."""
+    return declare(neighbours)
+
+
+def declare(
+    neighbours: int,
+    arm: Joints = PLANAR,
+    *,
+    serial: bool = False,
+    documentation: str | None = __doc__,
+) -> Model:
+    """The controller of the planar arm, or with `serial` of any `arm` with a table."""
     return adaptive_controller(
         "chopra",
         "Adaptive synchronisation of velocity and position with another arm",
         (
-            received("r_j", RATE, neighbours, "Received r"),
-            torque(("q", "dq", "r_j"), ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
-            signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
+            received(arm, "r_j", RATE, neighbours, "Received r"),
+            arm.torque(
+                ("q", "dq", "r_j"), ("theta_hat", "K", "lambda", "tau_max"), elementwise=False
+            ),
+            arm.signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
         ),
-        (gain("K", DAMPING, 16.0, "Gain of the coupling"),),
+        (arm.gain("K", DAMPING, 16.0, "Gain of the coupling"),),
         rate("lambda", 0.5, "Gain of q in r"),
-        __doc__,
+        documentation,
         Terminal("network", ("r", "r_j"), "Signals exchanged with the other arm"),
         neighbours=neighbours,
+        arm=arm,
+        serial=serial,
     )
 
 

@@ -6,8 +6,9 @@ drive::
     tau        = Y(q, dq, z, dz) theta_hat + feedback
     dtheta_hat = -Gamma Y' s,   s = dq - z
 
-with the regressor Y of ``dynamics``. Outputs are as of t_k; theta_hat advances by the explicit
-Euler method, and is not updated while a torque is at its limit (anti-windup).
+with the regressor Y of ``dynamics`` for the planar arm; for an arm with a table with that of
+``serial_arm``, which adds the torque of what is known. Outputs are as of t_k; theta_hat advances by
+the explicit Euler method, and is not updated while a torque is at its limit (anti-windup).
 
 Source: the passivity-based adaptive controller of J.-J. E. Slotine, W. Li, "On the adaptive control
 of robot manipulators", Int. J. Robotics Research 6(3), 1987; each law gives the source of its z.
@@ -21,10 +22,21 @@ from typing import NamedTuple
 
 from cosim.base.errors import FmuError
 from fmus.model import Model, Terminal, Variable
+from fmus.models import chain, serial_arm
 from fmus.models.dynamics import regressor
-from fmus.models.joints import GAMMA, NETWORK, TAU_MAX, THETA_HAT, THETA_HAT_NEXT, controller
+from fmus.models.joints import (
+    GAMMA,
+    NETWORK,
+    PLANAR,
+    THETA_HAT,
+    THETA_HAT_NEXT,
+    Joints,
+    controller,
+)
 from fmus.numeric import Array, np
 from fmus.reference import Law, Values
+
+_SOURCES: tuple[str, ...] = ("trig.c", "regressor.h", "limit.h")
 
 
 class Feedback(NamedTuple):
@@ -47,39 +59,51 @@ def mean_disagreement(own: Array, received: Array) -> Array:
 
 
 def received(
-    name: str, unit: str, neighbours: int, description: str = "Received joint position"
+    arm: Joints, name: str, unit: str, neighbours: int, description: str = "Received joint position"
 ) -> Variable:
-    """The input of what neighbours send: (2,) from one of them, (neighbours, 2) from several.
+    """The input of what neighbours send: (m,) from one of them, (neighbours, m) from several.
 
     Raises FmuError for less than one neighbour.
     """
     if neighbours < 1:
         raise FmuError(f"neighbours is {neighbours}; expected at least 1")
-    shape = (2,) if neighbours == 1 else (neighbours, 2)
+    shape = (arm.count,) if neighbours == 1 else (neighbours, arm.count)
     rows = "" if neighbours == 1 else ", a row for each neighbour"
     return Variable(name, "input", shape, unit, description=description + rows)
 
 
+def _planar(x: Values, q: Array, dq: Array, z: Array, dz: Array) -> tuple[Array, Array]:
+    return regressor(q, dq, z, dz), np.zeros_like(q)
+
+
 def adaptive(
-    name: str, feedback: Callable[..., Feedback], *, dynamic: bool = False
+    name: str, feedback: Callable[..., Feedback], *, dynamic: bool = False, serial: bool = False
 ) -> tuple[Law, Law]:
     """Law and start of a controller by its `feedback` of x and the inputs; s is output `name`.
 
     `dynamic`: z is a state, which `feedback` takes from ``z_next``; it stands still with theta_hat.
+    `serial`: of an arm with a table instead of the planar one.
     """
+    linear = serial_arm.linear if serial else _planar
 
     def law(x: Values, t: float, h: float, q: Array, dq: Array, *heard: Array) -> Values:
         s, z, dz, wanted = feedback(x, q, dq, *heard)
         theta_hat = x["theta_hat_next"]
-        Y = regressor(q, dq, z, dz)
-        wanted = Y @ theta_hat + wanted
+        Y, known = linear(x, q, dq, z, dz)
+        wanted = Y @ theta_hat.ravel() + known + wanted
         tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
         limited = (tau != wanted).any()
-        adapted = theta_hat if limited else theta_hat - h * x["Gamma"] * (Y.T @ s)
+        adapted = (
+            theta_hat
+            if limited
+            else theta_hat - h * x["Gamma"] * (Y.T @ s).reshape(theta_hat.shape)
+        )
         now = {"tau": tau, name: s, "theta_hat": theta_hat, "theta_hat_next": adapted}
         return now | {"z": z, "z_next": z if limited else z + h * dz} if dynamic else now
 
     def start(x: Values, *inputs: Array) -> Values:
+        if serial:
+            chain.check(chain.of_values(x), "the table")
         state = {"theta_hat_next": x["theta_hat"]}
         return state | {"z_next": x["z"]} if dynamic else state
 
@@ -96,13 +120,33 @@ def adaptive_controller(
     network: Terminal = NETWORK,
     more: tuple[Variable, ...] = (),
     neighbours: int = 1,
+    arm: Joints = PLANAR,
+    serial: bool = False,
 ) -> Model:
     """Such a controller: `signals` are what it receives and gives, `gains` stand before Gamma.
 
     `more` are gains of the coupling besides `coupling`; with several `neighbours` the identifier
-    says how many.
+    says how many. `serial`: of an `arm` with a table instead of the planar one.
     """
-    variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, coupling, *more, TAU_MAX)
-    sources = ("trig.c", "static_feedback.h", "regressor.h", "limit.h")
-    made = controller(identifier, description, variables, sources, documentation, network)
-    return replace(made, identifier=f"{identifier}_n{neighbours}") if neighbours > 1 else made
+    couplings = (coupling, *more, arm.tau_max)
+    if serial:
+        table = (serial_arm.gravity(), *chain.variables(arm))
+        given = _depending(signals, tuple(v.name for v in table))
+        estimate, Gamma = serial_arm.estimate(arm), serial_arm.adaptation(arm)
+        variables = (*given, *estimate, *gains, Gamma, *couplings, *table)
+        name, step, known = f"arm_{identifier}", 1e-3, serial_arm.SOURCES
+    else:
+        variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, *couplings)
+        name, step, known = identifier, 5e-3, _SOURCES
+    sources = ("static_feedback.h", f"{identifier}.h", *known)
+    made = controller(name, description, variables, sources, documentation, network, arm)
+    several = f"{name}_n{neighbours}" if neighbours > 1 else name
+    return replace(made, identifier=several, step=step)
+
+
+def _depending(signals: tuple[Variable, ...], starts: tuple[str, ...]) -> tuple[Variable, ...]:
+    """`signals`, of which `tau` depends on `starts` as well."""
+    return tuple(
+        replace(v, start_depends=(*v.start_depends, *starts)) if v.name == "tau" else v
+        for v in signals
+    )

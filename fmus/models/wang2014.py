@@ -23,7 +23,7 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.joints import DAMPING, RATE, gain, rate, signal, torque
+from fmus.models.joints import DAMPING, PLANAR, RATE, Joints, rate
 from fmus.models.joints import EXCHANGE as EXCHANGE
 from fmus.models.static_feedback import (
     Feedback,
@@ -44,19 +44,32 @@ _ALL = ("q", "dq", "q_j", "dq_j")
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; the defaults are ``Wang``. Raises FmuError."""
+    return declare(neighbours)
+
+
+def declare(
+    neighbours: int,
+    arm: Joints = PLANAR,
+    *,
+    serial: bool = False,
+    documentation: str | None = __doc__,
+) -> Model:
+    """The controller of the planar arm, or with `serial` of any `arm` with a table."""
     return adaptive_controller(
         "wang2014",
         "Adaptive consensus with another arm by static feedback",
         (
-            received("q_j", "rad", neighbours),
-            received("dq_j", RATE, neighbours, "Received joint velocity"),
-            torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
-            signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
+            received(arm, "q_j", "rad", neighbours),
+            received(arm, "dq_j", RATE, neighbours, "Received joint velocity"),
+            arm.torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
+            arm.signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
         ),
-        (gain("K", DAMPING, 16.0, "Feedback gain of s"),),
+        (arm.gain("K", DAMPING, 16.0, "Feedback gain of s"),),
         rate("lambda", 1.0, "Coupling gain: the weight of an edge"),
-        __doc__,
+        documentation,
         neighbours=neighbours,
+        arm=arm,
+        serial=serial,
     )
 
 

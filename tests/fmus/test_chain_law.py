@@ -21,7 +21,9 @@ SOURCE = """
 EXPORT void law(int n, double *const *t, double *theta, double *base, double *q, double *dq,
                 double *z, double *dz, double *s, double *tau, double *Ys) {
     const Chain chain = {n, t[0], t[1], t[2], t[3], t[4], t[5]};
-    chain_law(&chain, theta, base, q, dq, z, dz, s, tau, Ys);
+    Pose pose[CHAIN_MOST];
+    chain_pose(&chain, q, pose);
+    chain_law(&chain, pose, theta, base, dq, z, dz, s, tau, Ys);
 }
 """
 Q = np.array([0.1, -0.4, 0.2, -1.9, 0.3, 1.6, -0.5])

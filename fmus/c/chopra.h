@@ -1,0 +1,21 @@
+/* chopra.h - adaptive synchronisation of r = dq + lambda q; equations in fmus/models/chopra.py.
+ *
+ *     tau = Y(q, dq, -lambda q, -lambda dq) theta_hat - K sum over the neighbours of r - r_j
+ *     dtheta_hat = -Gamma Y^T r
+ */
+#ifndef CHOPRA_H
+#define CHOPRA_H
+
+#include "static_feedback.h"
+
+static void refer(const Model *x, Law *y) {
+    for (int i = 0; i < JOINTS; i++) {
+        y->z[i] = -x->lambda * x->q[i];
+        y->dz[i] = -x->lambda * x->dq[i];
+        y->feedback[i] = -x->K[i] * DISAGREEMENT(x->dq[i] - y->z[i], r_j, i);
+    }
+}
+
+static double *sliding(Model *x) { return x->r; }
+
+#endif

@@ -1,0 +1,34 @@
+"""Adaptive synchronisation of r = dq + lambda q, for a serial arm of n joints.
+
+The law of ``chopra`` with the regressor of any serial arm, for k neighbours::
+
+    tau        = Y(q, dq, -lambda q, -lambda dq) theta_hat - J lambda dq + g(q) - K Σ_j (r - r_j)
+    dtheta_hat = -Gamma Y' r
+
+theta_hat (n, 10), gravity (`gravity`), rotors (`armature`) and the table are those of
+``arm_teleoperation``; so are the options of a scenario. The condition is that of ``chopra``.
+
+Source: that of ``chopra``.
+"""
+
+from __future__ import annotations
+
+from fmus.model import Model
+from fmus.models import chopra
+from fmus.models.chopra import EXCHANGE as EXCHANGE
+from fmus.models.joints import Joints
+from fmus.models.robot import of_robot
+from fmus.models.static_feedback import adaptive
+from fmus.reference import derive
+
+
+def model(joints: int = 7, neighbours: int = 1) -> Model:
+    """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
+
+    Raises FmuError for other numbers.
+    """
+    return chopra.declare(neighbours, Joints(joints), serial=True, documentation=__doc__)
+
+
+fmu, kernel, ArmChopra = derive(model, *adaptive("r", chopra.feedback, serial=True))
+prepare = of_robot(model)

@@ -1,0 +1,36 @@
+"""Adaptive synchronisation of positions, for a serial arm of n joints.
+
+The law of ``nuno_adaptive`` with the regressor of any serial arm, for k neighbours::
+
+    tau        = Y(q, dq, -lambda e, -lambda de) theta_hat - J lambda de + g(q) - K epsilon - B de
+    dtheta_hat = -Gamma Y' epsilon,   epsilon = dq + lambda e,   e = (1/k) Σ_j (q - q_j)
+
+theta_hat (n, 10), gravity (`gravity`), rotors (`armature`) and the table are those of
+``arm_teleoperation``; so are the options of a scenario. The condition is that of ``nuno_adaptive``.
+
+Source: that of ``nuno_adaptive``.
+"""
+
+from __future__ import annotations
+
+from fmus.model import Model
+from fmus.models import nuno_adaptive
+from fmus.models.joints import Joints
+from fmus.models.nuno_adaptive import EXCHANGE as EXCHANGE
+from fmus.models.robot import of_robot
+from fmus.models.static_feedback import adaptive
+from fmus.reference import derive
+
+
+def model(joints: int = 7, neighbours: int = 1) -> Model:
+    """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
+
+    Raises FmuError for other numbers.
+    """
+    return nuno_adaptive.declare(neighbours, Joints(joints), serial=True, documentation=__doc__)
+
+
+fmu, kernel, ArmNunoAdaptive = derive(
+    model, *adaptive("epsilon", nuno_adaptive.feedback, serial=True)
+)
+prepare = of_robot(model)

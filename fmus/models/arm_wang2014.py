@@ -1,0 +1,34 @@
+"""Adaptive consensus with static feedback, for a serial arm of n joints.
+
+The law of ``wang2014`` with the regressor of any serial arm, for k neighbours::
+
+    tau        = Y(q, dq, z, dz) theta_hat + J dz + g(q) - K s
+    dtheta_hat = -Gamma Y' s,   s = dq - z,   z = -lambda Σ_j (q - q_j)
+
+theta_hat (n, 10), gravity (`gravity`), rotors (`armature`) and the table are those of
+``arm_teleoperation``; so are the options of a scenario. The condition is that of ``wang2014``.
+
+Source: that of ``wang2014``.
+"""
+
+from __future__ import annotations
+
+from fmus.model import Model
+from fmus.models import wang2014
+from fmus.models.joints import Joints
+from fmus.models.robot import of_robot
+from fmus.models.static_feedback import adaptive
+from fmus.models.wang2014 import EXCHANGE as EXCHANGE
+from fmus.reference import derive
+
+
+def model(joints: int = 7, neighbours: int = 1) -> Model:
+    """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
+
+    Raises FmuError for other numbers.
+    """
+    return wang2014.declare(neighbours, Joints(joints), serial=True, documentation=__doc__)
+
+
+fmu, kernel, ArmWang2014 = derive(model, *adaptive("s", wang2014.feedback, serial=True))
+prepare = of_robot(model)

@@ -24,6 +24,7 @@ from fmus.models import (
 )
 from tests.fmus.chains import planar
 from tests.fmus.test_arm_teleoperation import H, motion, played, values_of
+from tests.fmus.test_conformance_dependencies import Probe, by_variable, declared
 from tests.tiers import first_fast
 
 ROOT = Path(__file__).parents[2]
@@ -105,3 +106,13 @@ def test_two_arms_under_static_feedback_agree_over_a_constant_delay(tmp_path: Pa
     assert apart[0] > 0.5
     assert apart[-1] < 1e-2
     assert np.abs(run.array("master.dq")[-1]).max() < 1e-2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [law for law, *_ in LAWS])
+def test_the_dependencies_declared_are_those_there_are(law: ModuleType) -> None:
+    model = law.model(joints=3)
+    for in_steps, group in ((False, "InitialUnknowns"), (True, "Outputs")):
+        seen, said = Probe(model, in_steps).dependencies(), declared(model, group)
+        assert seen <= said
+        assert by_variable(seen) == by_variable(said)

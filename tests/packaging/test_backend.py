@@ -23,6 +23,7 @@ BUS = f"cosim/_bus{shared_suffix()}"
 BRIDGE = f"bridge/_bridge{shared_suffix()}"
 ENDINGS = (
     ".py",
+    ".pyi",
     ".c",
     ".h",
     ".md",

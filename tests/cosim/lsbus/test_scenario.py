@@ -187,5 +187,5 @@ def test_info_and_show_name_terminal_and_bus(
     )
     show(tmp_path / "x.toml", check=False)
     assert "CAN terminal Powertrain on bus can0" in capsys.readouterr().out
-    info(tmp_path / "a.fmu", validate=False)
+    info(str(tmp_path / "a.fmu"), validate=False)
     assert re.search(r"CAN terminals +Powertrain: Tx clock countdown", capsys.readouterr().out)

@@ -17,6 +17,7 @@
 #include "chain_law.h"
 #include "limit.h"
 #include "model.h"
+#include "natural.h"
 #include "neighbours.h"
 
 enum { JOINTS = ENTRIES(q) };
@@ -77,6 +78,9 @@ static inline const char *check(const Model *x) {
     if (!(x->alpha > 0.0))
         return "alpha must be more than 0 with neighbours: positions would not agree";
 #endif
+    for (int i = 0; i < JOINTS; i++)
+        if (x->natural > 0.0 && !(x->theta_hat[i][0] > 0.0 && is_body(x->theta_hat[i])))
+            return "theta_hat starts with a link that is no body; natural adaptation needs bodies";
     if (!(x->gravity >= NO_GRAVITY && x->gravity <= ADAPTED)) return "gravity must be 0, 1 or 2";
     return NULL;
 }
@@ -95,6 +99,20 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
+/* theta_hat of link i becomes that of t_k, and the one of t_k + h waits. */
+static inline void adapt_link(Model *x, int i, const double *Ys, double h) {
+    double *next = x->theta_hat_next[i];
+    for (int k = 0; k < 10; k++) {
+        x->theta_hat[i][k] = next[k];
+        if (!(x->natural > 0.0)) next[k] -= h * x->Gamma[i][k] * Ys[k];
+    }
+    if (x->natural > 0.0) natural_step(next, Ys, h * x->natural);
+    for (int k = 0; k < 10; k++)
+        next[k] = next[k] > x->theta_max[i][k]   ? x->theta_max[i][k]
+                  : next[k] < x->theta_min[i][k] ? x->theta_min[i][k]
+                                                 : next[k];
+}
+
 const char *model_step(Model *x, double t, double h) {
     Law y;
     (void)t; /* the law does not depend on time */
@@ -106,14 +124,7 @@ const char *model_step(Model *x, double t, double h) {
     for (int i = 0; i < JOINTS; i++) {
         x->z[i] = x->z_next[i];
         x->z_next[i] += advance * y.dz[i];
-        for (int k = 0; k < 10; k++) {
-            const double theta_hat =
-                x->theta_hat_next[i][k] - adapt * x->Gamma[i][k] * y.Ys[10 * i + k];
-            x->theta_hat[i][k] = x->theta_hat_next[i][k];
-            x->theta_hat_next[i][k] = theta_hat > x->theta_max[i][k]   ? x->theta_max[i][k]
-                                      : theta_hat < x->theta_min[i][k] ? x->theta_min[i][k]
-                                                                       : theta_hat;
-        }
+        adapt_link(x, i, y.Ys + 10 * i, adapt);
     }
     return NULL;
 }

@@ -23,7 +23,8 @@ Gamma has an entry for each parameter; 0 keeps a parameter at its start. Its uni
 parameter squared per J.s (kg2 for a mass, (kg.m)2, (kg.m2)2): a gain that suits the masses is too
 high for the moments of light links by orders of magnitude, so that the default is 1 for m, 0.1 for
 m c and 0.01 for I. The start of theta_hat is 0, or a part of what a URDF file says with
-`options.urdf` and `options.estimate` (0.8, for example).
+`options.urdf` and `options.estimate` (0.8, for example). With `natural` > 0 in place of Gamma,
+theta_hat remains the inertia of bodies (``natural``), and must start as such.
 
 gravity selects the treatment of g(q):
 
@@ -51,10 +52,13 @@ from fmus.model import Model, Terminal, Variable
 from fmus.models import chain, serial_arm
 from fmus.models.adaptive_variables import UNLIMITED, coupling_gains, network_inputs
 from fmus.models.joints import DAMPING, RATE, TORQUE, Joints, rate
+from fmus.models.natural import adapted
 from fmus.models.robot import of_robot
 from fmus.models.teleoperation import coupling
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
+
+_NATURAL = "Rate of natural adaptation in place of Gamma, 0 = off"
 
 
 def model(joints: int = 7, neighbours: int = 1) -> Model:
@@ -84,7 +88,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
             *(coupling_gains() if neighbours else ()),
             *chain.variables(arm),
         ),
-        sources=(f"{stem}.c", "arm_law.h", "neighbours.h", *serial_arm.SOURCES),
+        sources=(f"{stem}.c", "arm_law.h", "natural.h", "neighbours.h", *serial_arm.SOURCES),
         step=1e-3,
         terminals=(
             Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),
@@ -118,6 +122,7 @@ def _gains(arm: Joints) -> tuple[Variable, ...]:
     return (
         arm.gain("K", DAMPING, 10.0, "Feedback gain of s"),
         serial_arm.adaptation(arm),
+        Variable("natural", "parameter", (), "1/J", 0.0, _NATURAL, minimum=0.0),
         Variable("theta_min", "parameter", size, "1", -UNLIMITED, "Lower bound of theta_hat"),
         Variable("theta_max", "parameter", size, "1", UNLIMITED, "Upper bound of theta_hat"),
         rate("alpha", 0.5, "Gain of q in xi"),
@@ -148,8 +153,8 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     if (tau != wanted).any():
         return now | {"z_next": z, "theta_hat_next": theta_hat}
     if not stale:
-        adapted = theta_hat - h * x["Gamma"] * (Y.T @ s).reshape(theta_hat.shape)
-        theta_hat = np.clip(adapted, x["theta_min"], x["theta_max"])
+        wanted_theta = _adapted(x, theta_hat, (Y.T @ s).reshape(theta_hat.shape), h)
+        theta_hat = np.clip(wanted_theta, x["theta_min"], x["theta_max"])
     return now | {"z_next": z + h * dz, "theta_hat_next": theta_hat}
 
 
@@ -163,9 +168,23 @@ def start(x: Values, *inputs: Array) -> Values:
             f"starts at {start[at]:g}, expected from {low[at]:g} to {high[at]:g}",
             f"arm_teleoperation.theta_hat[{at[0]},{at[1]}]",
         )
+    for link, theta in enumerate(x["theta_hat"]):
+        if x["natural"] > 0 and (theta[0] <= 0 or chain.unphysical(theta) is not None):
+            raise ScenarioError(
+                "no body has these parameters; natural adaptation starts from one (`estimate`)",
+                f"arm_teleoperation.theta_hat[{link}]",
+            )
     if "lambda" in x and x["alpha"] <= 0:
         raise ScenarioError("alpha is 0, expected more than 0 with neighbours", "arm_teleoperation")
     return {"z_next": x["z"], "theta_hat_next": x["theta_hat"]}
+
+
+def _adapted(x: Values, theta_hat: Array, Ys: Array, h: float) -> Array:
+    """theta_hat (n, 10) a step h, s, later; `Ys` (n, 10) is Y' s."""
+    if x["natural"] <= 0:
+        return np.asarray(theta_hat - h * x["Gamma"] * Ys)
+    steps = h * float(x["natural"])
+    return np.array([adapted(theta, ell, steps) for theta, ell in zip(theta_hat, Ys, strict=True)])
 
 
 fmu, kernel, ArmTeleoperation = derive(model, law, start)

@@ -59,6 +59,7 @@ def values_of(n: int, rng: np.random.Generator, **given: object) -> Values:
         (1, {"gravity": 1}),
         (2, {"gravity": 2, "lambda_c": 3.0, "age_max": 0.5, "age_fade": 0.4}),
         (0, {"gravity": 0, "tau_max": np.full(4, 15.0)}),
+        (1, {"gravity": 2, "natural": 0.5}),
     ],
 )
 def test_c_equals_numpy(neighbours: int, given: dict[str, object]) -> None:
@@ -109,6 +110,7 @@ def test_known_gravity_is_compensated_with_the_inertia_of_the_table() -> None:
     [
         ({"theta_min": np.full((2, 10), 0.1)}, "theta_hat"),
         ({"alpha": 0.0}, "alpha"),
+        ({"natural": 1.0}, "natural adaptation"),
         ({"inertia": -np.ones((2, 10))}, "mass"),
     ],
 )

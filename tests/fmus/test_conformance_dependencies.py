@@ -19,8 +19,9 @@ from fmus.source import scalars
 WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0), "age_fade": (0.1, 1.0)}
 #: Entries beside a diagonal, small enough for a positive definite matrix.
 OFF_DIAGONAL = {"K_off": 0.1, "Gamma_off": 0.001}
-#: Entries of a rotation and of a body, which random numbers would not be.
-TOGETHER = ("rotation", "inertia")
+#: Entries of a rotation and of a body, which random numbers would not be, and a rate that needs
+#: estimates of bodies.
+TOGETHER = ("rotation", "inertia", "natural")
 #: A small change, and one that crosses a limit; of a rotation, one that leaves it a rotation.
 CHANGES = {"real": (0.01, 0.95), "integer": (1.0,), "boolean": ()}
 CHANGES_OF = {"rotation": (1e-7,)}

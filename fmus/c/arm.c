@@ -8,25 +8,11 @@
 
 #include "chain_check.h"
 #include "chain_forward.h"
-#include "contact.h"
+#include "environment.h"
 #include "hyperbolic.h"
 #include "model.h"
 
-enum { JOINTS = ENTRIES(q) };
-
-static const char DIVERGED[] =
-    "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is too long";
 static const char NO_INERTIA[] = "a joint moves no inertia; mass or armature is needed";
-
-/* tau_h = grip (-k_d dq - k_p (q - q_h)), operator's torque on the robot. */
-static inline double hand(const Model *x, int i, double q, double dq) {
-    return x->grip * (-x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]));
-}
-
-/* tau_e, robot's torque on its environment. */
-static inline double wall(const Model *x, int i, double q, double dq) {
-    return contact((int)x->contact, q - x->q_w[i], dq, x->k_w[i], x->b_w[i]);
-}
 
 /* tau_f - tau_s, friction and stops. */
 static inline double losses(const Model *x, int i, double q, double dq) {
@@ -71,33 +57,13 @@ static int runge_kutta(const Model *x, const double *torque, double h, double *q
     return positive;
 }
 
-/* Take q, dq and what follows from them, or give a sentence and change nothing. */
-static const char *arrive(Model *x, const double *q, const double *dq) {
-    double tau_h[JOINTS], tau_e[JOINTS];
-    for (int i = 0; i < JOINTS; i++) {
-        tau_h[i] = hand(x, i, q[i], dq[i]);
-        tau_e[i] = wall(x, i, q[i], dq[i]);
-    }
-    if (!all_finite(q, JOINTS) || !all_finite(dq, JOINTS) || !all_finite(tau_h, JOINTS) ||
-        !all_finite(tau_e, JOINTS))
-        return DIVERGED;
-    for (int i = 0; i < JOINTS; i++) {
-        x->q[i] = q[i];
-        x->dq[i] = dq[i];
-        x->tau_h[i] = tau_h[i];
-        x->tau_e[i] = tau_e[i];
-    }
-    return NULL;
-}
-
 const char *model_initial(Model *x) {
     static const double still[JOINTS] = {0.0};
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
     double ddq[JOINTS];
     if (problem) return problem;
-    if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
-    if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
+    if (environment_problem(x)) return environment_problem(x);
     for (int i = 0; i < JOINTS; i++) {
         if (!(x->q_min[i] < x->q_max[i])) return "q_min must be below q_max";
         if (x->k_s[i] > 0.0 && !(x->q[i] >= x->q_min[i] && x->q[i] <= x->q_max[i]))

@@ -6,19 +6,9 @@
  */
 #include <stddef.h>
 
-#include "contact.h"
+#include "environment.h"
 #include "model.h"
 #include "trig.h"
-
-/* tau_h = grip (-k_d dq - k_p (q - q_h)), operator's torque on the robot. */
-static inline double hand(const Model *x, int i, double q, double dq) {
-    return x->grip * (-x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]));
-}
-
-/* tau_e, robot's torque on its environment. */
-static inline double wall(const Model *x, int i, double q, double dq) {
-    return contact((int)x->contact, q - x->q_w[i], dq, x->k_w[i], x->b_w[i]);
-}
 
 /* g(q) = (theta_g1 cos q1 + theta_g2 cos (q1 + q2), theta_g2 cos (q1 + q2)), N.m. */
 static inline void gravity(const double theta_g[2], const double q[2], double g[2]) {
@@ -81,32 +71,12 @@ static inline void runge_kutta(const Model *x, const double torque[2], double h,
     }
 }
 
-/* Take q, dq and what follows from them, or give a sentence and change nothing. */
-static inline const char *arrive(Model *x, const double q[2], const double dq[2]) {
-    double tau_h[2], tau_e[2];
-    for (int i = 0; i < 2; i++) {
-        tau_h[i] = hand(x, i, q[i], dq[i]);
-        tau_e[i] = wall(x, i, q[i], dq[i]);
-    }
-    if (!all_finite(q, 2) || !all_finite(dq, 2) || !all_finite(tau_h, 2) || !all_finite(tau_e, 2))
-        return "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is"
-               " too long";
-    for (int i = 0; i < 2; i++) {
-        x->q[i] = q[i];
-        x->dq[i] = dq[i];
-        x->tau_h[i] = tau_h[i];
-        x->tau_e[i] = tau_e[i];
-    }
-    return NULL;
-}
-
 const char *model_initial(Model *x) {
     const double *theta = x->theta;
     if (!(theta[2] > 0.0 && theta[0] * theta[2] - theta[2] * theta[2] - theta[1] * theta[1] > 0.0))
         return "theta gives no positive definite inertia: theta[2] > 0 and theta[0] theta[2]"
                " - theta[2]^2 - theta[1]^2 > 0 are needed";
-    if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
-    if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
+    if (environment_problem(x)) return environment_problem(x);
     return arrive(x, x->q, x->dq);
 }
 

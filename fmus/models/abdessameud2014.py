@@ -33,14 +33,8 @@ torque is limited to ±tau_max; while any joint is at its limit z and theta_hat 
 from __future__ import annotations
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, PLANAR, RATE, Joints, rate
-from fmus.models.static_feedback import (
-    Feedback,
-    adaptive,
-    adaptive_controller,
-    mean_disagreement,
-    received,
-)
+from fmus.models.joints import DAMPING, RATE, rate
+from fmus.models.static_feedback import Feedback, LawSize, adaptive, mean_disagreement
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -53,39 +47,35 @@ PRESETS: dict[str, dict[str, float]] = {
 EXCHANGE = (("plant.q", "control.q_j"),)
 
 _ALL = ("q", "dq", "q_j")
+_START = ("theta_hat", "z", "K", "k_p", "k_d", "tau_max")
 
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; defaults: ``Abdessameud``. Raises FmuError."""
-    return declare(neighbours)
+    return declare(LawSize(neighbours), __doc__)
 
 
-def declare(
-    neighbours: int,
-    arm: Joints = PLANAR,
-    *,
-    serial: bool = False,
-    documentation: str | None = __doc__,
-) -> Model:
-    """The controller of the planar arm, or with `serial` of any `arm` with a table."""
-    return adaptive_controller(
+def declare(size: LawSize, documentation: str | None) -> Model:
+    """The controller of an arm of this `size`."""
+    return size.controller(
         "abdessameud2014",
         "Adaptive consensus with another arm by a reference filter of second order",
         (
-            received(arm, "q_j", "rad", neighbours),
-            arm.torque(_ALL, ("theta_hat", "z", "K", "k_p", "k_d", "tau_max"), elementwise=False),
-            arm.signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
-            arm.vector("z", "output", RATE, "Reference velocity", settable=True),
-            arm.local("z_next", RATE, "z of the next step"),
+            size.received("q_j", "rad", "Received joint position"),
+            size.arm.torque(
+                _ALL, ("theta_hat", "z", "K", "k_p", "k_d", "tau_max"), elementwise=False
+            ),
+            size.arm.signal("s", RATE, "Sliding vector: dq - z", ("dq",), ("z",)),
+            size.arm.vector("z", "output", RATE, "Reference velocity", settable=True),
+            size.arm.local("z_next", RATE, "z of the next step"),
         ),
-        (arm.gain("K", DAMPING, 16.0, "Feedback gain of s"),),
-        Variable("k_p", "parameter", (), "1/s2", 1.0, "Stiffness of the filter", minimum=0.0),
+        (size.arm.gain("K", DAMPING, 16.0, "Feedback gain of s"),),
+        (
+            Variable("k_p", "parameter", (), "1/s2", 1.0, "Stiffness of the filter", minimum=0.0),
+            rate("k_d", 2.0, "Damping of the filter"),
+        ),
         documentation,
         Terminal("network", ("q_j",), "Position of the other arm"),
-        more=(rate("k_d", 2.0, "Damping of the filter"),),
-        neighbours=neighbours,
-        arm=arm,
-        serial=serial,
     )
 
 

@@ -73,25 +73,14 @@ def model(joints: int = 7) -> Model:
     Raises FmuError for a number of joints that is not a whole number from 1 to 16.
     """
     arm = Joints(joints)
-    return Model(
-        identifier="arm",
-        description="Serial arm of any revolute and prismatic joints, operator's grip and wall"
-        " inside",
-        kind="continuous",
-        variables=(
-            *environment.ports(arm),
-            *chain.variables(arm),
-            *_friction(arm),
-            *_stops(arm),
-            *environment.parameters(arm),
-        ),
-        sources=(
-            *("arm.c", "chain.h", "chain_check.h", "chain_forward.h"),
-            *("contact.c", "contact.h", "hyperbolic.c", "hyperbolic.h", "trig.c"),
-        ),
-        step=1e-3,
-        terminals=environment.TERMINALS,
-        documentation=__doc__ or "",
+    chains = ("chain.h", "chain_check.h", "chain_forward.h")
+    return environment.plant(
+        "arm",
+        "Serial arm of any revolute and prismatic joints",
+        arm,
+        (*chain.variables(arm), *_friction(arm), *_stops(arm)),
+        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h"),
+        __doc__,
     )
 
 

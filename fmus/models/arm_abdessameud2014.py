@@ -19,7 +19,7 @@ from fmus.models import abdessameud2014
 from fmus.models.abdessameud2014 import EXCHANGE as EXCHANGE
 from fmus.models.joints import Joints
 from fmus.models.robot import of_robot
-from fmus.models.static_feedback import adaptive
+from fmus.models.static_feedback import LawSize, adaptive
 from fmus.reference import derive
 
 
@@ -28,7 +28,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
 
     Raises FmuError for other numbers.
     """
-    return abdessameud2014.declare(neighbours, Joints(joints), serial=True, documentation=__doc__)
+    return abdessameud2014.declare(LawSize(neighbours, Joints(joints), serial=True), __doc__)
 
 
 fmu, kernel, ArmAbdessameud2014 = derive(

@@ -18,7 +18,7 @@ from fmus.models import chopra
 from fmus.models.chopra import EXCHANGE as EXCHANGE
 from fmus.models.joints import Joints
 from fmus.models.robot import of_robot
-from fmus.models.static_feedback import adaptive
+from fmus.models.static_feedback import LawSize, adaptive
 from fmus.reference import derive
 
 
@@ -27,7 +27,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
 
     Raises FmuError for other numbers.
     """
-    return chopra.declare(neighbours, Joints(joints), serial=True, documentation=__doc__)
+    return chopra.declare(LawSize(neighbours, Joints(joints), serial=True), __doc__)
 
 
 fmu, kernel, ArmChopra = derive(model, *adaptive("r", chopra.feedback, serial=True))

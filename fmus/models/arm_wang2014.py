@@ -17,7 +17,7 @@ from fmus.model import Model
 from fmus.models import wang2014
 from fmus.models.joints import Joints
 from fmus.models.robot import of_robot
-from fmus.models.static_feedback import adaptive
+from fmus.models.static_feedback import LawSize, adaptive
 from fmus.models.wang2014 import EXCHANGE as EXCHANGE
 from fmus.reference import derive
 
@@ -27,7 +27,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
 
     Raises FmuError for other numbers.
     """
-    return wang2014.declare(neighbours, Joints(joints), serial=True, documentation=__doc__)
+    return wang2014.declare(LawSize(neighbours, Joints(joints), serial=True), __doc__)
 
 
 fmu, kernel, ArmWang2014 = derive(model, *adaptive("s", wang2014.feedback, serial=True))

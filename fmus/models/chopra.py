@@ -20,14 +20,8 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, PLANAR, RATE, Joints, rate
-from fmus.models.static_feedback import (
-    Feedback,
-    adaptive,
-    adaptive_controller,
-    disagreement,
-    received,
-)
+from fmus.models.joints import DAMPING, RATE, rate
+from fmus.models.static_feedback import Feedback, LawSize, adaptive, disagreement
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -41,34 +35,25 @@ EXCHANGE = (("control.r", "control.r_j"),)
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; defaults: ``Chopra``. Raises FmuError."""
-    return declare(neighbours)
+    return declare(LawSize(neighbours), __doc__)
 
 
-def declare(
-    neighbours: int,
-    arm: Joints = PLANAR,
-    *,
-    serial: bool = False,
-    documentation: str | None = __doc__,
-) -> Model:
-    """The controller of the planar arm, or with `serial` of any `arm` with a table."""
-    return adaptive_controller(
+def declare(size: LawSize, documentation: str | None) -> Model:
+    """The controller of an arm of this `size`."""
+    return size.controller(
         "chopra",
         "Adaptive synchronisation of velocity and position with another arm",
         (
-            received(arm, "r_j", RATE, neighbours, "Received r"),
-            arm.torque(
+            size.received("r_j", RATE, "Received r"),
+            size.arm.torque(
                 ("q", "dq", "r_j"), ("theta_hat", "K", "lambda", "tau_max"), elementwise=False
             ),
-            arm.signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
+            size.arm.signal("r", RATE, "Signal sent: dq + lambda q", ("q", "dq"), ("lambda",)),
         ),
-        (arm.gain("K", DAMPING, 16.0, "Gain of the coupling"),),
-        rate("lambda", 0.5, "Gain of q in r"),
+        (size.arm.gain("K", DAMPING, 16.0, "Gain of the coupling"),),
+        (rate("lambda", 0.5, "Gain of q in r"),),
         documentation,
         Terminal("network", ("r", "r_j"), "Signals exchanged with the other arm"),
-        neighbours=neighbours,
-        arm=arm,
-        serial=serial,
     )
 
 

@@ -1,6 +1,6 @@
 """What the plants of arms share: their ports, and the operator's grip and the wall inside them.
 
-Of n joints, with the names of the variables that :func:`ports` and :func:`parameters` declare::
+Of n joints, with the names of the variables that :func:`plant` declares::
 
     tau_h = grip (-k_d dq - k_p (q - q_h))                torque of the operator on the robot
 
@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from fmus.model import Terminal, Variable
+from fmus.model import Model, Terminal, Variable
 from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values
@@ -26,6 +26,27 @@ TERMINALS = (
     Terminal("joints", ("tau", "q", "dq"), "Torque in, position and velocity out"),
     Terminal("hand", ("q_h", "grip", "tau_h"), "The operator's hand"),
 )
+
+
+def plant(
+    identifier: str,
+    description: str,
+    arm: Joints,
+    parameters: tuple[Variable, ...],
+    sources: tuple[str, ...],
+    documentation: str | None,
+) -> Model:
+    """A plant of an `arm`: ports, its own `parameters`, and grip and wall."""
+    return Model(
+        identifier=identifier,
+        description=f"{description}, operator's grip and wall inside",
+        kind="continuous",
+        variables=(*ports(arm), *parameters, *_parameters(arm)),
+        sources=(*sources, "environment.h", "contact.c", "contact.h", "trig.c"),
+        step=1e-3,
+        terminals=TERMINALS,
+        documentation=documentation or "",
+    )
 
 
 def ports(arm: Joints) -> tuple[Variable, ...]:
@@ -55,7 +76,7 @@ def ports(arm: Joints) -> tuple[Variable, ...]:
     )
 
 
-def parameters(arm: Joints) -> tuple[Variable, ...]:
+def _parameters(arm: Joints) -> tuple[Variable, ...]:
     """Parameters of grip, wall and integrator; grip and wall are off by default."""
     return (
         arm.gain("k_p", STIFFNESS, 0.0, "Stiffness of the grip"),

@@ -75,20 +75,8 @@ def _parameters() -> tuple[Variable, ...]:
 
 def model() -> Model:
     """Declare the arm: the defaults are the preset SL91, horizontal, no grip, no wall."""
-    return Model(
-        identifier="planar2r",
-        description="Planar arm with two revolute joints, operator's grip and wall inside",
-        kind="continuous",
-        variables=(
-            *environment.ports(PLANAR),
-            *_parameters(),
-            *environment.parameters(PLANAR),
-        ),
-        sources=("planar2r.c", "contact.c", "contact.h", "trig.c"),
-        step=1e-3,
-        terminals=environment.TERMINALS,
-        documentation=__doc__ or "",
-    )
+    text = "Planar arm with two revolute joints"
+    return environment.plant("planar2r", text, PLANAR, _parameters(), ("planar2r.c",), __doc__)
 
 
 def law(

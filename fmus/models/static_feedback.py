@@ -17,8 +17,8 @@ of robot manipulators", Int. J. Robotics Research 6(3), 1987; each law gives the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import NamedTuple, final
 
 from cosim.base.errors import FmuError
 from fmus.model import Model, Terminal, Variable
@@ -56,20 +56,6 @@ def disagreement(own: Array, received: Array) -> Array:
 def mean_disagreement(own: Array, received: Array) -> Array:
     """The mean over the neighbours of `own` - received, (m,), of the same arguments."""
     return disagreement(own, received) / len(np.atleast_2d(received))
-
-
-def received(
-    arm: Joints, name: str, unit: str, neighbours: int, description: str = "Received joint position"
-) -> Variable:
-    """The input of what neighbours send: (m,) from one of them, (neighbours, m) from several.
-
-    Raises FmuError for less than one neighbour.
-    """
-    if neighbours < 1:
-        raise FmuError(f"neighbours is {neighbours}; expected at least 1")
-    shape = (arm.count,) if neighbours == 1 else (neighbours, arm.count)
-    rows = "" if neighbours == 1 else ", a row for each neighbour"
-    return Variable(name, "input", shape, unit, description=description + rows)
 
 
 def _planar(x: Values, q: Array, dq: Array, z: Array, dz: Array) -> tuple[Array, Array]:
@@ -110,38 +96,57 @@ def adaptive(
     return law, start
 
 
-def adaptive_controller(
-    identifier: str,
-    description: str,
-    signals: tuple[Variable, ...],
-    gains: tuple[Variable, ...],
-    coupling: Variable,
-    documentation: str | None,
-    network: Terminal = NETWORK,
-    more: tuple[Variable, ...] = (),
-    neighbours: int = 1,
-    arm: Joints = PLANAR,
-    serial: bool = False,
-) -> Model:
-    """Such a controller: `signals` are what it receives and gives, `gains` stand before Gamma.
+@final
+@dataclass(frozen=True, slots=True)
+class LawSize:
+    """For whom a law is declared: `neighbours`, and the planar arm, or any `arm` with a table.
 
-    `more` are gains of the coupling besides `coupling`; with several `neighbours` the identifier
-    says how many. `serial`: of an `arm` with a table instead of the planar one.
+    Raises FmuError for less than one neighbour.
     """
-    couplings = (coupling, *more, arm.tau_max)
-    if serial:
-        table = (serial_arm.gravity(), *chain.variables(arm))
-        given = _depending(signals, tuple(v.name for v in table))
-        estimate, Gamma = serial_arm.estimate(arm), serial_arm.adaptation(arm)
-        variables = (*given, *estimate, *gains, Gamma, *couplings, *table)
-        name, step, known = f"arm_{identifier}", 1e-3, serial_arm.SOURCES
-    else:
-        variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, *couplings)
-        name, step, known = identifier, 5e-3, _SOURCES
-    sources = ("static_feedback.h", f"{identifier}.h", *known)
-    made = controller(name, description, variables, sources, documentation, network, arm)
-    several = f"{name}_n{neighbours}" if neighbours > 1 else name
-    return replace(made, identifier=several, step=step)
+
+    neighbours: int = 1
+    arm: Joints = PLANAR
+    serial: bool = False
+
+    def __post_init__(self) -> None:
+        if self.neighbours < 1:
+            raise FmuError(f"neighbours is {self.neighbours}; expected at least 1")
+
+    def received(self, name: str, unit: str, description: str) -> Variable:
+        """The input of what neighbours send: (m,) from one, (neighbours, m) from several."""
+        count, joints = self.neighbours, self.arm.count
+        shape = (joints,) if count == 1 else (count, joints)
+        rows = "" if count == 1 else ", a row for each neighbour"
+        return Variable(name, "input", shape, unit, description=description + rows)
+
+    def controller(
+        self,
+        identifier: str,
+        description: str,
+        signals: tuple[Variable, ...],
+        gains: tuple[Variable, ...],
+        coupling: tuple[Variable, ...],
+        documentation: str | None,
+        network: Terminal = NETWORK,
+    ) -> Model:
+        """The controller: `signals` are what it receives and gives, `gains` stand before Gamma.
+
+        With several neighbours the identifier says how many.
+        """
+        couplings = (*coupling, self.arm.tau_max)
+        if self.serial:
+            table = (serial_arm.gravity(), *chain.variables(self.arm))
+            given = _depending(signals, tuple(v.name for v in table))
+            estimate, Gamma = serial_arm.estimate(self.arm), serial_arm.adaptation(self.arm)
+            variables = (*given, *estimate, *gains, Gamma, *couplings, *table)
+            name, step, known = f"arm_{identifier}", 1e-3, serial_arm.SOURCES
+        else:
+            variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, *couplings)
+            name, step, known = identifier, 5e-3, _SOURCES
+        sources = ("static_feedback.h", f"{identifier}.h", *known)
+        made = controller(name, description, variables, sources, documentation, network, self.arm)
+        several = f"{name}_n{self.neighbours}" if self.neighbours > 1 else name
+        return replace(made, identifier=several, step=step)
 
 
 def _depending(signals: tuple[Variable, ...], starts: tuple[str, ...]) -> tuple[Variable, ...]:

@@ -23,15 +23,9 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.model import Model
-from fmus.models.joints import DAMPING, PLANAR, RATE, Joints, rate
+from fmus.models.joints import DAMPING, RATE, rate
 from fmus.models.joints import EXCHANGE as EXCHANGE
-from fmus.models.static_feedback import (
-    Feedback,
-    adaptive,
-    adaptive_controller,
-    disagreement,
-    received,
-)
+from fmus.models.static_feedback import Feedback, LawSize, adaptive, disagreement
 from fmus.numeric import Array
 from fmus.reference import Values, derive
 
@@ -44,32 +38,23 @@ _ALL = ("q", "dq", "q_j", "dq_j")
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; the defaults are ``Wang``. Raises FmuError."""
-    return declare(neighbours)
+    return declare(LawSize(neighbours), __doc__)
 
 
-def declare(
-    neighbours: int,
-    arm: Joints = PLANAR,
-    *,
-    serial: bool = False,
-    documentation: str | None = __doc__,
-) -> Model:
-    """The controller of the planar arm, or with `serial` of any `arm` with a table."""
-    return adaptive_controller(
+def declare(size: LawSize, documentation: str | None) -> Model:
+    """The controller of an arm of this `size`."""
+    return size.controller(
         "wang2014",
         "Adaptive consensus with another arm by static feedback",
         (
-            received(arm, "q_j", "rad", neighbours),
-            received(arm, "dq_j", RATE, neighbours, "Received joint velocity"),
-            arm.torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
-            arm.signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
+            size.received("q_j", "rad", "Received joint position"),
+            size.received("dq_j", RATE, "Received joint velocity"),
+            size.arm.torque(_ALL, ("theta_hat", "K", "lambda", "tau_max"), elementwise=False),
+            size.arm.signal("s", RATE, "Sliding vector: dq - z", ("q", "dq", "q_j"), ("lambda",)),
         ),
-        (arm.gain("K", DAMPING, 16.0, "Feedback gain of s"),),
-        rate("lambda", 1.0, "Coupling gain: the weight of an edge"),
+        (size.arm.gain("K", DAMPING, 16.0, "Feedback gain of s"),),
+        (rate("lambda", 1.0, "Coupling gain: the weight of an edge"),),
         documentation,
-        neighbours=neighbours,
-        arm=arm,
-        serial=serial,
     )
 
 

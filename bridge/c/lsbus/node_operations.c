@@ -40,17 +40,13 @@ fmi3Status operation_send(fmu_t *x, int32_t bus, const frame_t *frame) {
 
 /* The frame of a transmit operation; false: these bytes are none. */
 static bool frame_of(const uint8_t *raw, size_t n, bool fd, frame_t *f) {
-    const size_t first = fd ? 17 : 16;
-    if (n < first) return false;
-    const uint32_t id = number(raw + 8, 4), length = number(raw + first - 2, 2);
-    const uint8_t ide = raw[12], second = raw[13], esi = fd ? raw[14] : 0;
-    if (ide > 1 || second > 1 || esi > 1 || id >> (ide ? 29 : 11)) return false;
-    if (n != first + length || length > (fd ? 64u : 8u)) return false;
+    transmit_t of;
+    if (!transmit_of(raw, n, fd, &of)) return false;
     memset(f, 0, sizeof *f);
-    f->id = id, f->length = (uint16_t)length;
-    f->flags = (uint8_t)((fd ? FRAME_FD : 0) | (ide ? FRAME_EXTENDED : 0) | (esi ? FRAME_ESI : 0));
-    if (second) f->flags |= fd ? FRAME_BRS : FRAME_REMOTE;
-    memcpy(f->data, raw + first, length);
+    f->id = of.id, f->length = (uint16_t)of.length;
+    f->flags = (uint8_t)((fd ? FRAME_FD : 0) | (of.extended ? FRAME_EXTENDED : 0) | (of.esi ? FRAME_ESI : 0));
+    if (of.second) f->flags |= fd ? FRAME_BRS : FRAME_REMOTE;
+    memcpy(f->data, raw + of.first, of.length);
     return true;
 }
 

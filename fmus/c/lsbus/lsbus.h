@@ -56,6 +56,24 @@ static inline uint32_t number(const uint8_t *b, int bytes) {
     return found;
 }
 
+/* A transmit operation, checked: the frame's parts; its data begin at `first`. */
+typedef struct {
+    size_t first;
+    uint32_t id, length;
+    bool extended, second, esi; /* second: BRS of an FD frame, RTR of another */
+} transmit_t;
+
+/* Whether the `n` bytes are a transmit operation of this kind of frame. */
+static inline bool transmit_of(const uint8_t *raw, size_t n, bool fd, transmit_t *of) {
+    of->first = fd ? 17 : 16;
+    if (n < of->first) return false;
+    of->id = number(raw + 8, 4), of->length = number(raw + of->first - 2, 2);
+    of->extended = raw[12], of->second = raw[13], of->esi = fd && raw[14];
+    if (raw[12] > 1 || raw[13] > 1 || (fd && raw[14] > 1)) return false;
+    return !(of->id >> (of->extended ? 29 : 11)) && n == of->first + of->length &&
+           of->length <= (fd ? 64u : 8u);
+}
+
 /* The same into `tx`, where there is room for it. */
 static inline void put(port_t *p, uint32_t value, int bytes) {
     for (int i = 0; i < bytes; i++) p->tx[p->n_tx++] = (uint8_t)(value >> 8 * i);

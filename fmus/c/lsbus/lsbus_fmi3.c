@@ -143,20 +143,23 @@ static fmi3Status left(fmu_t *x, fmi3ValueReference vr, int64_t *ps,
     return fmi3OK;
 }
 
-static fmi3Status look(fmu_t *x) {
-    const fmi3Status status = x->mode & EVENT ? core_settle(x) : fmi3OK;
-    if (status == fmi3OK) core_schedule(x);
-    return status;
+/* The interval i of those asked for in one call, ps. */
+static fmi3Status interval(fmu_t *x, const char *function, const fmi3ValueReference vr[], size_t i,
+                           int64_t *ps, fmi3IntervalQualifier qualifiers[]) {
+    if (!(x->mode & (INITIALIZATION | EVENT)))
+        return lsbus_refuse(x, "%s: not allowed in this mode", function);
+    const fmi3Status status = i == 0 && x->mode & EVENT ? core_settle(x) : fmi3OK;
+    if (status != fmi3OK) return status;
+    if (i == 0) core_schedule(x);
+    return left(x, vr[i], ps, &qualifiers[i]);
 }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                                   fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
-    fmu_t *x = instance;
-    REQUIRE(INITIALIZATION | EVENT);
-    fmi3Status status = look(x);
+    fmi3Status status = fmi3OK;
     for (size_t i = 0; i < n && status == fmi3OK; i++) {
-        int64_t ps;
-        status = left(x, vr[i], &ps, &qualifiers[i]);
+        int64_t ps = 0;
+        status = interval(instance, __func__, vr, i, &ps, qualifiers);
         intervals[i] = (double)ps * PS;
     }
     return status;
@@ -165,12 +168,10 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance instance, const fmi3ValueReferenc
 fmi3Status fmi3GetIntervalFraction(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
                                    fmi3UInt64 counters[], fmi3UInt64 resolutions[],
                                    fmi3IntervalQualifier qualifiers[]) {
-    fmu_t *x = instance;
-    REQUIRE(INITIALIZATION | EVENT);
-    fmi3Status status = look(x);
+    fmi3Status status = fmi3OK;
     for (size_t i = 0; i < n && status == fmi3OK; i++) {
-        int64_t ps;
-        status = left(x, vr[i], &ps, &qualifiers[i]);
+        int64_t ps = 0;
+        status = interval(instance, __func__, vr, i, &ps, qualifiers);
         counters[i] = (uint64_t)ps, resolutions[i] = 1000000000000u;
     }
     return status;

@@ -68,18 +68,14 @@ static void forget(fmu_t *x, int64_t request) {
 
 /* The frame of a transmit operation; false: these bytes are none. */
 static bool frame_of(const uint8_t *raw, size_t n, bool fd, can_frame_t *f) {
-    const size_t first = fd ? 17 : 16;
-    if (n < first) return false;
-    const uint32_t id = number(raw + 8, 4), length = number(raw + first - 2, 2);
-    const uint8_t ide = raw[12], second = raw[13], esi = fd ? raw[14] : 0;
-    if (ide > 1 || second > 1 || esi > 1 || id >> (ide ? 29 : 11)) return false;
-    if (n != first + length || length > (fd ? 64u : 8u)) return false;
+    transmit_t of;
+    if (!transmit_of(raw, n, fd, &of)) return false;
     memset(f, 0, sizeof *f);
-    f->id = id, f->length = (uint8_t)length;
-    f->flags = (uint8_t)((fd ? CAN_FD : 0) | (ide ? CAN_EXTENDED : 0) | (esi ? CAN_ESI : 0));
-    if (second) f->flags |= fd ? CAN_BRS : CAN_REMOTE;
-    if (!(f->flags & CAN_REMOTE)) memcpy(f->data, raw + first, length);
-    return !fd || can_padded(f->flags, f->length) == (int32_t)length;
+    f->id = of.id, f->length = (uint8_t)of.length;
+    f->flags = (uint8_t)((fd ? CAN_FD : 0) | (of.extended ? CAN_EXTENDED : 0) | (of.esi ? CAN_ESI : 0));
+    if (of.second) f->flags |= fd ? CAN_BRS : CAN_REMOTE;
+    if (!(f->flags & CAN_REMOTE)) memcpy(f->data, raw + of.first, of.length);
+    return !fd || can_padded(f->flags, f->length) == (int32_t)of.length;
 }
 
 static fmi3Status transmit(fmu_t *x, int32_t node, const can_frame_t *f) {

@@ -1,0 +1,53 @@
+/* environment.h - what the plants of arms share: the operator's grip and the wall inside them, and the
+ * state that they arrive at. Equations in fmus/models/environment.py.
+ */
+#ifndef ENVIRONMENT_H
+#define ENVIRONMENT_H
+
+#include <stddef.h>
+
+#include "contact.h"
+#include "model.h"
+
+enum { JOINTS = ENTRIES(q) };
+
+static const char DIVERGED[] =
+    "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is too long";
+
+/* tau_h = grip (-k_d dq - k_p (q - q_h)), operator's torque on the robot. */
+static inline double hand(const Model *x, int i, double q, double dq) {
+    return x->grip * (-x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]));
+}
+
+/* tau_e, robot's torque on its environment. */
+static inline double wall(const Model *x, int i, double q, double dq) {
+    return contact((int)x->contact, q - x->q_w[i], dq, x->k_w[i], x->b_w[i]);
+}
+
+/* Why substeps or contact cannot be, or NULL. */
+static inline const char *environment_problem(const Model *x) {
+    if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
+    if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
+    return NULL;
+}
+
+/* Take q, dq and what follows from them, or give a sentence and change nothing. */
+static inline const char *arrive(Model *x, const double *q, const double *dq) {
+    double tau_h[JOINTS], tau_e[JOINTS];
+    for (int i = 0; i < JOINTS; i++) {
+        tau_h[i] = hand(x, i, q[i], dq[i]);
+        tau_e[i] = wall(x, i, q[i], dq[i]);
+    }
+    if (!all_finite(q, JOINTS) || !all_finite(dq, JOINTS) || !all_finite(tau_h, JOINTS) ||
+        !all_finite(tau_e, JOINTS))
+        return DIVERGED;
+    for (int i = 0; i < JOINTS; i++) {
+        x->q[i] = q[i];
+        x->dq[i] = dq[i];
+        x->tau_h[i] = tau_h[i];
+        x->tau_e[i] = tau_e[i];
+    }
+    return NULL;
+}
+
+#endif

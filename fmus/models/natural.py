@@ -24,12 +24,12 @@ from __future__ import annotations
 from fmus.numeric import Array, np
 
 #: Where the entries xx xy yy xz yz zz of a tensor stand in theta.
-_TENSOR = np.array([[4, 5, 7], [5, 6, 8], [7, 8, 9]])
+_TENSOR = ((4, 5, 7), (5, 6, 8), (7, 8, 9))
 
 
 def pseudo_inertia(theta: Array) -> Array:
     """P (4, 4) of the parameters `theta` (10,) of a link: m kg, m c kg.m, I kg.m2."""
-    tensor = theta[_TENSOR]
+    tensor = np.take(theta, _TENSOR)
     sigma = np.trace(tensor) / 2 * np.eye(3) - tensor
     return np.block([[sigma, theta[1:4, None]], [theta[None, 1:4], theta[:1, None]]])
 
@@ -43,7 +43,7 @@ def parameters(P: Array) -> Array:
 
 def adapted(theta: Array, ell: Array, step: float) -> Array:
     """The estimate (10,) after a `step` (rate times h, s/J) against the gradient `ell` (10,)."""
-    l_tensor = ell[_TENSOR]
+    l_tensor = np.take(ell, _TENSOR)
     L = np.zeros((4, 4))
     L[:3, :3] = np.diag(np.trace(l_tensor) - np.diag(l_tensor))
     L[:3, :3] -= (l_tensor - np.diag(np.diag(l_tensor))) / 2

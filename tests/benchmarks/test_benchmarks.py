@@ -87,6 +87,7 @@ def test_every_case_is_run_in_both_versions(engine: tuple[dict[str, Any], str]) 
     ]
 
 
+@pytest.mark.slow
 def test_the_engine_computes_what_the_bare_loop_does_to_the_bit(
     engine: tuple[dict[str, Any], str],
 ) -> None:
@@ -96,6 +97,7 @@ def test_the_engine_computes_what_the_bare_loop_does_to_the_bit(
     assert all(same is True for same in ours.values()), ours
 
 
+@pytest.mark.slow
 def test_other_masters_compute_the_same_or_say_why_they_do_not_run(
     engine: tuple[dict[str, Any], str],
 ) -> None:
@@ -107,6 +109,7 @@ def test_other_masters_compute_the_same_or_say_why_they_do_not_run(
     assert all("absent" not in row for name, row in peers.items() if "FMPy" in name)
 
 
+@pytest.mark.slow
 def test_fmu_and_kernel_give_the_same_bytes_and_numpy_nearly(
     engine: tuple[dict[str, Any], str],
 ) -> None:
@@ -119,6 +122,7 @@ def test_fmu_and_kernel_give_the_same_bytes_and_numpy_nearly(
         assert case["choices"]["numpy"]["difference"] < 1e-12
 
 
+@pytest.mark.slow
 def test_tables_drawn_before_the_run_are_those_drawn_in_it(
     engine: tuple[dict[str, Any], str],
 ) -> None:
@@ -129,6 +133,7 @@ def test_tables_drawn_before_the_run_are_those_drawn_in_it(
         assert delay["rows"]["wires"]["same"] is False  # late is not the same as in time
 
 
+@pytest.mark.slow
 def test_the_tables_name_everybody(engine: tuple[dict[str, Any], str]) -> None:
     found, text = engine
     for _, row in rows(found):

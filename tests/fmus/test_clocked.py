@@ -127,6 +127,7 @@ def same(found: Inputs, expected: Inputs) -> None:
 # --- what it says of itself ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", SAMPLED)
 def test_fmpy_finds_no_problem(model: Model) -> None:
     assert validate_fmu(str(find(clocked(model, model.step), "3.0"))) == []

@@ -16,7 +16,7 @@ numpy = pytest.importorskip("numpy")
 #: Mutants of each target; readers of archives and TOML are slower than those of bytes.
 COUNTS = {"journal": 200, "faults": 60, "buslog": 30, "decode": 100, "hear": 60}
 #: Targets of the fast tests; those in C are compiled with sanitizers first, which takes longer.
-FAST = ("journal", "faults", "buslog", "deployment")
+FAST = ("journal", "faults", "deployment")
 NAMES = first_fast([*FAST, *(name for name in drive.names() if name not in FAST)], len(FAST))
 
 

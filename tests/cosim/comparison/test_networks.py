@@ -13,6 +13,7 @@ from cosim.comparison.documents import Case, read_base, scenario
 from cosim.comparison.variants_file import read
 from cosim.scenario.assemble import assemble
 from tests.cosim.comparison.parts import CONFIG, ROOT, SMALL, VARIANTS, loaded, written
+from tests.tiers import first_fast
 
 RING = ROOT / "configs" / "compare" / "networks" / "ring.toml"
 GRAPHS = ROOT / "configs" / "compare" / "networks" / "graphs.toml"
@@ -65,7 +66,7 @@ def felt_damping(edges: set[tuple[int, int]], mean: bool) -> float:
     return float(K * (1.0 + T * g @ degree) / g[0])
 
 
-@pytest.mark.parametrize("graph", ["path", "fan"])
+@pytest.mark.parametrize("graph", first_fast(["path", "fan"]))
 def test_felt_damping_of_static_feedback_follows_from_the_graph(graph: str) -> None:
     variants = read(GRAPHS)
     chosen = variants.select(["wang", "nuno"], ["push"], [graph])

@@ -20,15 +20,19 @@ TWIN = "bridge.cli.twin"
 
 def run(
     scenario: Annotated[
-        Path, typer.Argument(help="Scenario file (.toml), or a system of another tool (.ssp).")
+        Path, typer.Argument(help="Scenario (.toml), system of another tool (.ssp), or FMU (.fmu).")
     ],
     set_: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="PATH=VALUE",
-            help="Change a value, e.g. components.master.parameters.k_p=20; repeatable.",
+            help="Change a value, e.g. components.master.parameters.k_p=20 (of a single FMU: "
+            "m=2); repeatable.",
         ),
+    ] = None,
+    stop: Annotated[
+        str | None, typer.Option(metavar="TIME", help='Stop time (run.stop), e.g. 10 or "500 ms".')
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of links and topology (run.seed).")] = None,
     out: Annotated[
@@ -87,6 +91,7 @@ def run(
     from cosim.scenario.spec import logging
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
+    settings += [f"run.stop={stop}"] if stop is not None else []
     if deploy is not None:
         if links is not None:
             raise ScenarioError("--links is for runs without nodes; expected no --deploy with it")
@@ -102,6 +107,8 @@ def run(
     plan = assemble(loaded) if links is None else with_recorded_links(assemble(loaded), links)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, recorded)
+    if not recorded:
+        typer.echo("warning: no component has an output, so only the time is recorded", err=True)
     folder = out or _unused_folder(Path("runs") / f"{loaded.name}-{stamp()}")
 
     def say(text: str) -> None:

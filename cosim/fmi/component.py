@@ -177,6 +177,7 @@ class FmuComponent:
             fmi=d.fmi, path=binary, name=self.name, token=d.token,
             resources=self.archive.folder / "resources", logging=options.log,
             event_mode=self.events, early_return=self.events or self.returns_early,
+            tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
         room = LOG_ROOM if options.log else 0
         if options.isolate:

@@ -28,7 +28,9 @@ class Description:
     variables: tuple[FmuVariable, ...]
     units: Mapping[str, Unit]
     flags: Mapping[str, bool]
-    default_step: float | None
+    default_step: float | None  # s; like the next two, of the DefaultExperiment
+    default_stop: float | None  # s
+    tolerance: float | None
     kind: str | None
     optional: frozenset[str] = frozenset()  # inputs that are often left unfed
     step_attributes: Mapping[str, str] = field(default_factory=dict)
@@ -86,7 +88,6 @@ def _describe(
     if not token:
         raise FmuError(f"{origin}: no {'guid' if fmi == '2.0' else 'instantiationToken'}")
     experiment = root.find("DefaultExperiment")
-    step = experiment.get("stepSize") if experiment is not None else None
     if fmi == "2.0" and sizes:
         raise FmuError(f"{origin}: FMI 2.0 has no structural parameters, found {sorted(sizes)}")
     variables = tuple(variables2(root) if fmi == "2.0" else variables3(root, sizes))
@@ -102,7 +103,9 @@ def _describe(
         variables=variables,
         units=_units(root),
         flags={k: v in ("true", "1") for k, v in interface.attrib.items() if v in _BOOLEANS},
-        default_step=_positive(step) if step else None,
+        default_step=_positive(experiment, "stepSize"),
+        default_stop=_positive(experiment, "stopTime"),
+        tolerance=_positive(experiment, "tolerance"),
         kind=kind,
         optional=optional,
         step_attributes=dict(interface.attrib),
@@ -112,10 +115,14 @@ def _describe(
 _BOOLEANS = ("true", "false", "1", "0")
 
 
-def _positive(text: str) -> float:
+def _positive(experiment: ElementTree.Element | None, name: str) -> float | None:
+    """An attribute of the DefaultExperiment; None: it is absent. Raises ValueError."""
+    text = experiment.get(name) if experiment is not None else None
+    if not text:
+        return None
     value = float(text)
     if not (isfinite(value) and value > 0.0):
-        raise ValueError(f"stepSize {text!r} is not a positive number")
+        raise ValueError(f"{name} {text!r} is not a positive number")
     return value
 
 

@@ -55,12 +55,11 @@ def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
     return f"not a finite number: {', '.join(bad)}"
 
 
-def step_failure(result: EngineResult, status: int, lines: Sequence[str]) -> str:
-    """The error for a failed step of an FMU; `lines`: the last lines of its log."""
+def step_failure(result: EngineResult, status: int, said: str) -> str:
+    """The error for a failed step of an FMU; `said`: in its log."""
     if result is EngineResult.EARLY_RETURN:
         return "the FMU returned early from its step, which is not supported"
     verb = {EngineResult.SET: "setting inputs", EngineResult.GET: "getting outputs"}.get(
         result, "doStep"
     )
-    said = "; ".join(lines) or "the FMU logged nothing"
     return f"{verb} returned {status_name(status)} ({said})"

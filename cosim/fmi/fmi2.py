@@ -39,6 +39,7 @@ class Instance2(CommonInstance):
 
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi2", log)
+        self._tolerance = setup.tolerance
         self.log = calls.log
         libc = c.CDLL(None)
         self._callbacks = _Callbacks2(
@@ -58,14 +59,15 @@ class Instance2(CommonInstance):
             c.byref(self._callbacks), 0, int(setup.logging),
         )  # fmt: skip
         if not self.handle:
-            raise FmuError(f"{setup.name}: fmi2Instantiate failed: {'; '.join(self.log.tail())}")
+            raise FmuError(f"{setup.name}: fmi2Instantiate failed: {self.log.said()}")
 
     def setup(self, t0: float) -> None:
-        """Set up the experiment from `t0`, s (§2.1.6 of FMI 2.0.5), without a stop time."""
+        """Set up the experiment from `t0`, s (§2.1.6 of FMI 2.0.5), with no stop time."""
         setup = self._calls.checked(
             "SetupExperiment", c.c_void_p, c.c_int, c.c_double, c.c_double, c.c_int, c.c_double
         )
-        setup(self.handle, 0, 0.0, t0, 0, 0.0)
+        tolerance = self._tolerance
+        setup(self.handle, int(tolerance is not None), tolerance or 0.0, t0, 0, 0.0)
 
     def enter_initialization(self, t0: float) -> None:
         """Enter Initialization Mode (§2.1.6 of FMI 2.0.5); `t0`, s, was given to :meth:`setup`."""
@@ -140,8 +142,12 @@ class Instance2(CommonInstance):
         array = array_of(c.c_char_p, [v.encode() for v in values])
         self._access("Set", "String")(self.handle, uint32(references), len(values), array)
 
-    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
-        """Set structural parameters: FMI 2.0 has none. Raises FmuError."""
+    def enter_configuration(self) -> None:
+        """Enter Configuration Mode: FMI 2.0 has no structural parameters. Raises FmuError."""
+        raise FmuError(f"{self._calls.name}: FMI 2.0 has no structural parameters")
+
+    def exit_configuration(self) -> None:
+        """Leave Configuration Mode: FMI 2.0 has no structural parameters. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no structural parameters")
 
     def address(self, suffix: str) -> int:

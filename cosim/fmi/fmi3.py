@@ -31,6 +31,7 @@ class Instance3(CommonInstance):
         self._calls = calls = Calls(setup, "fmi3", log)
         self.log = calls.log
         self._event_mode, self.next_event, self._ended = setup.event_mode, NEVER, False
+        self._tolerance = setup.tolerance
         instantiate = calls.function(
             "InstantiateCoSimulation",
             *(c.c_char_p, c.c_char_p, c.c_char_p, c.c_bool, c.c_bool, c.c_bool, c.c_bool),
@@ -44,8 +45,8 @@ class Instance3(CommonInstance):
         )  # fmt: skip
         self._ticking = Ticking(calls, self.handle, Clocks())
         if not self.handle:
-            lines = "; ".join(self.log.tail())
-            raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {lines}")
+            said = self.log.said()
+            raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {said}")
 
     @property
     def calls(self) -> Calls:
@@ -56,12 +57,13 @@ class Instance3(CommonInstance):
         """Do nothing: FMI 3.0 is given `t0`, s, when it enters Initialization Mode."""
 
     def enter_initialization(self, t0: float) -> None:
-        """Enter Initialization Mode at `t0` s (§2.3.2 of FMI 3.0.2)."""
+        """Enter Initialization Mode at `t0` s with the tolerance (§2.3.2 of FMI 3.0.2)."""
         enter = self._calls.checked(
             "EnterInitializationMode",
             *(c.c_void_p, c.c_bool, c.c_double, c.c_double, c.c_bool, c.c_double),
         )
-        enter(self.handle, False, 0.0, t0, False, 0.0)
+        tolerance = self._tolerance
+        enter(self.handle, tolerance is not None, tolerance or 0.0, t0, False, 0.0)
 
     def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
         """(interval, shift) of periodic clocks, s; ``fmi3GetIntervalDecimal``."""
@@ -191,10 +193,12 @@ class Instance3(CommonInstance):
         array = array_of(c.c_char_p, [v.encode() for v in values])
         self._access("Set", "String")(self.handle, uint32(references), n, array, count)
 
-    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
-        """Structural parameters, in Configuration Mode (§2.3.3 of FMI 3.0.2)."""
+    def enter_configuration(self) -> None:
+        """Enter Configuration Mode, to set structural parameters (§2.3.3 of FMI 3.0.2)."""
         self._calls.checked("EnterConfigurationMode", c.c_void_p)(self.handle)
-        self.set("UInt64", references, values)
+
+    def exit_configuration(self) -> None:
+        """Leave Configuration Mode (§2.3.3 of FMI 3.0.2)."""
         self._calls.checked("ExitConfigurationMode", c.c_void_p)(self.handle)
 
     def address(self, suffix: str) -> int:

@@ -107,8 +107,7 @@ class RemoteInstance:
             self._fail(f"its process ended in {what}: {self._end()}")
 
     def _fail(self, what: str) -> NoReturn:
-        lines = "; ".join(self.log.tail()) or "the FMU logged nothing"
-        raise FmuError(f"{self._name}: {what} ({lines})")
+        raise FmuError(f"{self._name}: {what} ({self.log.said()})")
 
     def _kill(self) -> None:
         self._process.kill()
@@ -187,9 +186,13 @@ class RemoteInstance:
         """Set String or Binary variables."""
         self._call("set_texts", kind, references, values)
 
-    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
-        """Set structural parameters."""
-        self._call("configure", references, values)
+    def enter_configuration(self) -> None:
+        """See :class:`cosim.fmi.library.Instance`."""
+        self._call("enter_configuration")
+
+    def exit_configuration(self) -> None:
+        """See :class:`cosim.fmi.library.Instance`."""
+        self._call("exit_configuration")
 
     def address(self, suffix: str) -> int:
         """There is none in this process."""

@@ -47,7 +47,7 @@ class Instance(Protocol):
         """When clocks tick next that the FMU is asked for (s), by value reference."""
 
     def setup(self, t0: float) -> None:
-        """Set up the experiment from `t0` (s), without a stop time (FMI 2.0)."""
+        """Set up the experiment from `t0` (s), with the tolerance and no stop time (FMI 2.0)."""
 
     def enter_initialization(self, t0: float) -> None:
         """Enter Initialization Mode at `t0` (s)."""
@@ -85,8 +85,11 @@ class Instance(Protocol):
     def set_texts(self, kind: str, references: Sequence[int], values: Sequence[str]) -> None:
         """Set String variables, or Binary ones from hexadecimal text."""
 
-    def configure(self, references: Sequence[int], values: Sequence[int]) -> None:
-        """Set structural parameters, before anything else."""
+    def enter_configuration(self) -> None:
+        """Enter Configuration Mode, where structural parameters are set before anything else."""
+
+    def exit_configuration(self) -> None:
+        """Leave Configuration Mode."""
 
     def address(self, suffix: str) -> int:
         """The address of an FMI function, its name without the prefix."""
@@ -144,7 +147,10 @@ class Clocks:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only."""
+    """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only.
+
+    `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
+    """
 
     fmi: str
     path: Path
@@ -154,6 +160,7 @@ class Setup:
     logging: bool = False
     event_mode: bool = False
     early_return: bool = False
+    tolerance: float | None = None
 
 
 class Calls:
@@ -197,8 +204,8 @@ class Calls:
             status = function(*arguments)
             self.returned(status)
             if status not in (OK, WARNING):
-                lines = "; ".join(self.log.tail()) or "the FMU logged nothing"
-                raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {lines}")
+                said = self.log.said()
+                raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {said}")
 
         return call
 

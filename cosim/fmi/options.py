@@ -12,7 +12,8 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True, slots=True)
 class FmuOptions:
-    """`sizes`: structural parameters; `texts`: String and Binary (hexadecimal) start values.
+    """`sizes`: structural parameters that are sizes of arrays; `texts`: start values of String and
+    Binary variables (hexadecimal).
 
     `given`: parameters and start values as a scenario has them; those that are sizes or texts are
     taken out of it, see :attr:`cosim.fmi.FmuComponent.taken`.
@@ -20,6 +21,7 @@ class FmuOptions:
     `log`: switch the FMU's logging on and keep what it says; `isolate`: a process of its own,
     killed when a call takes longer than `timeout` (s), with at most `memory` MB (0: no limit)
     more than at its start; `build`: compile the FMU's sources where it has no binary for here.
+    `tolerance`: relative tolerance of the FMU's own solver; None: that of its DefaultExperiment.
     """
 
     sizes: Mapping[str, int] = field(default_factory=dict)
@@ -30,3 +32,4 @@ class FmuOptions:
     timeout: float = PATIENCE
     memory: int = 0
     build: bool = False
+    tolerance: float | None = None

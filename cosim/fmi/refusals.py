@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def refusal(result: EngineResult, status: int, lines: Sequence[str], value: str) -> str:
-    """The sentence for a result of engine.c; `lines`: of the log, `value`: the signal at fault."""
-    said = "; ".join(lines) or "the FMU logged nothing"
+def refusal(result: EngineResult, status: int, said: str, value: str) -> str:
+    """The sentence for a result of engine.c; `said`: in the log, `value`: the signal at fault."""
     if result is EngineResult.VALUE:
         return (
             f"{value} is no value of its type: whole numbers within the type's range (64 bits: up "
@@ -32,7 +31,7 @@ def refusal(result: EngineResult, status: int, lines: Sequence[str], value: str)
             "a changing clock, or one that counts down, was asked for its next interval and gave "
             f"none of 0 s or more ({said})"
         )
-    return step_failure(result, status, lines)
+    return step_failure(result, status, said)
 
 
 def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int) -> str:
@@ -50,5 +49,5 @@ def step_refused(
     """
     assert isinstance(step.component, FmuComponent)
     slots = (*step.inputs, *step.outputs)
-    lines = step.component.instance.log.tail()
-    return refusal(result, status, lines, wrong_value(slots, signals, place))
+    said = step.component.instance.log.said()
+    return refusal(result, status, said, wrong_value(slots, signals, place))

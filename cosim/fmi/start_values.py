@@ -67,7 +67,7 @@ class InstanceStart:
         for one in given:
             by[one.group.first.causality].append(one)
         self._x, self._name = x, name
-        self._sizes, self._inputs = by.pop("structuralParameter", []), by.pop("input", [])
+        self._structural, self._inputs = by.pop("structuralParameter", []), by.pop("input", [])
         self._given = [one for some in by.values() for one in some]
 
     def enter(self, begin: float) -> None:
@@ -75,9 +75,11 @@ class InstanceStart:
         others.
         """
         x = self._x
-        if self._sizes:
-            references = [one.group.first.reference for one in self._sizes]
-            x.configure(references, [int(one.values[0]) for one in self._sizes])
+        if self._structural:
+            x.enter_configuration()
+            for one in self._structural:
+                one.set(x)
+            x.exit_configuration()
         x.setup(begin)
         for one in self._given:
             one.set(x)
@@ -99,7 +101,7 @@ class InstanceStart:
         exact = [one for one in self._given if one.exact]
         self._check([one for one in exact if not one.is_parameter])
         found = self._x.exit_initialization(clocks)
-        self._check([*self._sizes, *(one for one in exact if one.is_parameter)])
+        self._check([*self._structural, *(one for one in exact if one.is_parameter)])
         return found
 
     def _check(self, given: Sequence[StartValue]) -> None:

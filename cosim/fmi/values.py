@@ -55,8 +55,14 @@ def settable(group: VariableGroup) -> bool:
         return can_set_interval(v)
     if v.type not in NUMERIC or v.variability == "constant":
         return False
-    return v.causality == "parameter" or (
-        v.causality in ("local", "output") and v.initial in ("exact", "approx") and bool(v.start)
+    return (
+        v.causality == "parameter"
+        or (v.causality == "structuralParameter" and not v.is_size)
+        or (
+            v.causality in ("local", "output")
+            and v.initial in ("exact", "approx")
+            and bool(v.start)
+        )
     )
 
 
@@ -110,10 +116,10 @@ def item_numbers(group: VariableGroup, value: Any) -> Any:
 
 
 def sizes_among(variables: Iterable[FmuVariable], given: Mapping[str, Any]) -> dict[str, int]:
-    """Those of the given values that are structural parameters. Raises FmuError for no size."""
+    """Those of the given values that are sizes of arrays. Raises FmuError for no size."""
     found = {}
     for v in variables:
-        if v.causality == "structuralParameter" and v.name in given:
+        if v.is_size and v.name in given:
             value = given[v.name]
             if not isinstance(value, int) or isinstance(value, bool) or value < 0:
                 raise FmuError(f"{v.name} is a size; expected a whole number, found {value!r}")

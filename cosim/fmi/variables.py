@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite, prod
 from typing import Any
@@ -30,7 +30,8 @@ class FmuVariable:
 
     `limits` are min and max in `unit`; `items` the names of an enumeration; `dimensions` what
     each extent is: a number, or the value reference of a structural parameter; `clocks` the value
-    references of the clocks it belongs to; `attributes` everything as written.
+    references of the clocks it belongs to; `is_size`: it is a structural parameter that gives a
+    dimension its extent; `attributes` everything as written.
     """
 
     name: str
@@ -46,6 +47,7 @@ class FmuVariable:
     limits: tuple[float, float] = (float("-inf"), float("inf"))
     items: Mapping[str, int] = field(default_factory=dict)
     clocks: tuple[int, ...] = ()
+    is_size: bool = False
     attributes: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -78,8 +80,9 @@ def variables2(root: Element) -> Iterable[FmuVariable]:
 def variables3(root: Element, sizes: Mapping[str, int]) -> Iterable[FmuVariable]:
     """The variables of FMI 3.0; `sizes`: of structural parameters by name, if not their starts.
 
-    Raises ValueError or KeyError for invalid values, and for a size of a variable that is not a
-    structural parameter.
+    A structural parameter is a size only where a Dimension refers to it (3.0.2 §2.4.7.5); others
+    are of any type. Raises ValueError or KeyError for invalid values, and for a size of a variable
+    that is none.
     """
     declared = {t.get("name", ""): t for t in root.iterfind("TypeDefinitions/*")}
     elements = list(root.iterfind("ModelVariables/*"))
@@ -97,6 +100,7 @@ def variables3(root: Element, sizes: Mapping[str, int]) -> Iterable[FmuVariable]
             shape=tuple(_dimension(d, extents, name) for d in element.iterfind("Dimension")),
             variability="continuous" if element.tag.startswith("Float") else "discrete",
             start=_starts(element, sizes),
+            is_size=element.get("valueReference") in extents,
         )
 
 
@@ -131,6 +135,7 @@ def _variable(
         limits=_limits(name, attributes),
         items=_items(name, declared),
         clocks=tuple(int(r) for r in element.get("clocks", "").split()),
+        is_size=found.get("is_size", False),
         attributes=attributes,
     )
 
@@ -192,21 +197,24 @@ def _starts(element: Element, sizes: Mapping[str, int]) -> tuple[str, ...]:
     return (str(given),) if given is not None else tuple(element.get("start", "").split())
 
 
-def _extents(elements: Iterable[Element], sizes: Mapping[str, int]) -> dict[str, int]:
-    """Structural parameters by value reference. Raises ValueError."""
-    extents, known = {}, set()
+def _extents(elements: Sequence[Element], sizes: Mapping[str, int]) -> dict[str, int]:
+    """Structural parameters that dimensions refer to, by value reference. Raises ValueError."""
+    extents: dict[str, int] = {}
+    used = {d.get("valueReference") for e in elements for d in e.iterfind("Dimension")}
+    known = set()
     for element in elements:
-        if element.get("causality") == "structuralParameter":
+        reference = element.get("valueReference", "")
+        if element.get("causality") == "structuralParameter" and reference in used:
             name = element.get("name", "")
             known.add(name)
             text = element.get("start", "")
             if name not in sizes and not text.isdecimal():
                 raise ValueError(f"structural parameter {name!r}: start {text!r} is not a size")
-            extents[element.get("valueReference", "")] = sizes.get(name, int(text or 0))
+            extents[reference] = sizes.get(name, int(text or 0))
     for name in sizes:
         if name not in known:
             there = ", ".join(sorted(known)) or "none"
-            raise ValueError(f"no structural parameter {name!r} (there are: {there})")
+            raise ValueError(f"no structural parameter {name!r} is a size (there are: {there})")
     return extents
 
 

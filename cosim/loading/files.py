@@ -1,4 +1,4 @@
-"""Scenarios read from files: TOML, or the SSP of another tool."""
+"""Scenarios read from files: TOML, the SSP of another tool, or an FMU alone."""
 
 from __future__ import annotations
 
@@ -7,18 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base import toml
-from cosim.base.errors import ScenarioError
 from cosim.base.settings import change
 from cosim.scenario.spec import Scenario, build
 
 
 def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
-    """Read a scenario, TOML or SSP, and apply ``path=value`` settings. Raises ScenarioError."""
+    """Read a scenario, TOML, SSP or FMU, and apply ``path=value`` settings. Raises CosimError."""
     path = Path(path)
     if path.suffix == ".ssp":
         from cosim import ssp
 
         return ssp.load(path, settings)
+    if path.suffix == ".fmu":
+        from cosim.loading import one_fmu
+
+        return build(one_fmu.document(path, settings), path)
     document = read_document(path)
     for setting in settings:
         change(document, setting)
@@ -26,13 +29,12 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
 
 
 def read_document(path: str | Path) -> dict[str, Any]:
-    """A TOML file, parsed; an SSP in the same words. Raises ScenarioError."""
+    """A TOML file, parsed; an SSP or an FMU in the same words. Raises CosimError."""
     path = Path(path)
     if path.suffix == ".fmu":
-        raise ScenarioError(
-            f"{path}: an FMU is not a scenario; expected a file (.toml, .ssp) that uses it as the "
-            f"model of a component (cosim info {path.name} describes it)"
-        )
+        from cosim.loading import one_fmu
+
+        return one_fmu.document(path)
     if path.suffix == ".ssp":
         from cosim.ssp.document import document
 

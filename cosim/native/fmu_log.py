@@ -26,6 +26,13 @@ class Log(c.Structure):
         lines = (self.line[i % LOG_LINES].value for i in range(first, self.count))
         return [" ".join(line.decode("utf-8", "replace").split()) for line in lines]
 
+    def said(self) -> str:
+        """The last lines as part of an error message, or how to get some."""
+        if self.count:
+            return "; ".join(self.tail())
+        hint = "" if self.capacity else "; log = true in its component, or --fmu-log, may tell more"
+        return f"the FMU logged nothing{hint}"
+
     def text(self) -> str:
         """Everything that was kept, and what was not: "" where no room was given."""
         kept = c.string_at(c.addressof(self) + c.sizeof(Log), self.used).decode("utf-8", "replace")

@@ -110,7 +110,11 @@ def _scene(spec: ComponentSpec, folder: Path, place: str) -> Component:
     """A scene of MuJoCo. Raises ScenarioError, MujocoError at `place`."""
     if spec.kind == "sampled":
         raise ScenarioError("found sampled, expected continuous for a scene", f"{place}.kind")
-    for key in ("sizes", "log", "isolate", "timeout", "memory", "build", "bus", "terminal"):
+    for key in (
+        *("sizes", "log", "isolate", "timeout", "tolerance", "memory", "build"),
+        "bus",
+        "terminal",
+    ):
         if getattr(spec, key):
             raise ScenarioError(
                 "found a key that a scene of MuJoCo does not have", f"{place}.{key}"
@@ -138,7 +142,7 @@ def _fmu(
         raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
     options = FmuOptions(
         sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
-        timeout=seconds, memory=spec.memory, build=spec.build,
+        timeout=seconds, memory=spec.memory, build=spec.build, tolerance=spec.tolerance,
     )  # fmt: skip
     try:
         fmu = FmuComponent(path, name, spec.kind, options)

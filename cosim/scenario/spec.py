@@ -51,7 +51,7 @@ class WireSpec(
 class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One component: its model, how often it steps, its values, and what feeds its inputs.
 
-    The last seven are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
+    The last eight are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
     an FMU with a CAN terminal (FMI-LS-BUS), and `terminal` that terminal where it has several.
     """
 
@@ -69,6 +69,7 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     log: bool = False
     isolate: bool = False
     timeout: Number | None = None
+    tolerance: Annotated[float, msgspec.Meta(gt=0)] | None = None
     memory: Annotated[int, msgspec.Meta(ge=0)] = 0
     build: bool = False
     bus: str = ""

@@ -55,6 +55,8 @@ def passing3() -> str:
  min="0" max="10" unit="turns"/>
 <Enumeration name="mode" valueReference="304" causality="parameter" variability="fixed" start="1"
  declaredType="Mode"/>
+<Boolean name="flip" valueReference="305" causality="structuralParameter" variability="fixed"
+ start="false"/>
 <String name="label" valueReference="120" causality="input"><Start value="x"/></String>
 <String name="said" valueReference="220" causality="output"/>
 <Binary name="blob" valueReference="121" causality="input"><Start value="00ff"/></Binary>

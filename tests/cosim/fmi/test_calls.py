@@ -97,6 +97,28 @@ def test_a_parameter_that_is_not_taken_is_named_with_both_values(fmus, fmi, isol
     )
 
 
+# ---- the tolerance ------------------------------------------------------------------------------
+
+
+@ALL
+@ISOLATE
+@pytest.mark.parametrize(
+    ("default", "given", "expected"),
+    [(None, None, []), (1e-5, None, [1e-5]), (1e-5, 1e-7, [1e-7]), (None, 1e-7, [1e-7])],
+)
+def test_the_tolerance_of_a_scenario_or_else_of_the_fmu_is_handed_over(
+    tmp_path: Path, calls, fmi: str, isolate: bool, default, given, expected
+) -> None:
+    text = strict2() if fmi == "2.0" else strict3(EVENTS if "events" in fmi else "")
+    experiment = f'<DefaultExperiment tolerance="{default}"/><ModelVariables>'
+    text = text if default is None else text.replace("<ModelVariables>", experiment)
+    options = FmuOptions(isolate=isolate, tolerance=given)
+    _, engine = run(plan_of(export(text, tmp_path / "x.fmu"), 1, options=options))
+    engine.close()
+    found = [float(line.split()[1]) for line in calls() if line.startswith("tolerance")]
+    assert found == expected
+
+
 # ---- the first row ------------------------------------------------------------------------------
 
 

@@ -122,8 +122,21 @@ def test_sizes_are_set_before_the_start(passing: Path, n: int, isolate: bool) ->
         assert column(plan, rows, "B")[1].tolist() == (2.0 * matrix).tolist()
 
 
+@pytest.mark.parametrize("isolate", [False, True])
+def test_structural_parameters_that_are_no_sizes_are_parameters(
+    passing: Path, isolate: bool
+) -> None:
+    fmu = FmuComponent(passing)
+    assert {p.name: p.type for p in fmu.parameters}["flip"] == "boolean"
+    assert "n" not in {p.name for p in fmu.parameters}
+    plan = plan_of(passing, 1, values={"flip": (1.0,)}, options=FmuOptions(isolate=isolate))
+    rows, engine = run(plan, {"A": np.arange(4.0).reshape(1, 2, 2)})
+    with engine:
+        assert column(plan, rows, "B")[1].tolist() == [[0.0, -1.0], [-2.0, -3.0]]
+
+
 def test_sizes_that_are_none_are_refused(passing: Path, tmp_path: Path) -> None:
-    with pytest.raises(FmuError, match=r"no structural parameter 'm' .there are: n"):
+    with pytest.raises(FmuError, match=r"no structural parameter 'm' is a size .there are: n.$"):
         FmuComponent(passing, "x", None, FmuOptions(sizes={"m": 3}))
     with pytest.raises(FmuError, match=r"has no structural parameters, found \['n'\]"):
         FmuComponent(export(nasty2(), tmp_path / "x.fmu"), "x", None, FmuOptions(sizes={"n": 3}))

@@ -8,13 +8,13 @@
 
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
-enum { SIZE = 300, MATRIX_IN, MATRIX_OUT, FACTOR, MODE, LABEL_IN = 120, BLOB_IN, LABEL_OUT = 220,
+enum { SIZE = 300, MATRIX_IN, MATRIX_OUT, FACTOR, MODE, FLIP, LABEL_IN = 120, BLOB_IN, LABEL_OUT = 220,
        BLOB_OUT, MOST = 8 };
 
 typedef struct {
     log_t log;
     void *environment;
-    bool configuring;
+    bool configuring, flip;
     double values[12], given[12], factor, matrix[MOST * MOST], output[MOST * MOST];
     int64_t exact, exact_given, mode;
     uint64_t size;
@@ -60,7 +60,7 @@ FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *
     (void)prior;
     memcpy(x->given, x->values, sizeof x->values);
     x->exact_given = x->exact;
-    for (uint64_t i = 0; i < x->size * x->size; i++) x->output[i] = x->factor * x->matrix[i];
+    for (uint64_t i = 0; i < x->size * x->size; i++) x->output[i] = (x->flip ? -1.0 : 1.0) * x->factor * x->matrix[i];
     *event = *terminate = *early = false;
     *last = t + h;
     return 0;
@@ -89,7 +89,21 @@ TYPE(Int16, int16_t, 4)
 TYPE(UInt16, uint16_t, 5)
 TYPE(Int32, int32_t, 6)
 TYPE(UInt32, uint32_t, 7)
-TYPE(Boolean, bool, 11)
+
+FMI int fmi3SetBoolean(fmu_t *x, const uint32_t *r, size_t n, const bool *v, size_t m)
+{
+    for (size_t i = 0; i < n; i++)
+        if (r[i] != FLIP) x->values[11] = v[i];
+        else if (!x->configuring) return refuse(x, "fmi3SetBoolean", r[i], m);
+        else x->flip = v[i];
+    return 0;
+}
+FMI int fmi3GetBoolean(fmu_t *x, const uint32_t *r, size_t n, bool *v, size_t m)
+{
+    (void)m;
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == FLIP ? x->flip : x->given[11] != 0.0;
+    return 0;
+}
 
 FMI int fmi3SetInt64(fmu_t *x, const uint32_t *r, size_t n, const int64_t *v, size_t m)
 {

@@ -1,0 +1,73 @@
+"""An FMU as a scenario of its own: one component, stepped as its DefaultExperiment says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import ceil, floor, log10
+from pathlib import Path
+from typing import Any
+
+from cosim.base.convert import number
+from cosim.base.errors import CosimError
+from cosim.base.settings import change
+from cosim.fmi import FmuComponent
+
+#: Stop time (s) and number of steps where the FMU states none.
+STOP, STEPS = 1.0, 500
+_TABLES = ("run", "components", "links", "metrics", "figures", "title")
+
+
+def document(path: Path, settings: Sequence[str] = ()) -> dict[str, Any]:
+    """The scenario of an FMU, as a parsed file would have it, with ``path=value`` settings applied.
+
+    The component has the FMU's model identifier as its name. A setting that does not begin with a
+    table of a scenario (``run.``, ``components.`` ...) sets a parameter or start value of the FMU.
+    Stop time and step are those of the DefaultExperiment; the step is shortened where the stop time
+    is not a multiple of it. Raises FmuError, ScenarioError.
+    """
+    fmu = FmuComponent(path.absolute())
+    description = fmu.description
+    name = description.identifier
+    component: dict[str, Any] = {"model": str(path.absolute()), "parameters": {}}
+    found: dict[str, Any] = {
+        "title": description.name,
+        "run": {"stop": description.default_stop or STOP},
+        "components": {name: component},
+    }
+    for setting in settings:
+        _apply(found, component["parameters"], setting)
+    run = found["run"]
+    if isinstance(run, dict) and "step" not in run:
+        run["step"] = _step(_seconds(run["stop"], path), description.default_step)
+    return found
+
+
+def _apply(found: dict[str, Any], parameters: Mapping[str, Any], setting: str) -> None:
+    if setting.partition(".")[0] in _TABLES or setting.partition("=")[0] in _TABLES:
+        change(found, setting)
+        return
+    key, equals, value = setting.partition("=")
+    change({"parameters": parameters}, f'parameters."{key.strip()}"{equals}{value}')
+
+
+def _seconds(stop: Any, path: Path) -> float:
+    try:
+        return number(stop, "s", f"{path} at run.stop")
+    except CosimError:  # whoever reads the scenario says so
+        return STOP
+
+
+def _step(stop: float, wanted: float | None) -> float:
+    """A step (s) near the wanted one, or of about 1/500 of `stop`, that divides `stop`."""
+    if not stop > 0.0:
+        return wanted or STOP / STEPS
+    step = _round(stop / STEPS) if wanted is None else min(wanted, stop)
+    if abs(round(stop / step) * step - stop) <= 1e-9 * stop:
+        return step
+    return stop / ceil(stop / step)
+
+
+def _round(step: float) -> float:
+    """The greatest of 1, 2, 5 times a power of ten that is not above `step`."""
+    power = 10.0 ** floor(log10(step))
+    return next(power * f for f in (5.0, 2.0, 1.0) if power * f <= step * (1 + 1e-9))

@@ -35,6 +35,20 @@ def run(
         str | None, typer.Option(metavar="TIME", help='Stop time (run.stop), e.g. 10 or "500 ms".')
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of links and topology (run.seed).")] = None,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SIGNAL",
+            help="Record these signals only (run.record.signals), e.g. plant.x, 'plant.*' or all, "
+            "also variables of FMUs that are no outputs; repeatable.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            "--input", metavar="FILE", help="Feed the inputs of a single FMU from a table (.csv)."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Run folder to write. Default: runs/SCENARIO-DATE-TIME.")
     ] = None,
@@ -80,6 +94,7 @@ def run(
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, ScenarioError
     from cosim.base.interrupts import exit_code
+    from cosim.base.settings import as_toml
     from cosim.cli.check import print_warnings
     from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
     from cosim.cli.supervise import announce_run_folder
@@ -92,6 +107,7 @@ def run(
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
     settings += [f"run.stop={stop}"] if stop is not None else []
+    settings += [f"run.record.signals={as_toml(record)}"] if record else []
     if deploy is not None:
         if links is not None:
             raise ScenarioError("--links is for runs without nodes; expected no --deploy with it")
@@ -101,14 +117,18 @@ def run(
             force=force, plot=plot, strict=strict, quiet=quiet,
         )  # fmt: skip
         return
-    loaded = load(scenario, settings)
+    loaded = load(scenario, settings, table)
     if fmu_log:
         loaded = logging(loaded)
     plan = assemble(loaded) if links is None else with_recorded_links(assemble(loaded), links)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, recorded)
     if not recorded:
-        typer.echo("warning: no component has an output, so only the time is recorded", err=True)
+        typer.echo(
+            "warning: no component has an output, so only the time is recorded; --record all "
+            "records all variables",
+            err=True,
+        )
     folder = out or _unused_folder(Path("runs") / f"{loaded.name}-{stamp()}")
 
     def say(text: str) -> None:

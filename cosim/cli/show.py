@@ -265,8 +265,13 @@ def _input_sources(plan: Plan, step: Step) -> list[tuple[Slot, str, str]]:
     ages = [(x.age, x.name) for x in plan.links if x.age is not None]
     fed += [(age, name, "age of what this link holds [s]") for age, name in ages]
     for player in plan.players:
-        edge = player.source.facts().get("edge")
-        fed.append((player.target, f"edge {edge}", "weight of the edge at t_k"))
+        facts = player.source.facts()
+        origin, what = (
+            (f"edge {facts['edge']}", "weight of the edge at t_k")
+            if "edge" in facts
+            else (facts.get("from", "values over time"), "value at t_k")
+        )
+        fed.append((player.target, origin, what))
     return [entry for entry in fed if entry[0].component == step.name]
 
 

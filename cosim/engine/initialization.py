@@ -32,6 +32,8 @@ def initialize(
         fed[edge.target.component].append(edge)
     for step in plan.components:
         _start(step, signals)
+    for player in plan.players:
+        part(signals, player.target)[:] = player.source.stream().rows(1)
 
     def settle(unsettled: Collection[int]) -> None:
         for _ in range(len(plan.components) + 1):

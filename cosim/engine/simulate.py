@@ -26,6 +26,7 @@ from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_
 from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
 from cosim.record.recover import is_unfinished
 from cosim.scenario.assemble import assemble
+from cosim.scenario.exposed import is_pattern, matching
 from cosim.scenario.spec import Scenario, as_data
 from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan
@@ -55,21 +56,28 @@ class RunOutcome:
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
-    """What is recorded: all outputs and everything received over links, or what is `wanted`.
+    """What is recorded: all outputs, everything received over links, and inputs that tables or
+    events change; or what is `wanted`.
 
     Raises ScenarioError for a wanted signal that does not exist.
     """
     slots = {s.name: s for c in plan.components for s in c.outputs}
     every = plan.slots()
     received = {x.target.name for x in plan.links}
-    received |= {f"{x.target.component}.{x.target.port}" for x in plan.links}
+    changed = [p.target for p in plan.players if "from" in p.source.facts()]
+    received |= {f"{x.component}.{x.port}" for x in (*(x.target for x in plan.links), *changed)}
     slots |= {name: s for name, s in every.items() if name in received}
     if wanted:
-        unknown = [w for w in wanted if w not in every]
-        if unknown:
-            raise ScenarioError(f"no signal {unknown[0]!r}; there are: {', '.join(every)}", place)
-        slots = {w: every[w] for w in wanted}
+        slots = {name: every[name] for w in wanted for name in _named(w, every, place)}
     return _columns([slot for _, slot in sorted(slots.items())])
+
+
+def _named(wanted: str, every: Mapping[str, Slot], place: str) -> Sequence[str]:
+    """The signals that an entry of ``record.signals`` names."""
+    found = matching(wanted, every) if is_pattern(wanted) else [wanted] * (wanted in every)
+    if not found:
+        raise ScenarioError(f"no signal {wanted!r}; there are: {', '.join(every)}", place)
+    return found
 
 
 def _columns(slots: Sequence[Slot]) -> list[Column]:

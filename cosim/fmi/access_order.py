@@ -11,6 +11,7 @@ from cosim.fmi import clocks
 from cosim.fmi.layout import Move, Partition, StepLayout
 from cosim.fmi.library import Clocked
 from cosim.fmi.ports import REAL, VariableGroup
+from cosim.fmi.variables import FmuVariable
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent
@@ -26,21 +27,20 @@ class Moves:
     events: bool
     _found: dict[Key, dict[str, Move]] = field(default_factory=dict)
 
-    def add(self, group: VariableGroup, place: int) -> None:
-        """Add a signal whose scalars start at `place`."""
-        found = self._found.setdefault(self._key(group), {})
+    def add(self, role: str, group: VariableGroup, place: int) -> None:
+        """Add an "input" or "output" whose scalars start at `place`."""
+        found = self._found.setdefault(self._key(role, group.first), {})
         before = found.get(group.first.type, Move(group.first.type, (), ()))
         places = tuple(range(place, place + group.size))
         found[group.first.type] = Move(
             before.type, before.references + group.references, before.places + places
         )
 
-    def _key(self, group: VariableGroup) -> Key:
-        first = group.first
+    def _key(self, role: str, first: FmuVariable) -> Key:
         if self.events and first.clocks:
-            return first.causality, "clocked", tuple(sorted(first.clocks))
-        discrete = self.events and first.variability == "discrete" and first.causality == "input"
-        return first.causality, "discrete" if discrete else "step", ()
+            return role, "clocked", tuple(sorted(first.clocks))
+        discrete = self.events and first.variability != "continuous" and role == "input"
+        return role, "discrete" if discrete else "step", ()
 
     def of(
         self, causality: str, how: str = "step", clocks: tuple[int, ...] = ()
@@ -79,14 +79,14 @@ def layout(
     clocks.check_step(x.description, h, x.name)
     moves, found, asked = Moves(x.events), _slopes(x, inputs, slopes), clocks.read_clocks(x)
     at: dict[int, int] = {}  # of clocks that are signals, by value reference
-    for causality, place in (("input", inputs), ("output", outputs)):
-        for group in x.carried(causality):
+    for role, place in (("input", inputs), ("output", outputs)):
+        for group in x.carried(role):
             if group.first.type == "Clock":
                 at |= {r: place + i for i, r in enumerate(group.references)}
             else:
-                moves.add(group, place)
+                moves.add(role, group, place)
             place += group.size
-    real = all(g.first.type in REAL for c in ("input", "output") for g in x.carried(c))
+    real = all(g.first.type in REAL for r in ("input", "output") for g in x.carried(r))
     return StepLayout(
         h=h, lag=lag, period=period, input=inputs, output=outputs,
         input_count=sum(p.size for p in x.inputs),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.base.component import Kind, Outputs, Values
+from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import FmuError, UnitError
 from cosim.base.units import Unit, parse
 from cosim.fmi import archive as archives
@@ -28,7 +28,9 @@ from cosim.fmi.values import (
     port,
     settable,
     sizes_among,
+    start_numbers,
     texts_for,
+    tunable,
 )
 from cosim.fmi.variables import NUMERIC, TEXTS
 from cosim.native import fmu_log
@@ -67,10 +69,9 @@ class FmuComponent:
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
-        optional = self.description.optional
-        self.inputs = tuple(port(g, g.name in optional) for g in self.carried("input"))
-        self.outputs = tuple(port(g) for g in self.carried("output"))
-        self.parameters = tuple(parameter(g) for g in self.groups.values() if settable(g))
+        self._observed: frozenset[str] = frozenset()
+        self._driven: frozenset[str] = frozenset()
+        self.expose()
         texts = {k: v for k, v in given.items() if has_text(self.groups, k)}
         self._texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
         self._sizes = sizes
@@ -85,11 +86,45 @@ class FmuComponent:
         self._private: str | None = None
         self._last_text = ""
 
-    def carried(self, causality: str) -> list[VariableGroup]:
-        """Inputs or outputs that are signals."""
+    def expose(self, observed: Collection[str] = (), driven: Collection[str] = ()) -> None:
+        """Make readable variables outputs, and tunable parameters inputs; before the start.
+
+        They are got and set like the others, in the same calls. `observed` may contain any name:
+        what is no readable number is left out, as is what is no tunable parameter in `driven`.
+        """
+        self._observed = frozenset(n for n in observed if n in self.groups and self._readable(n))
+        self._driven = frozenset(
+            n for n in driven if n in self.groups and tunable(self.groups[n].first)
+        )
+        optional = self.description.optional
+        self.inputs: tuple[Port, ...] = tuple(
+            port(g, fed=True, optional=g.name in optional) for g in self.carried("input")
+        )
+        self.outputs: tuple[Port, ...] = tuple(port(g) for g in self.carried("output"))
+        self.parameters: tuple[Parameter, ...] = tuple(
+            parameter(g) for g in self.groups.values() if settable(g) and g.name not in self._driven
+        )
+
+    def _readable(self, name: str) -> bool:
+        first = self.groups[name].first
+        clocked = self.events and bool(first.clocks)
+        return first.type in NUMERIC and first.causality not in ("input", "output") and not clocked
+
+    @property
+    def observable(self) -> tuple[str, ...]:
+        """Names of the variables that :meth:`expose` can make outputs."""
+        return tuple(filter(self._readable, self.groups))
+
+    def _role(self, group: VariableGroup) -> str:
+        if group.name in self._driven:
+            return "input"
+        return "output" if group.name in self._observed else group.first.causality
+
+    def carried(self, role: str) -> list[VariableGroup]:
+        """Inputs or outputs that are signals, with those that are exposed."""
         return [
             g for g in self.groups.values()
-            if g.first.causality == causality
+            if self._role(g) == role
             and (g.first.type in NUMERIC or (self.events and clocks.is_signal(g.first)))
         ]  # fmt: skip
 
@@ -200,7 +235,13 @@ class FmuComponent:
         for name, value in u.items():
             if self.groups[name].first.type != "Clock":
                 self._set(name, value)
-        return self._outputs(self.carried("output"))
+        outputs = [g for g in self.carried("output") if g.name not in self._observed]
+        return self._outputs(outputs) | self._declared()
+
+    def _declared(self) -> dict[str, np.ndarray[Any, Any]]:
+        """Start values of observed variables, which may not be read yet (FMI 2.0.5 §4.2.4)."""
+        observed = (g for g in self.carried("output") if g.name in self._observed)
+        return {g.name: self._shaped(g.name, start_numbers(g)) for g in observed}
 
     def _outputs(self, groups: Sequence[VariableGroup]) -> dict[str, np.ndarray[Any, Any]]:
         return {

@@ -6,7 +6,7 @@ no file, no texts, no log, nothing to free.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from cosim.base.component import Component, NativeComponent, Outputs
 from cosim.base.units import Unit
@@ -58,6 +58,19 @@ def model_name(component: Component) -> str:
     if isinstance(component, NativeComponent):
         return component.model_name
     return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
+
+
+def expose(component: Component, observed: Collection[str], driven: Collection[str]) -> None:
+    """Make variables of an FMU that the engine steps outputs, and tunable parameters inputs."""
+    fmu = stepped_fmu(component)
+    if fmu is not None and (observed or driven):
+        fmu.expose(observed, driven)
+
+
+def observable(component: Component) -> tuple[str, ...]:
+    """Names of variables that :func:`expose` can make outputs: of an FMU that the engine steps."""
+    fmu = stepped_fmu(component)
+    return () if fmu is None else fmu.observable
 
 
 def is_text(component: Component, port: str) -> bool:

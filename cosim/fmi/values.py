@@ -26,13 +26,13 @@ _RANGES = {
 }
 
 
-def port(group: VariableGroup, optional: bool = False) -> Port:
-    """An input or output; inputs hold their start value where nothing is wired to them.
+def port(group: VariableGroup, *, fed: bool = False, optional: bool = False) -> Port:
+    """An output, or with `fed` an input: it holds its start value where nothing is wired to it.
 
     `optional`: that this is normal.
     """
     v = group.first
-    start = _numbers(group) if v.causality == "input" else ()
+    start = tuple(start_numbers(group)) if fed else ()
     low = min(v.limits[0] for v in group.variables)
     high = max(v.limits[1] for v in group.variables)
     return Port(group.name, group.shape, v.unit or "1", v.description, start, optional, low, high)
@@ -45,7 +45,9 @@ def parameter(group: VariableGroup) -> Parameter:
         interval = number(v.attributes["intervalDecimal"])
         return Parameter(group.name, (interval,) * group.size, group.shape, "s", v.description)
     kind: Literal["real", "integer", "boolean"] = _KINDS.get(v.type, "integer")
-    return Parameter(group.name, _numbers(group), group.shape, v.unit or "1", v.description, kind)
+    return Parameter(
+        group.name, tuple(start_numbers(group)), group.shape, v.unit or "1", v.description, kind
+    )
 
 
 def settable(group: VariableGroup) -> bool:
@@ -72,8 +74,14 @@ def can_set_interval(clock: FmuVariable) -> bool:
     return clock.causality == "input" and periodic and "intervalDecimal" in clock.attributes
 
 
-def _numbers(group: VariableGroup) -> tuple[float, ...]:
-    return tuple(number(t) for t in group.start or ("0",) * group.size)
+def tunable(v: FmuVariable) -> bool:
+    """Whether it is a parameter that may change while the FMU runs."""
+    return v.causality == "parameter" and v.variability == "tunable" and v.type in NUMERIC
+
+
+def start_numbers(group: VariableGroup) -> list[float]:
+    """Start values of all scalars, in the variable's unit, or zeros where none are declared."""
+    return [number(t) for t in group.start or ("0",) * group.size]
 
 
 def check_range(group: VariableGroup, values: Sequence[float]) -> None:

@@ -7,13 +7,25 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base import toml
+from cosim.base.errors import ScenarioError
 from cosim.base.settings import change
 from cosim.scenario.spec import Scenario, build
 
 
-def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
-    """Read a scenario, TOML, SSP or FMU, and apply ``path=value`` settings. Raises CosimError."""
+def load(
+    path: str | Path, settings: Sequence[str] = (), table: str | Path | None = None
+) -> Scenario:
+    """Read a scenario, TOML, SSP or FMU, and apply ``path=value`` settings.
+
+    `table`: a file with columns for the inputs of an FMU. Raises ScenarioError, FmuError.
+    """
     path = Path(path)
+    if table is not None and path.suffix != ".fmu":
+        raise ScenarioError(
+            "--input is for a single FMU; in a scenario, an input is fed by"
+            ' components.NAME.inputs.INPUT = { table = "FILE" }',
+            str(path),
+        )
     if path.suffix == ".ssp":
         from cosim import ssp
 
@@ -21,7 +33,7 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
     if path.suffix == ".fmu":
         from cosim.loading import one_fmu
 
-        return build(one_fmu.document(path, settings), path)
+        return build(one_fmu.document(path, settings, table), path)
     document = read_document(path)
     for setting in settings:
         change(document, setting)

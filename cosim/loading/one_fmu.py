@@ -8,22 +8,26 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.convert import number
-from cosim.base.errors import CosimError
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.settings import change
 from cosim.fmi import FmuComponent
+from cosim.record.recording import Recording
 
 #: Stop time (s) and number of steps where the FMU states none.
 STOP, STEPS = 1.0, 500
 _TABLES = ("run", "components", "links", "metrics", "figures", "title")
 
 
-def document(path: Path, settings: Sequence[str] = ()) -> dict[str, Any]:
+def document(
+    path: Path, settings: Sequence[str] = (), table: str | Path | None = None
+) -> dict[str, Any]:
     """The scenario of an FMU, as a parsed file would have it, with ``path=value`` settings applied.
 
     The component has the FMU's model identifier as its name. A setting that does not begin with a
     table of a scenario (``run.``, ``components.`` ...) sets a parameter or start value of the FMU.
     Stop time and step are those of the DefaultExperiment; the step is shortened where the stop time
-    is not a multiple of it. Raises FmuError, ScenarioError.
+    is not a multiple of it. `table`: a file (:class:`Recording`) whose columns feed the inputs of
+    the same name, continuous ones joined by lines. Raises FmuError, ScenarioError.
     """
     fmu = FmuComponent(path.absolute())
     description = fmu.description
@@ -34,11 +38,34 @@ def document(path: Path, settings: Sequence[str] = ()) -> dict[str, Any]:
         "run": {"stop": description.default_stop or STOP},
         "components": {name: component},
     }
+    if table is not None:
+        component["inputs"] = _fed(fmu, Path(table).absolute())
     for setting in settings:
         _apply(found, component["parameters"], setting)
     run = found["run"]
     if isinstance(run, dict) and "step" not in run:
         run["step"] = _step(_seconds(run["stop"], path), description.default_step)
+    return found
+
+
+def _fed(fmu: FmuComponent, table: Path) -> dict[str, Any]:
+    columns = {*(recording := Recording.read(table)).columns}
+    columns |= {name.partition("[")[0] for name in columns}
+    found = {
+        port.name: {
+            "table": str(table),
+            "interpolate": "hold" if port.name in fmu.discrete else "linear",
+        }
+        for port in fmu.inputs
+        if port.name in columns
+    }
+    if not found:
+        raise ScenarioError(
+            f"no column is an input of {fmu.archive.path.name}; it has "
+            f"{', '.join(p.name for p in fmu.inputs) or 'no inputs'}, the file has "
+            f"{', '.join(recording.columns)}",
+            str(table),
+        )
     return found
 
 

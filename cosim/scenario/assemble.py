@@ -18,9 +18,10 @@ from cosim.scenario import connect
 from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
+from cosim.scenario.exposed import expose_wanted
 from cosim.scenario.models import load_component
-from cosim.scenario.spec import ComponentSpec, Scenario
-from cosim.schedule.parts import Slot, Step
+from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
+from cosim.schedule.parts import Player, Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
 
 #: Ticks of a run: a tick is a whole number that float64 has exactly, and in ns it has 64 bits.
@@ -31,7 +32,7 @@ def assemble(scenario: Scenario) -> Plan:
     """The plan of a scenario. Raises ScenarioError, FmuError or PlanError."""
     parts = scenario_components(scenario)
     connect_nodes(scenario, list(parts.steps.values()))
-    wires, links, players = connect.wires(parts), connected_links(parts), connect.players(parts)
+    wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
     connect.check_single_sources(parts, wires, links, players)
     try:
         return compile_plan(
@@ -41,6 +42,17 @@ def assemble(scenario: Scenario) -> Plan:
         )  # fmt: skip
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None
+
+
+def _players(parts: connect.ScenarioComponents) -> list[Player]:
+    """The inputs that get values over time: weights of edges, tables, events."""
+    given = [x for c in parts.scenario.components.values() for x in c.inputs.values()]
+    tables = any(isinstance(x, InputSpec) and not x.source for x in given)
+    if not (tables or parts.scenario.events):
+        return connect.weight_players(parts)
+    from cosim.scenario.timed import event_players, table_players
+
+    return [*connect.weight_players(parts), *table_players(parts), *event_players(parts)]
 
 
 def scenario_components(scenario: Scenario) -> connect.ScenarioComponents:
@@ -60,6 +72,7 @@ def _steps(scenario: Scenario, h: float) -> list[Step]:
     for name, spec in sorted(scenario.components.items()):
         place = scenario.place("components", name)
         component, presets, prepared = load_component(name, spec, scenario.path.parent, place)
+        expose_wanted(scenario, name, component)
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")

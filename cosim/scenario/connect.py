@@ -11,11 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
 from cosim.fmi.components import is_text, unit_of
-from cosim.scenario.spec import Scenario, WireSpec
+from cosim.scenario.spec import InputSpec, Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 
 if TYPE_CHECKING:
@@ -70,6 +71,22 @@ class ScenarioComponents:
             raise ScenarioError(unknown(port, ports, f"{causality} of {name}"), place)
         return _part(slot, index, place) if index else slot
 
+    def unit(self, slot: Slot) -> str | Unit:
+        """The unit of a slot, by the definition of its FMU if it has one."""
+        return unit_of(self.steps[slot.component].component, slot.unit)
+
+    def values(self, slot: Slot, value: Any, place: str) -> tuple[float, ...]:
+        """A value of the file for a slot, flattened, in the slot's unit. Raises ScenarioError."""
+        return numbers(value, slot.shape, self.unit(slot), place)
+
+    def held(self, slot: Slot) -> float:
+        """What a scalar input holds until something changes it."""
+        step = self.steps[slot.component]
+        whole = self.slots["input"][f"{slot.component}.{slot.port}"]
+        port = next(p for p in step.component.inputs if p.name == slot.port)
+        start = step.start.get(slot.port) or port.default or (0.0,) * port.size
+        return start[slot.start - whole.start]
+
     def scalar_input(self, text: str, place: str) -> Slot:
         """An input that is one number. Raises ScenarioError if it has several entries."""
         slot = self.endpoint(text, "input", place)
@@ -100,12 +117,28 @@ def wires(parts: ScenarioComponents) -> list[Wire]:
     for name, spec in parts.scenario.components.items():
         for port, given in spec.inputs.items():
             place = parts.scenario.place("components", name, "inputs", port)
-            wire = given if isinstance(given, WireSpec) else WireSpec(source=given)
+            wire = given if isinstance(given, InputSpec) else InputSpec(source=given)
+            _check_input(wire, place)
+            if not wire.source:
+                continue
             target = parts.endpoint(f"{name}.{port}", "input", place)
             source = parts.endpoint(wire.source, "output", place)
             gain, offset = fit(parts, source, target, place)
             found.append(Wire(source, target, wire.gain * gain, wire.gain * offset + wire.offset))
     return found
+
+
+def _check_input(spec: InputSpec, place: str) -> None:
+    given = [
+        k for k, v in (("from", spec.source), ("table", spec.table), ("points", spec.points)) if v
+    ]
+    if len(given) != 1:
+        text = f"found {' and '.join(given) or 'none'} of from, table, points; expected one of them"
+        raise ScenarioError(text, place)
+    timed = {"column": spec.column, "interpolate": spec.interpolate != "hold"}
+    for key, value in timed.items():
+        if value and (given == ["from"] or (key == "column" and given == ["points"])):
+            raise ScenarioError(f"found {key} with {given[0]}, which has none", place)
 
 
 def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tuple[float, float]:
@@ -119,17 +152,13 @@ def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tu
     if source.unit == target.unit:
         return 1.0, 0.0
     try:
-        return conversion(_unit(parts, source), _unit(parts, target))
+        return conversion(parts.unit(source), parts.unit(target))
     except UnitError:
         raise ScenarioError(
             f"units do not fit: {source.name} is in [{source.unit}], {target.name} expects "
             f"[{target.unit}]",
             place,
         ) from None
-
-
-def _unit(parts: ScenarioComponents, slot: Slot) -> str | Unit:
-    return unit_of(parts.steps[slot.component].component, slot.unit)
 
 
 # ---- edge weights ---------------------------------------------------------------------------
@@ -183,7 +212,7 @@ def topology(scenario: Scenario) -> Topology | None:
     )
 
 
-def players(parts: ScenarioComponents) -> list[Player]:
+def weight_players(parts: ScenarioComponents) -> list[Player]:
     """The players of the table [topology.weights]: an input, and the edge whose weight it gets.
 
     Raises ScenarioError for an edge of a robot that does not exist.
@@ -216,7 +245,7 @@ def check_single_sources(
     fed = [(w.target, w.source.name) for w in wires]
     fed += [(x.target, x.source.name) for x in links]
     fed += [(x.age, f"the age of {x.name}") for x in links if x.age is not None]
-    fed += [(p.target, "a weight of the topology") for p in players]
+    fed += [(p.target, _origin(p)) for p in players]
     sources: dict[int, str] = {}
     for target, source in fed:
         for i, scalar in enumerate(target.scalars()):
@@ -227,7 +256,8 @@ def check_single_sources(
                     str(parts.scenario.path),
                 )
             sources[at] = source
-    names = {target.name for target, _ in fed}
+    events = {p.target.name for p in players if "events" in p.source.facts()}  # start from these
+    names = {target.name for target, _ in fed} - events
     for step in parts.steps.values():
         for port in step.start:
             if f"{step.name}.{port}" in names:
@@ -235,3 +265,7 @@ def check_single_sources(
                     f"{step.name}.{port} is fed by a connection; a start value would not be used",
                     parts.scenario.place("components", step.name, "start", port),
                 )
+
+
+def _origin(player: Player) -> str:
+    return str(player.source.facts().get("from", "a weight of the topology"))

@@ -38,12 +38,20 @@ class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     record: RecordSpec = RecordSpec()
 
 
-class WireSpec(
+class InputSpec(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, rename={"source": "from"}
 ):
-    """A wire with a factor: the input gets ``gain * value + offset``."""
+    """What feeds an input, which gets ``gain * value + offset``: exactly one of three.
 
-    source: str
+    `source`: an output, by a wire; `table`: a `column` of a file (default: the name of the input);
+    `points`: [[time, value], ...]. Values of the last two are held, or joined by lines.
+    """
+
+    source: str = ""
+    table: str = ""
+    column: str = ""
+    points: tuple[tuple[Number, Value], ...] = ()
+    interpolate: Literal["hold", "linear"] = "hold"
     gain: float = 1.0
     offset: float = 0.0
 
@@ -65,7 +73,7 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     preset: str | None = None
     parameters: dict[str, Value] = {}
     start: dict[str, Value] = {}
-    inputs: dict[str, str | WireSpec] = {}
+    inputs: dict[str, str | InputSpec] = {}
     log: bool = False
     isolate: bool = False
     timeout: Number | None = None
@@ -102,6 +110,21 @@ class LinkSpec(
     name: str = ""
     channel: str = ""
     age: str = ""
+
+
+class EventSpec(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, rename={"lasts": "for"}
+):
+    """At a time (s), inputs or tunable parameters change to the values of `set`.
+
+    `over`: the duration of the change, s (0: a jump); `lasts`: after this time (s) they change
+    back.
+    """
+
+    at: Number
+    set: Annotated[dict[str, Value], msgspec.Meta(min_length=1)]
+    over: Number = 0.0
+    lasts: Number | None = None
 
 
 class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -181,6 +204,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     figures: dict[str, FigureSpec]
     analysis: AnalysisSpec = AnalysisSpec()
     buses: dict[str, ScenarioBusSpec] = msgspec.field(default_factory=dict, name="bus")
+    events: tuple[EventSpec, ...] = ()
 
     @property
     def name(self) -> str:
@@ -199,7 +223,8 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _TABLES = (
-    "title", "run", "components", "links", "bus", "topology", "metrics", "figures", "analysis"
+    "title", "run", "components", "links", "events", "bus", "topology", "metrics", "figures",
+    "analysis",
 )  # fmt: skip
 
 
@@ -221,15 +246,14 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
             raise ScenarioError(
                 f"component name {name!r} is not an identifier", f"{path} at components"
             )
-    links = document.get("links", [])
-    if not isinstance(links, list):
-        raise ScenarioError("expected an array of tables, [[links]]", f"{path} at links")
+    links, events = (_array(document, key, path) for key in ("links", "events"))
     return Scenario(
         path=path,
         title=convert(document.get("title", path.stem), str, path, "title"),
         run=convert(document["run"], RunSpec, path, "run"),
         components=convert_each(tables["components"], ComponentSpec, path, "components"),
         links=tuple(convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
+        events=tuple(convert(x, EventSpec, path, f"events.{i}") for i, x in enumerate(events)),
         topology=_topology(document, path),
         metrics=convert_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=convert_each(tables["figures"], FigureSpec, path, "figures"),
@@ -256,6 +280,13 @@ def _table(document: Mapping[str, Any], key: str, path: Path) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise ScenarioError(f"expected a table [{key}.NAME]", f"{path} at {key}")
     return table
+
+
+def _array(document: Mapping[str, Any], key: str, path: Path) -> list[Any]:
+    found = document.get(key, [])
+    if not isinstance(found, list):
+        raise ScenarioError(f"expected an array of tables, [[{key}]]", f"{path} at {key}")
+    return found
 
 
 def _topology(document: Mapping[str, Any], path: Path) -> TopologySpec | None:

@@ -53,7 +53,7 @@ def write(scenario: Scenario, plan: Plan, out: str | Path) -> list[str]:
     if periods[-1] > 1:
         notes.append(f"its step is the longest period, {periods[-1] * plan.h:g} s, or a multiple")
     if plan.players or any(x.age is not None for x in plan.links):
-        notes.append("weights of a topology and ages of links keep their start value")
+        notes.append("weights, tables, events and ages of links keep their start value")
     return notes
 
 

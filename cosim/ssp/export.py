@@ -71,7 +71,7 @@ def _unseen(plan: Plan, links: Links) -> list[str]:
     if any(x.age is not None for x in plan.links):
         notes.append("ages of links are not fed by other tools")
     if plan.players:
-        notes.append("weights of a topology keep their start value in other tools")
+        notes.append("weights of a topology, tables and events are not played by other tools")
     return notes
 
 

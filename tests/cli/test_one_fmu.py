@@ -72,3 +72,29 @@ def test_other_commands_take_an_fmu_as_well(cosim: Command) -> None:
     path = operator.fmu("2.0")
     assert cosim("show", path).code == 0
     assert cosim("check", path).code == 0
+
+
+def test_a_table_feeds_the_inputs(cosim: Command) -> None:
+    exported("x.fmu", strict2())
+    Path("u.csv").write_text("time,u,other\n0,0,1\n1,4,1\n")
+    done = cosim("run", "x.fmu", "--input", "u.csv", "--no-plot", "--out", "run", "--record", "all")
+    assert (done.code, done.err) == (0, "")
+    run = Run.open("run")
+    assert run.column("strict2.u").tolist() == [0, 0, 1, 2, 3, 4, 4, 4, 4]  # the last one used
+    assert run.column("strict2.gain").tolist() == [2.0] * 9
+    Path("w.csv").write_text("t,w\n0,1\n")
+    said = cosim.refused("run", "x.fmu", "--input", "w.csv")
+    assert "no column is an input of x.fmu; it has u, the file has w" in said
+
+
+def test_a_table_is_for_an_fmu_alone(cosim: Command) -> None:
+    Path("x.toml").write_text("")
+    assert 'inputs.INPUT = { table = "FILE" }' in cosim.refused("run", "x.toml", "--input", "u.csv")
+
+
+def test_an_fmu_without_outputs_says_what_is_recorded(cosim: Command) -> None:
+    exported("x.fmu", strict2().replace('causality="output"', 'causality="local"'))
+    assert "only the time is recorded" in cosim("run", "x.fmu", "--no-plot", "--out", "a").err
+    assert Run.open("a").names == ()
+    done = cosim("run", "x.fmu", "--no-plot", "--out", "b", "--record", "strict2.?")
+    assert done.err == "" and Run.open("b").names == ("strict2.u", "strict2.x", "strict2.y")

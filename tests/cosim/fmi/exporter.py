@@ -220,6 +220,7 @@ def strict2() -> str:
         scalar("when", 2, "parameter", '<Real start="1e9"/>', fixed),
         scalar("x", 3, "local", '<Real start="1"/>', 'initial="exact"'),
         scalar("y", 4, "output", "<Real/>"),
+        scalar("rate", 5, "parameter", '<Real start="0"/>', 'variability="tunable"'),
         scalar("how", 10, "parameter", '<Integer start="0"/>', fixed),
         scalar("status", 11, "parameter", '<Integer start="0"/>', fixed),
     )
@@ -238,6 +239,7 @@ def strict3(attributes: str = "") -> str:
 <Float64 name="when" valueReference="2" {fixed} start="1e9"/>
 <Float64 name="x" valueReference="3" causality="local" initial="exact" start="1"/>
 <Float64 name="y" valueReference="4" causality="output"/>
+<Float64 name="rate" valueReference="5" causality="parameter" variability="tunable" start="0"/>
 <Int32 name="how" valueReference="10" {fixed} start="0"/>
 <Int32 name="status" valueReference="11" {fixed} start="0"/>
 </ModelVariables><ModelStructure/></fmiModelDescription>"""

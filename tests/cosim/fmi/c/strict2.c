@@ -19,10 +19,10 @@
 #define FMI __attribute__((visibility("default")))
 enum { NORMAL, RESETS, LATER, IGNORES, JUMPS, RETURNS, ENDS };
 enum { MADE = 1, INITIALIZING = 2, STEPPING = 4, FAILED = 8, BROKEN = 16, DEAD = 32, OVER = 64 };
-enum { U, GAIN, WHEN, X, Y, HOW = 10, STATUS };
+enum { U, GAIN, WHEN, X, Y, RATE, HOW = 10, STATUS };
 
 typedef struct {
-    double u, gain, when, x, y, t;
+    double u, gain, when, x, y, t, rate;
     int how, status, state;
 } fmu_t;
 
@@ -101,7 +101,7 @@ FMI int fmi2DoStep(fmu_t *m, double t, double h, int prior)
         m->state = status == 4 ? DEAD : status == 2 ? FAILED : BROKEN;
         return status;
     }
-    m->x += h * m->gain * m->u;
+    m->x += h * (m->gain * m->u + m->rate);
     m->y = m->x;
     m->t = t + h;
     return result;
@@ -119,6 +119,11 @@ FMI int fmi2GetRealStatus(fmu_t *m, int kind, double *value)
 FMI int fmi2SetReal(fmu_t *m, const uint32_t *r, size_t n, const double *v)
 {
     for (size_t i = 0; i < n; i++) {
+        if (r[i] == RATE) {
+            m->rate = v[i];
+            if (called(m, "SetReal rate", MADE | INITIALIZING | STEPPING)) return 3;
+            continue;
+        }
         const int start = r[i] == GAIN || r[i] == WHEN || r[i] == X;
         if (called(m, start ? "SetReal start" : "SetReal",
                    r[i] == U ? MADE | INITIALIZING | STEPPING : MADE | INITIALIZING))
@@ -133,7 +138,7 @@ FMI int fmi2GetReal(fmu_t *m, const uint32_t *r, size_t n, double *v)
     for (size_t i = 0; i < n; i++) {
         const double y = m->state == INITIALIZING ? m->how == JUMPS ? 0.0 : m->x : m->y;
         v[i] = r[i] == U ? m->u : r[i] == GAIN ? m->gain : r[i] == WHEN ? m->when
-             : r[i] == X ? m->x : y;
+             : r[i] == X ? m->x : r[i] == RATE ? m->rate : y;
     }
     return called(m, "GetReal", INITIALIZING | STEPPING | FAILED | OVER);
 }

@@ -16,10 +16,10 @@
 typedef void (*log_t)(void *, int, const char *, const char *);
 enum { NORMAL, LATER = 2, IGNORES, JUMPS, RETURNS, ENDS, EVENT };
 enum { MADE = 1, INITIALIZING = 2, STEPPING = 4, IN_EVENT = 8, BROKEN = 16, DEAD = 32, OVER = 64 };
-enum { U, GAIN, WHEN, X, Y, HOW = 10, STATUS };
+enum { U, GAIN, WHEN, X, Y, RATE, HOW = 10, STATUS };
 
 typedef struct {
-    double u, gain, when, x, y, t;
+    double u, gain, when, x, y, t, rate;
     int32_t how, status;
     int state;
     bool events, ending;
@@ -124,7 +124,7 @@ FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *
     }
     if (t >= m->when && m->how == ENDS) *terminate = true, *last = t + h / 2.0;
     if (t >= m->when && m->how == EVENT) *event = m->ending = true;
-    m->x += h * m->gain * m->u;
+    m->x += h * (m->gain * m->u + m->rate);
     m->y = m->x;
     m->t = t + h;
     return result;
@@ -133,6 +133,11 @@ FMI int fmi3SetFloat64(fmu_t *m, const uint32_t *r, size_t n, const double *v, s
 {
     (void)k;
     for (size_t i = 0; i < n; i++) {
+        if (r[i] == RATE) {
+            m->rate = v[i];
+            if (called(m, "SetFloat64 rate", MADE | INITIALIZING | (m->events ? IN_EVENT : STEPPING))) return 3;
+            continue;
+        }
         const int start = r[i] == GAIN || r[i] == WHEN || r[i] == X;
         if (called(m, start ? "SetFloat64 start" : "SetFloat64",
                    r[i] == U ? MADE | INITIALIZING | STEPPING : MADE | INITIALIZING))
@@ -148,7 +153,7 @@ FMI int fmi3GetFloat64(fmu_t *m, const uint32_t *r, size_t n, double *v, size_t 
     for (size_t i = 0; i < n; i++) {
         const double y = m->state == INITIALIZING ? m->how == JUMPS ? 0.0 : m->x : m->y;
         v[i] = r[i] == U ? m->u : r[i] == GAIN ? m->gain : r[i] == WHEN ? m->when
-             : r[i] == X ? m->x : y;
+             : r[i] == X ? m->x : r[i] == RATE ? m->rate : y;
     }
     return called(m, "GetFloat64", INITIALIZING | STEPPING | IN_EVENT | OVER);
 }

@@ -51,6 +51,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "cosim.cli.sweep",
             "Run a parameter study: simulate every point; write a table and figures. Resumable.",
         ),
+        "fit": (
+            "cosim.cli.fit",
+            "Fit parameters of a scenario or an FMU to measured data, with confidence intervals.",
+        ),
         "diff": (
             "bridge.cli.diff",
             "Compare two runs signal by signal, largest differences first, and print a verdict.",

@@ -59,6 +59,16 @@ def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, ticks: bar.update(task, completed=done, total=ticks)
 
 
+@contextmanager
+def live_line(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """A line that is written anew on a terminal's standard error; elsewhere, nothing."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    yield lambda text: print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+    print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
 def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
     """Refuse metrics and figures that what will be recorded does not fit, before the run.
 

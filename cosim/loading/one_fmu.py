@@ -48,16 +48,30 @@ def document(
     return found
 
 
+def inputs_among(path: Path, recording: Recording) -> tuple[str, ...]:
+    """Inputs of an FMU that are signals of a recording. Raises FmuError."""
+    return tuple(_columns(FmuComponent(path.absolute()), recording))
+
+
+def _columns(fmu: FmuComponent, recording: Recording) -> dict[str, str]:
+    """The column of each input that has one, also as ``component.input``."""
+    columns = {*recording.columns, *(name.partition("[")[0] for name in recording.columns)}
+    names = {
+        p.name: [n for n in (p.name, f"{fmu.description.identifier}.{p.name}") if n in columns]
+        for p in fmu.inputs
+    }
+    return {port: found[0] for port, found in names.items() if found}
+
+
 def _fed(fmu: FmuComponent, table: Path) -> dict[str, Any]:
-    columns = {*(recording := Recording.read(table)).columns}
-    columns |= {name.partition("[")[0] for name in columns}
+    recording = Recording.read(table)
     found = {
-        port.name: {
+        port: {
             "table": str(table),
-            "interpolate": "hold" if port.name in fmu.discrete else "linear",
+            "column": column,
+            "interpolate": "hold" if port in fmu.discrete else "linear",
         }
-        for port in fmu.inputs
-        if port.name in columns
+        for port, column in _columns(fmu, recording).items()
     }
     if not found:
         raise ScenarioError(

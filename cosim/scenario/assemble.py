@@ -18,7 +18,7 @@ from cosim.scenario import connect
 from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
-from cosim.scenario.exposed import expose_wanted
+from cosim.scenario.exposed import ExposedVariables
 from cosim.scenario.models import load_component
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
 from cosim.schedule.parts import Player, Slot, Step
@@ -69,10 +69,11 @@ def scenario_components(scenario: Scenario) -> connect.ScenarioComponents:
 def _steps(scenario: Scenario, h: float) -> list[Step]:
     steps: list[Step] = []
     start = 0
+    exposed = ExposedVariables(scenario)
     for name, spec in sorted(scenario.components.items()):
         place = scenario.place("components", name)
         component, presets, prepared = load_component(name, spec, scenario.path.parent, place)
-        expose_wanted(scenario, name, component)
+        exposed.expose(name, component)
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")

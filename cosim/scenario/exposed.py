@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from fnmatch import translate
 
@@ -15,13 +16,30 @@ ALL = "all"
 _INDEX = re.compile(r"\[\d+(?:,\d+)*\]$")
 
 
-def expose_wanted(scenario: Scenario, name: str, component: Component) -> None:
-    """Make outputs of an FMU of what the scenario reads of it, and inputs of what it changes."""
-    known = {f"{name}.{variable}": variable for variable in observable(component)}
-    observed = {known[signal] for signal in _wanted(_read(scenario), known)}
-    spec = scenario.components[name]
-    driven = {*spec.inputs, *_ports(name, _changed(scenario))}
-    expose(component, observed, {_INDEX.sub("", port) for port in driven} | driven)
+class ExposedVariables:
+    """What a scenario reads of its components, and changes of them, by component."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._patterns: list[str] = []
+        self._read: defaultdict[str, set[str]] = defaultdict(set)
+        self._changed: defaultdict[str, set[str]] = defaultdict(set)
+        for signal in _read(scenario):
+            if is_pattern(signal):
+                self._patterns.append(signal)
+            else:
+                name, _, variable = signal.partition(".")
+                self._read[name] |= {variable, _INDEX.sub("", variable)}
+        for signal in _changed(scenario):
+            name, _, port = signal.partition(".")
+            self._changed[name] |= {port, _INDEX.sub("", port)}
+
+    def expose(self, name: str, component: Component) -> None:
+        """Make outputs of an FMU of what is read of it, and inputs of what is changed."""
+        observed = set(self._read[name])
+        if self._patterns:
+            known = {f"{name}.{variable}": variable for variable in observable(component)}
+            observed |= {known[s] for p in self._patterns for s in matching(p, known)}
+        expose(component, observed, self._changed[name])
 
 
 def is_pattern(signal: str) -> bool:
@@ -35,19 +53,6 @@ def matching(pattern: str, names: Iterable[str]) -> list[str]:
         return list(names)
     match = re.compile(translate(pattern.replace("[", "[[]"))).match  # an index, not a set
     return [name for name in names if match(name)]
-
-
-def _wanted(signals: Iterable[str], known: Iterable[str]) -> Iterator[str]:
-    names = set(known)
-    for signal in signals:
-        if is_pattern(signal):
-            yield from matching(signal, names)
-        else:
-            yield from {signal, _INDEX.sub("", signal)} & names
-
-
-def _ports(name: str, signals: Iterable[str]) -> Iterator[str]:
-    return (s.removeprefix(f"{name}.") for s in signals if s.startswith(f"{name}."))
 
 
 def _read(scenario: Scenario) -> Iterator[str]:
@@ -70,3 +75,5 @@ def _changed(scenario: Scenario) -> Iterator[str]:
         yield from event.set
     for link in scenario.links:
         yield link.target
+    for name, component in scenario.components.items():
+        yield from (f"{name}.{port}" for port in component.inputs)

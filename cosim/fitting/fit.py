@@ -136,7 +136,7 @@ class Fitting:
         self._runs = 0
 
     def run(self, most: int = 1000) -> Fit:
-        """Find the parameters, with at most `most` runs. Raises CosimError.
+        """Find the parameters, with at most `most` runs. Raises CosimError, ScenarioError.
 
         The first run must succeed: where the start values cannot be run, nothing can be compared.
         """

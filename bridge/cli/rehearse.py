@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Force, Plot, Quiet, Strict
+from cosim.cli.options import Force, Pdf, Png, Quiet, Report, Strict
 from cosim.cli.supervise import allow_terminal_input, announce_run_folder
 
 if TYPE_CHECKING:
@@ -104,7 +105,9 @@ def rehearse(
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
-    plot: Plot = True,
+    plot: Report = True,
+    png: Png = False,
+    pdf: Pdf = False,
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
@@ -141,7 +144,16 @@ def rehearse(
         scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
         real=hardware, script=str(faults) if faults else "", nodes=_selected_nodes(system, nodes),
     )  # fmt: skip
-    _run(system, settings, _folder(system, out), force, twin, tuple(log or ("log",)), plot, quiet)
+    _run(
+        system,
+        settings,
+        _folder(system, out),
+        force,
+        twin,
+        tuple(log or ("log",)),
+        {"report": plot, "png": png, "pdf": pdf},
+        quiet,
+    )
 
 
 def _selected_nodes(system: System, nodes: str | None) -> tuple[str, ...]:
@@ -171,7 +183,7 @@ def _run(
     force: bool,
     twin: bool,
     formats: tuple[str, ...],
-    plot: bool,
+    drawn: Mapping[str, bool],
     quiet: bool,
 ) -> None:
     from dataclasses import replace
@@ -209,7 +221,7 @@ def _run(
         outcome = complete(
             system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats, script=script
         )
-    verdict = _say(system, outcome, plot, quiet)
+    verdict = _say(system, outcome, drawn, quiet)
     if interrupted:
         typer.echo(f"interrupted; recorded until then: {folder}", err=True)
         raise typer.Exit(exit_code())
@@ -251,26 +263,31 @@ def header(system: System) -> str:
     return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s {clock}"
 
 
-def _say(system: System, outcome: RehearsalOutcome, plot: bool, quiet: bool) -> Verdict:
+def _say(
+    system: System, outcome: RehearsalOutcome, drawn: Mapping[str, bool], quiet: bool
+) -> Verdict:
     from bridge.realtime.lateness import draw
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines
+    from bridge.results.page import write_page
     from bridge.results.report import line
     from cosim.analysis import declared_metrics
     from cosim.analysis.metrics import evaluate
-    from cosim.cli.summary import figures
+    from cosim.cli.summary import pictures, this_command
     from cosim.record import Run, seal
 
     run = Run.open(outcome.folder)
     said = [line(r.label, r.text) for r in evaluate(declared_metrics.metrics(system.scenario), run)]
     said += lines(system, outcome)
-    if plot:
-        said += [line("figure", str(p)) for p in figures(system.scenario, run, outcome.folder)]
-        late = {str(r.life): r.lateness for r in outcome.reports}
-        path = draw(late, outcome.folder / "lateness.png")
-        said.append(line("figure", str(path)))
-    seal(outcome.folder)
     found = verdicts.judge(system, outcome)
+    if drawn["report"]:
+        said.append(line("report", str(write_page(run, outcome, found, said, this_command()))))
+    figures = pictures(system.scenario, run, **{**drawn, "report": False})
+    said += [line(what, str(path)) for what, path in figures]
+    if drawn["png"]:
+        late = {str(r.life): r.lateness for r in outcome.reports}
+        said.append(line("figure", str(draw(late, outcome.folder / "lateness.png"))))
+    seal(outcome.folder)
     said.append(line("verdict", found.text(success_text(outcome))))
     said.append(line("run folder", str(outcome.folder)))
     if not quiet:

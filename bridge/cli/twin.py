@@ -87,7 +87,9 @@ def run(
     out: Path | None,
     *,
     force: bool,
-    plot: bool,
+    report: bool,
+    png: bool,
+    pdf: bool,
     strict: bool,
     quiet: bool,
 ) -> None:
@@ -105,7 +107,7 @@ def run(
     from cosim.analysis.metrics import evaluate
     from cosim.base.clock import stamp, stopwatch
     from cosim.base.interrupts import exit_code
-    from cosim.cli.summary import figures
+    from cosim.cli.summary import pictures
     from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
@@ -134,8 +136,8 @@ def run(
     said.append(
         line("wall time", f"{wall:.2f} s for {length:g} s: {length / wall:.0f} x real time")
     )
-    if plot:
-        said += [line("figure", str(p)) for p in figures(system.scenario, result, folder)]
+    found = pictures(system.scenario, result, report=report, png=png, pdf=pdf)
+    said += [line(what, str(path)) for what, path in found]
     seal(folder)
     said.append(line("run folder", str(folder)))
     if not quiet:

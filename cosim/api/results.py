@@ -175,13 +175,9 @@ class RunResult:
 
     def _scenario(self) -> Scenario:
         """Of the scenario of the run what declares metrics and figures."""
-        from cosim.scenario.spec import build
+        from cosim.reporting.recorded import recorded_scenario
 
-        document = self.metadata.get("scenario")
-        if not document:
-            raise ScenarioError("the folder does not say which scenario it ran", str(self.folder))
-        kept = {key: _given(document[key]) for key in ("title", "run", "metrics", "figures")}
-        return build(kept | {"components": {}}, self.folder / "run.json")
+        return recorded_scenario(self._run)
 
 
 @final
@@ -197,13 +193,6 @@ class PngPicture:
     def _repr_png_(self) -> bytes:
         """The bytes of the file."""
         return self.path.read_bytes()
-
-
-def _given(value: Any) -> Any:
-    """A document without the keys that were not given."""
-    if isinstance(value, dict):
-        return {key: _given(x) for key, x in value.items() if x is not None}
-    return [_given(x) for x in value] if isinstance(value, list) else value
 
 
 def _library(name: str) -> Any:

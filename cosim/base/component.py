@@ -89,6 +89,41 @@ class Preparation:
     files: Mapping[str, str]
 
 
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """How a report draws a serial robot; a module of a model offers ``drawing(options, folder)``.
+
+    Of each joint: whether it is `prismatic`, and at zero the axes (9 numbers, row by row, columns
+    are the axes) and the origin (3), m, of its frame in its parent's; it moves about or along its z
+    axis. `tip`: the end in the last frame (3), m. `position` and `torque`: outputs of the
+    component. `planar`: it moves in the plane x, y of its base.
+    """
+
+    prismatic: tuple[bool, ...]
+    rotations: tuple[tuple[float, ...], ...]
+    origins: tuple[tuple[float, ...], ...]
+    tip: tuple[float, ...]
+    position: str = "q"
+    torque: str = ""
+    planar: bool = False
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return len(self.prismatic)
+
+    def data(self) -> dict[str, Any]:
+        """As a page reads it, with the `reach` (m) of the stretched arm."""
+        lengths = [sum(x * x for x in p) ** 0.5 for p in (*self.origins, self.tip)]
+        parts = zip(self.prismatic, self.rotations, self.origins, strict=True)
+        return {
+            "joints": [{"prismatic": p, "rotation": r, "origin": o} for p, r, o in parts],
+            "tip": self.tip,
+            "planar": self.planar,
+            "reach": sum(lengths) or 1.0,
+        }
+
+
 class Component(Protocol):
     """What the engine steps: a Python class with these members, or an FMU."""
 

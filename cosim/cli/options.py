@@ -12,6 +12,11 @@ Set = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")]
 Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")]
+Report = Annotated[
+    bool, typer.Option("--plot/--no-plot", help="Write report.html, a page to look at the run.")
+]
+Png = Annotated[bool, typer.Option("--png", help="Also draw the figures of the scenario as PNG.")]
+Pdf = Annotated[bool, typer.Option("--pdf", help="Also draw the figures of the scenario as PDF.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings before the run as errors.")]
 Verify = Annotated[

@@ -11,7 +11,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Simulate": {
         "run": (
             "cosim.cli.run",
-            "Run a scenario; write trajectories, metadata, link tables and figures to a folder.",
+            "Run a scenario; write trajectories, metadata, link tables and a report to a folder.",
         ),
         "check": (
             "cosim.cli.check",
@@ -32,6 +32,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "new": (
             "cosim.cli.new",
             "Write a controller in Python, a scenario it runs in, and a test.",
+        ),
+        "report": (
+            "cosim.cli.report",
+            "Write the report of a run again: a page with diagrams, arms that move, and results.",
         ),
         "recover": (
             "cosim.cli.recover",

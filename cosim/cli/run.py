@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.numbers import finite
-from cosim.cli.options import Force, Plot, Quiet, Strict
+from cosim.cli.options import Force, Pdf, Png, Quiet, Report, Strict
 
 if TYPE_CHECKING:
     from cosim.scenario.spec import Scenario
@@ -54,7 +54,9 @@ def run(
     ] = None,
     force: Force = False,
     csv: Annotated[bool, typer.Option("--csv", help="Also write trajectories.csv.")] = False,
-    plot: Plot = True,
+    plot: Report = True,
+    png: Png = False,
+    pdf: Pdf = False,
     estimate_error: Annotated[
         bool,
         typer.Option(
@@ -90,13 +92,13 @@ def run(
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a scenario; write trajectories, metadata, link tables and figures to a folder."""
+    """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, ScenarioError
     from cosim.base.interrupts import exit_code
     from cosim.base.settings import as_toml
     from cosim.cli.check import print_warnings
-    from cosim.cli.summary import check, figures, header, late_ticks, progress_bar, summary
+    from cosim.cli.summary import check, header, late_ticks, pictures, progress_bar, summary
     from cosim.cli.supervise import announce_run_folder
     from cosim.engine.simulate import columns, simulate
     from cosim.loading.files import load
@@ -114,7 +116,7 @@ def run(
         twin = importlib.import_module(TWIN)
         twin.run(
             scenario, deploy, clock, settings, out,
-            force=force, plot=plot, strict=strict, quiet=quiet,
+            force=force, report=plot, png=png, pdf=pdf, strict=strict, quiet=quiet,
         )  # fmt: skip
         return
     loaded = load(scenario, settings, table)
@@ -155,8 +157,8 @@ def run(
         result.to_csv(folder / "trajectories.csv")
     for line in _errors(loaded, tolerance, folder) if estimate_error else ():
         say(line)
-    for path in figures(loaded, result, folder) if plot else ():
-        say(f"{'figure':<16} {path}")
+    for what, path in pictures(loaded, result, report=plot, png=png, pdf=pdf):
+        say(f"{what:<16} {path}")
     seal(folder)
     say(f"{'run folder':<16} {folder}")
 

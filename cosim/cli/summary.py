@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -152,14 +153,30 @@ def _ages(outcome: RunOutcome) -> list[str]:
     return lines
 
 
-def figures(scenario: Scenario, run: Run, folder: Path) -> list[Path]:
-    """Draw the scenario's figures into the run folder."""
+def pictures(
+    scenario: Scenario, run: Run, *, report: bool, png: bool = False, pdf: bool = False
+) -> Iterator[tuple[str, Path]]:
+    """Write the report and the scenario's figures into the run folder: what it is, and its file."""
+    if report:
+        from cosim.reporting.run_report import write_report
+
+        yield "report", write_report(run, this_command())
+    if png or pdf:
+        yield from draw_figures(scenario, run, png=png, pdf=pdf)
+
+
+def draw_figures(
+    scenario: Scenario, run: Run, *, png: bool, pdf: bool
+) -> Iterator[tuple[str, Path]]:
+    """Draw the scenario's figures into the run folder: what it is, and its file."""
     from cosim.reporting.declared import figure_specs
     from cosim.reporting.figures import draw
 
-    paths = []
-    for name, figure in figure_specs(scenario).items():
-        path = folder / f"{name}.png"
-        draw(figure, run, path)
-        paths.append(path)
-    return paths
+    for form in [f for f, wanted in (("png", png), ("pdf", pdf)) if wanted]:
+        for name, figure in figure_specs(scenario).items():
+            yield "figure", draw(figure, run, run.path.parent / f"{name}.{form}")
+
+
+def this_command() -> str:
+    """The command as it was typed, for whoever wants to repeat it."""
+    return shlex.join(["cosim", *sys.argv[1:]])

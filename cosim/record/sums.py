@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from warnings import warn
 
@@ -18,15 +19,18 @@ from cosim.record.folder import METADATA, SUMS, reason, replace_file
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")
 
 
-def seal(folder: str | Path, *, anew: bool = False) -> None:
+def seal(folder: str | Path, *, anew: bool = False, changed: Iterable[str] = ()) -> None:
     """Write the sums of all files in `folder` and below it.
 
     Files that have a sum already keep it, so that a folder may be sealed again when figures have
-    come into it; `anew`: every sum is computed. Raises RunError where a file cannot be read or the
-    sums cannot be written, ScenarioError where there are sums that cannot be read.
+    come into it; `anew`: every sum is computed; `changed`: names of files whose sum is. Raises
+    RunError where a file cannot be read or the sums cannot be written, ScenarioError where there
+    are sums that cannot be read.
     """
     folder = Path(folder)
-    known = {} if anew or not (folder / SUMS).exists() else _read(folder)
+    known = {} if anew or not (folder / SUMS).exists() else dict(_read(folder))
+    for name in changed:
+        known.pop(name, None)
     try:
         sums = {name: known.get(name) or _sum(folder / name) for name in _files(folder)}
     except OSError as error:

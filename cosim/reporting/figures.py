@@ -94,7 +94,9 @@ class _Line:
 
 
 def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
-    """Draw `spec` from `run` into the PNG `path`, 150 dots per inch; replaced in one step.
+    """Draw `spec` from `run` into `path`, a PDF by its suffix, else a PNG with 150 dots per inch.
+
+    The file is replaced in one step.
 
     Raises ScenarioError naming the panel for signals that were not recorded, RunError with the
     path if it cannot be written.
@@ -103,7 +105,8 @@ def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
         raise ScenarioError("a figure needs at least one panel", f"figure {spec.title!r}")
     content = [_lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
                for i, panel in enumerate(spec.panels)]  # fmt: skip
-    return draw_styled(lambda: _render(spec, run, content), path)
+    form = pdf if Path(path).suffix == ".pdf" else png
+    return draw_styled(lambda: form(_render(spec, run, content)), path)
 
 
 def draw_styled(render: Callable[[], bytes], path: str | Path) -> Path:
@@ -128,6 +131,13 @@ def png(figure: Sheet) -> bytes:
     canvas: Any = FigureCanvasAgg(figure)  # partly untyped
     buffer = io.BytesIO()
     canvas.print_png(buffer, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return buffer.getvalue()
+
+
+def pdf(figure: Sheet) -> bytes:
+    """A figure as a PDF, without a date."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="pdf", metadata={"CreationDate": None, "Producer": None})
     return buffer.getvalue()
 
 
@@ -201,7 +211,7 @@ def _unit(unit: str) -> str:
 # ---- how it is drawn -----------------------------------------------------------------------------
 
 
-def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_Line]]]) -> bytes:
+def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_Line]]]) -> Sheet:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Sheet
 
@@ -221,7 +231,7 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
     axes[-1].set_xlabel("time [s]")
     legend = max(_legend_width(ax, canvas) for ax in axes)
     _arrange(figure, axes, spec, legend)
-    return png(figure)
+    return figure
 
 
 def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> None:

@@ -37,6 +37,11 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008; the env
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
 from fmus.model import Model, Variable
 from fmus.models import chain, environment
@@ -137,3 +142,21 @@ def _losses(x: Values, q: Array, dq: Array) -> Array:
 
 fmu, kernel, Arm = derive(model, law, start)
 prepare = of_robot(model)
+
+
+def drawing(options: Mapping[str, Any], folder: Path) -> Drawing | None:
+    """The arm in a report; without a robot of its own, None. Raises ScenarioError as `prepare`.
+
+    The last link ends at twice the distance of its centre of mass.
+    """
+    if "urdf" not in options:
+        return None
+    values = prepare(options, folder).values
+    mass, *moment = np.asarray(values["inertia"], dtype=np.float64)[-1][:4]
+    return Drawing(
+        tuple(bool(kind) for kind in values["joint_type"]),
+        tuple(tuple(np.ravel(R).tolist()) for R in values["rotation"]),
+        tuple(tuple(np.ravel(r).tolist()) for r in values["origin"]),
+        tuple(2.0 * x / mass if mass else 0.0 for x in moment),
+        torque="tau_h",
+    )

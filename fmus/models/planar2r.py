@@ -42,6 +42,7 @@ stage, and as outputs at the end of the step.
 
 from __future__ import annotations
 
+from cosim.base.component import Drawing
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Variable
 from fmus.models import environment
@@ -119,3 +120,12 @@ def _acceleration(x: Values, q: Array, dq: Array, pushed: Array) -> Array:
 
 
 fmu, kernel, Planar2R = derive(model, law, start)
+
+
+def drawing(options: object, folder: object) -> Drawing:
+    """The arm in a report: its parameters are lumped, so each link is drawn 1 m long."""
+    level = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    link = (1.0, 0.0, 0.0)
+    return Drawing(
+        (False, False), (level, level), ((0.0, 0.0, 0.0), link), link, torque="tau_h", planar=True
+    )

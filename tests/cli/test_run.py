@@ -27,7 +27,7 @@ SUMMARY = (
     "link age",
     "link age",
     "wall time",
-    "figure",
+    "report",
     "run folder",
 )
 
@@ -54,10 +54,18 @@ def test_a_run_folder_holds_everything(cosim: Command, tmp_path: Path) -> None:
     (folder,) = (tmp_path / "runs").iterdir()
     assert re.fullmatch(r"teleoperation-\d{8}-\d{6}", folder.name)
     names = sorted(path.name for path in folder.iterdir())
-    assert names == ["SHA256SUMS", "links", "positions.png", "run.json", "trajectories.parquet"]
+    assert names == ["SHA256SUMS", "links", "report.html", "run.json", "trajectories.parquet"]
     assert len(list((folder / "links").glob("*.parquet"))) == 2
-    with Image.open(folder / "positions.png") as image:
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert "Bilateral teleoperation" in text and 'class="verdict ' in text
+
+
+def test_figures_are_drawn_where_they_are_wanted(cosim: Command, tmp_path: Path) -> None:
+    wanted = ("--png", "--pdf", "--no-plot")
+    assert cosim("run", CONFIG, *SHORT, *wanted, "--out", "here").code == 0
+    with Image.open(tmp_path / "here" / "positions.png") as image:
         assert image.width > 600 and image.height > 400
+    assert (tmp_path / "here" / "positions.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_trajectories_have_a_unit_on_every_column(cosim: Command, tmp_path: Path) -> None:
@@ -131,7 +139,7 @@ def test_csv_holds_the_same_numbers(cosim: Command, tmp_path: Path) -> None:
 def test_quiet_and_no_plot(cosim: Command, tmp_path: Path) -> None:
     done = cosim("run", CONFIG, *SHORT, "--out", "here", "--no-plot", "--quiet")
     assert (done.code, done.out, done.err) == (0, "", "")
-    assert not list((tmp_path / "here").glob("*.png"))
+    assert not (tmp_path / "here" / "report.html").exists()
     assert (tmp_path / "here" / "trajectories.parquet").is_file()
 
 

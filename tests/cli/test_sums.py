@@ -80,7 +80,7 @@ def test_one_flipped_bit_in_any_file_of_a_run_is_found(cosim: Command, tmp_path:
     here = tmp_path / "here"
     random = np.random.default_rng(1)
     files = [p for p in sorted(here.rglob("*")) if p.is_file()]
-    assert {p.suffix for p in files} == {".parquet", ".json", ".png", ".csv", ""}
+    assert {p.suffix for p in files} == {".parquet", ".json", ".html", ".csv", ""}
     for path in files:
         before = flip(path, int(random.integers(8 * path.stat().st_size)))
         said = cosim.refused("show", "here")

@@ -19,7 +19,7 @@ def test_the_main_job_runs_and_leaves_a_folder(cosim: Command, tmp_path: Path) -
     assert (done.code, done.err) == (0, "")
     assert "operator effort" in done.out
     names = sorted(path.name for path in (tmp_path / "here").iterdir())
-    assert names == ["SHA256SUMS", "links", "positions.png", "run.json", "trajectories.parquet"]
+    assert names == ["SHA256SUMS", "links", "report.html", "run.json", "trajectories.parquet"]
 
 
 def test_the_first_seconds_are_the_golden_trajectory(tmp_path: Path) -> None:

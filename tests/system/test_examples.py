@@ -55,7 +55,7 @@ def test_own_controller(examples: Path) -> None:
     folder = examples / "own_controller"
     printed = called(*COSIM, "run", "scenario.toml", "--out", "out", cwd=folder)
     assert printed == promised("own_controller")
-    assert (folder / "out" / "arm.png").is_file()
+    assert (folder / "out" / "report.html").is_file()
 
 
 @pytest.mark.parametrize(

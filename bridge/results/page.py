@@ -1,0 +1,81 @@
+"""``report.html`` of a rehearsal: that of a run, and its verdict, nodes, lateness and faults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bridge.results.rehearsal_outcome import RehearsalOutcome
+from bridge.results.report import NodeReport
+from bridge.results.verdict import Verdict
+from bridge.wiring.wiring import Rows
+from cosim.record import Run
+from cosim.reporting.html import (
+    Badge,
+    PageData,
+    PlottedPanel,
+    TimedEvent,
+    folded,
+    histogram,
+    table,
+)
+from cosim.reporting.run_report import CHOSEN, write_report
+
+
+def write_page(
+    run: Run, outcome: RehearsalOutcome, found: Verdict, said: Sequence[str], repeat: str
+) -> Path:
+    """Write the report of a rehearsal into its folder. `said`: what the command printed of it.
+
+    Raises CosimError if it cannot be written.
+    """
+
+    def extend(data: PageData) -> str:
+        data.events += [
+            TimedEvent(f.t0, f.text(), f.t1 if f.t1 > f.t0 else None) for f in outcome.faults
+        ]
+        nodes = table(
+            ["node", "lateness and end"], [(str(r.life), r.text()) for r in outcome.reports]
+        )
+        faults = table(["fault"], [(f.text(),) for f in outcome.faults])
+        return (
+            f'<h2>Nodes</h2>{nodes}<section id="late"></section>'
+            f'<div class="charts">{"".join(_lateness(outcome, data))}</div>'
+            + (f"<h2>Faults</h2>{faults}" if outcome.faults else "")
+            + folded("Summary", table(["", ""], [_pair(line) for line in said]))
+        )
+
+    reason = "; ".join(found.reasons) or "every check of the run and of its replay"
+    return write_report(run, repeat, Badge(found.word.value, reason), extend)
+
+
+def _lateness(outcome: RehearsalOutcome, data: PageData) -> Iterator[str]:
+    series = []
+    for report in outcome.reports:
+        rows = outcome.rows[report.life]
+        if len(rows) < 2:
+            continue
+        name = f"lateness of {report.life}"
+        late = (rows["woke_ns"] - rows["deadline_ns"]) * 1e-3
+        data.add(name, "us", late, _period(rows), CHOSEN)
+        series.append((name, str(report.life)))
+        yield histogram(name, "us", late, _marks(report))
+    if series:
+        data.panels.append(PlottedPanel("Lateness of each slot", "us", tuple(series), (), "late"))
+
+
+def _period(rows: Rows) -> float:
+    """Time between two slots, s."""
+    return float(np.median(np.diff(rows["deadline_ns"]))) * 1e-9
+
+
+def _marks(report: NodeReport) -> dict[str, float]:
+    late = report.lateness.late
+    return {"p50": late.p50 * 1e-3, "p99": late.p99 * 1e-3}
+
+
+def _pair(line: str) -> tuple[str, str]:
+    """A line of the summary as its name and its text."""
+    return line[:16].strip(), line[16:].strip()

@@ -1,0 +1,324 @@
+/* The moving parts of a report: plots with one cursor, arms, the time bar. Data: the element "data". */
+"use strict";
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const find = (id) => document.getElementById(id);
+  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const make = (tag, attributes = {}, ...children) => {
+    const element = document.createElement(tag);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    element.append(...children);
+    return element;
+  };
+  const svg = (tag, attributes = {}) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    return element;
+  };
+
+  // ---- signals --------------------------------------------------------------------------------
+
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  const decoded = new Map();
+  /** {t, y} of a signal: time in s, and value, null where it is no number. */
+  function signal(name) {
+    if (!decoded.has(name)) {
+      const s = data.signals[name];
+      const rows = new Uint32Array(bytes(s.i));
+      const values = new Float32Array(bytes(s.y));
+      decoded.set(name, {
+        t: Array.from(rows, (i) => Math.min(i * s.dt, data.end)),
+        y: Array.from(values, (v) => (Number.isFinite(v) ? v : null)),
+      });
+    }
+    return decoded.get(name);
+  }
+  const short = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
+    ? v.toExponential(3) : Number(v.toPrecision(5)).toString());
+
+  // ---- plots ----------------------------------------------------------------------------------
+
+  const DASHES = [undefined, [7, 3], [2, 3], [9, 3, 2, 3]];
+  const plots = [];
+  let time = 0, moving = false, zooming = false;
+
+  function bands(u) {
+    for (const event of data.events) {
+      const left = u.valToPos(event.t, "x", true);
+      const right = u.valToPos(event.to === undefined ? event.t : event.to, "x", true);
+      if (right < u.bbox.left || left > u.bbox.left + u.bbox.width) continue;
+      const from = Math.max(left, u.bbox.left), to = Math.min(right, u.bbox.left + u.bbox.width);
+      u.ctx.fillStyle = css("--fault");
+      u.ctx.fillRect(from, u.bbox.top, Math.max(to - from, 2 * devicePixelRatio), u.bbox.height);
+    }
+  }
+  function references(u, values) {
+    u.ctx.save();
+    u.ctx.strokeStyle = css("--faint");
+    u.ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
+    for (const value of values) {
+      const y = u.valToPos(value, "y", true);
+      if (y < u.bbox.top || y > u.bbox.top + u.bbox.height) continue;
+      u.ctx.beginPath();
+      u.ctx.moveTo(u.bbox.left, y);
+      u.ctx.lineTo(u.bbox.left + u.bbox.width, y);
+      u.ctx.stroke();
+    }
+    u.ctx.restore();
+  }
+  function range(values) {
+    return (u, low, high) => {
+      let a = Math.min(low ?? 0, ...values), b = Math.max(high ?? 1, ...values);
+      if (!(b > a)) { const pad = Math.abs(a) * 0.1 || 1; a -= pad; b += pad; }
+      const pad = 0.06 * (b - a);
+      return [a - pad, b + pad];
+    };
+  }
+  /** The last number up to place i: signals of one panel need not have values at the same times. */
+  function before(values, i) {
+    while (i > 0 && (values[i] === null || values[i] === undefined)) i--;
+    return i === null || i === undefined ? null : values[i];
+  }
+  /** Draw a panel into a figure; returns the plot. */
+  function draw(panel, place) {
+    const tables = panel.series.map((s) => { const { t, y } = signal(s.name); return [t, y]; });
+    const joined = tables.length === 1 ? tables[0] : uPlot.join(tables);
+    const axis = { stroke: () => css("--text"), grid: { stroke: () => css("--grid"), width: 1 },
+      ticks: { stroke: () => css("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
+    const options = {
+      width: Math.max(260, place.clientWidth), height: 210,
+      scales: { x: { time: false, range: (u, a, b) => [a, b] }, y: { range: range(panel.reference) } },
+      cursor: { y: false, sync: { key: "time", setSeries: false }, drag: { x: true, y: false } },
+      axes: [{ ...axis, size: 34 }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
+        values: (u, ticks) => ticks.map(short) }],
+      series: [{ label: "t", value: (u, v) => (v === null ? "–" : `${v.toFixed(3)} s`) },
+        ...panel.series.map((s, i) => ({ label: s.label, stroke: () => css(`--s${i % 7}`), width: 1.6,
+          dash: DASHES[Math.floor(panel.series.length > 7 ? i / 7 : i % 4)], spanGaps: true, points: { show: false },
+          value: (u, v, series, i) => short(v ?? before(u.data[series], i)) }))],
+      hooks: {
+        drawClear: [(u) => bands(u)],
+        draw: [(u) => references(u, panel.reference)],
+        ready: [(u) => {
+          u.over.addEventListener("mousemove", (e) => {
+            stop();
+            show(u.posToVal(e.clientX - u.over.getBoundingClientRect().left, "x"), u);
+          });
+          requestAnimationFrame(() => place_cursor(u));
+        }],
+        setScale: [(u, key) => { if (key === "x") zoom(u); }],
+      },
+    };
+    const plot = new uPlot(options, joined, place);
+    plots.push(plot);
+    return plot;
+  }
+  function zoom(source) {
+    if (zooming) return;
+    zooming = true;
+    const { min, max } = source.scales.x;
+    for (const u of plots) if (u !== source) u.setScale("x", { min, max });
+    zooming = false;
+  }
+  function place_cursor(u) {
+    u.setCursor({ left: u.valToPos(time, "x"), top: 1 }, false);
+    u.setLegend({ idx: u.valToIdx(time) }, false);
+  }
+  function figure(panel, parent) {
+    const place = make("figure", { "data-panel": panel.title });
+    place.append(make("figcaption", {}, panel.title), table(panel));
+    parent.append(place);
+    const plot = draw(panel, place);
+    new ResizeObserver(() => {
+      const width = Math.max(260, place.clientWidth);
+      if (Math.abs(width - plot.width) > 1) plot.setSize({ width, height: 210 });
+    }).observe(place);
+    return { place, plot };
+  }
+  /** What a panel shows, for a screen reader. */
+  function table(panel) {
+    const rows = panel.series.map((s) => {
+      const y = signal(s.name).y.filter((v) => v !== null);
+      const cells = [s.label, y.reduce((a, b) => Math.min(a, b), Infinity), y.reduce((a, b) => Math.max(a, b), -Infinity), y[y.length - 1]];
+      return make("tr", {}, ...cells.map((c) => make("td", {}, typeof c === "string" ? c : short(c))));
+    });
+    const head = make("tr", {}, ...["signal", "least", "greatest", "last"].map((c) => make("th", {}, c)));
+    return make("table", { class: "hidden" }, make("caption", {}, `${panel.title} in ${panel.unit}`), head, ...rows);
+  }
+
+  // ---- arms -----------------------------------------------------------------------------------
+
+  const frames = data.arms.map((arm) => ({ ...arm, q: arm.q.map((b) => new Float32Array(bytes(b))),
+    torque: (arm.torque || []).map((b) => new Float32Array(bytes(b))) }));
+  let yaw = -0.6, pitch = 0.45;
+  const flat = frames.every((arm) => arm.planar);
+  const times = (R, v) => [0, 1, 2].map((r) => R[3 * r] * v[0] + R[3 * r + 1] * v[1] + R[3 * r + 2] * v[2]);
+  const product = (A, B) => Array.from({ length: 9 }, (_, k) => { const r = 3 * Math.floor(k / 3), c = k % 3;
+    return A[r] * B[c] + A[r + 1] * B[c + 3] + A[r + 2] * B[c + 6]; });
+  const add = (a, b) => a.map((x, i) => x + b[i]);
+  function at(values, t) {
+    const k = Math.min(Math.max(t / data.frame, 0), values.length - 1), i = Math.floor(k);
+    const next = values[Math.min(i + 1, values.length - 1)];
+    return values[i] + (k - i) * (next - values[i]);
+  }
+  /** Points of an arm in its base frame at positions q: each joint, and the tip. */
+  function points(arm, q) {
+    let R = [1, 0, 0, 0, 1, 0, 0, 0, 1], p = [0, 0, 0];
+    const found = [p];
+    arm.joints.forEach((joint, i) => {
+      p = add(p, times(R, joint.origin));
+      R = product(R, joint.rotation);
+      if (joint.prismatic) p = add(p, times(R, [0, 0, q[i]]));
+      else R = product(R, [Math.cos(q[i]), -Math.sin(q[i]), 0, Math.sin(q[i]), Math.cos(q[i]), 0, 0, 0, 1]);
+      found.push(p);
+    });
+    found.push(add(p, times(R, arm.tip)));
+    return found;
+  }
+  function project(p) {
+    if (flat) return [p[0], p[1]];
+    const x = Math.cos(yaw) * p[0] - Math.sin(yaw) * p[1], y = Math.sin(yaw) * p[0] + Math.cos(yaw) * p[1];
+    return [x, Math.cos(pitch) * p[2] + Math.sin(pitch) * y];
+  }
+  /** Force at the tip of a planar arm of two joints whose joint torques are tau: J^-T tau. */
+  function force(where, tau) {
+    const [a, b] = [[where[3][0] - where[1][0], where[3][1] - where[1][1]], [where[3][0] - where[2][0], where[3][1] - where[2][1]]];
+    const J = [-a[1], a[0], -b[1], b[0]]; // rows: d(tip)/d(q1), d(tip)/d(q2)
+    const det = J[0] * J[3] - J[1] * J[2];
+    if (Math.abs(det) < 0.05) return null;
+    return [(J[3] * tau[0] - J[1] * tau[1]) / det, (-J[2] * tau[0] + J[0] * tau[1]) / det];
+  }
+  const scene = find("arm");
+  let strongest = 1;
+  // Where each arm is in its base frame, and the greatest distance from there: seen at 40 times.
+  const middles = frames.map((arm) => {
+    const all = [];
+    for (let k = 0; k <= 40; k++) all.push(...points(arm, arm.q.map((values) => at(values, (k * data.end) / 40))));
+    return flat ? [0, 0, 0] : [0, 1, 2].map((i) => (Math.min(...all.map((p) => p[i])) + Math.max(...all.map((p) => p[i]))) / 2);
+  });
+  const radius = Math.max(0.05, ...frames.map((arm, k) => {
+    let most = 0;
+    for (let i = 0; i <= 40; i++) for (const p of points(arm, arm.q.map((values) => at(values, (i * data.end) / 40))))
+      most = Math.max(most, Math.hypot(...p.map((x, j) => x - middles[k][j])));
+    return most;
+  }));
+  if (scene) {
+    for (const arm of frames) for (const tau of arm.torque) for (const v of tau) strongest = Math.max(strongest, Math.abs(v));
+    if (!flat) {
+      let held = null;
+      scene.addEventListener("pointerdown", (e) => { held = [e.clientX, e.clientY]; scene.setPointerCapture(e.pointerId); });
+      scene.addEventListener("pointerup", () => { held = null; });
+      scene.addEventListener("pointermove", (e) => {
+        if (!held) return;
+        yaw += (e.clientX - held[0]) * 0.01;
+        pitch = Math.min(1.5, Math.max(-1.5, pitch + (e.clientY - held[1]) * 0.01));
+        held = [e.clientX, e.clientY];
+        arms(time);
+      });
+    }
+  }
+  function arms(t) {
+    if (!scene) return;
+    scene.replaceChildren();
+    const reach = flat ? Math.max(...frames.map((arm) => arm.reach), 0.1) : radius;
+    const apart = flat ? 0 : 1.7 * radius;
+    const middle = (apart * (frames.length - 1)) / 2;
+    const half = 1.12 * reach + middle;
+    scene.setAttribute("viewBox", `${-half} ${-half} ${2 * half} ${2 * half}`);
+    const grid = svg("g", { stroke: css("--grid"), "stroke-width": half / 260 });
+    if (flat) for (const r of [0.5, 1]) grid.append(svg("circle", { r: r * reach, fill: "none" }));
+    scene.append(grid);
+    frames.forEach((arm, k) => {
+      const where = points(arm, arm.q.map((values) => at(values, t))).map((p) => p.map((x, i) => x - middles[k][i]));
+      const seen = where.map(project).map(([x, y]) => [x + k * apart - middle, -y]);
+      const colour = css(`--s${k % 7}`);
+      const line = svg("polyline", { points: seen.map((p) => p.join(",")).join(" "), fill: "none", stroke: colour,
+        "stroke-width": half / (k ? 60 : 38), "stroke-linejoin": "round", "stroke-linecap": "round", "data-arm": arm.name });
+      if (k % 2) line.setAttribute("stroke-dasharray", `${half / 18} ${half / 26}`);
+      scene.append(line);
+      for (const [x, y] of seen.slice(0, -1)) scene.append(svg("circle", { cx: x, cy: y, r: half / 55, fill: css("--page"), stroke: colour, "stroke-width": half / 120 }));
+      const pull = arm.planar && arm.torque.length === 2 ? force(where, arm.torque.map((values) => at(values, t))) : null;
+      if (pull) {
+        const size = Math.hypot(...pull), scale = (0.5 * reach * Math.min(1, size / strongest)) / (size || 1);
+        const tip = seen[seen.length - 1], end = [tip[0] + scale * pull[0], tip[1] - scale * pull[1]];
+        const angle = Math.atan2(end[1] - tip[1], end[0] - tip[0]), head = half / 22;
+        const wing = (d) => `${end[0] - head * Math.cos(angle + d)},${end[1] - head * Math.sin(angle + d)}`;
+        if (size > 0.01 * strongest) scene.append(svg("path", { d: `M${tip} L${end} M${wing(0.45)} L${end} L${wing(-0.45)}`, fill: "none",
+          stroke: css("--failed"), "stroke-width": half / 90, "stroke-linecap": "round" }));
+      }
+      const label = svg("text", { x: -0.95 * half, y: -0.87 * half + k * 0.11 * half, "font-size": half / 11, style: `font-size:${half / 12}px;fill:${colour}` });
+      label.textContent = `${k % 2 ? "╌ " : "━ "}${arm.name}`;
+      scene.append(label);
+    });
+  }
+
+  // ---- time: the only place where anything moves -------------------------------------------------
+
+  const slider = find("time"), output = find("now"), play = find("play"), speed = find("speed");
+  function show(t, source) {
+    if (moving) return;
+    moving = true;
+    time = Math.min(Math.max(t, 0), data.end);
+    slider.value = String(time);
+    output.textContent = `${time.toFixed(3)} s`;
+    slider.setAttribute("aria-valuetext", output.textContent);
+    for (const u of plots) if (u !== source) place_cursor(u);
+    arms(time);
+    moving = false;
+  }
+  const remember = () => { try { history.replaceState(null, "", `#t=${time.toFixed(3)}`); } catch { /* not in a sandbox */ } };
+  slider.addEventListener("input", () => { stop(); show(Number(slider.value)); });
+  slider.addEventListener("change", remember);
+  let running = 0, last = 0;
+  function stop() { cancelAnimationFrame(running); running = 0; play.textContent = "▶ Play"; }
+  function advance(now) {
+    show(time + ((now - last) / 1000) * Number(speed.value));
+    last = now;
+    if (time >= data.end) { stop(); remember(); } else running = requestAnimationFrame(advance);
+  }
+  play.addEventListener("click", () => {
+    if (running) { stop(); remember(); return; }
+    if (time >= data.end) show(0);
+    play.textContent = "❚❚ Pause";
+    last = performance.now();
+    running = requestAnimationFrame(advance);
+  });
+  find("whole").addEventListener("click", () => { for (const u of plots.slice(0, 1)) u.setScale("x", { min: 0, max: data.end }); });
+
+  // ---- choice of signals, copying, start ---------------------------------------------------------
+
+  const chosen = new Map();
+  function choose(name, on) {
+    if (on) chosen.set(name, figure({ title: name, unit: data.signals[name].unit, reference: [], series: [{ name, label: name }] }, find("chosen")));
+    else {
+      const { place, plot } = chosen.get(name);
+      plots.splice(plots.indexOf(plot), 1);
+      plot.destroy();
+      place.remove();
+      chosen.delete(name);
+    }
+    show(time);
+  }
+  const list = find("signals");
+  for (const name of Object.keys(data.signals)) {
+    const box = make("input", { type: "checkbox" });
+    box.addEventListener("change", () => choose(name, box.checked));
+    list.append(make("label", { title: name }, box, ` ${name} [${data.signals[name].unit}]`));
+  }
+  find("filter").addEventListener("input", (e) => {
+    for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());
+  });
+  for (const button of document.querySelectorAll("button[data-copy]")) {
+    button.addEventListener("click", async () => {
+      const text = find(button.dataset.copy);
+      try { await navigator.clipboard.writeText(text.textContent); button.textContent = "Copied"; }
+      catch { getSelection().selectAllChildren(text); }
+    });
+  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const u of plots) u.redraw(false, true); arms(time); });
+  for (const panel of data.panels) figure(panel, find(panel.place || "panels"));
+  const wanted = /^#t=([\d.]+)$/.exec(location.hash);
+  slider.max = String(data.end);
+  slider.step = String(data.end / 2000);
+  show(wanted ? Number(wanted[1]) : data.start);
+  document.body.dataset.ready = "yes";
+})();

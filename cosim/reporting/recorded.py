@@ -1,0 +1,25 @@
+"""What a run folder says of the scenario that it ran."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cosim.base.errors import ScenarioError
+from cosim.record import Run
+from cosim.scenario.spec import Scenario, build
+
+
+def recorded_scenario(run: Run) -> Scenario:
+    """Of the scenario of a run what declares metrics and figures. Raises ScenarioError."""
+    folder, document = run.path.parent, run.metadata.get("scenario")
+    if not document:
+        raise ScenarioError("the folder does not say which scenario it ran", str(folder))
+    kept = {key: _given(document[key]) for key in ("title", "run", "metrics", "figures")}
+    return build(kept | {"components": {}}, folder / "run.json")
+
+
+def _given(value: Any) -> Any:
+    """A document without the keys that were not given."""
+    if isinstance(value, dict):
+        return {key: _given(x) for key, x in value.items() if x is not None}
+    return [_given(x) for x in value] if isinstance(value, list) else value

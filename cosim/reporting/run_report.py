@@ -1,0 +1,278 @@
+"""``report.html`` of a run folder: results, diagrams, moving arms, links, and how to repeat it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator, Mapping
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.analysis import declared_metrics
+from cosim.analysis.metric_result import MetricResult
+from cosim.analysis.metrics import evaluate
+from cosim.base.component import Drawing
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.links.storage import read_facts, table_groups
+from cosim.record import Run
+from cosim.reporting.html import (
+    Array,
+    Badge,
+    PageData,
+    PlottedPanel,
+    cards,
+    command,
+    folded,
+    histogram,
+    packed,
+    table,
+    write_page,
+)
+from cosim.reporting.recorded import recorded_scenario
+from cosim.scenario.spec import PanelSpec, Scenario
+
+#: The report's name in a run folder.
+REPORT = "report.html"
+#: Points of a signal in a declared diagram, and of one that can be chosen.
+SHOWN, CHOSEN = 2400, 600
+#: Frames per second of moving arms, and how many there are at the most.
+RATE, FRAMES = 20.0, 2000
+#: Diagrams of a scenario that declares none.
+PANELS = 6
+
+
+def write_report(
+    run: Run,
+    repeat: str = "",
+    judged: Badge | None = None,
+    extend: Callable[[PageData], str] = lambda data: "",
+) -> Path:
+    """Write the report of a run into its folder. `repeat`: the command that ran it.
+
+    `judged`: its verdict, by default whether its errors settled; `extend` adds to what is drawn,
+    and returns HTML that stands below the diagrams. Raises CosimError if it cannot be written.
+    """
+    folder = run.path.parent
+    facts = run.metadata
+    try:
+        scenario = recorded_scenario(run)
+        results = evaluate(declared_metrics.metrics(scenario), run)
+    except CosimError:  # cut short, or made by something else
+        scenario, results = None, ()
+    data = _data(run, scenario, facts)
+    subtitle = f"{facts.get('scenario', {}).get('path', '')} · {folder.name}"
+    title = scenario.title if scenario is not None else folder.name
+    return write_page(
+        folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
+        cards(_numbers(facts, results)), data,
+        extend(data) + _links(run, data) + _details(run, facts, results, repeat),
+    )  # fmt: skip
+
+
+# ---- results ----------------------------------------------------------------------------------
+
+
+def verdict(
+    facts: Mapping[str, Any], scenario: Scenario | None, results: tuple[MetricResult, ...]
+) -> Badge:
+    """Of a run: whether it came to its end, and its errors settled within what is declared."""
+    if facts.get("status") != "finished":
+        return Badge("error", str(facts.get("error") or f"the run is {facts.get('status')}"))
+    if facts.get("ended"):
+        return Badge("finished", f"{facts['ended']['component']} ended it")
+    judged = [r for r in results if "settle_s" in r.parts]
+    late = [r for r in judged if not isfinite(r.parts["settle_s"])]
+    if late:
+        return Badge("failed", f"{', '.join(r.label for r in late)}: never within its bound")
+    if judged and scenario is not None:
+        latest = max(r.parts["settle_s"] for r in judged)
+        return Badge("passed", f"every error with a bound stays within it from {latest:.2f} s on")
+    return Badge("finished", "the scenario declares no bound to judge by")
+
+
+def _numbers(facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> list[tuple[str, str]]:
+    found = [(r.label, _short(r)) for r in results[:4]]
+    if facts.get("wall") and facts.get("ticks"):
+        seconds = facts["ticks"] * facts["step"]
+        found.append(("speed", f"{seconds / facts['wall']:.0f} × real time"))
+    return found
+
+
+def _short(result: MetricResult) -> str:
+    unit = "" if result.unit == "1" else f" {result.unit}"
+    return "–" if not isfinite(result.value) else f"{result.value:.4g}{unit}"
+
+
+# ---- diagrams ---------------------------------------------------------------------------------
+
+
+def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> PageData:
+    if not len(run):
+        return PageData(0.0)
+    every = facts.get("scenario", {}).get("run", {}).get("record", {}).get("every", 1)
+    dt = float(facts.get("step") or (run.t[1] if len(run) > 1 else 1.0)) * every
+    data = PageData(float(run.t[-1]))
+    data.panels += list(_panels(run, scenario))
+    shown = {name for panel in data.panels for name, _ in panel.series}
+    for name in run.names:
+        data.add(name, run.units[name], run.column(name), dt, SHOWN if name in shown else CHOSEN)
+    data.frame = max(1.0 / RATE, data.end / FRAMES)
+    data.arms += list(_arms(run, facts, np.arange(0.0, data.end + data.frame, data.frame)))
+    return data
+
+
+def _panels(run: Run, scenario: Scenario | None) -> Iterator[PlottedPanel]:
+    declared = [p for f in scenario.figures.values() for p in f.panels] if scenario else []
+    for spec in declared:
+        yield _declared(run, spec)
+    if not declared:
+        signals = dict.fromkeys(name.partition("[")[0] for name in run.names)
+        for signal in list(signals)[:PANELS]:
+            entries = run.entries(signal)
+            yield PlottedPanel(signal, run.units[entries[0]], tuple((n, n) for n in entries))
+
+
+def _declared(run: Run, spec: PanelSpec) -> PlottedPanel:
+    labels = spec.labels or spec.y
+    series = []
+    for name, label in zip(spec.y, labels, strict=False):
+        entries = run.entries(name)
+        series += [(n, label if len(entries) == 1 else f"{label}{n[len(name) :]}") for n in entries]
+    for name in (r for r in spec.reference if isinstance(r, str)):
+        series += [(n, spec.reference_label or n) for n in run.entries(name)]
+    title = " ".join(x for x in (spec.title, f"({spec.ylabel})" if spec.ylabel else "") if x)
+    return PlottedPanel(
+        title or ", ".join(spec.y), run.units[series[0][0]], tuple(series),
+        tuple(float(r) for r in spec.reference if not isinstance(r, str)),
+    )  # fmt: skip
+
+
+# ---- arms -------------------------------------------------------------------------------------
+
+
+def _arms(run: Run, facts: Mapping[str, Any], t: Array) -> Iterator[dict[str, Any]]:
+    """The components whose model can be drawn, at the times `t` (n,), s."""
+    scenario = facts.get("scenario", {})
+    folder = Path(scenario.get("path", ".")).parent
+    for name, spec in scenario.get("components", {}).items():
+        drawing = _drawing(str(spec.get("model", "")), spec.get("options") or {}, folder)
+        if drawing is None or not _recorded(run, f"{name}.{drawing.position}", drawing.joints):
+            continue
+        torque = f"{name}.{drawing.torque}"
+        forced = drawing.torque and _recorded(run, torque, drawing.joints)
+        yield {
+            "name": name,
+            **drawing.data(),
+            "q": _frames(run, f"{name}.{drawing.position}", t),
+            "torque": _frames(run, torque, t) if forced else [],
+        }
+
+
+def _drawing(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
+    """What a model's module says of its shape; None: it has none, or cannot say."""
+    if not model.replace(".", "").isidentifier() or model.endswith(".fmu"):
+        return None
+    try:
+        hook = vars(importlib.import_module(model)).get("drawing")
+        found = None if hook is None else hook(options, folder)
+    except (CosimError, ImportError, OSError):  # the file of the robot may be elsewhere by now
+        return None
+    return found if isinstance(found, Drawing) else None
+
+
+def _recorded(run: Run, signal: str, joints: int) -> bool:
+    try:
+        return len(run.entries(signal)) == joints
+    except ScenarioError:
+        return False
+
+
+def _frames(run: Run, signal: str, t: Array) -> list[str]:
+    return [packed(np.interp(t, run.t, run.column(n)), "<f4") for n in run.entries(signal)]
+
+
+# ---- links ------------------------------------------------------------------------------------
+
+
+def _links(run: Run, data: PageData) -> str:
+    rows, pictures = [], []
+    for name, path in run.link_tables.items():
+        age, dt, sent = _ages(path)
+        held = age[np.isfinite(age)]
+        if not held.size:
+            continue
+        marks = {f"p{p}": float(np.percentile(held, p)) for p in (50, 95, 99)}
+        used = np.unique(sent[sent >= 0]).size
+        lost = 1.0 - used / (int(sent.max()) + 1)
+        rows.append(
+            [name, f"{held.mean() * 1e3:.4g} ms", *(f"{v * 1e3:.4g} ms" for v in marks.values()),
+             f"{held.max() * 1e3:.4g} ms", f"{100 * lost:.3g} %"]
+        )  # fmt: skip
+        data.add(f"age of {name}", "s", age, dt, CHOSEN)
+        pictures.append(histogram(name, "s", held, marks))
+        title = f"Age of what {name} holds"
+        data.panels.append(PlottedPanel(title, "s", ((f"age of {name}", "age"),), (), "ages"))
+    if not rows:
+        return ""
+    head = ["link", "mean age", "p50", "p95", "p99", "greatest", "samples never used"]
+    return (
+        f'<h2>Links</h2>{table(head, rows, 6)}<section id="ages"></section>'
+        f'<div class="charts">{"".join(pictures)}</div>'
+    )
+
+
+def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
+    """(ages (n,), s, NaN: nothing yet; s between two; the samples held (n,)) of a link table."""
+    facts, _ = read_facts(path)
+    sent = np.concatenate([np.empty(0, np.int32), *table_groups(path)]).astype(np.int64)
+    ticks = np.arange(sent.size) * facts["receiver_period"] - sent * facts["sender_period"]
+    ages = np.where(sent >= 0, ticks * facts["h"], nan)
+    return ages, facts["receiver_period"] * facts["h"], sent
+
+
+# ---- details ----------------------------------------------------------------------------------
+
+
+def _details(
+    run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...], repeat: str
+) -> str:
+    scenario = facts.get("scenario", {})
+    again = repeat or f"cosim replay --offline {run.path.parent}"
+    parts = [
+        folded("Results", table(["metric", "value"], [(r.label, r.text) for r in results]),
+               opened=bool(results)) if results else "",
+        folded("Components", table(["component", "model", "every", "values"],
+                                   list(_components(scenario, facts)))),
+        folded("Versions, seed, files", table(["", ""], list(_origin(facts)))),
+    ]  # fmt: skip
+    return f"<h2>Repeat it</h2>{command('repeat', again)}<h2>Details</h2>{''.join(parts)}"
+
+
+def _components(
+    scenario: Mapping[str, Any], facts: Mapping[str, Any]
+) -> Iterator[tuple[str, str, str, str]]:
+    for name, spec in scenario.get("components", {}).items():
+        given = {**(spec.get("parameters") or {}), **(spec.get("start") or {})}
+        preset = [f"preset {spec['preset']}"] if spec.get("preset") else []
+        values = ", ".join([*preset, *(f"{k} = {v}" for k, v in given.items())])
+        period = spec.get("period") or scenario.get("run", {}).get("step", facts.get("step"))
+        every = period if isinstance(period, str) else f"{period} s"
+        yield name, str(spec.get("model", "")), every, values
+
+
+def _origin(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "seed", str(facts.get("seed"))
+    yield (
+        "step, ticks, algorithm",
+        ", ".join(str(facts.get(key)) for key in ("step", "ticks", "algorithm")),
+    )
+    yield from (facts.get("versions") or {}).items()
+    for name, fmu in (facts.get("fmus") or {}).items():
+        yield (
+            f"FMU of {name}",
+            f"{Path(fmu['file']).name}, FMI {fmu['fmi']}, SHA-256 {fmu['sha256']}",
+        )
+    for path, total in (facts.get("files") or {}).items():
+        yield str(path), f"SHA-256 {total}"

@@ -1,0 +1,124 @@
+"""Reports in a real browser: nothing fails, nothing is requested, and the time moves the arms."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.record import Run
+from cosim.reporting.run_report import write_report
+from tests.system.runs import run as simulated
+from tests.system.runs import teleoperation
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+BEFORE = """<script>window.said = [];
+addEventListener("error", (e) => said.push(`error: ${e.message}`));
+addEventListener("securitypolicyviolation", (e) => said.push(`policy: ${e.blockedURI}`));
+</script>"""
+AFTER = """<pre id="seen"></pre><script>
+const arm = (name) => document.querySelector(`polyline[data-arm="${name}"]`).getAttribute("points");
+const now = () => document.getElementById("now").textContent;
+const seen = {ready: document.body.dataset.ready, start: arm("master")};
+const bar = document.getElementById("time");
+bar.value = "1.5";
+bar.dispatchEvent(new Event("input"));
+Object.assign(seen, {moved: arm("master"), slave: arm("slave"), now: now()});
+setTimeout(() => {
+  const over = document.querySelector(".u-over"), box = over.getBoundingClientRect();
+  const at = {clientX: box.left + box.width / 4, clientY: box.top + box.height / 2, bubbles: true};
+  for (const kind of ["mouseenter", "mousemove"]) over.dispatchEvent(new MouseEvent(kind, at));
+  setTimeout(() => {
+    Object.assign(seen, {hovered: now(), arm: arm("master")});
+    document.querySelector("#signals input").click();
+    seen.chosen = document.querySelectorAll("#chosen canvas").length;
+    seen.panels = document.querySelectorAll("#panels canvas").length;
+    document.getElementById("seen").textContent = JSON.stringify({...seen, said});
+  }, 300);
+}, 300);
+</script>"""
+
+
+@pytest.fixture(scope="module")
+def chromium() -> str:
+    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    if found is None:
+        assert not os.environ.get("CI"), "no chromium"
+        pytest.skip("no chromium on this machine")
+    return found
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    document = teleoperation(stop=2.0)
+    panels = [{"y": [f"{side}.q[{i}]" for side in ("master", "slave")]} for i in (0, 1)]
+    document["figures"] = {"positions": {"panels": panels}}
+    found = simulated(document, tmp_path_factory.mktemp("run") / "run")
+    write_report(found)
+    return found
+
+
+@pytest.fixture(scope="module")
+def browse(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
+    """A page after five seconds of its own time, as HTML; a picture of it with `shot`."""
+
+    def call(page: Path, *options: str) -> str:
+        profile = tmp_path_factory.mktemp("profile")
+        done = subprocess.run(
+            [chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+             f"--user-data-dir={profile}", "--window-size=1280,1600", "--virtual-time-budget=5000",
+             "--host-resolver-rules=MAP * ~NOTFOUND", *options, page.as_uri()],
+            capture_output=True, text=True, timeout=120, check=True,
+        )  # fmt: skip
+        return done.stdout
+
+    return call
+
+
+def tip(points: str) -> tuple[float, float]:
+    x, y = points.split()[-1].split(",")
+    return float(x), float(y)
+
+
+def expected(run: Run, name: str, t: float) -> tuple[float, float]:
+    """Where the tip of a planar arm with links of 1 m is on the screen (y down)."""
+    q = [np.interp(t, run.t, run.column(f"{name}.q[{i}]")) for i in (0, 1)]
+    angle = q[0] + q[1]
+    return np.cos(q[0]) + np.cos(angle), -(np.sin(q[0]) + np.sin(angle))
+
+
+def test_time_moves_the_arms_and_nothing_fails(run: Run, browse: Any, tmp_path: Path) -> None:
+    text = (run.path.parent / "report.html").read_text(encoding="utf-8")
+    text = text.replace("<style>", BEFORE + "<style>", 1).replace("</body>", AFTER + "</body>", 1)
+    page = tmp_path / "page.html"
+    page.write_text(text, encoding="utf-8")
+    found = re.search(r'<pre id="seen">(.*?)</pre>', browse(page, "--dump-dom"), re.S)
+    assert found is not None
+    seen = json.loads(found[1].replace("&gt;", ">").replace("&lt;", "<").replace("&amp;", "&"))
+    assert seen["said"] == [] and seen["ready"] == "yes"
+    assert tip(seen["start"]) == pytest.approx(expected(run, "master", 0.0), abs=1e-4)
+    assert seen["now"] == "1.500 s"
+    assert tip(seen["moved"]) == pytest.approx(expected(run, "master", 1.5), abs=2e-3)
+    assert tip(seen["slave"]) == pytest.approx(expected(run, "slave", 1.5), abs=2e-3)
+    hovered = float(seen["hovered"].split()[0])
+    assert 0.4 < hovered < 0.6  # a quarter of the diagram
+    assert tip(seen["arm"]) == pytest.approx(expected(run, "master", hovered), abs=5e-3)
+    assert (seen["panels"], seen["chosen"]) == (2, 1)
+
+
+def test_the_picture_has_the_curves(run: Run, browse: Any, tmp_path: Path) -> None:
+    from PIL import Image
+
+    shot = tmp_path / "shot.png"
+    browse(run.path.parent / "report.html", f"--screenshot={shot}")
+    image = np.asarray(Image.open(shot).convert("RGB")).astype(int)
+    for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)):
+        assert (np.abs(image - colour).max(axis=-1) < 24).sum() > 800

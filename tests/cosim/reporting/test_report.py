@@ -1,0 +1,194 @@
+"""``report.html``: one file without requests, whose numbers are those of the run."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.analysis.metric_result import MetricResult
+from cosim.base.errors import CosimError
+from cosim.record import Run
+from cosim.reporting import html
+from cosim.reporting.html import Badge, PageData, PlottedPanel, TimedEvent, histogram
+from cosim.reporting.run_report import verdict, write_report
+from cosim.reporting.thinning import thin
+from fmus.models import arm, chain, planar2r
+from tests.cli.command import Command
+from tests.cli.conftest import cosim as cosim  # the command as a fixture
+from tests.system.runs import run as simulated
+from tests.system.runs import teleoperation
+
+URDF = Path(__file__).parents[3] / "configs" / "robots" / "openarm_right.urdf"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, str]:
+    """The report of two seconds of the teleoperator, with a title that could break a page."""
+    document = teleoperation(stop=2.0) | {"title": "Master & slave </script><b>"}
+    positions = {"y": ["master.q[0]", "slave.q[0]"], "labels": ["master", "slave"]}
+    document["figures"] = {"positions": {"panels": [{**positions, "reference": [3.5]}]}}
+    run = simulated(document, tmp_path_factory.mktemp("run") / "run")
+    path = write_report(run, "cosim run 'x & y.toml'")
+    assert path.name == "report.html"
+    return run, path.read_text(encoding="utf-8")
+
+
+def data(text: str) -> Any:
+    """What the page draws, decoded as a browser does."""
+    (document,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text)
+    return json.loads(document)
+
+
+def decoded(signal: Any) -> tuple[np.ndarray, np.ndarray]:
+    rows = np.frombuffer(base64.b64decode(signal["i"]), "<u4")
+    return rows * signal["dt"], np.frombuffer(base64.b64decode(signal["y"]), "<f4")
+
+
+def test_the_page_needs_nothing_from_elsewhere(page: tuple[Run, str]) -> None:
+    _, text = page
+    own = text.replace(html._library("uPlot.iife.js"), "")
+    assert not re.findall(r"""(?:src|href)\s*=|url\(|@import|https?://(?!www\.w3\.org)""", own)
+    assert "default-src 'none'" in text
+    assert len(text.encode()) < 600_000
+    assert escape("Master & slave </script><b>") in text and "</script><b>" not in text
+    assert escape("cosim run 'x & y.toml'") in text
+
+
+def test_signals_are_those_of_the_run(page: tuple[Run, str]) -> None:
+    run, text = page
+    found = data(text)
+    assert found["end"] == run.t[-1] == 2.0
+    assert {n for n in found["signals"] if not n.startswith("age of")} == set(run.names)
+    for name in ("master.q[0]", "slave.tau_h[1]"):
+        t, y = decoded(found["signals"][name])
+        column = run.column(name)
+        assert y.tolist() == column[np.round(t * 1000).astype(int)].astype(np.float32).tolist()
+        assert (y.min(), y.max()) == (np.float32(column.min()), np.float32(column.max()))
+        assert found["signals"][name]["unit"] == run.unit(name)
+
+
+def test_diagrams_are_those_that_the_scenario_declares(page: tuple[Run, str]) -> None:
+    first = data(page[1])["panels"][0]
+    assert [s["name"] for s in first["series"]] == ["master.q[0]", "slave.q[0]"]
+    assert [s["label"] for s in first["series"]] == ["master", "slave"]
+    assert (first["reference"], first["unit"]) == ([3.5], "rad")
+
+
+def test_ages_of_links_are_those_of_their_tables(page: tuple[Run, str]) -> None:
+    found = data(page[1])
+    t, age = decoded(found["signals"]["age of master_control.xi->slave_control.xi_in[0]"])
+    held = age[np.isfinite(age)]
+    assert 0.3 <= held.min() < held.max() <= 1.2 + 1e-6  # the law's
+    assert t[-1] == pytest.approx(1.995)
+
+
+def test_arms_move_as_the_run_does(page: tuple[Run, str]) -> None:
+    run, text = page
+    found = data(text)
+    assert [a["name"] for a in found["arms"]] == ["master", "slave"]
+    for arm_ in found["arms"]:
+        assert arm_["planar"] and arm_["reach"] == 2.0
+        for i, frames in enumerate(arm_["q"]):
+            q = np.frombuffer(base64.b64decode(frames), "<f4")
+            times = np.minimum(np.arange(len(q)) * found["frame"], run.t[-1])
+            truth = np.interp(times, run.t, run.column(f"{arm_['name']}.q[{i}]"))
+            assert q == pytest.approx(truth, abs=1e-6)
+
+
+def test_an_arm_from_a_urdf_is_drawn_by_its_table() -> None:
+    options = {"urdf": str(URDF), **_ends(URDF)}
+    drawn = arm.drawing(options, Path())
+    assert drawn is not None and drawn.joints == 7 and not drawn.planar
+    table = chain.of_values(
+        {k: np.array(v) for k, v in arm.prepare(options, Path()).values.items()}
+    )
+    q = np.linspace(-1, 1, 7)
+    R, p = np.eye(3), np.zeros(3)
+    for i, (turned, place) in enumerate(chain.placements(table, q)):
+        p = p + R @ np.array(drawn.origins[i])
+        R = R @ np.reshape(drawn.rotations[i], (3, 3)) @ _rz(q[i])
+        assert turned == pytest.approx(R) and place == pytest.approx(p)
+    assert arm.drawing({}, Path()) is None
+    assert planar2r.drawing({}, Path()).data()["reach"] == 2.0
+
+
+def _ends(urdf: Path) -> dict[str, str]:
+    import tomllib
+
+    scenario = tomllib.loads((urdf.parents[1] / "openarm.toml").read_text())
+    return {k: scenario["components"]["master"]["options"][k] for k in ("base", "tip")}
+
+
+def _rz(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+SETTLED = MetricResult("e", "error", 0.1, "rad", parts={"settle_s": 3.25})
+NEVER = MetricResult("e", "error", 0.1, "rad", parts={"settle_s": float("inf")})
+
+
+@pytest.mark.parametrize(
+    ("facts", "results", "word", "reason"),
+    [
+        ({"status": "finished"}, (), "finished", "no bound to judge by"),
+        ({"status": "finished"}, (SETTLED,), "passed", "within it from 3.25 s on"),
+        ({"status": "finished"}, (SETTLED, NEVER), "failed", "error: never within its bound"),
+        ({"status": "stopped", "error": "RunError: x"}, (SETTLED,), "error", "RunError: x"),
+        ({"status": "running"}, (), "error", "the run is running"),
+    ],
+)
+def test_verdicts(page: Any, facts: Any, results: Any, word: str, reason: str) -> None:
+    from cosim.reporting.recorded import recorded_scenario
+
+    found = verdict(facts, recorded_scenario(page[0]), results)
+    assert found.word == word and reason in found.reason
+    assert f'class="verdict {word}"' in found.html
+
+
+def test_events_diagrams_and_distributions() -> None:
+    page = PageData(2.0, events=[TimedEvent(1.0, "drop", 1.5), TimedEvent(0.5, "stop")])
+    values = np.sin(np.arange(50_000) / 500)
+    page.add("x", "m", values, 1e-3, 500)
+    page.panels.append(PlottedPanel("x", "m", (("x", "x"),)))
+    found = json.loads(page.text())
+    assert found["events"] == [{"t": 1.0, "label": "drop", "to": 1.5}, {"t": 0.5, "label": "stop"}]
+    t, y = decoded(found["signals"]["x"])
+    assert len(y) <= 500 and np.round(t * 1000).astype(int).tolist() == thin(values, 500).tolist()
+    drawn = histogram("x", "m", values, {"p50": 0.0})
+    assert sum(int(n) for n in re.findall(r": (\d+)</title>", drawn)) == values.size
+    assert histogram("x", "m", np.array([np.nan]), {}) == ""
+    assert "p50 0" in drawn
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(html, "find_spec", lambda name: None)
+    html._library.cache_clear()
+    with pytest.raises(CosimError, match="pip install uplot-python"):
+        html._library("uPlot.iife.js")
+    html._library.cache_clear()
+
+
+def test_the_command_writes_it_again(cosim: Command) -> None:
+    from tests.cli.command import CONFIG
+
+    assert cosim("run", CONFIG, "--set", "run.stop=0.2", "--out", "here", "--no-plot").code == 0
+    assert not Path("here/report.html").exists()
+    done = cosim("report", "here", "--pdf")
+    assert (done.code, done.err) == (0, "") and "here/report.html" in done.out
+    assert Path("here/positions.pdf").read_bytes().startswith(b"%PDF")
+    Path("here/report.html").write_text("old")
+    assert cosim("report", "here").code == 0  # its sum is written anew
+    assert cosim("diff", "here", "here").code == 0
+    assert "no such run folder" in cosim.refused("report", "gone")
+
+
+def test_a_verdict_is_text() -> None:
+    assert Badge("error", "why & how").html.endswith("why &amp; how</p>")

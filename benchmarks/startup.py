@@ -4,8 +4,9 @@
 
 Processor time (user and system time of a process and its children) of ``cosim --help``, ``cosim
 check``, ``cosim run --no-plot`` and ``cosim run`` (with its report) of
-`configs/teleoperation.toml`, in turns with ``python -c pass``. Other work on the machine changes it less than wall time, but it does. An editable
-installation makes the start of Python itself twice as long, and the multiples smaller.
+`configs/teleoperation.toml`, in turns with ``python -c pass``. Other work on the machine changes
+it less than wall time, but it does. An editable installation makes the start of Python itself
+twice as long, and the multiples smaller.
 """
 
 from __future__ import annotations

@@ -37,6 +37,13 @@ def diff(
     json: Annotated[
         Path | None, typer.Option("--json", help="Write all results to this JSON file.")
     ] = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Write a page to look at both.")
+    ] = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Write a test case a signal, as JUnit XML."),
+    ] = None,
     check: Annotated[
         bool,
         typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of both runs first."),
@@ -47,6 +54,7 @@ def diff(
     The runs may be offline, twin, rehearsal or hardware runs. Exit status 1 if they differ.
     """
     from bridge.replay.diff import compare_runs
+    from bridge.replay.page import write_diff_page, write_junit
     from cosim.record import verify
 
     for run in (run_a, run_b) if check else ():
@@ -55,6 +63,10 @@ def diff(
     typer.echo("\n".join(lines(found)))
     if json is not None:
         _write(json, found)
+    if html is not None:
+        write_diff_page(found, html)
+    if junit is not None:
+        write_junit(found, junit)
     raise typer.Exit(found.exit_code)
 
 

@@ -59,7 +59,7 @@ def compare(
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import progress_bar
-    from cosim.comparison import report
+    from cosim.comparison import page, report
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check, read_base
     from cosim.comparison.variants_file import read, variants_path
@@ -85,6 +85,7 @@ def compare(
     paths = list(report.write(found, folder, _command()))
     if plot:
         paths.insert(0, _draw(found, folder / report.FIGURE))
+        paths.insert(0, page.write(found, folder, _command()))
     seal(folder, anew=True)
     if quiet:
         return

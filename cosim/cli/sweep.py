@@ -50,8 +50,9 @@ def sweep(
 ) -> None:
     """Run a parameter study: simulate every point; write a table and figures. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
+    from cosim.cli.summary import this_command
     from cosim.record import seal
-    from cosim.sweeps import execute, figures, summary
+    from cosim.sweeps import execute, figures, page, summary
     from cosim.sweeps.study import load_study
 
     loaded = load_study(study)
@@ -76,8 +77,10 @@ def sweep(
         say(line)
     for path in summary.write(table, folder):
         say(f"{'table':<16} {path}")
-    for path in figures.draw_all(loaded, table, folder) if plot else ():
-        say(f"{'figure':<16} {path}")
+    if plot:
+        say(f"{'report':<16} {page.write(table, loaded.title, folder, this_command())}")
+        for path in figures.draw_all(loaded, table, folder):
+            say(f"{'figure':<16} {path}")
     seal(folder, anew=True)
     summary.refuse_lost_runs(table)
 

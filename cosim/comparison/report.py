@@ -3,6 +3,7 @@
 ::
 
     table.md  table.csv  table.json     the comparison; CSV and JSON hold every run
+    report.html                         the table as a page, the best and worst marked
     comparison.png                      the figure
     links/LINK-seedN/CHANNEL.parquet    the recorded tables, as files that a scenario can replay
     runs/                               run folders, if they are kept
@@ -20,13 +21,14 @@ from pathlib import Path
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.comparison.comparison import Comparison
+from cosim.comparison.page import PAGE
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, runs_as_data
 from cosim.comparison.variants import Controller
 from cosim.engine.simulate import versions
 from cosim.record.folder import SUMS, reason
 
 RESULT, FIGURE, RUNS = "table.json", "comparison.png", "runs"
-_OWN = {RESULT, "table.md", "table.csv", FIGURE, "links", RUNS, SUMS}
+_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS}
 
 
 def text(comparison: Comparison) -> list[str]:
@@ -142,7 +144,7 @@ def claim(folder: Path, *, force: bool = False) -> None:
         expected = "an empty one, or --force to replace a comparison"
         raise ScenarioError(f"the folder is not empty; expected {expected}", str(folder))
     old = (*folder.glob("table.*"), *folder.glob("links/*/*.parquet"))
-    for path in (*old, folder / FIGURE, folder / SUMS):
+    for path in (*old, folder / FIGURE, folder / PAGE, folder / SUMS):
         path.unlink(missing_ok=True)
 
 

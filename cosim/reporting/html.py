@@ -158,7 +158,7 @@ def command(name: str, text: str) -> str:
     """A command to copy."""
     return (
         f'<div class="copy"><code id="{name}">{escape(text)}</code>'
-        f'<button data-copy="{name}">Copy</button></div>'
+        f'<button data-copy="{name}" hidden>Copy</button></div>'
     )
 
 
@@ -215,9 +215,7 @@ def write_page(
 <div class="top{"" if moving else " alone"}"><section id="panels" aria-label="Diagrams"></section>
 {f'<aside class="aside">{arm}</aside>' if moving else ""}</div>
 {_CHOOSER if data.signals else ""}{rest}
-<footer>Drag in a diagram to zoom, double-click or “Whole run” to return; the arrow keys move the
-time. Thinned signals keep every extreme. Diagrams: uPlot, MIT licence, © Leon Sorokin.</footer>
-</main>"""
+{_FOOT if data.signals else ""}</main>"""
     script = ""
     if data.signals:
         script = (
@@ -243,6 +241,9 @@ _BAR = """<div id="bar"><button id="play">▶ Play</button><select id="speed" ar
 <option value="4">4 ×</option><option value="10">10 ×</option></select>
 <input type="range" id="time" min="0" max="1" value="0" aria-label="Time"><output id="now"></output>
 <button id="whole">Whole run</button></div>"""
+_FOOT = """<footer>Drag in a diagram to zoom, double-click or “Whole run” to return; the arrow keys
+move the time. Thinned signals keep every extreme. Diagrams: uPlot, MIT licence, © Leon Sorokin.
+</footer>"""
 _CHOOSER = """<details id="chooser"><summary>All signals</summary>
 <input type="search" id="filter" placeholder="Find a signal" aria-label="Find a signal">
 <div id="signals"></div><section id="chosen"></section></details>"""

@@ -308,6 +308,7 @@
     for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());
   });
   for (const button of document.querySelectorAll("button[data-copy]")) {
+    button.hidden = false;
     button.addEventListener("click", async () => {
       const text = find(button.dataset.copy);
       try { await navigator.clipboard.writeText(text.textContent); button.textContent = "Copied"; }

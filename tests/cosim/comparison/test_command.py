@@ -34,7 +34,8 @@ def test_it_prints_one_table_and_writes_it(
     assert "link tables: the same for every controller" in said.out
     assert said.err == ""
     assert {p.name for p in out.iterdir()} == {
-        "comparison.png", "table.md", "table.csv", "table.json", "links", "runs", "SHA256SUMS"
+        "comparison.png", "report.html", "table.md", "table.csv", "table.json", "links", "runs",
+        "SHA256SUMS",
     }  # fmt: skip
     kept = out / "runs" / "paper" / "tight" / "pd-seed0"
     assert (kept / "trajectories.parquet").exists()
@@ -46,7 +47,7 @@ def test_it_prints_one_table_and_writes_it(
     )  # fmt: skip
     assert capsys.readouterr().out == ""
     assert len(json.loads((out / "table.json").read_text(encoding="utf-8"))["runs"]) == 1
-    assert not (out / "comparison.png").exists()
+    assert not (out / "comparison.png").exists() and not (out / "report.html").exists()
 
 
 def test_the_list_says_what_there_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

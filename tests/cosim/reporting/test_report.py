@@ -192,3 +192,54 @@ def test_the_command_writes_it_again(cosim: Command) -> None:
 
 def test_a_verdict_is_text() -> None:
     assert Badge("error", "why & how").html.endswith("why &amp; how</p>")
+
+
+def test_a_comparison_marks_the_best_and_the_worst_cells() -> None:
+    from types import SimpleNamespace
+
+    from cosim.analysis.metrics import Measure
+    from cosim.comparison.page import _marks
+    from cosim.comparison.rows import ComparisonRow
+    from cosim.comparison.variants import MetricColumn, PortMeasure
+
+    def row(value: float, stable: bool = True) -> ComparisonRow:
+        verdict_ = SimpleNamespace(ended=True, stable=stable)
+        outcome: Any = SimpleNamespace(verdict=verdict_, numbers={"x": (value, "s")}, errors={})
+        return ComparisonRow("lan", "free", "law", False, (outcome,))
+
+    column = MetricColumn("x", "x", "", Measure("x", "peak", ("a.q",)), ())
+    never = float("inf")
+    assert _marks([row(3.0), row(1.0), row(2.0), row(0.5, stable=False)], column) == {
+        0: " worst", 1: " best",
+    }  # fmt: skip
+    assert _marks([row(3.0), row(never), row(1.0), row(never)], column) == {
+        1: " worst", 2: " best", 3: " worst",
+    }  # fmt: skip
+    assert _marks([row(1.0), row(1.0)], column) == _marks([row(1.0)], column) == {}
+    port = MetricColumn("x", "x", "", PortMeasure("damping"), ())
+    assert _marks([row(1.0), row(2.0)], port) == {}
+
+
+def test_two_runs_side_by_side(cosim: Command) -> None:
+    from xml.etree import ElementTree
+
+    from tests.cli.command import CONFIG
+
+    short = ("run", CONFIG, "--set", "run.stop=1", "--no-plot", "--quiet")
+    cosim(*short, "--out", "a")
+    cosim(*short, "--out", "b", "--set", "components.master.start.q=[0, 0]")
+    done = cosim("diff", "a", "b", "--html", "d.html", "--junit", "d.xml")
+    assert done.code == 1
+    suite = ElementTree.parse("d.xml").getroot()
+    cases = {c.get("name"): c.find("failure") for c in suite}
+    assert int(suite.get("tests", "")) == len(cases)
+    assert int(suite.get("failures", "")) == sum(f is not None for f in cases.values()) > 0
+    failure = cases["master.q[0]"]
+    assert failure is not None and "largest 1.111 rad at 0.777 s" in failure.get("message", "")
+    found = data(Path("d.html").read_text(encoding="utf-8"))
+    first = found["panels"][0]["series"]
+    assert [s["label"] for s in first] == ["a", "b"]
+    assert len(found["panels"]) == 6 and {s["name"] for s in first} <= set(found["signals"])
+    assert 'class="verdict failed"' in Path("d.html").read_text(encoding="utf-8")
+    assert cosim("diff", "a", "a", "--junit", "e.xml").code == 0
+    assert ElementTree.parse("e.xml").getroot().get("failures") == "0"

@@ -33,6 +33,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "cosim.cli.new",
             "Write a controller in Python, a scenario it runs in, and a test.",
         ),
+        "doctor": (
+            "bridge.cli.doctor",
+            "Check this machine: Python, engine, compiler, networks, CAN, real time; with cures.",
+        ),
         "report": (
             "cosim.cli.report",
             "Write the report of a run again: a page with diagrams, arms that move, and results.",

@@ -1,4 +1,4 @@
-"""``cosim ping``: measure a network with the messages of a deployment, and predict its effect."""
+"""``cosim ping``: measure a path, or a network with the messages of a deployment."""
 
 from __future__ import annotations
 
@@ -15,8 +15,30 @@ if TYPE_CHECKING:
 
 
 def ping(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
+    path: Annotated[
+        str, typer.Argument(help="udp or zenoh; or a scenario file (.toml) with a deployment.")
+    ],
+    target: Annotated[
+        list[str] | None,
+        typer.Argument(help="udp: HOST[:PORT]; zenoh: an endpoint. The other end: cosim pong."),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(callback=finite, min=0.01, max=20_000, help="Questions a second.")
+    ] = 200.0,
+    size: Annotated[int, typer.Option(min=80, max=65_000, help="Payload, bytes.")] = 128,
+    duration: Annotated[
+        float, typer.Option(callback=finite, min=0, help="Length, s; 0: until Ctrl-C.")
+    ] = 10.0,
+    tos: Annotated[
+        int, typer.Option(min=0, max=255, help="udp: byte of service of IPv4 (DSCP * 4).")
+    ] = 0,
+    config: Annotated[
+        Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
+    ] = None,
+    json_: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    deploy: Annotated[
+        str, typer.Option("--deploy", help="Of a scenario: deployment, file or name.")
+    ] = "zenoh",
     as_: Annotated[
         str, typer.Option("--as", help="Node that sends the pings. Default: the first.")
     ] = "",
@@ -27,9 +49,10 @@ def ping(
     local: Annotated[
         bool, typer.Option("--local", help="Answer in this process, too; both ends run here.")
     ] = False,
-    count: Annotated[int, typer.Option(min=10, help="Number of pings.")] = 2000,
+    count: Annotated[int, typer.Option(min=10, help="Number of pings between nodes.")] = 2000,
     period: Annotated[
-        float, typer.Option(callback=finite, min=0.0005, help="Time between two pings, s.")
+        float,
+        typer.Option(callback=finite, min=0.0005, help="Time between two pings of nodes, s."),
     ] = 0.005,
     out: Annotated[Path, typer.Option(help="Folder for the traces.")] = Path("ping"),
     predict: Annotated[
@@ -42,11 +65,31 @@ def ping(
         list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
     ] = None,
 ) -> None:
-    """Measure round-trip times between two nodes, and predict effects on the controllers."""
+    """Measure delays of a network each way and by parts; predict the effect on controllers.
+
+    cosim ping udp HOST and cosim ping zenoh ENDPOINT need no scenario, only cosim pong at the other
+    end. cosim ping SCENARIO measures with the messages of a deployment between two of its nodes.
+    """
+    if not path.endswith(".toml"):
+        from bridge.cli.ping_path import ping_path
+
+        ping_path(
+            path, target or [], rate=rate, size=size, duration=duration, tos=tos, config=config,
+            json_=json_, out=out,
+        )  # fmt: skip
+        return
+    _nodes(Path(path), deploy, as_, to, echo, local, count, period, out, predict, set_ or [])
+
+
+def _nodes(
+    scenario: Path, deploy: str, as_: str, to: str, echo: bool, local: bool, count: int,
+    period: float, out: Path, predict: bool, settings: list[str],
+) -> None:  # fmt: skip
+    """Round trips between two nodes of a deployment."""
     from bridge.deployment.system import load_system
     from bridge.zenoh import ping as measuring
 
-    system = load_system(scenario, deploy, set_ or [])
+    system = load_system(scenario, deploy, settings)
     bus = _bus(system)
     here, there = _pair(system, bus, as_, to)
     if echo:
@@ -61,12 +104,12 @@ def ping(
         typer.echo(line)
     paths = _traces(found, out, here, there)
     if predict:
-        _predict(system, scenario, here, found, paths, set_ or [], out)
+        _predict(system, scenario, here, found, paths, settings, out)
 
 
 def _traces(found: PingResult, out: Path, here: str, there: str) -> list[Path]:
     """Both ways, as files."""
-    from bridge.zenoh.ping import write_trace
+    from cosim.links.traces import write_trace
 
     out.mkdir(parents=True, exist_ok=True)
     paths = [out / f"{here}-{there}.csv", out / f"{there}-{here}.csv"]
@@ -230,7 +273,7 @@ def links_with_laws(system: System, here: str, found: PingResult, out: Path) -> 
     A trace each, in the folder `out`: what the law draws, plus what was measured, repeated.
     """
     from bridge.deployment.latency import network_delays
-    from bridge.zenoh.ping import write_trace
+    from cosim.links.traces import write_trace
 
     homes = {c: n for n, spec in system.deployment.nodes.items() for c in spec.components}
     plans = {link.name: link for link in system.plan.links}

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import final
 
 import numpy as np
@@ -159,17 +158,3 @@ def evaluate_stamps(sent: Sequence[float] | Floats, stamps: Floats) -> PingResul
         (rtt - there) * 1e-9,
         float(offset) * 1e-9,
     )
-
-
-def write_trace(path: Path, sent: Floats, delay: Floats) -> None:
-    """Write a trace for links (``law = "trace"``): `sent` and `delay` (n,), s; NaN: lost.
-
-    The one-way delay is known only to within the asymmetry of the fastest round trip; the least
-    delay is 1 us.
-    """
-    lines = ["t_send,delay"]
-    lines += [
-        f"{t:.9f},{'' if np.isnan(d) else f'{max(d, 1e-6):.9f}'}"
-        for t, d in zip(sent, delay, strict=True)
-    ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

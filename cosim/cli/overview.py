@@ -109,8 +109,9 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "ping": (
             "bridge.cli.ping",
-            "Measure round-trip times between two nodes, and predict effects on the controllers.",
+            "Measure delays of a network each way and by parts; predict the effect on controllers.",
         ),
+        "pong": ("bridge.cli.pong", "Answer the questions of cosim ping, until Ctrl-C."),
         "bus": (
             "bridge.cli.bus",
             "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.",

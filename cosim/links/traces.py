@@ -154,6 +154,19 @@ def read_trace(path: str | Path, *, lookup: str = "time", repeat: bool = False) 
     return DelayTrace(t_send, delay, lookup, repeat, str(path))
 
 
+def write_trace(path: Path, sent: FloatArray, delay: FloatArray) -> None:
+    """Write a trace as CSV: `sent` and `delay` (n,), s; NaN: lost. The least delay is 1 us.
+
+    Measured delays of one direction may be negative by the uncertainty of the clocks.
+    """
+    lines = [",".join(COLUMNS)]
+    lines += [
+        f"{t:.9f},{'' if np.isnan(d) else f'{max(d, 1e-6):.9f}'}"
+        for t, d in zip(sent, delay, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 def _csv(path: Path) -> tuple[FloatArray, FloatArray, list[int]]:
     """t_send (n,), delay (n,) and the line of each row."""
     t_send: list[float] = []

@@ -10,10 +10,10 @@ from bridge.deployment.latency import delays_for, network_delays
 from bridge.deployment.system import load_system
 from bridge.deployment.zenoh_keys import Names
 from bridge.zenoh.options import ZenohOptions
-from bridge.zenoh.ping import Echo, PingResult, evaluate_stamps, ping, write_trace
+from bridge.zenoh.ping import Echo, PingResult, evaluate_stamps, ping
 from bridge.zenoh.session import configure, open_session
 from cosim.base.errors import RunError
-from cosim.links.traces import read_trace
+from cosim.links.traces import read_trace, write_trace
 from tests.bridge.zenoh.ends import endpoint
 from tests.bridge.zenoh.rehearsed import CONFIGS
 

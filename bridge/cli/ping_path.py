@@ -1,0 +1,109 @@
+"""``cosim ping udp`` and the other paths without a deployment: measure, print, keep the trace."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from textwrap import indent
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from bridge.ping.exchanges import Exchanges, PingPath
+    from bridge.ping.figures import PathResult
+
+PATHS = ("udp", "zenoh")
+
+
+def ping_path(
+    kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, tos: int,
+    config: Path | None, json_: bool, out: Path,
+) -> None:  # fmt: skip
+    """Measure one path, print its figures, and write its traces. Raises CosimError."""
+    from bridge.ping.exchanges import CAPACITY, Exchanges
+    from bridge.ping.figures import evaluate
+    from bridge.ping.measure import PacketCodec, PingPlan, measure
+    from bridge.ping.report import text, values
+    from cosim.base.errors import ScenarioError
+
+    if kind not in PATHS or len(target) > 1 or (kind == "udp" and not target):
+        raise ScenarioError(
+            f"found {' '.join([kind, *target])!r}; expected udp HOST[:PORT], zenoh [ENDPOINT], or "
+            "a scenario file (.toml)",
+            "cosim ping",
+        )
+    count = max(1, round(rate * duration)) if duration else None
+    period_ns = round(1e9 / rate)
+    name, opened = _open(kind, target[0] if target else "", tos, config)
+    record = Exchanges(name, CAPACITY if count is None else count, size, period_ns)
+    with opened as path:
+        measure(path, PacketCodec(size), PingPlan(period_ns, count), record, _live)
+    _live_end()
+    result = evaluate(record)
+    link = _links(kind, result, out)
+    if json_:
+        typer.echo(json.dumps({**values(result), "links": link}, indent=1))
+        return
+    for line in text(result):
+        typer.echo(line)
+    for name, lines in link.items():
+        typer.echo(f"{name}, as a link:")
+        typer.echo(indent("\n".join(lines.values()), "  "))
+
+
+def _open(
+    kind: str, where: str, tos: int, config: Path | None
+) -> tuple[str, AbstractContextManager[PingPath]]:
+    """The name of a path, and its asking end."""
+    from contextlib import closing
+
+    if kind == "udp":
+        from bridge.ping.udp import UdpPath, parse_address
+
+        address = parse_address(where)
+        return f"udp {address[0]}:{address[1]}", closing(UdpPath(address, tos=tos))
+    from bridge.ping.zenoh import zenoh_path
+    from bridge.zenoh.exchange import ENDPOINT
+
+    endpoint = where or ENDPOINT
+    return f"zenoh {endpoint}", zenoh_path(endpoint, config)
+
+
+def _live(record: Exchanges) -> None:
+    """The live line, on a terminal only."""
+    if sys.stderr.isatty():
+        from bridge.ping.report import live_line
+
+        sys.stderr.write(f"\r\033[K{live_line(record)}")
+        sys.stderr.flush()
+
+
+def _live_end() -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\033[K")
+
+
+def _links(kind: str, result: PathResult, out: Path) -> dict[str, dict[str, str]]:
+    """Each direction's trace written to `out`, and as a link: trace, fitted law, netem line."""
+    from bridge.ping.as_link import checked, fitted, link_toml, semantics_of, traces
+    from bridge.ping.figures import way_figures
+    from cosim.links.traces import write_trace
+
+    out.mkdir(parents=True, exist_ok=True)
+    period = result.record.period_ns * 1e-9
+    found = {}
+    for name, delay in traces(result).items():
+        file = out / f"{name}.csv"
+        write_trace(file, result.sent, delay)
+        law = fitted(delay, way_figures(delay).lag1, period, result.loss)
+        found[name] = {
+            "trace": link_toml(str(file), semantics_of(kind, result)),
+            "law": f"# or a law, whose quantiles differ by {1e3 * law.error:.3g} ms in the mean:\n"
+            + law.toml(),
+            "netem": f"tc qdisc add dev DEV root netem {checked(law, period) or '(none)'}",
+        }
+    return found

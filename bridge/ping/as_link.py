@@ -1,0 +1,146 @@
+"""A measured path as a link of a scenario: its trace, a law that resembles it, and ``tc netem``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from bridge.ping.clocks import Floats
+from bridge.ping.figures import LossFigures, PathResult
+from cosim.base.errors import ScenarioError
+from cosim.links.laws import Constant, Law
+from cosim.links.losses import GilbertElliott, Independent, Loss
+from cosim.links.netem import netem
+from cosim.links.skewed import Gamma, Lognormal
+from cosim.links.table import generator
+
+#: Spread below which delays are constant: a part of the mean.
+CONSTANT = 0.01
+#: Autocorrelation above which a law holds its draws.
+CORRELATED = 0.3
+_SHARES = (np.arange(200) + 0.5) / 200
+
+
+@dataclass(frozen=True, slots=True)
+class FittedLaw:
+    """A law and a loss; `error`: mean distance of its quantiles from those measured, s."""
+
+    law: Law
+    loss: Loss | None
+    error: float
+
+    def toml(self) -> str:
+        """The keys of a link."""
+        keys = f"delay = {_table(self.law.facts())}"
+        if self.loss is not None:
+            keys += f"\nloss = {_table(self.loss.facts())}"
+        return keys
+
+    def netem(self, period: float) -> str:
+        """Arguments for ``tc netem`` and remarks; `period`: between packets, s."""
+        return netem(self.law, self.loss, period=period)
+
+
+def _table(facts: dict[str, Any]) -> str:
+    names = {"bad": "1-h", "good": "1-k"}
+    cells = [f"{names.get(k, k)} = {_cell(v)}" for k, v in facts.items() if v is not None]
+    return "{ " + ", ".join(cells) + " }"
+
+
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else f'"{value}"'
+
+
+def fitted(delay: Floats, lag1: float, period: float, loss: LossFigures) -> FittedLaw:
+    """The nearest of constant, gamma and lognormal laws to `delay` (n,), s, NaN: lost.
+
+    `lag1`: autocorrelation of neighbours, `period` apart, s: draws are held as long as gives it.
+    """
+    T = np.maximum(delay[~np.isnan(delay)], 1e-6)
+    lost = _loss(loss)
+    if T.size < 10 or np.ptp(T) <= CONSTANT * T.mean():
+        return FittedLaw(Constant(float(T.mean())), lost, float(np.abs(T - T.mean()).mean()))
+    hold = period / (1 - lag1) if CORRELATED < lag1 < 1 else None
+    measured = np.quantile(T, _SHARES)
+    candidates: list[Gamma | Lognormal] = [_gamma(T, hold), _lognormal(T, hold)]
+    errors = [float(np.abs(_quantiles(law) - measured).mean()) for law in candidates]
+    best = int(np.argmin(errors))
+    return FittedLaw(candidates[best], lost, errors[best])
+
+
+def _shift(T: Floats) -> float:
+    """A little below the least delay, so that all tails are positive."""
+    return max(0.0, float(T.min() - 0.01 * (T.mean() - T.min())))
+
+
+def _gamma(T: Floats, hold: float | None) -> Gamma:
+    tail = T - _shift(T)
+    mean, variance = float(tail.mean()), float(tail.var())
+    return Gamma(_shift(T), mean**2 / variance, variance / mean, float(T.max()) * 1.001, hold)
+
+
+def _lognormal(T: Floats, hold: float | None) -> Lognormal:
+    logs = np.log(np.maximum(T - _shift(T), 1e-9))
+    sigma = min(max(float(logs.std()), 1e-3), 9.0)
+    median = float(np.exp(np.median(logs)))
+    return Lognormal(_shift(T), median, sigma, float(T.max()) * 1.001, hold)
+
+
+def _quantiles(law: Gamma | Lognormal) -> Floats:
+    """Of 20000 draws, (200,), s."""
+    drawn = replace(law, hold=None).stream(Fraction(1, 100), generator(0, "ping")).take(20_000)
+    return np.asarray(np.quantile(drawn, _SHARES))
+
+
+def _loss(found: LossFigures) -> Loss | None:
+    if not 0 < found.share < 1:
+        return None
+    if found.burst < 1.5 / (1 - found.share):
+        return Independent(found.share)
+    r = 1 / found.burst
+    return GilbertElliott(min(1.0, r * found.share / (1 - found.share)), r)
+
+
+def traces(result: PathResult) -> dict[str, Floats]:
+    """The delays of each direction by name, (n,), s; half the round trip if only the sum is known.
+
+    Where an answer did not come, the count of the other end says how many of the questions in such
+    a gap were lost on the way there; these are taken to be its first ones. A packet that is lost in
+    one direction has the delay of the packet before it in the other.
+    """
+    if result.there is None or result.back is None:
+        return {"half": result.rtt / 2}
+    heard = result.record.stamp("heard")
+    there, back = np.array(result.there), np.array(result.back)
+    answered = np.flatnonzero(~np.isnan(result.rtt))
+    for i, j in pairwise(answered.tolist()):
+        if j - i > 1:
+            arrived = min(max(int(heard[j] - heard[i]) - 1, 0), j - i - 1)
+            back[i + 1 : j - arrived] = back[i]
+            there[j - arrived : j] = there[i]
+    return {"there": there, "back": back}
+
+
+def link_toml(file: str, semantics: str) -> str:
+    """The keys of a link that repeats a trace."""
+    delay = f'delay = {{ law = "trace", file = "{file}", repeat = true }}'
+    return f'{delay}\nsemantics = "{semantics}"'
+
+
+def semantics_of(kind: str, result: PathResult) -> str:
+    """How a receiver on such a path takes samples: UDP and CAN numbered, Zenoh in order."""
+    if kind == "zenoh" and not result.loss.share:
+        return "fifo"
+    return "newest-stamp" if kind == "udp" else "last-arrival"
+
+
+def checked(law: FittedLaw, period: float) -> str | None:
+    """The netem line, None if netem has none."""
+    try:
+        return law.netem(period)
+    except ScenarioError:
+        return None

@@ -1,0 +1,238 @@
+"""Figures of a ping: delays each way with their uncertainty, losses, outages, parts of the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.ping.clocks import ClockEstimate, Floats, estimate_clock, same_clock
+from bridge.ping.exchanges import NONE, Exchanges
+from bridge.ping.measure import clock_number
+from bridge.realtime.host_clock import host_clock
+from cosim.base.clock import realtime_offset_ns
+from cosim.base.errors import RunError
+
+#: Shortest time without an answer that counts as an outage, s (or five periods, if longer).
+OUTAGE = 0.1
+QUANTILES = (0.5, 0.95, 0.99, 0.999)
+
+
+@dataclass(frozen=True, slots=True)
+class WayFigures:
+    """Figures of delays (n,), s. `quantiles`: of 50, 95, 99 and 99.9 %; `ranges`: intervals that
+    contain each with 95 % confidence, the upper end infinite where too few packets arrived.
+
+    `jitter`: mean difference of consecutive delays, s; `lag1`: their autocorrelation.
+    """
+
+    n: int
+    minimum: float
+    mean: float
+    sd: float
+    maximum: float
+    quantiles: tuple[float, ...]
+    ranges: tuple[tuple[float, float], ...]
+    jitter: float
+    lag1: float
+
+
+def way_figures(delay: Floats) -> WayFigures:
+    """Figures of `delay` (n,), s, NaN where nothing arrived; at least one arrived."""
+    there = delay[~np.isnan(delay)]
+    ordered, steps = np.sort(there), np.abs(np.diff(there))
+    lag1 = _autocorrelation(there)
+    effective = there.size * (1 - max(lag1, 0.0)) / (1 + max(lag1, 0.0))
+    return WayFigures(
+        there.size, float(ordered[0]), float(there.mean()), float(there.std()), float(ordered[-1]),
+        tuple(float(x) for x in np.quantile(there, QUANTILES)),
+        tuple(_range(ordered, q, effective) for q in QUANTILES),
+        float(steps.mean()) if steps.size else 0.0, lag1,
+    )  # fmt: skip
+
+
+def _autocorrelation(x: Floats) -> float:
+    """Of neighbours, from -1 to 1; 0 where nothing varies."""
+    if x.size < 3:
+        return 0.0
+    rest = x - x.mean()
+    power = float(rest @ rest)
+    return float(rest[:-1] @ rest[1:]) / power if power > 0 else 0.0
+
+
+def _range(ordered: Floats, q: float, effective: float) -> tuple[float, float]:
+    """Order statistics around a quantile: ranks n·q ± 1.96·sqrt(n·q·(1 - q)·n/n_eff)."""
+    n = ordered.size
+    spread = 1.96 * np.sqrt(q * (1 - q) / max(effective, 1.0)) * n
+    low, high = int(np.floor(n * q - spread)), int(np.ceil(n * q + spread))
+    return float(ordered[max(low, 0)]), float(ordered[high]) if high < n else inf
+
+
+@dataclass(frozen=True, slots=True)
+class LossFigures:
+    """`share` of the questions without an answer; `bursts`: mean and longest number in a row.
+
+    `there`, `back`: shares lost each way, NaN where the other end does not count; `outages`: number
+    and longest, s, of the times without an answer.
+    """
+
+    share: float
+    burst: float
+    longest: int
+    there: float
+    back: float
+    outages: int
+    longest_outage: float
+
+
+@dataclass(frozen=True, slots=True)
+class PathResult:
+    """What was measured. Arrays (n,) are in the order of the questions, s, NaN: lost.
+
+    `sent`: times of the questions from the first; `rtt`: round trip without the other end's
+    turn-round; `there`, `back`: as an application has them, None where only the sum is known;
+    `below`, `above` (n,): by how much `there` may be less and more (and `back` more and less).
+    `parts`: medians of where a round trip goes, s, by name; `late`: of questions, s.
+    """
+
+    record: Exchanges
+    sent: Floats
+    rtt: Floats
+    there: Floats | None
+    back: Floats | None
+    below: Floats | None
+    above: Floats | None
+    clock: ClockEstimate | None
+    same_host: bool
+    dates: float | None
+    loss: LossFigures
+    parts: dict[str, float]
+    late: Floats
+
+    @property
+    def uncertainty(self) -> float:
+        """Largest error of `there` and of `back`, s; the same for all packets of one piece."""
+        if self.below is None or self.above is None:
+            return inf
+        return float(max(np.nanmax(self.below), np.nanmax(self.above)))
+
+
+def _seconds(record: Exchanges, name: str, origin: int = 0) -> Floats:
+    """A stamp as s from `origin` (ns), NaN where it is unknown."""
+    ns = record.stamp(name)
+    known = ns != NONE
+    found: Floats = np.where(known, (np.where(known, ns, origin) - origin) * 1e-9, np.nan)
+    return found
+
+
+def evaluate(record: Exchanges) -> PathResult:
+    """All figures of a record. Raises RunError if nothing came back."""
+    if not record.received or np.all(record.stamp("t4") == NONE):
+        raise RunError(
+            f"{record.what}: none of {record.sent} questions was answered; expected a responder: "
+            "start `cosim pong` at the other end, and check the address and firewalls"
+        )
+    origin = int(record.stamp("t1")[0])
+    t1, t4 = _seconds(record, "t1", origin), _seconds(record, "t4", origin)
+    wake_here = np.nan_to_num(_seconds(record, "wake_here"))
+    late = t1 - _seconds(record, "due", origin)
+    parts = {
+        "send call": float(np.median(_seconds(record, "call"))),
+        "own wake-up": float(np.nanmedian(np.where(np.isnan(t4), np.nan, wake_here))),
+    }
+    loss = _losses(record, t1, t4)
+    if np.all(record.stamp("t2") == NONE):
+        rtt = t4 + wake_here - t1
+        none = None
+        return PathResult(
+            record, t1, rtt, none, none, none, none, none, False, none, loss, parts, late
+        )
+    return _both_ways(record, t1, t4, wake_here, loss, parts, late)
+
+
+def _both_ways(
+    record: Exchanges, t1: Floats, t4: Floats, wake_here: Floats,
+    loss: LossFigures, parts: dict[str, float], late: Floats,
+) -> PathResult:  # fmt: skip
+    first = int(record.stamp("t2")[record.stamp("t2") != NONE][0])
+    t2, t3 = _seconds(record, "t2", first), _seconds(record, "t3", first)
+    wake_there = _seconds(record, "wake_there")
+    F, B, there = t2 - t1, t4 - t3, ~np.isnan(t4)
+    shift = (int(record.stamp("t1")[0]) - first) * 1e-9  # of the two origins, s
+    clock, same, dates = _clock(record, t1[there], F[there], t4[there], B[there], shift)
+    low, middle, high = clock.offsets(t1)
+    turn = t3 - t2 - wake_there
+    parts |= {
+        "other wake-up": float(np.nanmedian(wake_there)),
+        "turn-round": float(np.nanmedian(turn)),
+        "network, both ways": float(np.nanmedian(F + B)),
+    }
+    forward, backward = F + wake_there - middle, B + wake_here + middle
+    return PathResult(
+        record, t1, forward + backward, forward, backward, high - middle, middle - low,
+        clock, same, dates, loss, parts, late,
+    )  # fmt: skip
+
+
+def _clock(
+    record: Exchanges, t1: Floats, F: Floats, t4: Floats, B: Floats, shift: float
+) -> tuple[ClockEstimate, bool, float | None]:
+    """The other clock (zero of both at their first stamps), whether it is ours, and the difference
+    of the dates of the hosts (theirs less ours, s; None: not said).
+    """
+    other = record.other
+    ours = host_clock()
+    assert other is not None
+    if other.host == clock_number(ours):
+        zero = same_clock(float(t1[0]), float(t1[-1]))
+        piece = zero.pieces[0]
+        shifted = type(piece)(
+            piece.start, piece.end, piece.centre, piece.drift,
+            piece.upper + shift, piece.lower + shift, shift, 0.0,
+        )  # fmt: skip
+        return ClockEstimate((shifted,)), True, 0.0
+    if not other.date:
+        return estimate_clock(t1, F, t4, B), False, None
+    apart = (realtime_offset_ns() - other.date) * 1e-9 + shift  # θ of clocks with equal dates
+    known = None
+    if ours.kept and other.error >= 0:
+        error = ours.error + other.error * 1e-9
+        known = (apart - error, apart + error)
+    clock = estimate_clock(t1, F, t4, B, known)
+    _, theta, _ = clock.offsets(t1[-1:])
+    return clock, False, float(theta[0] - apart)
+
+
+def _runs(lost: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Lengths of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(np.int8)))
+    return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
+
+
+def _losses(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
+    lost = np.isnan(t4)
+    runs = _runs(lost)
+    limit = max(OUTAGE, 5 * record.period_ns * 1e-9)
+    heard_at = t1[~lost]
+    silent = np.diff(heard_at)
+    outages = silent[silent > limit]
+    there, back = _shares(record)
+    return LossFigures(
+        float(lost.mean()), float(runs.mean()) if runs.size else 0.0,
+        int(runs.max()) if runs.size else 0, there, back,
+        outages.size, float(outages.max()) if outages.size else 0.0,
+    )  # fmt: skip
+
+
+def _shares(record: Exchanges) -> tuple[float, float]:
+    """Shares lost there and back, from the count of the other end up to the last answer."""
+    heard = record.stamp("heard")
+    answered = np.flatnonzero(heard != NONE)
+    if not answered.size:
+        return np.nan, np.nan
+    first, last = int(answered[0]), int(answered[-1])
+    asked = last - first + 1
+    arrived = int(heard[last] - heard[first]) + 1
+    return max(0.0, 1 - arrived / asked), max(0.0, (arrived - answered.size) / asked)

@@ -23,7 +23,11 @@ def ping_path(
     kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, tos: int,
     config: Path | None, json_: bool, out: Path,
 ) -> None:  # fmt: skip
-    """Measure one path, print its figures, and write its traces. Raises CosimError."""
+    """Measure one path, print its figures, and write its traces.
+
+    `rate`: questions a second; `size`: bytes; `duration`: s, 0: until Ctrl-C. Raises ScenarioError
+    for what is no path, RunError or BusError where nothing answers.
+    """
     from bridge.ping.exchanges import CAPACITY, Exchanges
     from bridge.ping.figures import evaluate
     from bridge.ping.measure import PacketCodec, PingPlan, measure
@@ -89,7 +93,7 @@ def _live_end() -> None:
 
 def _links(kind: str, result: PathResult, out: Path) -> dict[str, dict[str, str]]:
     """Each direction's trace written to `out`, and as a link: trace, fitted law, netem line."""
-    from bridge.ping.as_link import checked, fitted, link_toml, semantics_of, traces
+    from bridge.ping.as_link import fitted, link_toml, netem_line, semantics_of, traces
     from bridge.ping.figures import way_figures
     from cosim.links.traces import write_trace
 
@@ -104,6 +108,6 @@ def _links(kind: str, result: PathResult, out: Path) -> dict[str, dict[str, str]
             "trace": link_toml(str(file), semantics_of(kind, result)),
             "law": f"# or a law, whose quantiles differ by {1e3 * law.error:.3g} ms in the mean:\n"
             + law.toml(),
-            "netem": f"tc qdisc add dev DEV root netem {checked(law, period) or '(none)'}",
+            "netem": f"tc qdisc add dev DEV root netem {netem_line(law, period) or '(none)'}",
         }
     return found

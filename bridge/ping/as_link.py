@@ -138,8 +138,8 @@ def semantics_of(kind: str, result: PathResult) -> str:
     return "newest-stamp" if kind == "udp" else "last-arrival"
 
 
-def checked(law: FittedLaw, period: float) -> str | None:
-    """The netem line, None if netem has none."""
+def netem_line(law: FittedLaw, period: float) -> str | None:
+    """The netem line, None if netem has none; `period`: between packets, s."""
     try:
         return law.netem(period)
     except ScenarioError:

@@ -107,7 +107,7 @@ class ClockEstimate:
 
 
 def same_clock(start: float, end: float) -> ClockEstimate:
-    """Two processes of one host: the offset is 0."""
+    """Two processes of one host from `start` to `end`, s: the offset is 0."""
     zero = np.zeros(1)
     return ClockEstimate((OffsetLines(start, end, start, zero, zero, zero, 0.0, 0.0),))
 

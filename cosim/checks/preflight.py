@@ -33,6 +33,7 @@ RULES: tuple[Rule, ...] = (
     channels.buffer,
     buses.lost_frames,
     lambda known: wiring.unconnected_inputs(known.plan),
+    lambda known: wiring.unitless_connections(known.plan),
     wiring.saturation,
     wiring.size,
 )

@@ -8,8 +8,8 @@ from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import peaks
-from cosim.fmi.components import is_simulator
-from cosim.schedule.parts import Slot
+from cosim.fmi.components import has_unit, is_simulator
+from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
 
 #: A recording of more bytes is worth a warning.
@@ -37,6 +37,28 @@ def unconnected_inputs(plan: Plan) -> Iterator[Finding]:
                 reason="the input is unconnected, and the scenario sets no start value for it",
                 advice=f'components.{step.name}.inputs.{port.name} = "COMPONENT.OUTPUT", or '
                 f"components.{step.name}.start.{port.name} = ... if a constant value is intended",
+            )
+
+
+def unitless_connections(plan: Plan) -> Iterator[Finding]:
+    """Connections whose number is not converted, since one end is an FMU's without a unit."""
+    edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
+    for edge in edges:
+        ends = (edge.source, edge.target)
+        declared = [has_unit(plan.component(s.component).component, s.port) for s in ends]
+        if edge.source.unit == edge.target.unit or all(declared):
+            continue
+        bare, other = ends[::-1] if declared[0] else ends
+        if other.unit != "1":
+            yield Finding(
+                rule="unitless",
+                severity="warning",
+                where=f"{edge.source.name} -> {edge.target.name}",
+                number=1.0,
+                unit="1",
+                reason=f"the FMU declares no unit for {bare.name}, so the number in [{other.unit}] "
+                "is taken as it is",
+                advice="check the unit that the FMU means; gain = ... in the connection converts",
             )
 
 

@@ -85,6 +85,12 @@ def unit_of(component: Component, unit: str) -> str | Unit:
     return unit if fmu is None else fmu.description.units.get(unit, unit)
 
 
+def has_unit(component: Component, port: str) -> bool:
+    """Whether a unit is declared for a port: FMUs of other tools have variables without one."""
+    fmu = fmu_of(component)
+    return fmu is None or port not in fmu.groups or bool(fmu.groups[port].first.unit)
+
+
 def discrete_inputs(component: Component) -> frozenset[str]:
     """Inputs that the component declares as discrete."""
     fmu = fmu_of(component)

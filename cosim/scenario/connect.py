@@ -15,7 +15,7 @@ from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
-from cosim.fmi.components import is_text, unit_of
+from cosim.fmi.components import has_unit, is_text, unit_of
 from cosim.scenario.spec import InputSpec, Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 
@@ -74,6 +74,10 @@ class ScenarioComponents:
     def unit(self, slot: Slot) -> str | Unit:
         """The unit of a slot, by the definition of its FMU if it has one."""
         return unit_of(self.steps[slot.component].component, slot.unit)
+
+    def has_unit(self, slot: Slot) -> bool:
+        """Whether a unit is declared for a slot."""
+        return has_unit(self.steps[slot.component].component, slot.port)
 
     def values(self, slot: Slot, value: Any, place: str) -> tuple[float, ...]:
         """A value of the file for a slot, flattened, in the slot's unit. Raises ScenarioError."""
@@ -142,7 +146,11 @@ def _check_input(spec: InputSpec, place: str) -> None:
 
 
 def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tuple[float, float]:
-    """(gain, offset) between two slots of one shape. Raises ScenarioError."""
+    """(gain, offset) between two slots of one shape. Raises ScenarioError.
+
+    Where one of them is a variable of an FMU for which no unit is declared, the number is taken as
+    it is (``cosim check`` names such connections).
+    """
     if source.shape != target.shape:
         raise ScenarioError(
             f"{source.name} has shape {list(source.shape)}, {target.name} expects "
@@ -154,6 +162,8 @@ def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tu
     try:
         return conversion(parts.unit(source), parts.unit(target))
     except UnitError:
+        if not (parts.has_unit(source) and parts.has_unit(target)):
+            return 1.0, 0.0
         raise ScenarioError(
             f"units do not fit: {source.name} is in [{source.unit}], {target.name} expects "
             f"[{target.unit}]",

@@ -180,7 +180,7 @@ class _Component:
             message = f"{' '.join(value.entries)!r} is no value of {self.name}.{group.name}"
             raise ScenarioError(message, value.place) from None
         gain, offset = 1.0, 0.0
-        if value.unit is not None and not value.suppress:
+        if value.unit is not None and not value.suppress and group.first.unit:
             try:
                 gain, offset = conversion(value.unit, self.fmu.unit(group.first.unit or "1"))
             except UnitError as error:
@@ -272,7 +272,10 @@ def _wire(
             message = f"{part.name}.{variable} is a {found} of its FMU, no {expected}"
             raise ScenarioError(message, way.place)
     factor, offset = way.factor, way.offset
-    if way.suppress:
+    units = [
+        p.variable(v, way.place)[0].first.unit for p, v in ((sender, output), (receiver, name))
+    ]
+    if way.suppress and all(units):
         try:  # what the wire would convert by, and must not
             gain, shift = conversion(sender.unit(output, way.place), receiver.unit(name, way.place))
         except UnitError as error:

@@ -108,7 +108,8 @@ def test_every_rule_is_among_the_cases() -> None:
         "bounded", "buffer", "backwards", "like-a-wire", "unfed", "saturation",
         "jacobi",
     }  # fmt: skip
-    assert len(RULES) + len(NOTES) == 27  # those of buses: tests/cosim/scenario/test_buses.py
+    # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py
+    assert len(RULES) + len(NOTES) == 28
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

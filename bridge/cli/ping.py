@@ -36,6 +36,15 @@ def ping(
         Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
     ] = None,
     json_: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    scenario: Annotated[
+        Path | None, typer.Option(help="Predict: run this scenario (.toml) with these delays.")
+    ] = None,
+    link: Annotated[
+        str, typer.Option(help="Predict with this link (FROM->TO) only. Default: all links.")
+    ] = "",
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Predict for the controllers of cosim compare, too.")
+    ] = False,
     deploy: Annotated[
         str, typer.Option("--deploy", help="Of a scenario: deployment, file or name.")
     ] = "zenoh",
@@ -71,11 +80,12 @@ def ping(
     end. cosim ping SCENARIO measures with the messages of a deployment between two of its nodes.
     """
     if not path.endswith(".toml"):
-        from bridge.cli.ping_path import ping_path
+        from bridge.cli.ping_path import PredictionOptions, ping_path
 
         ping_path(
             path, target or [], rate=rate, size=size, duration=duration, tos=tos, config=config,
             json_=json_, out=out,
+            prediction=PredictionOptions(scenario, link, compare, tuple(set_ or ())),
         )  # fmt: skip
         return
     _nodes(Path(path), deploy, as_, to, echo, local, count, period, out, predict, set_ or [])

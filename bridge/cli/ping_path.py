@@ -6,22 +6,36 @@ import json
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
     from bridge.ping.exchanges import Exchanges, PingPath
     from bridge.ping.figures import PathResult
+    from bridge.ping.prediction import PathTrace
 
 PATHS = ("udp", "zenoh")
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionOptions:
+    """What to predict: nothing without a `scenario`; the options of the command."""
+
+    scenario: Path | None = None
+    link: str = ""
+    compare: bool = False
+    settings: tuple[str, ...] = ()
 
 
 def ping_path(
     kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, tos: int,
     config: Path | None, json_: bool, out: Path,
+    prediction: PredictionOptions = PredictionOptions(),
 ) -> None:  # fmt: skip
     """Measure one path, print its figures, and write its traces.
 
@@ -40,6 +54,8 @@ def ping_path(
             "a scenario file (.toml)",
             "cosim ping",
         )
+    if (prediction.link or prediction.compare) and prediction.scenario is None:
+        raise ScenarioError("found --link or --compare; expected --scenario FILE", "cosim ping")
     count = max(1, round(rate * duration)) if duration else None
     period_ns = round(1e9 / rate)
     name, opened = _open(kind, target[0] if target else "", tos, config)
@@ -50,13 +66,63 @@ def ping_path(
     result = evaluate(record)
     link = _links(kind, result, out)
     if json_:
-        typer.echo(json.dumps({**values(result), "links": link}, indent=1))
+        data = {**values(result), "links": link, "prediction": _predicted(kind, result, prediction)}
+        typer.echo(json.dumps(data, indent=1))
         return
     for line in text(result):
         typer.echo(line)
     for name, lines in link.items():
         typer.echo(f"{name}, as a link:")
         typer.echo(indent("\n".join(lines.values()), "  "))
+    _print_prediction(kind, result, prediction, out)
+
+
+def _path_trace(kind: str, result: PathResult) -> PathTrace:
+    """Both directions; half the round trip each where only their sum is known."""
+    from bridge.ping.as_link import semantics_of, traces
+    from bridge.ping.prediction import PathTrace
+
+    found = traces(result)
+    there, back = found.get("there", found.get("half")), found.get("back", found.get("half"))
+    assert there is not None and back is not None
+    return PathTrace(result.sent, there, back, semantics_of(kind, result))
+
+
+def _predicted(kind: str, result: PathResult, wanted: PredictionOptions) -> dict[str, Any] | None:
+    """The numbers of a scenario for JSON, None without one; no number: None."""
+    if wanted.scenario is None:
+        return None
+    from bridge.ping.prediction import predict
+
+    found = asdict(
+        predict(wanted.scenario, _path_trace(kind, result), wanted.link, wanted.settings)
+    )
+    for number in found["numbers"]:
+        for key in ("value", "least", "most", "ideal"):
+            number[key] = number[key] if isfinite(number[key]) else None
+    return found
+
+
+def _print_prediction(kind: str, result: PathResult, wanted: PredictionOptions, out: Path) -> None:
+    """The scenario on this path, and the controllers that come to rest on it."""
+    if wanted.scenario is None:
+        return
+    from bridge.ping.prediction import predict, survivors
+    from cosim.comparison.variants_file import variants_path
+
+    trace = _path_trace(kind, result)
+    typer.echo(f"{wanted.scenario} on this path:")
+    for line in predict(wanted.scenario, trace, wanted.link, wanted.settings).lines():
+        typer.echo(f"  {line}")
+    if wanted.compare:
+        typer.echo("controllers of cosim compare on this path, with every operator:")
+        variants = variants_path(wanted.scenario)
+        for one in survivors(wanted.scenario, variants, trace, out, wanted.settings, jobs=2):
+            typer.echo(f"  {one.text}")
+        typer.echo(
+            f"in numbers: cosim compare {wanted.scenario} --variants {out}/compare.toml "
+            "--links measured"
+        )
 
 
 def _open(

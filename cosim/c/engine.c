@@ -60,6 +60,7 @@ INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
 }
 
 #include "typed.h"
+#include "exchange.h"
 
 /* One step of an FMU outside of a plan: for a process that has but one. */
 API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status,
@@ -68,6 +69,7 @@ API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *st
     switch (u->kind) {
     case UNIT_FMI2: return step_fmi2(u, s, t, status);
     case UNIT_FMI3: return step_fmi3(u, s, t, status);
+    case UNIT_EXCHANGE: return step_exchange(u, s, t, status, failed);
     default: return step_typed(u, s, t, hit, status, failed);
     }
 }
@@ -85,6 +87,8 @@ static int step_unit(engine_t *e, int32_t index)
         result = step_fmi3(u, s, t, &status);
     } else if (u->kind == UNIT_TYPED) {
         result = step_typed(u, s, t, (e->tick - u->lag) / u->period, &status, &e->failed_signal);
+    } else if (u->kind == UNIT_EXCHANGE) {
+        result = step_exchange(u, s, t, &status, &e->failed_signal);
     } else if (u->kind == UNIT_NATIVE) {
         if (((native_t)u->step)(u->instance, t, u->h, s + u->input, s + u->output))
             result = RUN_STEP;
@@ -244,6 +248,7 @@ API size_t engine_sizes(int32_t which)
     static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
                                    sizeof(engine_t), sizeof(log_t), sizeof(player_t),
                                    sizeof(access_t), sizeof(ticker_t), sizeof(typed_t),
-                                   sizeof(gate_t), sizeof(triggered_t), sizeof(partition_t)};
-    return which >= 0 && which < 12 ? sizes[which] : 0;
+                                   sizeof(gate_t), sizeof(triggered_t), sizeof(partition_t),
+                                   sizeof(exchange_t)};
+    return which >= 0 && which < 13 ? sizes[which] : 0;
 }

@@ -4,6 +4,7 @@
 #define COSIM_ENGINE_H
 
 #include <float.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -33,16 +34,19 @@ INLINE void publish(int64_t *place, int64_t count)
 #endif
 }
 
-#define ENGINE_ABI 11
+#define ENGINE_ABI 12
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
-enum { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4 };
+enum { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4,
+       UNIT_EXCHANGE = 5 };     /* an FMU for model exchange, integrated here */
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
-       RUN_ENDED };             /* an FMU ended the simulation before its step */
+       RUN_ENDED,               /* an FMU ended the simulation before its step */
+       RUN_SOLVER };            /* CVODE failed; the status is its own */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
+enum { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
 enum { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
 
 typedef struct {
@@ -131,6 +135,25 @@ typedef struct {
     int32_t fmi, variable;  /* variable: steps may be cut at that time */
 } typed_t;
 
+/* An FMU for model exchange: its functions, its solver, and how far it is. */
+typedef struct {
+    void *set_time, *set_states, *get_states, *derivatives, *indicators, *nominals;
+    void *completed, *enter_event, *update, *enter_continuous; /* completed: NULL, not needed */
+    void *directional;      /* or NULL: CVODE takes differences */
+    const uint32_t *states, *rates; /* value references of states and of their derivatives */
+    double *memory;         /* seven vectors of states, then four of indicators */
+    int64_t n_states, n_indicators, n_references;
+    double longest;         /* s, the most one step of the solver takes */
+    double now, next_event; /* s; next_event: infinity without one */
+    int64_t steps, evaluations, state_events, time_events, step_events;
+    int32_t fmi, solver, fresh, status;
+    void *cvode, *vector;   /* of SUNDIALS: its memory, and the vector of states */
+    void *advance, *restart, *stop_time, *dense, *tolerances, *data, *column;
+    void *absolute;         /* vector: absolute tolerances */
+    double tolerance;       /* relative */
+    void *current;          /* the step being done, while CVODE calls back */
+} exchange_t;
+
 typedef struct {
     int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
     double h;               /* s, length of a step */
@@ -143,6 +166,7 @@ typedef struct {
     typed_t *typed;
     int64_t period;         /* ticks */
     double reached;         /* s, where the FMU was when it ended the simulation */
+    exchange_t *exchange;
 } unit_t;
 
 typedef struct {

@@ -105,7 +105,7 @@ def _facts(component: FmuComponent) -> list[list[str]]:
     flags = sorted(name for name, on in d.flags.items() if on)
     return [
         ["model", f"{d.name} - {d.description}" if d.description else d.name],
-        ["FMI", f"{d.fmi} co-simulation"],
+        ["FMI", f"{d.fmi} {_interfaces(component)}"],
         ["kind", component.kind + ("" if d.kind else " (assumed; set `kind` in the scenario)")],
         ["token", d.token],
         ["made by", d.tool or "unknown"],
@@ -118,6 +118,22 @@ def _facts(component: FmuComponent) -> list[list[str]]:
         ["capabilities", ", ".join(flags) or "none"],
         *_terminals(component),
     ]
+
+
+def _interfaces(component: FmuComponent) -> str:
+    """What an FMU is exported for, as ``model exchange (3 states, 1 event indicator)``."""
+    from cosim.fmi.description import read_cached
+
+    words = {"CoSimulation": "co-simulation", "ModelExchange": "model exchange"}
+    found = [words[name] for name in component.description.interfaces]
+    if "model exchange" not in found:
+        return ", ".join(found)
+    folder, path = component.archive.folder, component.archive.path
+    states = read_cached(folder, path, (), True).states
+    assert states is not None
+    counts = ((states.count, "state"), (states.indicators, "event indicator"))
+    said = ", ".join(f"{n} {word}{'' if n == 1 else 's'}" for n, word in counts)
+    return f"{', '.join(found)} ({said})"
 
 
 def _stated(value: float | None, unit: str = "") -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from cosim.fmi import clocks
+from cosim.fmi.exchange import ExchangeLayout, exchange_layout
 from cosim.fmi.layout import Move, Partition, StepLayout
 from cosim.fmi.library import Clocked
 from cosim.fmi.ports import REAL, VariableGroup
@@ -22,9 +23,13 @@ Key = tuple[str, str, tuple[int, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """Variables by when they move; `events`: whether the FMU is run with event mode."""
+    """Variables by when they move; `events`: whether the FMU is run with event mode.
+
+    `exchange`: it is integrated by the engine, and inputs are set in Event Mode only.
+    """
 
     events: bool
+    exchange: bool = False
     _found: dict[Key, dict[str, Move]] = field(default_factory=dict)
 
     def add(self, role: str, group: VariableGroup, place: int) -> None:
@@ -39,7 +44,8 @@ class Moves:
     def _key(self, role: str, first: FmuVariable) -> Key:
         if self.events and first.clocks:
             return role, "clocked", tuple(sorted(first.clocks))
-        discrete = self.events and first.variability != "continuous" and role == "input"
+        jumps = self.exchange or (self.events and first.variability != "continuous")
+        discrete = jumps and role == "input"
         return role, "discrete" if discrete else "step", ()
 
     def of(
@@ -77,7 +83,12 @@ def layout(
     cannot be kept.
     """
     clocks.check_step(x.description, h, x.name)
-    moves, found, asked = Moves(x.events), _slopes(x, inputs, slopes), clocks.read_clocks(x)
+    exchange = _exchange(x)
+    moves, found, asked = (
+        Moves(x.events, exchange is not None),
+        _slopes(x, inputs, slopes),
+        clocks.read_clocks(x),
+    )
     at: dict[int, int] = {}  # of clocks that are signals, by value reference
     for role, place in (("input", inputs), ("output", outputs)):
         for group in x.carried(role):
@@ -98,8 +109,15 @@ def layout(
         partitions=moves.partitions(asked.texts),
         fmi=x.description.fmi, events=x.events,
         variable=bool(x.description.flags.get("canHandleVariableCommunicationStepSize")),
-        plain=real and found is None and not (x.events or x.returns_early),
+        plain=real and found is None and not (x.events or x.returns_early), exchange=exchange,
     )  # fmt: skip
+
+
+def _exchange(x: FmuComponent) -> ExchangeLayout | None:
+    d = x.description
+    if d.states is None:
+        return None
+    return exchange_layout(x.name, d.fmi, d.states, x.options, d.tolerance, d.default_step)
 
 
 def _slopes(x: FmuComponent, inputs: int, slopes: Mapping[int, int]) -> Move | None:

@@ -61,11 +61,13 @@ class FmuComponent:
         self.options = options or FmuOptions()
         self.archive = archives.unpack(path)
         path, folder = self.archive.path, self.archive.folder
-        self.description = read_cached(folder, path)
+        exchange = self.options.exchange
+        self.description = read_cached(folder, path, (), exchange)
         given = self.options.given
         sizes = {**sizes_among(self.description.variables, given), **self.options.sizes}
         if sizes:
-            self.description = read_cached(folder, path, tuple(sizes.items()))
+            self.description = read_cached(folder, path, tuple(sizes.items()), exchange)
+        self._check_exchange(name)
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
         self.groups = {g.name: g for g in groups(self.description.variables)}
@@ -85,6 +87,16 @@ class FmuComponent:
         self._start: InstanceStart | None = None  # while in Initialization Mode
         self._private: str | None = None
         self._last_text = ""
+
+    def _check_exchange(self, name: str) -> None:
+        d, options = self.description, self.options
+        if d.states is None and (options.solver or options.max_step is not None):
+            raise FmuError(
+                f"{name}: found solver or max_step for an FMU with its own solver; expected them "
+                "for model exchange only"
+            )
+        if d.states is not None and any(v.type == "Clock" for v in d.variables):
+            raise FmuError(f"{name}: has clocks, which are not supported for model exchange")
 
     def expose(self, observed: Collection[str] = (), driven: Collection[str] = ()) -> None:
         """Make readable variables outputs, and tunable parameters inputs; before the start.
@@ -211,7 +223,8 @@ class FmuComponent:
         setup = Setup(
             fmi=d.fmi, path=binary, name=self.name, token=d.token,
             resources=self.archive.folder / "resources", logging=options.log,
-            event_mode=self.events, early_return=self.events or self.returns_early,
+            event_mode=self.events or d.states is not None, exchange=d.states is not None,
+            early_return=self.events or self.returns_early,
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
         room = LOG_ROOM if options.log else 0
@@ -280,8 +293,10 @@ class FmuComponent:
     def step(self, t: float, h: float, u: Values) -> Outputs:
         """Set inputs, ``doStep(t, h)``, get outputs: the slow path, for tests and small programs.
 
-        Raises FmuError if clocks must tick, because only the engine does that.
+        Raises FmuError if clocks must tick, or the FMU has no solver: only the engine does that.
         """
+        if self.description.states is not None:
+            raise FmuError(f"{self.name}: is integrated in the engine only (model exchange)")
         if self.events and any(v.type == "Clock" for v in self.description.variables):
             raise FmuError(f"{self.name}: has clocks, which tick in the engine only")
         self.exit_initialization()
@@ -292,6 +307,8 @@ class FmuComponent:
 
     def get_state(self) -> object:
         """An FMU state handle of this instance; raises FmuError where the FMU has none."""
+        if self.description.states is not None:
+            raise FmuError(f"{self.name}: the state of a solver for model exchange is not saved")
         flag = "canGetAndSetFMUstate" if self.description.fmi == "2.0" else "canGetAndSetFMUState"
         if not self.description.flags.get(flag):
             raise FmuError(f"{self.name}: {self.archive.path.name} cannot save its state ({flag})")

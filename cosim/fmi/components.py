@@ -54,6 +54,8 @@ def model_name(component: Component) -> str:
     fmu = fmu_of(component)
     if fmu is not None:
         name = f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
+        if fmu.description.states is not None:
+            name += f" model exchange, {fmu.options.solver or 'rk4'}"
         return f"{name}, {component.connected}" if isinstance(component, FmuDriver) else name
     if isinstance(component, NativeComponent):
         return component.model_name
@@ -113,6 +115,8 @@ def reason_not_repeatable(component: Component) -> str:
     if fmu is None:
         missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
         return f"cannot save its state (no {' and no '.join(missing)})" if missing else ""
+    if fmu.description.states is not None:
+        return "is integrated here, and the state of its solver is not saved"
     flags, two = fmu.description.flags, fmu.description.fmi == "2.0"
     save = "canGetAndSetFMUstate" if two else "canGetAndSetFMUState"
     vary = "canHandleVariableCommunicationStepSize"
@@ -148,7 +152,8 @@ def exit_initialization(component: Component) -> tuple[Outputs, float | None]:
 def terminated_at(component: Component) -> float | None:
     """The time (s) at which an FMU ended the simulation by discarding a step; None: it did not."""
     fmu = stepped_fmu(component)
-    return None if fmu is None else fmu.instance.terminated()
+    asked = fmu is not None and fmu.description.states is None
+    return fmu.instance.terminated() if fmu is not None and asked else None
 
 
 def free_state(component: Component, state: object) -> None:

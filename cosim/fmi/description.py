@@ -1,4 +1,4 @@
-"""Reads ``modelDescription.xml`` (FMI 2.0.5 §2.2, 3.0.2 §2.4) as far as co-simulation needs it."""
+"""Reads ``modelDescription.xml`` (FMI 2.0.5 §2.2, 3.0.2 §2.4) as far as a run needs it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
+from cosim.fmi.continuous_states import ContinuousStates, read_states
 from cosim.fmi.variables import FmuVariable, variables2, variables3
 
 
@@ -34,12 +35,21 @@ class Description:
     kind: str | None
     optional: frozenset[str] = frozenset()  # inputs that are often left unfed
     step_attributes: Mapping[str, str] = field(default_factory=dict)
+    interfaces: tuple[str, ...] = ("CoSimulation",)  # of those in INTERFACES, what there is
+    states: ContinuousStates | None = None  # None: it is run by co-simulation
 
 
-def read(path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None) -> Description:
+#: Interfaces that a run uses, the first by default.
+INTERFACES = ("CoSimulation", "ModelExchange")
+
+
+def read(
+    path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None, exchange: bool = False
+) -> Description:
     """Read a model description; `origin` is the FMU named in messages.
 
-    `sizes`: of structural parameters (FMI 3.0), where they are not what is written. Raises
+    `sizes`: of structural parameters (FMI 3.0), where they are not what is written.
+    `exchange`: for model exchange, which an FMU without co-simulation is read for anyhow. Raises
     FmuError.
     """
     path = Path(path)
@@ -53,13 +63,7 @@ def read(path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None)
         raise FmuError(
             f"{origin}: fmiVersion is {version!r} (root element {root.tag!r}); expected 2.0 or 3.0"
         )
-    interface = root.find("CoSimulation")
-    if interface is None:
-        other = [n for n in ("ModelExchange", "ScheduledExecution") if root.find(n) is not None]
-        raise FmuError(
-            f"{origin}: no CoSimulation interface (found: {', '.join(other) or 'none'}); expected "
-            "an FMU exported for co-simulation, with its own solver"
-        )
+    interface = _interface(root, origin, exchange)
     try:
         return _describe(root, interface, fmi, origin, sizes or {})
     except KeyError as error:
@@ -69,9 +73,24 @@ def read(path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None)
 
 
 @lru_cache(maxsize=64)
-def read_cached(folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = ()) -> Description:
+def read_cached(
+    folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = (), exchange: bool = False
+) -> Description:
     """Read the description in a folder that its contents name, once: it cannot change."""
-    return read(folder / "modelDescription.xml", origin, dict(sizes))
+    return read(folder / "modelDescription.xml", origin, dict(sizes), exchange)
+
+
+def _interface(root: ElementTree.Element, origin: Path, exchange: bool) -> ElementTree.Element:
+    wanted = INTERFACES[1:] if exchange else INTERFACES
+    for name in wanted:
+        interface = root.find(name)
+        if interface is not None:
+            return interface
+    there = [n for n in (*INTERFACES, "ScheduledExecution") if root.find(n) is not None]
+    raise FmuError(
+        f"{origin}: no {' or '.join(wanted)} interface (found: {', '.join(there) or 'none'}); "
+        f"expected an FMU exported for {'' if exchange else 'co-simulation or '}model exchange"
+    )
 
 
 def _describe(
@@ -109,6 +128,10 @@ def _describe(
         kind=kind,
         optional=optional,
         step_attributes=dict(interface.attrib),
+        interfaces=tuple(n for n in INTERFACES if root.find(n) is not None),
+        states=read_states(root, interface, fmi, variables)
+        if interface.tag == "ModelExchange"
+        else None,
     )
 
 

@@ -8,7 +8,17 @@ from typing import Any
 
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import CommonInstance
-from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
+from cosim.fmi.library import (
+    EVENTS_AT_MOST,
+    NEVER,
+    Calls,
+    Clocked,
+    Clocks,
+    Setup,
+    array_of,
+    texts_of,
+    uint32,
+)
 from cosim.native import fmu_log, structs
 
 TYPES: Mapping[str, Any] = {
@@ -29,17 +39,24 @@ class _Callbacks2(c.Structure):
     )
 
 
+class _EventInfo(c.Structure):
+    _fields_ = (
+        *((n, c.c_int) for n in ("again", "terminate", "nominals", "values", "defined")),
+        ("next", c.c_double),
+    )
+
+
 class Instance2(CommonInstance):
-    """An instance of an FMI 2.0 co-simulation FMU."""
+    """An instance of an FMI 2.0 FMU, for co-simulation or for model exchange."""
 
     STATE = "FMUstate"
     HOT = ("SetReal", "DoStep", "GetReal")
-    next_event = NEVER
     next_ticks: Mapping[int, float] = {}
 
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi2", log)
-        self._tolerance = setup.tolerance
+        self._tolerance, self._exchange = setup.tolerance, setup.exchange
+        self.next_event, self._ended = NEVER, False
         self.log = calls.log
         libc = c.CDLL(None)
         self._callbacks = _Callbacks2(
@@ -55,8 +72,8 @@ class Instance2(CommonInstance):
             result=c.c_void_p,
         )
         self.handle: int = instantiate(
-            setup.name.encode(), 1, setup.token.encode(), setup.resources.as_uri().encode(),
-            c.byref(self._callbacks), 0, int(setup.logging),
+            setup.name.encode(), int(not setup.exchange), setup.token.encode(),
+            setup.resources.as_uri().encode(), c.byref(self._callbacks), 0, int(setup.logging),
         )  # fmt: skip
         if not self.handle:
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {self.log.said()}")
@@ -93,11 +110,28 @@ class Instance2(CommonInstance):
         """Leave Initialization Mode; no values of clocked variables, in any unit."""
         self._calls.checked("ExitInitializationMode", c.c_void_p)(self.handle)
         self._calls.started = True
+        if self._exchange:
+            self._leave_event_mode()
         return {}
 
+    def _leave_event_mode(self) -> None:
+        """From the events at the start to Continuous-Time Mode (§3.2 of FMI 2.0.5)."""
+        update, info = self._calls.checked("NewDiscreteStates", *(c.c_void_p,) * 2), _EventInfo()
+        for _ in range(EVENTS_AT_MOST):
+            update(self.handle, c.byref(info))
+            if info.terminate:
+                self._ended = True
+                return
+            if not info.again:
+                break
+        else:
+            raise FmuError(f"{self._calls.name}: its discrete states do not converge")
+        self.next_event = info.next if info.defined else NEVER
+        self._calls.checked("EnterContinuousTimeMode", c.c_void_p)(self.handle)
+
     def has_ended(self) -> bool:
-        """FMI 2.0 has no events in co-simulation."""
-        return False
+        """Whether it ended the simulation in the events at its start: for model exchange only."""
+        return self._ended
 
     def terminated(self) -> float | None:
         """``fmi2Terminated``, and ``fmi2LastSuccessfulTime`` (s) if it is so (FMI 2.0.5 §4.2.2)."""

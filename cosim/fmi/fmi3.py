@@ -9,7 +9,17 @@ from typing import Any
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import CommonInstance
 from cosim.fmi.clock_start import Ticking, intervals, set_intervals
-from cosim.fmi.library import NEVER, Calls, Clocked, Clocks, Setup, array_of, texts_of, uint32
+from cosim.fmi.library import (
+    EVENTS_AT_MOST,
+    NEVER,
+    Calls,
+    Clocked,
+    Clocks,
+    Setup,
+    array_of,
+    texts_of,
+    uint32,
+)
 from cosim.native import fmu_log, structs
 
 TYPES: Mapping[str, Any] = {
@@ -18,11 +28,10 @@ TYPES: Mapping[str, Any] = {
     "UInt8": c.c_uint8, "UInt16": c.c_uint16, "UInt32": c.c_uint32, "UInt64": c.c_uint64,
     "Enumeration": c.c_int64,
 }  # fmt: skip
-_EVENTS_AT_MOST = 100_000
 
 
 class Instance3(CommonInstance):
-    """An instance of an FMI 3.0 co-simulation FMU."""
+    """An instance of an FMI 3.0 FMU, for co-simulation or for model exchange."""
 
     STATE = "FMUState"
     HOT = ("SetFloat64", "DoStep", "GetFloat64")
@@ -31,22 +40,24 @@ class Instance3(CommonInstance):
         self._calls = calls = Calls(setup, "fmi3", log)
         self.log = calls.log
         self._event_mode, self.next_event, self._ended = setup.event_mode, NEVER, False
-        self._tolerance = setup.tolerance
-        instantiate = calls.function(
-            "InstantiateCoSimulation",
-            *(c.c_char_p, c.c_char_p, c.c_char_p, c.c_bool, c.c_bool, c.c_bool, c.c_bool),
-            *(c.c_void_p, c.c_size_t, c.c_void_p, c.c_void_p, c.c_void_p),
-            result=c.c_void_p,
-        )
-        self.handle: int = instantiate(
-            setup.name.encode(), setup.token.encode(), (str(setup.resources) + "/").encode(),
-            False, setup.logging, setup.event_mode, setup.early_return, None, 0,
-            c.addressof(self.log), structs.address(structs.library().engine_log3), None,
-        )  # fmt: skip
+        self._tolerance, self._exchange = setup.tolerance, setup.exchange
+        what = "InstantiateModelExchange" if setup.exchange else "InstantiateCoSimulation"
+        settings: list[Any] = [c.c_bool(False), c.c_bool(setup.logging)]
+        after: list[Any] = [
+            c.c_void_p(c.addressof(self.log)),
+            c.c_void_p(structs.address(structs.library().engine_log3)),
+        ]
+        if not setup.exchange:
+            settings += [c.c_bool(setup.event_mode), c.c_bool(setup.early_return)]
+            settings += [c.c_void_p(), c.c_size_t(0)]
+            after.append(c.c_void_p())
+        texts = (setup.name, setup.token, str(setup.resources) + "/")
+        arguments = [*(c.c_char_p(text.encode()) for text in texts), *settings, *after]
+        instantiate = calls.function(what, *map(type, arguments), result=c.c_void_p)
+        self.handle: int = instantiate(*arguments)
         self._ticking = Ticking(calls, self.handle, Clocks())
         if not self.handle:
-            said = self.log.said()
-            raise FmuError(f"{setup.name}: fmi3InstantiateCoSimulation failed: {said}")
+            raise FmuError(f"{setup.name}: fmi3{what} failed: {self.log.said()}")
 
     @property
     def calls(self) -> Calls:
@@ -119,7 +130,7 @@ class Instance3(CommonInstance):
         again, stop, nominals, values, defined = (c.c_bool() for _ in range(5))
         time = c.c_double()
         flags = [c.byref(f) for f in (again, stop, nominals, values, defined)]
-        for _ in range(_EVENTS_AT_MOST):
+        for _ in range(EVENTS_AT_MOST):
             again.value = False
             instant()
             update(self.handle, *flags, c.byref(time))
@@ -132,7 +143,8 @@ class Instance3(CommonInstance):
         else:
             raise FmuError(f"{self._calls.name}: its discrete states do not converge")
         self.next_event = time.value if defined.value else NEVER
-        self._calls.checked("EnterStepMode", c.c_void_p)(self.handle)
+        mode = "EnterContinuousTimeMode" if self._exchange else "EnterStepMode"
+        self._calls.checked(mode, c.c_void_p)(self.handle)
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
         suffix = "Int64" if kind == "Enumeration" else kind

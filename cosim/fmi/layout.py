@@ -13,6 +13,7 @@ from itertools import chain
 from typing import Any
 
 from cosim.base.errors import FmuError
+from cosim.fmi.exchange import ExchangeLayout, bind_exchange
 from cosim.fmi.library import NEVER, Clocked, Instance, TriggeredClock
 from cosim.native import structs
 
@@ -80,7 +81,8 @@ class StepLayout:
     `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.
     `counts`: the signal that counts the ticks of each of `triggered`. `slopes`: inputs whose slope
     is set as well, with the position of the slope in the signals. (`input`, `input_count`),
-    (`output`, `output_count`): its ranges of the signal vector.
+    (`output`, `output_count`): its ranges of the signal vector. `exchange`: how an FMU for model
+    exchange is integrated; all its inputs are `discrete`, since what is held jumps.
     """
 
     h: float
@@ -102,6 +104,7 @@ class StepLayout:
     events: bool = False
     variable: bool = False
     plain: bool = True
+    exchange: ExchangeLayout | None = None
 
 
 def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.UnitStruct:
@@ -110,6 +113,11 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
     unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
     unit.output, unit.output_count = x.output, x.output_count
+    if x.exchange is not None:
+        unit.kind = structs.UnitKind.EXCHANGE
+        unit.typed = c.addressof(_typed(instance, x, alive))
+        unit.exchange = bind_exchange(instance, x.exchange, alive)
+        return unit
     unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
         unit.kind = structs.UnitKind.FMI2 if x.fmi == "2.0" else structs.UnitKind.FMI3

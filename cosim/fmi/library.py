@@ -17,6 +17,8 @@ from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 from cosim.native import fmu_log
 
+#: Rounds of an event iteration before it is given up.
+EVENTS_AT_MOST = 100_000
 #: A time event that never comes (s).
 NEVER = float("inf")
 OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
@@ -150,6 +152,7 @@ class Setup:
     """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only.
 
     `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
+    `exchange`: for model exchange, not for co-simulation.
     """
 
     fmi: str
@@ -161,6 +164,7 @@ class Setup:
     event_mode: bool = False
     early_return: bool = False
     tolerance: float | None = None
+    exchange: bool = False
 
 
 class Calls:

@@ -21,7 +21,10 @@ class FmuOptions:
     `log`: switch the FMU's logging on and keep what it says; `isolate`: a process of its own,
     killed when a call takes longer than `timeout` (s), with at most `memory` MB (0: no limit)
     more than at its start; `build`: compile the FMU's sources where it has no binary for here.
-    `tolerance`: relative tolerance of the FMU's own solver; None: that of its DefaultExperiment.
+    `tolerance`: relative tolerance of the FMU's own solver, or of CVODE; None: that of its
+    DefaultExperiment. `exchange`: integrate an FMU that also has a solver of its own, by model
+    exchange; `solver`: euler, heun, rk4 or cvode ("": rk4), with steps of at most
+    `max_step` (s).
     """
 
     sizes: Mapping[str, int] = field(default_factory=dict)
@@ -33,3 +36,6 @@ class FmuOptions:
     memory: int = 0
     build: bool = False
     tolerance: float | None = None
+    exchange: bool = False
+    solver: str = ""
+    max_step: float | None = None

@@ -15,15 +15,27 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def refusal(result: EngineResult, status: int, said: str, value: str) -> str:
-    """The sentence for a result of engine.c; `said`: in the log, `value`: the signal at fault."""
+def refusal(
+    result: EngineResult, status: int, said: str, value: str, exchange: bool = False
+) -> str:
+    """The sentence for a result of engine.c; `said`: in the log, `value`: the signal at fault.
+
+    `exchange`: the FMU is one for model exchange.
+    """
     if result is EngineResult.VALUE:
         return (
             f"{value} is no value of its type: whole numbers within the type's range (64 bits: up "
             "to 2^53, what float64 carries exactly), 0 or 1 for a Boolean"
         )
     if result is EngineResult.STUCK:
-        return f"the step does not end: 100000 early returns or updates of its states ({said})"
+        return (
+            f"the step does not end: 100000 early returns, events or updates of its states ({said})"
+        )
+    if result is EngineResult.SOLVER:
+        return (
+            f"CVODE returned {status}: it found no step that keeps the tolerance, or a state is no "
+            f"number ({said})"
+        )
     if result is EngineResult.EVENT:
         return f"a call in Event Mode failed ({said})"
     if result is EngineResult.INTERVAL:
@@ -31,7 +43,7 @@ def refusal(result: EngineResult, status: int, said: str, value: str) -> str:
             "a changing clock, or one that counts down, was asked for its next interval and gave "
             f"none of 0 s or more ({said})"
         )
-    return step_failure(result, status, said)
+    return step_failure(result, status, said, exchange)
 
 
 def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int) -> str:
@@ -50,4 +62,5 @@ def step_refused(
     assert isinstance(step.component, FmuComponent)
     slots = (*step.inputs, *step.outputs)
     said = step.component.instance.log.said()
-    return refusal(result, status, said, wrong_value(slots, signals, place))
+    exchange = step.component.description.states is not None
+    return refusal(result, status, said, wrong_value(slots, signals, place), exchange)

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 11
+ABI = 12
 
 
 class Code(IntEnum):
@@ -45,6 +45,7 @@ class UnitKind(IntEnum):
     FMI2 = 2
     FMI3 = 3
     TYPED = 4
+    EXCHANGE = 5
 
 
 class EngineResult(IntEnum):
@@ -65,6 +66,16 @@ class EngineResult(IntEnum):
     GATE = 12
     INTERVAL = 13
     ENDED = 14
+    SOLVER = 15
+
+
+class SolverKind(IntEnum):
+    """``SOLVER_``: what integrates an FMU for model exchange."""
+
+    EULER = 0
+    HEUN = 1
+    RK4 = 2
+    CVODE = 3
 
 
 class ClockKind(IntEnum):
@@ -185,6 +196,26 @@ class Typed(c.Structure):
     )
 
 
+class ExchangeStruct(c.Structure):
+    """``exchange_t``."""
+
+    _fields_ = (
+        *((n, c.c_void_p) for n in ("set_time", "set_states", "get_states", "derivatives")),
+        *((n, c.c_void_p) for n in ("indicators", "nominals", "completed", "enter_event")),
+        *((n, c.c_void_p) for n in ("update", "enter_continuous", "directional")),
+        *((n, c.c_void_p) for n in ("states", "rates", "memory")),
+        *((n, c.c_int64) for n in ("n_states", "n_indicators", "n_references")),
+        *((n, c.c_double) for n in ("longest", "now", "next_event")),
+        *((n, c.c_int64) for n in ("steps", "evaluations")),
+        *((n, c.c_int64) for n in ("state_events", "time_events", "step_events")),
+        *((n, c.c_int32) for n in ("fmi", "solver", "fresh", "status")),
+        *((n, c.c_void_p) for n in ("cvode", "vector", "advance", "restart", "stop_time")),
+        *((n, c.c_void_p) for n in ("dense", "tolerances", "data", "column", "absolute")),
+        ("tolerance", c.c_double),
+        ("current", c.c_void_p),
+    )
+
+
 class UnitStruct(c.Structure):
     """``unit_t``."""
 
@@ -207,6 +238,7 @@ class UnitStruct(c.Structure):
         ("typed", c.c_void_p),
         ("period", c.c_int64),
         ("reached", c.c_double),
+        ("exchange", c.c_void_p),
     )
 
 
@@ -286,6 +318,7 @@ def library() -> c.CDLL:
     structs = (
         *(OperationStruct, UnitStruct, LinkStruct, EngineState, Log, PlayerStruct, Access),
         *(TickerStruct, Typed, GateStruct, TriggeredStruct, PartitionStruct),
+        ExchangeStruct,
     )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]

@@ -69,6 +69,8 @@ def load_component(
         raise ScenarioError(str(error), place) from None
     except Exception as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.model") from error
+    if spec.kind == "model exchange":
+        raise ScenarioError(f"found {spec.kind}, expected an FMU for it", f"{place}.kind")
     if spec.kind is not None:
         component.kind = spec.kind
     _check(component, f"{place}.model")
@@ -108,12 +110,11 @@ def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str)
 
 def _scene(spec: ComponentSpec, folder: Path, place: str) -> Component:
     """A scene of MuJoCo. Raises ScenarioError, MujocoError at `place`."""
-    if spec.kind == "sampled":
-        raise ScenarioError("found sampled, expected continuous for a scene", f"{place}.kind")
+    if spec.kind in ("sampled", "model exchange"):
+        raise ScenarioError(f"found {spec.kind}, expected continuous for a scene", f"{place}.kind")
     for key in (
         *("sizes", "log", "isolate", "timeout", "tolerance", "memory", "build"),
-        "bus",
-        "terminal",
+        *("solver", "max_step", "bus", "terminal"),
     ):
         if getattr(spec, key):
             raise ScenarioError(
@@ -140,17 +141,29 @@ def _fmu(
     seconds = PATIENCE if spec.timeout is None else number(spec.timeout, "s", f"{place}.timeout")
     if not seconds > 0.0:
         raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
+    exchange = spec.kind == "model exchange"
+    kind: Kind | None = "continuous" if spec.kind == "model exchange" else spec.kind
     options = FmuOptions(
         sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
         timeout=seconds, memory=spec.memory, build=spec.build, tolerance=spec.tolerance,
+        exchange=exchange, solver=spec.solver, max_step=_longest(spec, place),
     )  # fmt: skip
     try:
-        fmu = FmuComponent(path, name, spec.kind, options)
+        fmu = FmuComponent(path, name, kind, options)
         if spec.bus or spec.terminal or _has_terminal(fmu):
             return _on_bus(fmu, spec, place)
     except FmuError as error:
         raise FmuError(f"{place}.model: {error}") from None
     return fmu
+
+
+def _longest(spec: ComponentSpec, place: str) -> float | None:
+    if spec.max_step is None:
+        return None
+    seconds = number(spec.max_step, "s", f"{place}.max_step")
+    if not seconds > 0.0:
+        raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.max_step")
+    return seconds
 
 
 def _on_bus(fmu: FmuComponent, spec: ComponentSpec, place: str) -> Component:

@@ -59,15 +59,16 @@ class InputSpec(
 class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One component: its model, how often it steps, its values, and what feeds its inputs.
 
-    The last eight are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
+    The last ten are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
     an FMU with a CAN terminal (FMI-LS-BUS), and `terminal` that terminal where it has several.
+    `kind`: "model exchange" is continuous, and for an FMU that has its own solver as well.
     """
 
     model: str
     fmi: Literal["2.0", "3.0"] = "2.0"
     sizes: dict[str, int] = {}
     options: dict[str, Any] = {}
-    kind: Literal["sampled", "continuous"] | None = None
+    kind: Literal["sampled", "continuous", "model exchange"] | None = None
     period: Number | None = None
     extrapolate: Literal["hold", "linear"] = "hold"
     preset: str | None = None
@@ -80,6 +81,8 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     tolerance: Annotated[float, msgspec.Meta(gt=0)] | None = None
     memory: Annotated[int, msgspec.Meta(ge=0)] = 0
     build: bool = False
+    solver: Literal["", "euler", "heun", "rk4", "cvode"] = ""
+    max_step: Number | None = None
     bus: str = ""
     terminal: str = ""
 

@@ -51,12 +51,12 @@ def fmi1() -> Files:
     return edited(contents(), 'fmiVersion="2.0"', 'fmiVersion="1.0"')
 
 
-def model_exchange() -> Files:
-    """For model exchange only."""
+def scheduled() -> Files:
+    """For scheduled execution only."""
     return edited(
         contents(),
         "<CoSimulation.*?</CoSimulation>",
-        '<ModelExchange modelIdentifier="planar2r"/>',
+        '<ScheduledExecution modelIdentifier="planar2r"/>',
     )
 
 
@@ -111,7 +111,7 @@ BROKEN: tuple[tuple[Callable[[], Files], str], ...] = (
     (without_description, "contains no modelDescription.xml"),
     (damaged_xml, "modelDescription.xml is not well-formed: "),
     (fmi1, "fmiVersion is '1.0'"),
-    (model_exchange, "no CoSimulation interface (found: ModelExchange)"),
+    (scheduled, "no CoSimulation or ModelExchange interface (found: ScheduledExecution)"),
     (other_platform, "platforms in the FMU: riscv32-plan9"),
     (sources_only, "it holds sources, which could be built"),
     (other_token, "the token is '{00000000-0000-0000-0000-000000000000}', expected '{"),

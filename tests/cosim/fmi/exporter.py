@@ -245,6 +245,71 @@ def strict3(attributes: str = "") -> str:
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
+#: Variables of ``exchange_model.h``: name, value reference, causality and start; and integers.
+_EXCHANGE = (
+    ("x0", 0, "output", "1"), ("x1", 1, "output", "0"), ("der(x0)", 2, "local", ""),
+    ("der(x1)", 3, "local", ""), ("u", 4, "input", "0"), ("mu", 5, "parameter", "1"),
+    ("period", 6, "parameter", "0.25"), ("when", 7, "parameter", "1e9"), ("at", 8, "output", ""),
+    ("z", 9, "local", ""),
+)  # fmt: skip
+_EXCHANGE_WHOLE = (
+    ("model", 20, "parameter", "0"), ("status", 21, "parameter", "0"),
+    ("last", 22, "parameter", "1000"), ("gear", 23, "input", "0"), ("events", 24, "output", ""),
+    ("heard", 25, "output", ""),
+)  # fmt: skip
+
+
+def exchange2(attributes: str = "", more: str = "") -> str:
+    """An FMU for model exchange, see ``exchange_model.h``; `more`: another interface."""
+
+    def scalar(name: str, reference: int, causality: str, start: str, kind: str) -> str:
+        varies = {"parameter": "fixed"}.get(
+            causality, "continuous" if kind == "Real" else "discrete"
+        )
+        derived = 'derivative="1"' if reference == 2 else 'derivative="2"' if reference == 3 else ""
+        initial = ' initial="exact"' if reference < 2 else ""
+        begin = f'start="{start}"' if start else ""
+        return (
+            f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+            f'variability="{varies}"{initial}><{kind} {begin} {derived}/></ScalarVariable>'
+        )
+
+    variables = "".join(
+        [scalar(*v, kind="Real") for v in _EXCHANGE]
+        + [scalar(*v, kind="Integer") for v in _EXCHANGE_WHOLE]
+    )
+    return f"""<fmiModelDescription fmiVersion="2.0" modelName="exchange" guid="t"
+ numberOfEventIndicators="1"><ModelExchange modelIdentifier="exchange2" {attributes}/>{more}
+<ModelVariables>{variables}</ModelVariables><ModelStructure><Derivatives><Unknown index="3"/>
+<Unknown index="4"/></Derivatives></ModelStructure></fmiModelDescription>"""
+
+
+def exchange3(attributes: str = 'needsCompletedIntegratorStep="true"', more: str = "") -> str:
+    """The same in FMI 3.0."""
+
+    def variable(name: str, reference: int, causality: str, start: str, kind: str) -> str:
+        varies = {"parameter": "fixed"}.get(
+            causality, "continuous" if kind == "Float64" else "discrete"
+        )
+        derived = f'derivative="{reference - 2}"' if reference in (2, 3) else ""
+        initial = 'initial="exact"' if reference < 2 else ""
+        begin = f'start="{start}"' if start else ""
+        return (
+            f'<{kind} name="{name}" valueReference="{reference}" causality="{causality}" '
+            f'variability="{varies}" {initial} {begin} {derived}/>'
+        )
+
+    variables = "".join(
+        [variable(*v, kind="Float64") for v in _EXCHANGE]
+        + [variable(*v, kind="Int32") for v in _EXCHANGE_WHOLE]
+    )
+    return f"""<fmiModelDescription fmiVersion="3.0" modelName="exchange" instantiationToken="t">
+<ModelExchange modelIdentifier="exchange3" {attributes}/>{more}<ModelVariables>{variables}
+</ModelVariables><ModelStructure><ContinuousStateDerivative valueReference="2"/>
+<ContinuousStateDerivative valueReference="3"/><EventIndicator valueReference="9"/>
+</ModelStructure></fmiModelDescription>"""
+
+
 @lru_cache
 def library(identifier: str) -> bytes:
     """The compiled C file."""

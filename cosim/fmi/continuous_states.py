@@ -1,0 +1,70 @@
+"""What a model description says of continuous states (FMI 2.0.5 §2.2.8, 3.0.2 §2.4.8)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+from cosim.fmi.variables import FmuVariable
+
+REALS = ("Real", "Float64")
+
+
+@dataclass(frozen=True, slots=True)
+class ContinuousStates:
+    """The states of an FMU for model exchange, in the order of the vectors that it gives and takes.
+
+    `references` and `rates`: value references of the states and of their derivatives (arrays of
+    FMI 3.0 are one reference each); `count`, `indicators`: numbers of scalars. `completed`: whether
+    the FMU must be told of each step of the solver; `directional`: whether it has directional
+    derivatives.
+    """
+
+    references: tuple[int, ...]
+    rates: tuple[int, ...]
+    count: int
+    indicators: int
+    completed: bool
+    directional: bool
+
+
+def read_states(
+    root: Element, interface: Element, fmi: str, variables: Sequence[FmuVariable]
+) -> ContinuousStates:
+    """The states that the ModelStructure lists. Raises ValueError for a derivative of no state."""
+    flags = {name: value in ("true", "1") for name, value in interface.attrib.items()}
+    if fmi == "2.0":
+        by = {i + 1: v for i, v in enumerate(variables)}
+        entries = root.iterfind("ModelStructure/Derivatives/Unknown")
+        rates = [_found(by, e.get("index", ""), "derivative") for e in entries]
+        indicators = int(root.get("numberOfEventIndicators", "0"))
+        completed = not flags.get("completedIntegratorStepNotNeeded", False)
+        directional = flags.get("providesDirectionalDerivative", False)
+    else:
+        by = {v.reference: v for v in variables}
+        entries = root.iterfind("ModelStructure/ContinuousStateDerivative")
+        rates = [_found(by, e.get("valueReference", ""), "derivative") for e in entries]
+        found = root.iterfind("ModelStructure/EventIndicator")
+        marks = [_found(by, e.get("valueReference", ""), "event indicator") for e in found]
+        indicators = sum(v.size for v in marks)
+        completed = flags.get("needsCompletedIntegratorStep", False)
+        directional = flags.get("providesDirectionalDerivatives", False)
+    states = [_found(by, v.attributes.get("derivative", ""), f"state of {v.name}") for v in rates]
+    for v in (*states, *rates):
+        if v.type not in REALS:
+            raise ValueError(f"variable {v.name!r} of type {v.type} cannot be a continuous state")
+    return ContinuousStates(
+        references=tuple(v.reference for v in states),
+        rates=tuple(v.reference for v in rates),
+        count=sum(v.size for v in states),
+        indicators=indicators,
+        completed=completed,
+        directional=directional,
+    )
+
+
+def _found(by: Mapping[int, FmuVariable], text: str, what: str) -> FmuVariable:
+    if not text.isdecimal() or int(text) not in by:
+        raise ValueError(f"ModelStructure: {what}: {text!r} names no variable")
+    return by[int(text)]

@@ -161,7 +161,7 @@ class InterfaceAttachment:
         accepts: Sequence[Accept] | None,
     ) -> None:
         self._name = spec.name
-        device = _open(spec, config)
+        device = open_device(spec, config)
         if accepts is not None and log is None:
             device.set_filters([_filter(accept) for accept in accepts])
         self._ringed = RingedInterface(device, number, log, accepts, spec.capacity)
@@ -176,7 +176,8 @@ class InterfaceAttachment:
         self._ringed.close()
 
 
-def _open(spec: CanBusSpec, config: Mapping[str, Any]) -> can.BusABC:
+def open_device(spec: CanBusSpec, config: Mapping[str, Any]) -> can.BusABC:
+    """The python-can bus of `spec`; `config`: of :func:`configuration`. Raises BusError."""
     arguments = {key: value for key, value in config.items() if key != "interface"}
     try:
         if config["interface"] == "udp_multicast" and ":" not in str(config.get("channel") or ""):

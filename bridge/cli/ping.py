@@ -16,11 +16,13 @@ if TYPE_CHECKING:
 
 def ping(
     path: Annotated[
-        str, typer.Argument(help="udp or zenoh; or a scenario file (.toml) with a deployment.")
+        str, typer.Argument(help="udp, zenoh or can; or a scenario file (.toml) with a deployment.")
     ],
     target: Annotated[
         list[str] | None,
-        typer.Argument(help="udp: HOST[:PORT]; zenoh: an endpoint. The other end: cosim pong."),
+        typer.Argument(
+            help="udp: HOST[:PORT]; zenoh: endpoint; can: channel. The other end: cosim pong."
+        ),
     ] = None,
     rate: Annotated[
         float, typer.Option(callback=finite, min=0.01, max=20_000, help="Questions a second.")
@@ -35,6 +37,18 @@ def ping(
     config: Annotated[
         Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
     ] = None,
+    interface: Annotated[
+        str, typer.Option("--interface", "-i", help="can: interface of python-can.")
+    ] = "socketcan",
+    bitrate: Annotated[
+        float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
+    ] = None,
+    ask: Annotated[
+        str, typer.Option(metavar="ID#DATA", help="can: frame that a drive answers; ID#R: remote.")
+    ] = "",
+    answer: Annotated[
+        str, typer.Option(metavar="ID", help="can: identifier of the drive's answer.")
+    ] = "",
     json_: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     scenario: Annotated[
         Path | None, typer.Option(help="Predict: run this scenario (.toml) with these delays.")
@@ -80,11 +94,11 @@ def ping(
     end. cosim ping SCENARIO measures with the messages of a deployment between two of its nodes.
     """
     if not path.endswith(".toml"):
-        from bridge.cli.ping_path import PredictionOptions, ping_path
+        from bridge.cli.ping_path import EndOptions, PredictionOptions, ping_path
 
         ping_path(
-            path, target or [], rate=rate, size=size, duration=duration, tos=tos, config=config,
-            json_=json_, out=out,
+            path, target or [], rate=rate, size=size, duration=duration,
+            end=EndOptions(tos, config, interface, bitrate, ask, answer), json_=json_, out=out,
             prediction=PredictionOptions(scenario, link, compare, tuple(set_ or ())),
         )  # fmt: skip
         return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from math import isfinite
@@ -15,11 +15,38 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from bridge.ping.exchanges import Exchanges, PingPath
+    from bridge.can.interface import CanBusSpec
+    from bridge.ping.exchanges import Exchanges, PingCodec, PingPath
     from bridge.ping.figures import PathResult
     from bridge.ping.prediction import PathTrace
 
-PATHS = ("udp", "zenoh")
+PATHS = ("udp", "zenoh", "can")
+
+
+@dataclass(frozen=True, slots=True)
+class EndOptions:
+    """Options of our end of a path: UDP's service, Zenoh's configuration, CAN's bus and frames."""
+
+    tos: int = 0
+    config: Path | None = None
+    interface: str = "socketcan"
+    bitrate: float | None = None
+    ask: str = ""
+    answer: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedPath:
+    """A path that is about to be opened: `name`, how to open and to read it, payload in bytes.
+
+    `below`: lines of its own, of the result.
+    """
+
+    name: str
+    opened: AbstractContextManager[PingPath]
+    codec: PingCodec
+    size: int
+    below: Callable[[PathResult], list[str]] = lambda _: []
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +60,8 @@ class PredictionOptions:
 
 
 def ping_path(
-    kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, tos: int,
-    config: Path | None, json_: bool, out: Path,
-    prediction: PredictionOptions = PredictionOptions(),
+    kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, json_: bool,
+    out: Path, end: EndOptions = EndOptions(), prediction: PredictionOptions = PredictionOptions(),
 ) -> None:  # fmt: skip
     """Measure one path, print its figures, and write its traces.
 
@@ -44,24 +70,24 @@ def ping_path(
     """
     from bridge.ping.exchanges import CAPACITY, Exchanges
     from bridge.ping.figures import evaluate
-    from bridge.ping.measure import PacketCodec, PingPlan, measure
+    from bridge.ping.measure import PingPlan, measure
     from bridge.ping.report import text, values
     from cosim.base.errors import ScenarioError
 
-    if kind not in PATHS or len(target) > 1 or (kind == "udp" and not target):
+    if kind not in PATHS or len(target) > 1 or (kind != "zenoh" and not target):
         raise ScenarioError(
-            f"found {' '.join([kind, *target])!r}; expected udp HOST[:PORT], zenoh [ENDPOINT], or "
-            "a scenario file (.toml)",
+            f"found {' '.join([kind, *target])!r}; expected udp HOST[:PORT], zenoh [ENDPOINT], can "
+            "CHANNEL, or a scenario file (.toml)",
             "cosim ping",
         )
     if (prediction.link or prediction.compare) and prediction.scenario is None:
         raise ScenarioError("found --link or --compare; expected --scenario FILE", "cosim ping")
     count = max(1, round(rate * duration)) if duration else None
     period_ns = round(1e9 / rate)
-    name, opened = _open(kind, target[0] if target else "", tos, config)
-    record = Exchanges(name, CAPACITY if count is None else count, size, period_ns)
-    with opened as path:
-        measure(path, PacketCodec(size), PingPlan(period_ns, count), record, _live)
+    path = _open(kind, target[0] if target else "", size, end)
+    record = Exchanges(path.name, CAPACITY if count is None else count, path.size, period_ns)
+    with path.opened as opened:
+        measure(opened, path.codec, PingPlan(period_ns, count), record, _live)
     _live_end()
     result = evaluate(record)
     link = _links(kind, result, out)
@@ -69,7 +95,7 @@ def ping_path(
         data = {**values(result), "links": link, "prediction": _predicted(kind, result, prediction)}
         typer.echo(json.dumps(data, indent=1))
         return
-    for line in text(result):
+    for line in [*text(result), *path.below(result)]:
         typer.echo(line)
     for name, lines in link.items():
         typer.echo(f"{name}, as a link:")
@@ -125,22 +151,65 @@ def _print_prediction(kind: str, result: PathResult, wanted: PredictionOptions, 
         )
 
 
-def _open(
-    kind: str, where: str, tos: int, config: Path | None
-) -> tuple[str, AbstractContextManager[PingPath]]:
-    """The name of a path, and its asking end."""
+def _open(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:
+    """The asking end of a path."""
     from contextlib import closing
 
+    from bridge.ping.measure import PacketCodec
+
+    if kind == "can":
+        return _open_can(where, end)
     if kind == "udp":
         from bridge.ping.udp import UdpPath, parse_address
 
         address = parse_address(where)
-        return f"udp {address[0]}:{address[1]}", closing(UdpPath(address, tos=tos))
+        opened = closing(UdpPath(address, tos=end.tos))
+        return OpenedPath(f"udp {address[0]}:{address[1]}", opened, PacketCodec(size), size)
     from bridge.ping.zenoh import zenoh_path
     from bridge.zenoh.exchange import ENDPOINT
 
     endpoint = where or ENDPOINT
-    return f"zenoh {endpoint}", zenoh_path(endpoint, config)
+    return OpenedPath(
+        f"zenoh {endpoint}", zenoh_path(endpoint, end.config), PacketCodec(size), size
+    )
+
+
+def _open_can(channel: str, end: EndOptions) -> OpenedPath:
+    from contextlib import closing
+
+    import numpy as np
+
+    from bridge.ping.can import (
+        ASK,
+        CanCodec,
+        CanPath,
+        CanQuestion,
+        DriveCodec,
+        can_lines,
+        parse_question,
+    )
+    from cosim.bus.timing import BusTiming
+
+    drive = parse_question(end.ask, end.answer) if end.ask or end.answer else None
+    question = drive or CanQuestion(ASK, b"", ASK + 1)
+    timing = BusTiming(end.bitrate) if end.bitrate else None
+    path = CanPath(can_bus(channel, end.interface, end.bitrate), question, question.answer, timing)
+
+    def below(result: PathResult) -> list[str]:
+        median = float(np.nanmedian(result.rtt))
+        return can_lines(path, question, timing, median, float(result.sent[-1]))
+
+    codec = DriveCodec(drive) if drive else CanCodec()
+    return OpenedPath(f"can {channel} ({end.interface})", closing(path), codec, 8, below)
+
+
+def can_bus(channel: str, interface: str, bitrate: float | None) -> CanBusSpec:
+    """The bus of a path; `bitrate`: bit/s, given to interfaces that take one."""
+    from bridge.can.interface import CanBusSpec
+
+    takes = interface not in ("socketcan", "udp_multicast", "virtual")
+    rate = round(bitrate) if bitrate and takes else None
+    return CanBusSpec(channel, interface=interface, channel=channel, bitrate=rate)
 
 
 def _live(record: Exchanges) -> None:

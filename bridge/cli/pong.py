@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,15 +11,16 @@ import typer
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
+    from bridge.ping.can import CanResponder
     from bridge.ping.exchanges import PingPath
 
 
 def pong(
-    path: Annotated[str, typer.Argument(help="Kind of path: udp or zenoh.")] = "udp",
+    path: Annotated[str, typer.Argument(help="Kind of path: udp, zenoh or can.")] = "udp",
     where: Annotated[
         str,
         typer.Argument(
-            help="udp: HOST:PORT to listen on, default all addresses; zenoh: an endpoint."
+            help="udp: HOST:PORT, default all addresses; zenoh: an endpoint; can: a channel."
         ),
     ] = "",
     connect: Annotated[
@@ -27,6 +28,12 @@ def pong(
     ] = False,
     config: Annotated[
         Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
+    ] = None,
+    interface: Annotated[
+        str, typer.Option("--interface", "-i", help="can: interface of python-can.")
+    ] = "socketcan",
+    bitrate: Annotated[
+        float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
     ] = None,
     for_: Annotated[
         float | None,
@@ -38,10 +45,18 @@ def pong(
     from cosim.base.clock import monotonic_ns
     from cosim.base.errors import ScenarioError
 
-    if path not in ("udp", "zenoh"):
-        raise ScenarioError(f"found path {path!r}; expected udp or zenoh", "cosim pong")
-    with _udp(where) if path == "udp" else _zenoh(where, config, connect) as end:
-        responder = PingResponder(end)
+    if path not in ("udp", "zenoh", "can") or (path == "can" and not where):
+        raise ScenarioError(
+            f"found {f'{path} {where}'.strip()!r}; expected udp, zenoh, or can CHANNEL",
+            "cosim pong",
+        )
+    with ExitStack() as stack:
+        responder: CanResponder | PingResponder
+        if path == "can":
+            responder = _can(where, interface, bitrate, stack)
+        else:
+            opened = _udp(where) if path == "udp" else _zenoh(where, config, connect)
+            responder = PingResponder(stack.enter_context(opened))
         stop = None if for_ is None else monotonic_ns() + round(for_ * 1e9)
         try:
             while stop is None or monotonic_ns() < stop:
@@ -71,3 +86,14 @@ def _zenoh(where: str, config: Path | None, connect: bool) -> AbstractContextMan
     opened = zenoh_responder(endpoint, config, listen=not connect)
     typer.echo(f"zenoh {endpoint} answers; Ctrl-C ends it", err=True)
     return opened
+
+
+def _can(channel: str, interface: str, bitrate: float | None, stack: ExitStack) -> CanResponder:
+    from bridge.cli.ping_path import can_bus
+    from bridge.ping.can import ASK, CanPath, CanQuestion, CanResponder
+
+    answers = CanQuestion(ASK + 1, b"", ASK)
+    path = CanPath(can_bus(channel, interface, bitrate), answers, ASK)
+    stack.callback(path.close)
+    typer.echo(f"can {channel} ({interface}) answers; Ctrl-C ends it", err=True)
+    return CanResponder(path)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from bridge.cli.ping_path import ping_path
+from bridge.ping.can import CanResponder
 from bridge.ping.exchanges import Exchanges
 from bridge.ping.figures import evaluate
 from bridge.ping.measure import PacketCodec, PingPlan, PingResponder, measure
@@ -27,7 +28,7 @@ from tests.bridge.zenoh.ends import endpoint
 
 
 @contextmanager
-def _answering(responder: PingResponder) -> Iterator[None]:
+def answering(responder: PingResponder | CanResponder) -> Iterator[None]:
     going = threading.Event()
 
     def serve() -> None:
@@ -46,10 +47,10 @@ def _answering(responder: PingResponder) -> Iterator[None]:
 def test_udp_between_two_sockets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     end = UdpPath(("127.0.0.1", 0), listen=True)
     responder = PingResponder(end)
-    with _answering(responder):
+    with answering(responder):
         ping_path(
-            "udp", [f"127.0.0.1:{end.port}"], rate=1000, size=100, duration=0.1, tos=0,
-            config=None, json_=True, out=tmp_path,
+            "udp", [f"127.0.0.1:{end.port}"], rate=1000, size=100, duration=0.1, json_=True,
+            out=tmp_path,
         )  # fmt: skip
     end.close()
     found = json.loads(capsys.readouterr().out)
@@ -63,7 +64,7 @@ def test_udp_between_two_sockets(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_an_answer_is_as_long_as_its_question_and_other_packets_get_none() -> None:
     end = UdpPath(("127.0.0.1", 0), listen=True)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking, _answering(PingResponder(end)):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking, answering(PingResponder(end)):
         asking.settimeout(5)
         asking.connect(("127.0.0.1", end.port))
         asking.send(b"something else" * 20)
@@ -78,7 +79,7 @@ def test_zenoh_between_two_sessions(tmp_path: Path) -> None:
     with (
         zenoh_responder(at) as far,
         zenoh_path(at) as near,
-        _answering(PingResponder(far)),
+        answering(PingResponder(far)),
     ):
         measure(near, PacketCodec(128), PingPlan(2_000_000, 50), record)
     found = evaluate(record)
@@ -100,7 +101,7 @@ def test_what_is_no_path_is_refused(
 ) -> None:
     with pytest.raises(CosimError, match=said):
         ping_path(
-            kind, target, rate=1, size=100, duration=1, tos=0, config=None, json_=False,
+            kind, target, rate=1, size=100, duration=1, json_=False,
             out=tmp_path,
         )  # fmt: skip
 

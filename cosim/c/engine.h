@@ -34,7 +34,7 @@ INLINE void publish(int64_t *place, int64_t count)
 #endif
 }
 
-#define ENGINE_ABI 12
+#define ENGINE_ABI 13
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
@@ -145,7 +145,7 @@ typedef struct {
     int64_t n_states, n_indicators, n_references;
     double longest;         /* s, the most one step of the solver takes */
     double now, next_event; /* s; next_event: infinity without one */
-    int64_t steps, evaluations, state_events, time_events, step_events;
+    int64_t steps, evaluations, events; /* so far */
     int32_t fmi, solver, fresh, status;
     void *cvode, *vector;   /* of SUNDIALS: its memory, and the vector of states */
     void *advance, *restart, *stop_time, *dense, *tolerances, *data, *column;

@@ -124,7 +124,6 @@ static int restart(const exchanging_t *d)
 
     if (x->n_states)
         result = did(d, ((get_numbers_t)x->get_states)(d->fmu, y, (size_t)x->n_states), RUN_STEP);
-    if (result == RUN_OK) result = place(d, x->now, y);
     if (result == RUN_OK) result = indicate(d, indicators(x, BEFORE));
     if (result == RUN_OK && x->solver == SOLVER_CVODE) result = cvode_restart(d);
     x->fresh = 0;
@@ -288,6 +287,8 @@ static int handle_event(const exchanging_t *d, int inputs)
     event_info_t info = {1, 0, 0, 0, 0, 0.0};
     int nominals = 0, result = did(d, ((mode_t3)x->enter_event)(d->fmu), RUN_EVENT);
 
+    x->events++;
+
     if (result == RUN_OK && inputs)
         result = set_typed(typed->discrete, typed->n_discrete, d->fmu, d->signals, d->status,
                            d->failed);
@@ -331,7 +332,6 @@ static int move(const exchanging_t *d, double bound)
         d->unit->reached = x->now;
         return RUN_TERMINATED;
     }
-    x->state_events += found, x->step_events += wanted;
     return result == RUN_OK && (found || wanted) ? handle_event(d, 0) : result;
 }
 
@@ -340,19 +340,15 @@ static int integrate(const exchanging_t *d, double end)
 {
     exchange_t *x = d->x;
     const double slack = SLACK * d->unit->h;
-    int64_t before = x->state_events + x->step_events;
-    int result = RUN_OK, events = 0;
+    const int64_t most = x->events + CALLS_AT_MOST;
+    int result = RUN_OK;
 
     while (result == RUN_OK && (x->next_event <= x->now || x->now < end - slack)) {
-        if (events > CALLS_AT_MOST) return RUN_STUCK;
-        if (x->next_event <= x->now) {
-            x->time_events++, events++;
+        if (x->events > most) return RUN_STUCK;
+        if (x->next_event <= x->now)
             result = handle_event(d, 0);
-        } else {
+        else
             result = move(d, x->next_event <= end + slack ? x->next_event : end);
-            events += (int)(x->state_events + x->step_events - before);
-            before = x->state_events + x->step_events;
-        }
     }
     return result;
 }

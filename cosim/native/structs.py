@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 12
+ABI = 13
 
 
 class Code(IntEnum):
@@ -206,8 +206,7 @@ class ExchangeStruct(c.Structure):
         *((n, c.c_void_p) for n in ("states", "rates", "memory")),
         *((n, c.c_int64) for n in ("n_states", "n_indicators", "n_references")),
         *((n, c.c_double) for n in ("longest", "now", "next_event")),
-        *((n, c.c_int64) for n in ("steps", "evaluations")),
-        *((n, c.c_int64) for n in ("state_events", "time_events", "step_events")),
+        *((n, c.c_int64) for n in ("steps", "evaluations", "events")),
         *((n, c.c_int32) for n in ("fmi", "solver", "fresh", "status")),
         *((n, c.c_void_p) for n in ("cvode", "vector", "advance", "restart", "stop_time")),
         *((n, c.c_void_p) for n in ("dense", "tolerances", "data", "column", "absolute")),

@@ -24,7 +24,7 @@ from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import column, exchange2, exchange3, export, plan_of, run, strict2
 
-BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES = range(8)
+BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS = range(9)
 DISCARD, ERROR, FATAL = 2, 3, 4
 BOTH = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ALONE = pytest.mark.parametrize("fmi", ["2.0"])
@@ -114,6 +114,12 @@ def test_cvode_solves_a_stiff_oscillator(
     assert not [call for call in calls() if "ILLEGAL" in call]
 
 
+@BOTH
+def test_a_refused_trial_state_shortens_the_step(fmus: dict[str, Path], fmi: str) -> None:
+    found = end_of(plan_that(fmus[fmi], SHRINKS, 1, 0.1, solver="heun"))
+    assert 0.0 < found["x0"] < 0.02
+
+
 # ---- events -------------------------------------------------------------------------------------
 
 
@@ -173,6 +179,13 @@ def test_time_events_come_exactly_when_they_were_announced(
 ) -> None:
     found = end_of(plan_that(fmus[fmi], COUNTS, round(3.0 / h), h))
     assert (found["events"], found["at"]) == (12.0, 3.0)
+
+
+@BOTH
+def test_events_without_end_are_an_error(fmus: dict[str, Path], fmi: str) -> None:
+    plan = plan_that(fmus[fmi], COUNTS, 1, 0.25, period=0.0, last=1e9)
+    with pytest.raises(RunError, match=r"the step does not end: 100000 early returns, events or"):
+        end_of(plan)
 
 
 @BOTH

@@ -96,3 +96,10 @@ FMI int fmi2SetInteger(fmu_t *m, const uint32_t *r, size_t n, const int *v)
         if (set_whole(m, r[i], v[i])) return 3;
     return 0;
 }
+
+/* What every complete FMU has, and only other tools ask for. */
+#define UNUSED(name) FMI int fmi2##name(void) { return 3; }
+FMI const char *fmi2GetTypesPlatform(void) { return "default"; }
+UNUSED(SetDebugLogging) UNUSED(Reset) UNUSED(GetBoolean) UNUSED(GetString) UNUSED(SetBoolean)
+UNUSED(SetString) UNUSED(GetFMUstate) UNUSED(SetFMUstate) UNUSED(FreeFMUstate)
+UNUSED(SerializedFMUstateSize) UNUSED(SerializeFMUstate) UNUSED(DeSerializeFMUstate)

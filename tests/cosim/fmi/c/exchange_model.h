@@ -11,6 +11,7 @@
  * COUNTS      a time event each `period`; it ends the simulation after `last`
  * WRAPS       x0' = 1, taken back by 1 in the step after it is more than 1: a step event
  * FAILS       x0' = 1; derivatives return `status` from t = `when` on
+ * SHRINKS     x0' = -100 x0; derivatives are discarded for x0 < 0
  * LEAVES      x0' = -1 from 1, indicator x0: comes to exactly 0 at 1 s, where steps of 2^-n end
  */
 #include <float.h>
@@ -21,7 +22,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES };
+enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS };
 enum { MADE = 1, STARTING = 2, IN_EVENT = 4, CONTINUOUS = 8, OVER = 16, BROKEN = 32, DEAD = 64 };
 enum { X0, X1, DX0, DX1, U, MU, PERIOD, WHEN, AT, Z, MODEL = 20, STATUS, LAST, GEAR, EVENTS, HEARD };
 
@@ -72,6 +73,7 @@ static void rates(const fmu_t *m, double *d)
     case POL: d[1] = m->mu * (1.0 - x * x) * v - x; break;
     case STICKS: d[0] = m->slips ? v : 0.1, d[1] = m->slips ? 0.6 - x : 0.0; break;
     case LEAVES: d[0] = -1.0; break;
+    case SHRINKS: d[0] = -100.0 * x; break;
     default: d[0] = 1.0;
     }
 }
@@ -145,6 +147,7 @@ static int derivatives(fmu_t *m, double *d)
         if (m->status >= 3) m->state = m->status == 4 ? DEAD : BROKEN;
         return m->status;
     }
+    if (m->model == SHRINKS && m->x[0] < 0.0) return 2;
     return called(m, "Derivatives", STARTING | IN_EVENT | CONTINUOUS | OVER);
 }
 static int directional(fmu_t *m, const uint32_t *unknowns, const uint32_t *knowns, size_t n,

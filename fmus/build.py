@@ -75,7 +75,8 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "grasp": ({},),
     "encoder": ({},),
     "arm_teleoperation": ({},),
-    "arm_nuno_adaptive": (),  # compiled when first used, as the next
+    "arm_pd": (),  # compiled when first used, as the next
+    "arm_nuno_adaptive": (),
     "arm_chopra": (),
     "arm_wang2014": (),
     "arm_abdessameud2014": (),

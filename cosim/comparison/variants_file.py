@@ -79,20 +79,23 @@ _NAME = re.compile(r"[\w.+-]+$")
 _ENDPOINT = re.compile(r"(arm|controller)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
 _TOP = ("title", "set", "roles", "wiring", "controllers", "operators", "links", "columns",
         "stable", "figure", "port", "default")  # fmt: skip
-_COMPONENT = ("model", "fmi", "sizes", "preset", "period", "parameters", "start")
+_COMPONENT = ("model", "fmi", "sizes", "options", "preset", "period", "parameters", "start")
 _WIRING = ("inputs", "drives", "receives")
 _LINK = ("delay", "semantics", "playout", "loss")
 _METRIC = ("kind", "of", "target", "within", "window", "contact", "norm", "label")
 
 
 def variants_path(scenario: str | Path) -> Path:
-    """The variants file of a scenario: the one in the folder ``compare`` next to it.
+    """The variants file of a scenario, in the folder ``compare`` next to it: the one with its name,
+    or the only one that has no other scenario's name.
 
     Raises ScenarioError if there is none, or several.
     """
     scenario = Path(scenario)
     folder = scenario.parent / "compare"
     found = sorted(folder.glob("*.toml"))
+    others = [path for path in found if not (scenario.parent / path.name).exists()]
+    found = [path for path in found if path.stem == scenario.stem] or others
     if len(found) == 1:
         return found[0]
     what = f"found {', '.join(p.name for p in found)}" if found else "there is none"
@@ -160,7 +163,7 @@ def _side(shared: Section, own: Section, wiring: Section) -> ControllerSide:
     """A role's own keys before those of both sides; parameters and start values are joined."""
     own.only(*_COMPONENT, *_WIRING)
     component = {key: (own if key in own else shared).data.get(key) for key in _COMPONENT}
-    for key in ("sizes", "parameters", "start"):
+    for key in ("sizes", "options", "parameters", "start"):
         component[key] = shared.mapping(key) | own.mapping(key)
     component["model"] = (own if "model" in own else shared).text("model")
     wires = []

@@ -221,9 +221,9 @@ def _system(
 
     if scenario is None:
         raise ScenarioError(
-            "--listen needs --scenario, and --deploy for a deployment other than can"
+            "--listen needs --scenario, and --deploy for a deployment other than its usual one"
         )
-    path = deployments.find(scenario, deploy or "can")
+    path = deployments.find(scenario, deploy or "")
     said = bus_settings(deployments.load(path), *buses)
     return load_system(scenario, str(path), [*settings, *said])
 

@@ -35,7 +35,7 @@ UNSHARED = (
 def node(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     name: Annotated[str, typer.Option("--node", help="Node of the deployment to run.")],
-    deploy: Deploy = "can",
+    deploy: Deploy = "",
     set_: Set = None,
     interface: Interface = None,
     channel: Channel = None,

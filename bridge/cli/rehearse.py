@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 Deploy = Annotated[
     str,
-    typer.Option("--deploy", help="Deployment: a file, or a name in deploy/ next to the scenario."),
+    typer.Option(
+        "--deploy",
+        show_default=False,
+        help="Deployment: a file, or a name in deploy/ next to the scenario. Default: the "
+        "scenario's name, or can.",
+    ),
 ]
 Set = Annotated[
     list[str] | None,
@@ -52,7 +57,7 @@ Fd = Annotated[bool | None, typer.Option("--fd/--no-fd", help="CAN FD or classic
 
 def rehearse(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    deploy: Deploy = "can",
+    deploy: Deploy = "",
     set_: Set = None,
     seed: Annotated[int | None, typer.Option(help="Seed of links and topology.")] = None,
     interface: Interface = None,

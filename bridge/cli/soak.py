@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Deploy, Interface, Realtime, Set
+from bridge.cli.rehearse import Interface, Realtime, Set
 from cosim.cli.numbers import finite
 from cosim.cli.options import Quiet
 
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def soak(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    deploy: Deploy = "zenoh",
+    deploy: Annotated[
+        str, typer.Option(help="Deployment: a file, or a name in deploy/ next to the scenario.")
+    ] = "zenoh",
     hours: Annotated[
         float, typer.Option(callback=finite, min=0.0, help="Total time of all runs, h.")
     ] = 1.0,

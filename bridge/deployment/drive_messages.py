@@ -21,7 +21,7 @@ from cosim.base.units import quantity
 def codec(outlet: Outlet, d: Deployment) -> Codec:
     """The codec of a message that names a profile. Raises ScenarioError, LayoutError."""
     spec, place = d.messages[outlet.message], d.place("messages", outlet.message)
-    profile = load_profile(d.file(spec.profile))
+    profile = profile_of(d, outlet.message)
     if d.buses[spec.bus].kind != "can":
         raise ScenarioError(f"{spec.bus} is not a CAN bus; a profile belongs to a CAN drive", place)
     if spec.name or spec.signals:
@@ -32,6 +32,12 @@ def codec(outlet: Outlet, d: Deployment) -> Codec:
     layout = profile.layout(part, spec.drive)
     verify(Codec(layout, names))  # before the units are folded in
     return Codec(_si_signals(layout, profile, part, joint), names, exact=part is profile.command)
+
+
+def profile_of(d: Deployment, message: str) -> DriveProfile:
+    """The profile of a message's drive, with the frame format of this drive."""
+    spec = d.messages[message]
+    return load_profile(d.file(spec.profile)).with_format(spec.fd)
 
 
 def _part(profile: DriveProfile, outlet: Outlet, place: str) -> tuple[ProfileMessage, list[str]]:

@@ -11,8 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bridge.deployment.cut import Inlet, NodePlan, Outlet
+from bridge.deployment.drive_messages import profile_of
 from bridge.deployment.spec import Deployment
-from bridge.drives.profiles import DriveProfile, load_profile
+from bridge.drives.profiles import DriveProfile
 from bridge.native import node as native
 from bridge.native.bus import FORMAT, Accept
 from bridge.native.frame import Frame
@@ -37,7 +38,11 @@ class Foreign:
     def frames(self, *sequences: str) -> list[Frame]:
         """The frames of these sequences, one after the other."""
         raws = [raw for name in sequences for raw in self.profile.frames(name, self.node)]
-        return [Frame.of(identifier, data) for identifier, data in raws]
+        return [self.frame(*raw) for raw in raws]
+
+    def frame(self, identifier: int, data: bytes) -> Frame:
+        """A frame in the format of the drive's commands."""
+        return Frame.of(identifier, data, self.profile.format)
 
 
 def commands(d: Deployment, outlet: Outlet) -> bool:
@@ -51,7 +56,7 @@ def commanded_drives(d: Deployment, plan: NodePlan) -> tuple[Foreign, ...]:
     for outlet in plan.outlets:
         if commands(d, outlet):
             spec = d.messages[outlet.message]
-            drive = Foreign(spec.bus, load_profile(d.file(spec.profile)), spec.drive)
+            drive = Foreign(spec.bus, profile_of(d, outlet.message), spec.drive)
             found[spec.bus, spec.drive] = drive
     return tuple(found.values())
 
@@ -61,16 +66,19 @@ def emulated(d: Deployment, node: str, inlet: Inlet) -> Foreign | None:
     spec, drive = d.messages[inlet.message], d.nodes[node].drive
     if drive is None or inlet.target.port != drive.port or not spec.profile:
         return None
-    return Foreign(spec.bus, load_profile(d.file(spec.profile)), spec.drive)
+    return Foreign(spec.bus, profile_of(d, inlet.message), spec.drive)
 
 
 def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple[Accept, ...]:
     """Frames of sequences that the emulated drives of a node follow on a bus."""
     drives = [emulated(d, node, inlet) for inlet in plan.inlets]
     found = {
-        f.id for drive in drives if drive and drive.bus == bus for f in drive.frames(*REQUESTS)
+        (f.id, f.flags & FORMAT)
+        for drive in drives
+        if drive and drive.bus == bus
+        for f in drive.frames(*REQUESTS)
     }
-    return tuple(Accept(identifier, flag_mask=FORMAT) for identifier in sorted(found))
+    return tuple(Accept(number, flags=kind, flag_mask=FORMAT) for number, kind in sorted(found))
 
 
 def table(drives: Iterable[Foreign], buses: Sequence[str], *sequences: str) -> c.Array[Frame]:

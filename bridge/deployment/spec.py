@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 
+from bridge.deployment.motors import expand
 from bridge.deployment.signal_spec import SignalSpec
 from bridge.drives.model import DriveSpec
 from bridge.safety.limits import GuardSpec
@@ -24,6 +25,8 @@ from cosim.bus.timing import BusTiming
 
 #: Where a deployment that is named, not given as a file, is looked for: beside the scenario.
 FOLDER = "deploy"
+#: The deployment of a scenario that has none of its own name.
+USUAL = "can"
 #: What nodes say besides the deployment's messages: commands, SYNC, stop, which run, who is there.
 ServiceName = Literal["nmt", "sync", "estop", "epoch", "heartbeat"]
 SERVICES: tuple[ServiceName, ...] = get_args(ServiceName)
@@ -123,7 +126,8 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     `profile`: of a drive (``configs/drives``), relative to the deployment: message, signals and
     units are then those of the profile, for the drive's own node number `drive`; the ports are tau,
     q, dq. `gear`, `direction`, `zero`: between drive and joint
-    (:class:`bridge.drives.profiles.Joint`).
+    (:class:`bridge.drives.profiles.Joint`). `fd`: whether all frames to and from this drive are CAN
+    FD with bit rate switch; default: as its DBC file has them.
     """
 
     bus: str
@@ -139,6 +143,7 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     gear: Annotated[float, msgspec.Meta(gt=0)] = 1.0
     direction: Literal[1, -1] = 1
     zero: Number = 0.0
+    fd: bool | None = None
 
 
 class Deployment(msgspec.Struct, frozen=True):
@@ -193,9 +198,12 @@ _TABLES = Deployment.__struct_fields__[1:]
 def find(scenario: str | Path, given: str) -> Path:
     """The deployment `given` as a file, or by its name in ``deploy/`` next to the scenario.
 
-    Raises ScenarioError if there is none of this name.
+    "": the one with the name of the scenario, or else ``can``. Raises ScenarioError if there is
+    none of this name.
     """
-    path, folder = Path(given), Path(scenario).parent / FOLDER
+    folder, stem = Path(scenario).parent / FOLDER, Path(scenario).stem
+    given = given or (stem if (folder / f"{stem}.toml").is_file() else USUAL)
+    path = Path(given)
     if path.suffix == ".toml" or path.is_file():
         return path
     found = folder / f"{given}.toml"
@@ -211,9 +219,10 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
     document = toml.read(Path(path))
     for setting in settings:
         change(document, setting)
+    expand(document, path)
     for key in document:
         if key not in _TABLES:
-            known = ", ".join(_TABLES)
+            known = ", ".join((*_TABLES, "motors"))
             raise ScenarioError(f"unknown key {key!r}; expected one of {known}", f"{path}")
     for key in ("buses", "nodes", "messages"):
         if not isinstance(document.get(key), dict):

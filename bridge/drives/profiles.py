@@ -5,7 +5,8 @@ their signals belong to which joint, frames that enable, disable and clear, and 
 watchdog is set and read back. Its DBC describes node 0 (node n: `step`·n added to the identifier),
 or a message for each node (``"LINK_{node}"``). Units come from the DBC; beyond
 :mod:`cosim.base.units` a torque in ``%`` is of `rated_torque` and a position in ``count`` of
-`counts` a turn.
+`counts` a turn. ``base`` names another profile of the
+same protocol: tables and values that are not in the file are those of its base.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError, MessageLayout, find
 from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
+from bridge.native.frame import Flags
 from bridge.safety.limits import to_si
 from cosim.base import toml
 from cosim.base.errors import ScenarioError, UnitError
@@ -89,6 +91,22 @@ class DriveProfile:
     counts: float = 0.0  # a turn
     refuses_simulated: bool = False
     host: Host = Host()
+    protocol: str = ""  # the file that profiles of one protocol share
+
+    @property
+    def format(self) -> Flags:
+        """Of all frames to and from these drives, as their command has it: FD, BRS, or none."""
+        flags = find(self.layouts, self.command.message.format(node=1)).flags
+        return Flags(flags) & (Flags.FD | Flags.BRS)
+
+    def with_format(self, fd: bool | None) -> DriveProfile:
+        """The profile with frames of CAN FD with bit rate switch, or classic; None: as it is."""
+        if fd is None:
+            return self
+        own = Flags.FD | Flags.BRS
+        kinds = [layout.flags & ~own | (own if fd else 0) for layout in self.layouts]
+        made = zip(self.layouts, kinds, strict=True)
+        return replace(self, layouts=tuple(replace(x, flags=int(kind)) for x, kind in made))
 
     @property
     def timeout(self) -> float:
@@ -165,18 +183,33 @@ class DriveProfile:
 def load_profile(path: str | Path) -> DriveProfile:
     """Read a profile and its DBC. Raises ScenarioError with file and place, also LayoutError's."""
     text = str(path)
-    found = toml.read(Path(path), "the profile of a drive (.toml)")
+    found, protocol = _read(Path(path))
     known = {"title", "dbc", "command", "feedback", "sequences", "watchdog", "limits", "drive"}
-    _known(found, known | {"host", "side", "rated_torque", "counts", "refuses_simulated"}, text)
+    known |= {"host", "side", "rated_torque", "counts", "refuses_simulated"}
+    _known(found, known, text)
     if not isinstance(found.get("dbc"), str):
         raise ScenarioError(f"is {found.get('dbc')!r}, expected a DBC file", f"{text}: dbc")
     try:
         layouts = dbc.load(Path(path).parent / found["dbc"])
     except LayoutError as error:
         raise ScenarioError(str(error), f"{text}: dbc") from None
-    profile = _profile(found, layouts, text)
+    profile = replace(_profile(found, layouts, text), protocol=protocol)
     _check(profile)
     return profile
+
+
+def _read(path: Path) -> tuple[dict[str, Any], str]:
+    """A profile as data, completed with the tables of its `base`, and the file of its protocol."""
+    found = toml.read(path, "the profile of a drive (.toml)")
+    if "base" not in found:
+        return found, str(path)
+    base = found.pop("base")
+    if not isinstance(base, str):
+        raise ScenarioError(f"is {base!r}, expected the file of another profile", f"{path}: base")
+    of = toml.read(path.parent / base, "the profile of a drive (.toml)")
+    if "base" in of:
+        raise ScenarioError(f"{base} has a base itself, expected none", f"{path}: base")
+    return of | found, str(path.parent / base)
 
 
 def _profile(found: dict[str, Any], layouts: tuple[MessageLayout, ...], path: str) -> DriveProfile:

@@ -14,8 +14,8 @@ from bridge.can import interface
 from bridge.can.interface import Attachment
 from bridge.deployment.drive_sequences import Foreign, commanded_drives
 from bridge.deployment.system import System
-from bridge.native.bus import FORMAT, Accept
-from bridge.native.frame import Frame
+from bridge.native.bus import KIND, Accept
+from bridge.native.frame import Flags, Frame
 from bridge.node.buses import can_spec
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import RunError
@@ -59,19 +59,30 @@ def _watchdog(drive: Foreign, end: Attachment) -> None:
     """Write the time-out of the watchdog and read it back, if the profile describes how."""
     own = drive.profile.watchdog
     if own.write is not None:
-        end.bus.send(Frame.of(*own.write.at(drive.node, own.raw(drive.profile.timeout))))
+        end.bus.send(drive.frame(*own.write.at(drive.node, own.raw(drive.profile.timeout))))
     if own.read is None or own.reply is None:
         return
     end.bus.drain()
-    end.bus.send(Frame.of(*own.read.at(drive.node)))
-    answer = Accept(own.reply.at(drive.node)[0], flag_mask=FORMAT)
+    end.bus.send(drive.frame(*own.read.at(drive.node)))
+    answer = Accept(own.reply.at(drive.node)[0], flag_mask=KIND)
     until = monotonic_ns() + round(PATIENCE * 1e9)
     while monotonic_ns() < until:
         for frame in filter(answer.takes, end.bus.drain()):
             if own.check(drive.profile.timeout, drive.node, frame.id, frame.payload):
-                return
+                return _check_format(drive, frame)
         sleep(0.005)
     raise RunError(
         f"drive {drive.node} on bus {drive.bus} did not answer with its {own.register} within "
         f"{PATIENCE:g} s ({drive.profile.path}): it is not enabled"
     )
+
+
+def _check_format(drive: Foreign, frame: Frame) -> None:
+    """Raise RunError if a drive answers in another format: its feedback would not be received."""
+    fd = Flags.FD in Flags(frame.flags)
+    if fd != (Flags.FD in drive.profile.format):
+        found, expected = ("CAN FD", "classic CAN") if fd else ("classic CAN", "CAN FD")
+        raise RunError(
+            f"drive {drive.node} on bus {drive.bus} answers with frames of {found}, expected "
+            f"{expected} ({drive.profile.path}): set its bit rate or take another profile"
+        )

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from bridge.can.layout import MessageLayout
+from bridge.deployment.drive_messages import profile_of
 from bridge.deployment.services import commanding_nodes
 from bridge.deployment.system import System
-from bridge.drives.profiles import DriveProfile, ProfileMessage, load_profile
+from bridge.drives.profiles import DriveProfile, ProfileMessage
 from bridge.native.frame import Flags
 from cosim.checks.finding import Finding
 
@@ -48,9 +49,9 @@ def claims(system: System, bus: str) -> list[SentIdentifier]:
     """All identifiers of a CAN bus."""
     found = [*_messages(system, bus), *_services(system, bus)]
     seen: dict[SentIdentifier, None] = {}
-    for m in system.deployment.messages.values():
+    for name, m in system.deployment.messages.items():
         if m.bus == bus and m.profile:
-            profile = load_profile(system.deployment.file(m.profile))
+            profile = profile_of(system.deployment, name)
             seen |= dict.fromkeys(_drive(profile, m.drive))
     return [*found, *seen, *_hosts(system, bus)]
 
@@ -85,7 +86,7 @@ def _messages(system: System, bus: str) -> Iterator[SentIdentifier]:
         if m.bus == bus:
             struct, spec, of = m.encoding.message, system.deployment.messages[name], ""
             if spec.profile:
-                profile = load_profile(system.deployment.file(spec.profile))
+                profile = profile_of(system.deployment, name)
                 command = profile.layout(profile.command, spec.drive).identifier
                 of = (_to if struct.id == command else _from)(profile, spec.drive)
             extended = bool(struct.flags & Flags.EXTENDED)
@@ -158,8 +159,8 @@ def _feedback_frames(profile: DriveProfile, node: int) -> Iterator[MessageLayout
 
 
 def _to(profile: DriveProfile, node: int | None) -> str:
-    return f"to {profile.path} {'all' if node is None else node}"
+    return f"to {profile.protocol} {'all' if node is None else node}"
 
 
 def _from(profile: DriveProfile, node: int) -> str:
-    return f"from {profile.path} {node}"
+    return f"from {profile.protocol} {node}"

@@ -12,6 +12,7 @@ import numpy as np
 from bridge.can.health import WRONG
 from bridge.can.load import load_of_log
 from bridge.can.log import FrameLog
+from bridge.deployment.cut import Inlet
 from bridge.deployment.system import System
 from bridge.native.bus import BusState
 from bridge.native.safety import LifeState
@@ -108,31 +109,38 @@ def age_lines(system: System, rows: Mapping[Life, Rows]) -> list[str]:
     """
     lines = []
     for name, plan in system.nodes.items():
-        for i, inlet in enumerate(plan.inlets):
-            parts = [rows[life]["inlets"][:, i] for life in lives_of(rows, name)]
-            if not parts:
-                continue
-            r = np.concatenate(parts)
-            heard = r[r["held"] >= 0]
-            if not len(heard):
-                lines.append(
-                    line("age", f"never anything  {inlet.source.name} -> {inlet.target.name}")
-                )
-                continue
-            real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
-            p50, p99, worst = np.median(real), np.percentile(real, 99), real.max()
-            configured = "none"
-            if inlet.link is not None and system.deployment.latency:
-                configured = f"{(total - real).mean():.0f} ms"
-            lines.append(
-                line(
-                    "age",
-                    f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} "
-                    f"ms, total mean {total.mean():.1f} ms  "
-                    f"{inlet.source.name} -> {inlet.target.name}",
-                )
-            )
+        lives = lives_of(rows, name)
+        for (source, target), at in _by_ports(plan.inlets).items() if lives else ():
+            heard = np.concatenate([rows[life]["inlets"][:, at].ravel() for life in lives])
+            heard = heard[heard["held"] >= 0]
+            link = system.deployment.latency and plan.inlets[at[0]].link is not None
+            said = _ages(heard, link) if len(heard) else "never anything"
+            messages = f" ({len(at)} messages)" if len(at) > 1 else ""
+            lines.append(line("age", f"{said}  {source} -> {target}{messages}"))
     return lines
+
+
+def _by_ports(inlets: Sequence[Inlet]) -> dict[tuple[str, str], list[int]]:
+    """Positions of inlets by the ports they come from and go to; a port may come in pieces."""
+    found: dict[tuple[str, str], list[int]] = {}
+    for i, inlet in enumerate(inlets):
+        ports = [f"{slot.component}.{slot.port}" for slot in (inlet.source, inlet.target)]
+        found.setdefault((ports[0], ports[1]), []).append(i)
+    return {
+        key if len(at) > 1 else (inlets[at[0]].source.name, inlets[at[0]].target.name): at
+        for key, at in found.items()
+    }
+
+
+def _ages(heard: Rows, link: bool) -> str:
+    """Configured, real and total age of received samples (n,); `link`: with a configured delay."""
+    real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
+    p50, p99, worst = np.median(real), np.percentile(real, 99), real.max()
+    configured = f"{(total - real).mean():.0f} ms" if link else "none"
+    return (
+        f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} "
+        f"ms, total mean {total.mean():.1f} ms"
+    )
 
 
 # ---- buses ----------------------------------------------------------------------------------

@@ -3,7 +3,8 @@
 *Failed*: a node stopped before the end, the replay differs from the run, more or other samples were
 received than sent, values were out of range, or an injected fault is not in the report.
 *Inconclusive*: a slow machine can explain all problems, and a node was so late that it would cause
-them, although no fault made it late.
+them, although no fault made it late; or there is no problem, but a node missed so many slots that
+this was another controller than the configured one.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
@@ -39,6 +41,8 @@ OF_TIME = frozenset({"overrun", "stale", "peer", "watchdog", "sync", "jump"})
 LATE_FAULTS, AFTER = ("freeze", "clock-jump", "restart", "kill"), 1.0
 #: s; where a deployment has no time limit of its own.
 LIMIT = 0.1
+#: Share of the slots of a node that it may miss: beyond it the period is not the configured one.
+MISSED = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +73,20 @@ def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     if timed and late >= limit(system) / 2:
         why = f"this machine let a node wait for {late * 1e3:.0f} ms"
         return Verdict(Word.INCONCLUSIVE, (why, *timed))
-    return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
+    if timed:
+        return Verdict(Word.FAILED, tuple(timed))
+    missed = tuple(_missed_slots(system, outcome))
+    return Verdict(Word.INCONCLUSIVE if missed else Word.PASSED, missed)
+
+
+def _missed_slots(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
+    """Lives that missed too many slots without a fault that makes them late."""
+    for report in outcome.reports:
+        late = _late(outcome, report)
+        share = float(np.mean(late >= system.nodes[report.life.node].plan.h * 1e9))
+        if share > MISSED:
+            why = "the machine is too slow for its period"
+            yield f"{report.life} missed {share:.0%} of its slots: {why}"
 
 
 def _stopped_early(outcome: RehearsalOutcome, report: NodeReport) -> bool:
@@ -131,14 +148,16 @@ def limit(system: System) -> float:
 
 def unplanned_lateness(system: System, outcome: RehearsalOutcome) -> float:
     """The greatest lateness of a slot without a fault that is meant to cause it, s."""
-    worst = 0.0
-    for report in outcome.reports:
-        rows, node = outcome.rows[report.life], report.life.node
-        t = rows["deadline_ns"] * 1e-9
-        meant = np.zeros(len(rows), bool)
-        for fault in outcome.faults:
-            if fault.kind in LATE_FAULTS and node in fault.targets:
-                meant |= (t >= fault.t0 - AFTER) & (t <= fault.t1 + AFTER)
-        late = np.where(meant, 0, rows["woke_ns"] - rows["deadline_ns"])
-        worst = max(worst, float(late.max(initial=0)) * 1e-9)
-    return worst
+    late = (_late(outcome, report).max(initial=0) for report in outcome.reports)
+    return max(map(float, late), default=0.0) * 1e-9
+
+
+def _late(outcome: RehearsalOutcome, report: NodeReport) -> NDArray[np.int64]:
+    """Lateness (slots,) of a life, ns; 0 where a fault is meant to cause it."""
+    rows = outcome.rows[report.life]
+    t = rows["deadline_ns"] * 1e-9
+    meant = np.zeros(len(rows), bool)
+    for fault in outcome.faults:
+        if fault.kind in LATE_FAULTS and report.life.node in fault.targets:
+            meant |= (t >= fault.t0 - AFTER) & (t <= fault.t1 + AFTER)
+    return np.where(meant, 0, rows["woke_ns"] - rows["deadline_ns"])

@@ -6,7 +6,8 @@ arm mirrors the right one by the maker's rules: the y of each centre of mass cha
 of link 4, products of inertia keep theirs. The fingers of the gripper are left out: their published
 tensors violate the triangle inequality. The hand is fixed to link 7.
 
-FR3: Franka's description (franka_description), without hand.
+FR3: Franka's description (franka_description), without hand. The arm of six axes is nobody's: it
+stands for an arm with geared motors on classic CAN.
 
 URDF has no word for the inertia of rotors; scenarios give it as `parameters.armature`.
 """
@@ -57,6 +58,23 @@ FR3_JOINTS = f"""
 -0.0825 0.384 0   {-RIGHT_ANGLE}  0 0 1  -2.8065  2.8065  5.26 12
 0 0 0             {RIGHT_ANGLE}   0 0 1   0.5445  4.5169  4.18 12
 0.088 0 0         {RIGHT_ANGLE}   0 0 1  -3.0159  3.0159  5.26 12
+"""
+# A made-up arm of six axes: cylinders along z. Columns as above.
+SIX_AXIS_LINKS = """
+2.5 0 0 0.05 4.3333e-03 0 0 4.3333e-03 0 4.5000e-03
+2.0 0 0 0.175 2.1429e-02 0 0 2.1429e-02 0 2.0250e-03
+1.4 0 0 0.15 1.1060e-02 0 0 1.1060e-02 0 1.1200e-03
+0.6 0 0 0.04 4.5500e-04 0 0 4.5500e-04 0 2.7000e-04
+0.5 0 0 0.04 3.7917e-04 0 0 3.7917e-04 0 2.2500e-04
+0.3 0 0 0.025 1.0938e-04 0 0 1.0938e-04 0 9.3750e-05
+"""
+SIX_AXIS_JOINTS = """
+0 0 0.15  0  0 0 1  -3.1  3.1  3.0 60
+0 0 0.10  0  0 1 0  -1.8  1.8  3.0 60
+0 0 0.35  0  0 1 0  -2.6  2.6  3.0 40
+0 0 0.30  0  0 1 0  -1.8  1.8  6.0 12
+0 0 0.08  0  0 0 1  -3.1  3.1  6.0 12
+0 0 0.08  0  0 1 0  -1.8  1.8  6.0 12
 """
 
 
@@ -148,6 +166,7 @@ def documents() -> dict[str, str]:
         "openarm_right.urdf": document("openarm_right", openarm("right")),
         "openarm_left.urdf": document("openarm_left", openarm("left")),
         "fr3.urdf": document("fr3", arm(rows(FR3_JOINTS), rows(FR3_LINKS))),
+        "six_axis.urdf": document("six_axis", arm(rows(SIX_AXIS_JOINTS), rows(SIX_AXIS_LINKS))),
     }
 
 

@@ -31,7 +31,7 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
         if not inside and "unknown field" in message:
             message += f"; expected one of {', '.join(_keys(kind))}"
         if words := _allowed_words(kind, inside.strip(".`")) if "enum" in message else ():
-            message += f"; expected one of {', '.join(words)}"
+            message += f"; expected one of {', '.join(map(str, words))}"
         at = f"{place}{inside.rstrip('`')}".lstrip(".")
         raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bridge.deployment.motors import expand
 from bridge.deployment.spec import load
 from bridge.deployment.system import System, load_system, make_system
 from bridge.records.lives import ByLife
@@ -19,6 +20,8 @@ from cosim.record import Run
 CONFIGS = Path(__file__).parents[2] / "configs"
 TELEOPERATION = CONFIGS / "teleoperation.toml"
 NETWORK = CONFIGS / "network.toml"
+OPENARM = CONFIGS / "openarm.toml"
+SIX_AXIS = CONFIGS / "six_axis.toml"
 SHORT = "run.stop=2"
 
 
@@ -39,8 +42,10 @@ def _text(text: str) -> str:
 
 
 def document(name: str = "can") -> dict[str, Any]:
-    """A deployment of configs/deploy, its DBC files with their full paths."""
-    found = tomllib.loads((CONFIGS / "deploy" / f"{name}.toml").read_text())
+    """A deployment of configs/deploy as messages, its DBC files with their full paths."""
+    path = CONFIGS / "deploy" / f"{name}.toml"
+    found = tomllib.loads(path.read_text())
+    expand(found, path)
     for bus in found["buses"].values():
         if "dbc" in bus:
             bus["dbc"] = str((CONFIGS / "deploy" / bus["dbc"]).resolve())
@@ -63,9 +68,15 @@ def system_of(
     return make_system(loaded, deployment)
 
 
-def named(name: str, *settings: str, scenario: Path = TELEOPERATION) -> System:
-    """A deployment of configs/deploy, as a user would name it."""
-    return load_system(scenario, name, settings)
+def scenario_of(name: str) -> Path:
+    """The scenario of a deployment of configs/deploy: its name begins with the scenario's."""
+    others = (path for path in (NETWORK, OPENARM, SIX_AXIS) if name.startswith(path.stem))
+    return next(others, TELEOPERATION)
+
+
+def named(name: str, *settings: str) -> System:
+    """A deployment of configs/deploy with its scenario, as a user would name it."""
+    return load_system(scenario_of(name), name, settings)
 
 
 def run_twin(system: System, folder: Path) -> ByLife[Rows]:

@@ -92,6 +92,21 @@ def test_a_machine_that_stands_still_makes_it_inconclusive(tmp_path):
     assert verdict.judge(system, _with(outcome, reports=worse)).word is Word.FAILED
 
 
+def test_a_run_that_missed_its_period_is_inconclusive(tmp_path):
+    """Nothing went wrong, but a node woke a period late in 9 % of its slots, and then in 18 %."""
+    system, outcome = run(tmp_path, "can", "drop")
+    life = next(r.life for r in outcome.reports if r.life.node == "slave")
+    rows = {one: np.copy(r) for one, r in outcome.rows.items()}
+    rows[life]["woke_ns"] = rows[life]["deadline_ns"]
+    rows[life]["woke_ns"][::11] += round(system.nodes["slave"].plan.h * 1e9)
+    outcome = _with(outcome, rows=rows)
+    assert verdict.judge(system, outcome).word is Word.PASSED
+    rows[life]["woke_ns"][5::11] += round(system.nodes["slave"].plan.h * 1e9)
+    found = verdict.judge(system, outcome)
+    assert found.word is Word.INCONCLUSIVE
+    assert "slave missed 18% of its slots" in found.text()
+
+
 def _ended(report, reasons):
     from msgspec import structs
 

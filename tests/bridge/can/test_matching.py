@@ -115,8 +115,12 @@ def test_the_answer_of_a_drive_has_its_format(flags, monkeypatch):
     if flags == 0:
         drive_enable._watchdog(drive, SimpleNamespace(bus=bus))
         return
-    with pytest.raises(RunError, match="did not answer with its TIMEOUT"):
+    said = "answers with frames of CAN FD, expected classic CAN"
+    with pytest.raises(RunError, match=said if flags == 1 else "did not answer with its TIMEOUT"):
         drive_enable._watchdog(drive, SimpleNamespace(bus=bus))
+    assert drive.frame(1, b"").flags == 0
+    other = drive_enable.Foreign("left", profile.with_format(fd=True), 3)
+    assert other.frame(1, b"").flags == Flags.FD | Flags.BRS
 
 
 # ---- logs ---------------------------------------------------------------------------------------

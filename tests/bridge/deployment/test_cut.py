@@ -27,14 +27,11 @@ from tests.bridge.deployments import (
     written,
 )
 
-CASES = [(TELEOPERATION, "can"), (TELEOPERATION, "can-classic"), (NETWORK, "network-can")]
 
-
-@pytest.fixture(params=CASES, ids=lambda case: case[1])
+@pytest.fixture(params=["can", "can-classic", "network-can"])
 def pieces(request):
     """(whole plan, system)."""
-    scenario, name = request.param
-    system = named(name, scenario=scenario)
+    system = named(request.param)
     return system.plan, system
 
 

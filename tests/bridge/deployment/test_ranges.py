@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bridge.deployment import ranges
 from bridge.preflight import deployment
 from cosim.base.errors import ScenarioError
-from tests.bridge.deployments import NETWORK, document, named, system_of
+from tests.bridge.deployments import document, named, system_of
 from tests.bridge.heard_alone import alone
 
 SHIPPED = (
@@ -20,10 +20,6 @@ SHIPPED = (
 #: Who hears xi of the other side in which message.
 LINKS = [("zenoh", "master", "xi_slave"), ("mixed", "master_control", "xi_slave")]
 LINKS += [("can-classic", "master_control", "XI_4")]
-
-
-def shipped(name):
-    return named(name, scenario=NETWORK) if name.startswith("network") else named(name)
 
 
 def xi_of(name, message, k):
@@ -39,7 +35,7 @@ def column(rows, node, name):
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_signal_of_what_is_shipped_has_a_range(name):
-    system = shipped(name)
+    system = named(name)
     assert deployment.unlimited(system) == []
     for node in system.nodes:
         for message in system.received_by(node):

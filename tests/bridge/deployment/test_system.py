@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from bridge.deployment.system import load_system
 from bridge.wiring.wiring import row_dtype
 from cosim.base.errors import CosimError, ScenarioError
-from tests.bridge.deployments import NETWORK, SHORT, TELEOPERATION, document, named, system_of
+from tests.bridge.deployments import SHORT, TELEOPERATION, document, named, system_of
 
 
 def test_what_follows_in_a_row_is_aligned():
@@ -72,7 +73,7 @@ def test_settings_reach_scenario_and_deployment():
 
 
 def test_the_network_shares_one_bus():
-    system = named("network-can", scenario=NETWORK)
+    system = named("network-can")
     for i in range(1, 7):
         assert system.received_by(f"robot{i}") == (f"XI_{(i - 2) % 6 + 1}",)
         assert len(system.peers_of(f"robot{i}")) == 5
@@ -142,4 +143,4 @@ def test_what_does_not_fit_is_said_with_its_place(change, sentence, place, tmp_p
 
 def test_a_deployment_of_another_scenario_is_refused():
     with pytest.raises(ScenarioError, match="components"):
-        named("network-can", scenario=TELEOPERATION)
+        load_system(TELEOPERATION, "network-can")

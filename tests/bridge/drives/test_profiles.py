@@ -43,8 +43,11 @@ def command(
     return codec.layout.identifier, codec.encode(tau / np.array(gains), status, 0, counter)
 
 
+DAMIAO = ("damiao", "damiao_4340", "damiao_8009")
+
+
 def test_the_profiles_are_there() -> None:
-    assert NAMES == ["cia402", "damiao", "link", "link_fd", "odrive"]
+    assert ["cia402", *DAMIAO, "link", "link_fd", "odrive"] == NAMES
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -223,7 +226,8 @@ def test_identifiers_of_nodes() -> None:
     found = {name: profile(name) for name in NAMES}
     ids = {n: p.layout(p.command, NODE).identifier for n, p in found.items()}
     assert ids == {
-        "cia402": 0x203, "damiao": 0x003, "link": 0x1A3, "link_fd": 0x3A3, "odrive": 0x06E,
+        "cia402": 0x203, **dict.fromkeys(DAMIAO, 0x003),
+        "link": 0x1A3, "link_fd": 0x3A3, "odrive": 0x06E,
     }  # fmt: skip
     with pytest.raises(ScenarioError, match=r"link\.toml.*TAU_A_99"):
         found["link"].layout(found["link"].command, 99)

@@ -14,7 +14,7 @@ from bridge.export.plan_source import node_data
 from bridge.native import node as native
 from bridge.replay import twin
 from cosim.base.errors import CosimError
-from tests.bridge.deployments import NETWORK, named
+from tests.bridge.deployments import named
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_a_pointer_that_nobody_knows_is_refused():
 
 
 def test_each_model_has_its_own_names_and_is_there_once():
-    found = named("network-can", scenario=NETWORK)
+    found = named("network-can")
     steps = [s for node in found.nodes.values() for s in node.plan.components]
     made = kernels([(s.name, s.component) for s in steps])
     assert len(made) == 12 and len({k.name for k in made.values()}) < 12

@@ -35,7 +35,7 @@ from cosim.lsbus.terminals import read_terminals
 from fmus.bus_fmu import build_bus
 from fmus.kernel import Kernel
 from fmus.models import planar2r
-from tests.bridge.deployments import NETWORK, TELEOPERATION, named
+from tests.bridge.deployments import TELEOPERATION, named
 from tests.bridge.export.nodes import (
     Frames,
     bare,
@@ -112,7 +112,7 @@ def test_nodes_of_several_components_with_weights_over_time_are_those_of_the_twi
     tmp_path: Path,
 ) -> None:
     """Six nodes with robot and controller: two kernels in one library, wires between them."""
-    found = named("network-can", "run.stop=0.1", scenario=NETWORK)
+    found = named("network-can", "run.stop=0.1")
     assert {len(node.plan.components) for node in found.nodes.values()} == {2}
     assert all(node.plan.players for node in found.nodes.values())
     built = Built(tmp_path, found)
@@ -276,21 +276,17 @@ def test_another_bit_rate_is_refused_and_unknown_operations_go_back(shipped: Bui
 # ---- what is refused --------------------------------------------------------------------------
 
 
-def refused(scenario: Path, name: str, node: str) -> str:
+def refused(name: str, node: str) -> str:
     with pytest.raises(ScenarioError) as error:
-        check(named(name, scenario=scenario), node)
+        check(named(name), node)
     return str(error.value)
 
 
 def test_nodes_that_cannot_be_such_an_fmu_are_refused() -> None:
     gateway = next(n for n, s in named("gateway").deployment.nodes.items() if not s.components)
-    assert "found a gateway, expected a node that forwards nothing" in refused(
-        TELEOPERATION, "gateway", gateway
-    )
-    assert "found bus" in refused(TELEOPERATION, "zenoh", "master")
-    assert "found no node 'nobody', expected one of master, " in refused(
-        TELEOPERATION, "can", "nobody"
-    )
+    assert "found a gateway, expected a node that forwards nothing" in refused("gateway", gateway)
+    assert "found bus" in refused("zenoh", "master")
+    assert "found no node 'nobody', expected one of master, " in refused("can", "nobody")
 
 
 def test_a_component_without_kernel_and_too_many_delays_are_refused(

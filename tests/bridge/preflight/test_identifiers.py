@@ -8,7 +8,7 @@ from bridge.drives.profiles import load_profile
 from bridge.preflight import deployment
 from bridge.preflight.identifiers import claims, collisions
 from tests.bridge.deployment.test_foreign import damiao
-from tests.bridge.deployments import CONFIGS, NETWORK, TELEOPERATION, document, named, system_of
+from tests.bridge.deployments import CONFIGS, document, named, system_of
 from tests.bridge.drives.test_host import cia402
 
 DRIVES = CONFIGS / "drives"
@@ -48,7 +48,7 @@ def own(folder, number):
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_deployments_that_come_with_it_pass_without_a_warning(name):
-    found = deployment.check(named(name, scenario=NETWORK if "network" in name else TELEOPERATION))
+    found = deployment.check(named(name))
     assert [f for f in found if f.severity != "note"] == []
 
 

@@ -12,7 +12,7 @@ from bridge.native.journal import Journal
 from bridge.replay import twin
 from bridge.replay.from_log import replay_log
 from cosim.base.errors import ScenarioError
-from tests.bridge.deployments import NETWORK, named
+from tests.bridge.deployments import named
 
 NOW = 1_700_000_000_123_456_000  # t = 0 on the logs' clock, ns
 STOP = "run.stop=1.5"
@@ -200,7 +200,7 @@ def test_a_log_without_their_frames_is_refused(arms, tmp_path):
 
 
 def test_nodes_with_a_plant_are_no_controllers(tmp_path, monkeypatch):
-    system = named("network-can", "run.stop=1", scenario=NETWORK)
+    system = named("network-can", "run.stop=1")
     logs = logged_twin(system, tmp_path, monkeypatch)
     with pytest.raises(ScenarioError, match="no frame of a controller"):
         replay_log(system, written(logs, tmp_path))

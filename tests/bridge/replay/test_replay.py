@@ -14,13 +14,13 @@ from bridge.records.lives import ByLife, Life
 from bridge.replay import replay, twin
 from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError
-from tests.bridge.deployments import NETWORK, document, named, run_twin, system_of
+from tests.bridge.deployments import document, named, run_twin, system_of
 
 STOP = "run.stop=3"
 CASES = {
     "can": lambda: named("can", STOP),
     "can-classic": lambda: named("can-classic", STOP),
-    "network-can": lambda: named("network-can", STOP, scenario=NETWORK),
+    "network-can": lambda: named("network-can", STOP),
 }
 
 
@@ -273,7 +273,7 @@ def test_a_node_killed_between_sending_and_its_row_is_no_obstacle(tmp_path):
 
 
 def test_a_robot_of_the_network_that_was_away(tmp_path):
-    system = named("network-can", STOP, scenario=NETWORK)
+    system = named("network-can", STOP)
     rows = with_restart(system, tmp_path / "lives", "robot3", 1.0, 1.6)
     assert exact(replayed(system, rows, tmp_path))
     whole = run_twin(system, tmp_path / "twin")

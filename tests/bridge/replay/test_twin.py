@@ -52,7 +52,7 @@ def test_the_twin_is_near_the_offline_run_and_both_arms_reach_q_h(name, rms, end
 
 @pytest.mark.slow
 def test_six_robots_on_one_bus_are_near_the_offline_run(tmp_path):
-    system = named("network-can", scenario=NETWORK)
+    system = named("network-can")
     rows = run_twin(system, tmp_path / "twin")
     run = offline(NETWORK, tmp_path / "offline")
     twin = as_run(system, rows, tmp_path / "run")
@@ -64,7 +64,7 @@ def test_six_robots_on_one_bus_are_near_the_offline_run(tmp_path):
 
 
 def test_edges_switch_in_the_nodes_as_they_switch_offline(tmp_path):
-    system = named("network-can", "run.stop=3", scenario=NETWORK)
+    system = named("network-can", "run.stop=3")
     rows = run_twin(system, tmp_path / "twin")
     settings = [
         "run.stop=3",

@@ -18,7 +18,7 @@ from bridge.wiring.wiring import Rows
 from cosim.base.errors import ScenarioError
 from cosim.engine.simulate import metadata
 from cosim.record import Run, seal, write_metadata
-from tests.bridge.deployments import NETWORK, named, run_twin
+from tests.bridge.deployments import named, run_twin
 from tests.cli.command import Command
 
 ARMS = ("master", "slave")
@@ -48,7 +48,7 @@ def compared(system: System, folder: Path) -> RunDifference:
 CASES = {
     "two arms": lambda: named("zenoh", "run.stop=4"),
     "edges that fade": lambda: named("zenoh", "run.stop=4", *FADING),
-    "switching graph": lambda: named("network", "run.stop=4", scenario=NETWORK),
+    "switching graph": lambda: named("network", "run.stop=4"),
 }
 
 

@@ -3,6 +3,8 @@
 
 /* Consecutive frames that must agree before an unexpected counter is accepted. */
 enum { WINDOW = 3 };
+/* Frames in a row that may be numbered one sample ahead of their arrival: no jitter lasts longer. */
+enum { AHEAD = 64 };
 
 static int64_t divided(int64_t a, int64_t b)    /* towards minus infinity, b > 0 */
 {
@@ -85,11 +87,15 @@ static int64_t stamped(receiver_t *r, const header_t *header, int64_t t, int64_t
     return below(r, header->counter, number_at(r, *time + r->period_ns / 2));
 }
 
-/* Without a counter the arrival alone counts: a sample a period, and one that jitter brings sooner. */
-static int64_t number_by_arrival(const receiver_t *r, int64_t t)
+/* Without a counter the arrival alone counts: a sample a period, and one that jitter brings sooner. After a
+ * frame that came more than a period late, the following ones would remain one ahead: one of them counts as
+ * repeated. */
+static int64_t number_by_arrival(receiver_t *r, int64_t t)
 {
     const int64_t now = number_at(r, t) < 0 ? 0 : number_at(r, t);
-    return now > r->sequence ? now : now == r->sequence ? now + 1 : r->sequence;
+    r->ahead = now == r->sequence ? r->ahead + 1 : 0;
+    if (now > r->sequence) return now;
+    return now == r->sequence && r->ahead <= AHEAD ? now + 1 : r->sequence;
 }
 
 /* Whether a whole turn of the counter may have gone by unseen: then its number is not known. */

@@ -26,6 +26,7 @@ typedef struct {
     int64_t trial, trial_first, trial_ns;   /* number of the last of the frames that were refused and */
     int32_t tried;          /* follow each other; of the first, its arrival; how many */
     int32_t unturned;       /* frames in a row whose stamps agree with the counter only if shift is 0 */
+    int32_t ahead;          /* frames in a row that were numbered ahead of their arrival, without a counter */
 } receiver_t;
 
 /* Maximum time by which a sample is accepted early, if its period is less; number of wraps of a short time
@@ -38,7 +39,8 @@ enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
  * With a time stamp (the nominal time of the sample, modulo 2^time_bits us) stamp and counter give
  * it, however late the frame is; a stamp of 16 bits is searched for 64 of its turns, 4.2 s. Without
  * a stamp it is, of the numbers that fit the counter, the greatest that can have been sent by then:
- * right as long as no frame is later than 3/4 M periods. Without a counter the arrival counts.
+ * right as long as no frame is later than 3/4 M periods. Without a counter the arrival counts: a frame that is
+ * later than a period makes the numbers one too great, for 65 frames at most.
  *
  * No number is accepted that its sender cannot have sent: its nominal time lies at most a period
  * (RECEIVE_EARLY_NS, if that is more) after t_ns + L, L being by how much the sender's clock is ahead:

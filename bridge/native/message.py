@@ -162,6 +162,7 @@ class Receiver(c.Structure):
         *((name, c.c_int64) for name in ("trial", "trial_first", "trial_ns")),
         ("tried", c.c_int32),
         ("unturned", c.c_int32),
+        ("ahead", c.c_int32),
     )
 
     def accept(self, counter: int, t_ns: int, t_us: int = 0) -> int:

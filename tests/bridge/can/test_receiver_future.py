@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.native.message import E2EProfile, receiver
+from bridge.native.message import E2EProfile, Rejection, receiver
 
 PERIOD = 5_000_000  # ns
 OFFSET = 500_000
@@ -176,3 +176,15 @@ def test_one_frame_does_not_turn_a_counter_back():
             r.accept(k + 1, t - PERIOD // 3, stamp(k + 1, 32))
         heard.append(r.accept(k if k < 1050 else k - 1050, t, stamp(k, 32)))
     assert heard[52:] == list(range(1052, 1200))
+
+
+def test_without_a_counter_numbers_return_to_the_arrival_after_a_late_frame():
+    """Frame 3 comes more than a period late, directly before frame 4: from there on one ahead."""
+    r = receiver(PERIOD, E2EProfile.NONE, OFFSET)
+    late = {3: OFFSET + 4 * PERIOD + PERIOD // 3}
+    found = [r.accept(0, late.get(k, OFFSET + k * PERIOD + PERIOD // 2)) for k in range(200)]
+    assert found[:6] == [0, 1, 2, 4, 5, 6]
+    back = found.index(Rejection.REPEATED)
+    assert 60 < back < 72 and r.repeated == 1
+    assert found[4:back] == [k + 1 for k in range(4, back)]
+    assert found[back + 1 :] == list(range(back + 1, 200))

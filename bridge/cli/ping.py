@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 def ping(
     path: Annotated[
-        str, typer.Argument(help="udp, zenoh or can; or a scenario file (.toml) with a deployment.")
+        str,
+        typer.Argument(help="udp, zenoh, can or listen; or a scenario file (.toml)."),
     ],
     target: Annotated[
         list[str] | None,
@@ -48,6 +49,12 @@ def ping(
     ] = "",
     answer: Annotated[
         str, typer.Option(metavar="ID", help="can: identifier of the drive's answer.")
+    ] = "",
+    id_: Annotated[
+        str, typer.Option("--id", help="listen can: this identifier only, hexadecimal.")
+    ] = "",
+    connect: Annotated[
+        str, typer.Option(help="listen zenoh: endpoint. Default: tcp/localhost:7447, a router.")
     ] = "",
     json_: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     scenario: Annotated[
@@ -91,14 +98,24 @@ def ping(
     """Measure delays of a network each way and by parts; predict the effect on controllers.
 
     cosim ping udp HOST and cosim ping zenoh ENDPOINT need no scenario, only cosim pong at the other
-    end. cosim ping SCENARIO measures with the messages of a deployment between two of its nodes.
+    end, and cosim ping can CHANNEL that or a drive. cosim ping listen can CHANNEL and cosim ping
+    listen zenoh KEY only listen, also to ROS 2 topics of rmw_zenoh. cosim ping SCENARIO measures
+    with the messages of a deployment between two of its nodes.
     """
     if not path.endswith(".toml"):
+        from bridge.cli.ping_listen import ping_listen
         from bridge.cli.ping_path import EndOptions, PredictionOptions, ping_path
 
+        end = EndOptions(tos, config, interface, bitrate, ask, answer)
+        if path == "listen":
+            ping_listen(
+                target or [], identifier=id_, connect=connect, duration=duration, json_=json_,
+                end=end,
+            )  # fmt: skip
+            return
         ping_path(
             path, target or [], rate=rate, size=size, duration=duration,
-            end=EndOptions(tos, config, interface, bitrate, ask, answer), json_=json_, out=out,
+            end=end, json_=json_, out=out,
             prediction=PredictionOptions(scenario, link, compare, tuple(set_ or ())),
         )  # fmt: skip
         return

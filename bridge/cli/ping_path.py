@@ -77,7 +77,7 @@ def ping_path(
     if kind not in PATHS or len(target) > 1 or (kind != "zenoh" and not target):
         raise ScenarioError(
             f"found {' '.join([kind, *target])!r}; expected udp HOST[:PORT], zenoh [ENDPOINT], can "
-            "CHANNEL, or a scenario file (.toml)",
+            "CHANNEL, listen, or a scenario file (.toml)",
             "cosim ping",
         )
     if (prediction.link or prediction.compare) and prediction.scenario is None:

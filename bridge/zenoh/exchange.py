@@ -14,7 +14,7 @@ from bridge.zenoh.channel import control_publisher
 from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.session import close_session, configure, open_session
 from cosim.base.clock import monotonic_ns, sleep, stopwatch
-from cosim.base.errors import RunError
+from cosim.base.errors import RunError, ScenarioError
 
 #: Where a responder listens and a client connects unless an endpoint is given.
 ENDPOINT = "tcp/127.0.0.1:7462"
@@ -103,5 +103,38 @@ def answering(
     )
     try:
         yield answer
+    finally:
+        subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def listening(
+    session: zenoh.Session,
+    key: str,
+    heard: Callable[[str, bytes, bytes | None, int | None, int], None],
+) -> Iterator[None]:
+    """Subscribe to a key expression: `heard(key, payload, attachment, stamp_ns, t_ns)`.
+
+    `stamp_ns`: Zenoh's own time stamp, ns since 1970, None without one; `t_ns`: monotonic. Raises
+    ScenarioError for what is no key expression.
+    """
+
+    def came(sample: zenoh.Sample) -> None:
+        t_ns = monotonic_ns()
+        attached, stamp = sample.attachment, sample.timestamp
+        heard(
+            str(sample.key_expr),
+            sample.payload.to_bytes(),
+            None if attached is None else attached.to_bytes(),
+            None if stamp is None else round(stamp.get_time().timestamp() * 1e9),
+            t_ns,
+        )
+
+    try:
+        subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(came, indirect=False))
+    except zenoh.ZError as error:
+        raise ScenarioError(f"found key {key!r}; expected a key expression: {error}") from None
+    try:
+        yield
     finally:
         subscriber.undeclare()  # type: ignore[no-untyped-call]

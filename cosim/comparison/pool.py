@@ -14,6 +14,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
+from cosim.base.processes import require_start
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -24,7 +26,8 @@ def spread(
     """(task, result) as they are done; the result is None where the process died.
 
     One job is done in this process, where nothing holds off a crash. What `function` raises is
-    raised here; so is Ctrl-C, after the calls that run have ended.
+    raised here; so is Ctrl-C, after the calls that run have ended. Raises RunError if no process
+    starts.
     """
     if jobs < 2:
         for task in tasks:
@@ -37,17 +40,19 @@ def spread(
             left.discard(index)
             yield tasks[index], result
         suspects, waiting = sorted(left)[:jobs], sorted(left)[jobs:]
+        if suspects:
+            with _pool(1) as alone:
+                require_start(alone)
         for index in suspects:
-            alone = [result for _, result in _batch(function, tasks, [index], 1)]
-            yield tasks[index], alone[0] if alone else None
+            found = [result for _, result in _batch(function, tasks, [index], 1)]
+            yield tasks[index], found[0] if found else None
 
 
 def _batch(
     function: Callable[[T], R], tasks: Sequence[T], indices: Sequence[int], jobs: int
 ) -> Iterator[tuple[int, R]]:
     """Results until all are there, or the pool breaks."""
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(jobs, len(indices)), context, initializer=_ignore_interrupts)
+    pool = _pool(min(jobs, len(indices)))
     try:
         futures = {pool.submit(function, tasks[index]): index for index in indices}
         for future in as_completed(futures):
@@ -56,6 +61,11 @@ def _batch(
         return
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(jobs, context, initializer=_ignore_interrupts)
 
 
 def _ignore_interrupts() -> None:

@@ -22,6 +22,7 @@ from typing import Any, Literal, TypeVar
 
 from cosim.base.clock import sleep
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.processes import require_start
 from cosim.fmi.failures import sentence
 
 Workers = Literal["processes", "threads", "cluster"]
@@ -134,7 +135,7 @@ def spread(
             if stopped():
                 return
             with opened() as pool:
-                _prove(pool)
+                require_start(pool.executor)
                 broken: list[T] = []
                 yield from _until_broken(pool, function, iter([task]), stopped, broken)
             if broken:
@@ -173,14 +174,6 @@ def _until_broken(
                 suspects.append(task)
             except Exception as error:
                 yield task, _lost(error)
-
-
-def _prove(pool: Pool) -> None:
-    """Raise RunError where it is not a call that kills the workers: they do not even start."""
-    try:
-        pool.executor.submit(int).result()
-    except BrokenProcessPool as error:
-        raise RunError(f"worker processes end before they start: {error}") from error
 
 
 def _lost(error: BaseException) -> str:

@@ -1,6 +1,7 @@
 """A path's trace on the links of a scenario, and which controllers come to rest on it."""
 
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
@@ -55,3 +56,11 @@ def test_plain_pd_fails_on_a_path_on_which_the_paper_law_comes_to_rest(tmp_path:
     assert found["paper"].verdicts["tight"].startswith("no: diverged")  # lambda_M = 10
     assert "tight: no: diverged" in found["paper"].text
     assert not found["pd"].stable and found["pd"].text.startswith("FAILS")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["LAN", "classic CAN at 90 %"])
+def test_the_page_has_the_numbers_of_its_networks(name: str, tmp_path: Path) -> None:
+    page = (CONFIGS.parent / "docs" / "ping.md").read_text(encoding="utf-8")
+    row = run_path(str(CONFIGS.parent / "docs" / "ping_cases.py"))["row"]
+    assert row(name, tmp_path) in page.splitlines()

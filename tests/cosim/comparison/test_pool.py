@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -35,3 +38,12 @@ def test_a_process_that_dies_takes_one_call_with_it() -> None:
 def test_what_a_call_raises_is_raised_here(jobs: int) -> None:
     with pytest.raises(ValueError, match="no square"):
         list(spread(square, [RAISE, 1], jobs))
+
+
+def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    call = "list(spread(abs, [1, 2], 2))"
+    script.write_text(f"from cosim.comparison.pool import spread\n{call}\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode and "worker processes end before they start; in a script" in last

@@ -49,7 +49,10 @@ static int32_t is_of_run(const node_t *n, const reception_t *r, const header_t *
     return life != LIFE_UNCONFIGURED && life != LIFE_INACTIVE;
 }
 
-static int32_t refuse_frame(const reception_t *r, const frame_t *frame, header_t *header, double *values)
+/* Out of range is not counted before the start: drives with their own protocols answer in frames of the
+ * same identifier then, when they are configured. */
+static int32_t refuse_frame(const node_t *n, const reception_t *r, const frame_t *frame, header_t *header,
+                            double *values)
 {
     const int32_t result = message_decode(r->message, frame, values, header);
     switch (result) {
@@ -57,14 +60,14 @@ static int32_t refuse_frame(const reception_t *r, const frame_t *frame, header_t
     case DECODE_LENGTH: r->receiver->length++; return 1;
     case DECODE_CRC: r->receiver->crc++; return 1;
     case DECODE_INVALID: r->receiver->invalid++; return 1;
-    default: r->receiver->range++; return 1;
+    default: r->receiver->range += n->begun != 0; return 1;
     }
     if (r->message->status >= 0 && header->status & STATUS_SIMULATED && !r->accept_simulated) {
         r->receiver->simulated++;
         return 1;
     }
     if (limits_range(r->limits, r->width, values)) return 0;
-    r->receiver->range++;
+    r->receiver->range += n->begun != 0;
     return 1;
 }
 
@@ -95,7 +98,7 @@ void reception_take(node_t *n, reception_t *r, const frame_t *frame)
     header_t header;
     double values[MESSAGE_FIELDS];
     memset(&header, 0, sizeof header);
-    if (refuse_frame(r, frame, &header, values)) return;
+    if (refuse_frame(n, r, frame, &header, values)) return;
     const int64_t t = frame->t_ns - n->start_ns;
     if (!is_of_run(n, r, &header, t)) {
         keep_values(r, values);

@@ -273,17 +273,14 @@ def _say(
 ) -> Verdict:
     from bridge.realtime.lateness import draw
     from bridge.results import verdict as verdicts
-    from bridge.results.outcome import lines
+    from bridge.results.outcome import lines, metric_lines
     from bridge.results.page import write_page
     from bridge.results.report import line
-    from cosim.analysis import declared_metrics
-    from cosim.analysis.metrics import evaluate
     from cosim.cli.summary import pictures, this_command
     from cosim.record import Run, seal
 
     run = Run.open(outcome.folder)
-    said = [line(r.label, r.text) for r in evaluate(declared_metrics.metrics(system.scenario), run)]
-    said += lines(system, outcome)
+    said = [*metric_lines(system, outcome, run), *lines(system, outcome)]
     found = verdicts.judge(system, outcome)
     if drawn["report"]:
         said.append(line("report", str(write_page(run, outcome, found, said, this_command()))))

@@ -55,10 +55,14 @@ def extra_frames(
 ) -> Iterator[Surplus]:
     """Yield messages with more received than sent frames: a flood, a replay or a second sender.
 
-    `rows`: the rows (slots,) of each life.
+    `rows`: the rows (slots,) of each life. What a node sends that did not run here, such as a real
+    drive, is not known.
     """
+    here = {report.life.node for report in reports}
     for report in reports:
         for message, counts in (report.statement.messages if report.statement else {}).items():
+            if system.messages[message].node not in here:
+                continue
             heard = sum(counts.get(name, 0) for name in FRAMES)
             sent = _sent(system, rows, reports, system.messages[message])
             if heard > sent * (1 + BEYOND) + FEW:

@@ -15,7 +15,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,6 +35,7 @@ from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
+from cosim.analysis import declared_metrics
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError
 from cosim.engine.simulate import metadata, stop_metadata
@@ -212,6 +213,20 @@ def _metadata(
             "altered": [asdict(a) for a in replayed.altered] if replayed else [],
         },
     }
+
+
+def metric_lines(system: System, outcome: RehearsalOutcome, run: Run) -> Iterator[str]:
+    """The metrics of the scenario, or of which signals they lack: those of nodes elsewhere."""
+    ran = {report.life.node for report in outcome.reports}
+    here = {name for node in ran for name in system.deployment.nodes[node].components}
+    for metric in declared_metrics.metrics(system.scenario):
+        away = [name for name in metric.signals if name.partition(".")[0] not in here]
+        if away:
+            text = f"not computed: {', '.join(away)}, of a node that did not run here"
+            yield report.line(metric.label or metric.name, text)
+        else:
+            result = metric.evaluate(run)
+            yield report.line(result.label, result.text)
 
 
 def lines(system: System, outcome: RehearsalOutcome) -> list[str]:

@@ -32,6 +32,9 @@ FEEDBACK = {
     "t_mos": (55, 8, "degC", (0, 255)),
     "t_rotor": (63, 8, "degC", (0, 255)),
 }
+#: Of PMAX; positions beyond it are not believed. Drives answer for registers with the identifier of
+#: feedback, where 33 and 55 (hexadecimal) in byte 2 would be a position next to -PMAX.
+BELIEVED = 0.992
 REGISTERS = "ranges are the registers PMAX, VMAX, TMAX"
 STATES = {
     **{0: "DISABLED", 1: "ENABLED", 8: "OVER_VOLTAGE", 9: "UNDER_VOLTAGE", 10: "OVER_CURRENT"},
@@ -49,7 +52,9 @@ def _lines(signals: dict, ranges: dict[str, float], receiver: str) -> list[str]:
     for name, (start, bits, unit, given) in signals.items():
         low, high = given or (-ranges[name.removesuffix("_des")], ranges[name.removesuffix("_des")])
         scale = (high - low) / (2**bits - 1)
-        values = f"({_number(scale)},{_number(low)}) [{_number(low)}|{_number(high)}]"
+        share = BELIEVED if name == "q" else 1
+        ends = f"{_number(share * low)}|{_number(share * high)}"
+        values = f"({_number(scale)},{_number(low)}) [{ends}]"
         found.append(f' SG_ {name} : {start}|{bits}@0+ {values} "{unit}" {receiver}')
     return found
 

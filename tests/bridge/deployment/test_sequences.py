@@ -7,10 +7,11 @@ import ctypes as c
 import numpy as np
 import pytest
 
+from bridge.deployment.drive_sequences import REQUESTS, commanded_drives
 from bridge.drives.profiles import load_profile
 from bridge.native import node as native
-from bridge.native.frame import Frame
-from bridge.native.safety import Command, DriveState, LifeState
+from bridge.native.frame import Flags, Frame
+from bridge.native.safety import Command, DriveState, LifeState, Why
 from bridge.records.lives import Life
 from bridge.replay import replay, twin
 from cosim.base.clock import monotonic_ns
@@ -170,6 +171,42 @@ def test_an_emulated_drive_obeys_the_frames_of_its_protocol(system, tmp_path):
     assert states == [on] * 3 + [off] * 5 + [on] * 4
     assert torques[4:8] == [0.0] * 4 and abs(torques[11] - 1.0) < 0.01
     assert invalid == 0
+
+
+def test_on_can_fd_it_obeys_can_fd_frames_only(tmp_path):
+    fd = named(
+        "can-damiao", "run.stop=0.1", "deploy.motors.master.fd=true", "deploy.buses.left.fd=true"
+    )
+    flags = Flags.FD | Flags.BRS
+    sequences = commanded_drives(fd.deployment, fd.nodes["master_control"])[0].frames(*REQUESTS)
+    assert [x.flags for x in sequences] == [flags] * 3
+    with Slots(fd, "master", tmp_path) as slots:
+        slots.begin()
+        for form, expected in ((0, DriveState.ENABLED), (flags, DriveState.READY)):
+            now = slots.struct.slot * slots.struct.h_ns * 1e-9
+            slots.put("left", Frame.of(1, DISABLE, form), now)
+            slots.step()
+            assert slots.wired.drives[0].state == expected
+
+
+def test_the_answer_of_a_register_is_no_position_and_not_counted_before_the_start(tmp_path):
+    """It has the identifier of the feedback, and would be read as -12.48 rad."""
+    answer, feedback = (bytes.fromhex(x) for x in ("01003309E8030000", "118A3D8008001919"))
+    with Gate(named("can-damiao", "run.stop=30"), "master_control", tmp_path, start=False) as node:
+        receiver = node.wired.receivers["master_state_1"]
+        plans = enumerate(node.system.nodes["master_control"].inlets)
+        place = next(i for i, x in plans if (x.message, x.target.port) == ("master_state_1", "q"))
+        initial = c.c_double.from_address(node.wired.inlet_bindings.inlets[place].initial)
+        for data in (answer, feedback):
+            node.put("left", Frame.of(0x11, data))
+        until(lambda: abs(initial.value - 1.0) < 2e-4)
+        assert receiver.range == 0 and not node.struct.life.now & Why.JUMP
+        node.control.start(monotonic_ns() + 200_000_000)
+        until(lambda: node.wired.struct.slot > 10)
+        node.put("left", Frame.of(0x11, answer))
+        until(lambda: receiver.range == 1)
+        node.control.quit()
+        until(lambda: node.result is not None)
 
 
 def test_a_frame_that_asks_for_more_than_torque_is_no_torque(system, tmp_path):

@@ -57,6 +57,16 @@ def test_all_frames_of_drives_are_known():
     assert taken(named("can-damiao"), "left") == {0x001, 0x002, 0x011, 0x012, 0x7FF}
 
 
+def test_drives_of_two_protocols_share_no_identifier(tmp_path):
+    """A profile without the base of the others is another maker's, whatever its bytes are."""
+    (tmp_path / "other.toml").write_bytes((DRIVES / "damiao.toml").read_bytes())
+    (tmp_path / "damiao.dbc").write_bytes((DRIVES / "damiao.dbc").read_bytes())
+    found = damiao(profile=str(tmp_path / "other.toml"))
+    found["messages"]["master_state_1"]["profile"] = str(tmp_path / "other.toml")
+    sentences = said(system_of(found, tmp_path))
+    assert any("identifier 0x7ff is used by register frames" in sentence for sentence in sentences)
+
+
 def test_all_frames_of_canopen_drives_and_of_their_host_are_known(tmp_path):
     """PDOs, NMT and SYNC; EMCY, SDO and heartbeat of each drive; the heartbeat of the host."""
     system = cia402(tmp_path)

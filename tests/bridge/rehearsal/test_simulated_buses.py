@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -10,7 +11,7 @@ from bridge.deployment.system import load_system
 from bridge.rehearsal.simulated_buses import served
 from bridge.replay.from_log import replay_log
 from cosim.record import Run
-from tests.bridge.deployments import TELEOPERATION
+from tests.bridge.deployments import OPENARM, TELEOPERATION
 from tests.cli.command import Command
 
 
@@ -41,6 +42,23 @@ def test_processes_in_simulated_time_are_the_twin(cosim, name, tmp_path):
     assert replay_log(load_system(TELEOPERATION, name, ["run.stop=0.5"]), logs).exact
     notes = json.loads((tmp_path / "run/run.json").read_text())["rehearsal"]["notes"]
     assert notes == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", ["2 ms", "4 ms"])
+def test_two_openarms_on_simulated_buses_are_their_twin(cosim, period, tmp_path):
+    """500 and 250 Hz; the load is that of 14 frames of 50 us a cycle."""
+    nodes = ("master", "slave", "master_control", "slave_control")
+    changes = [word for n in nodes for word in ("--set", f'components.{n}.period="{period}"')]
+    words = ("rehearse", OPENARM, "-i", "cosim", "--clock", "simulated", "--set", "run.stop=1")
+    done = cosim(*words, "--no-plot", "--out", tmp_path / "run", *changes)
+    assert done.code == 0, done
+    assert "joint positions differ by 0 rad RMS" in done.out
+    assert "no slot missed, replays exactly" in done.out
+    expected = 100 * 14 * 50.3e-6 / (2e-3 if period == "2 ms" else 4e-3)
+    for bus in ("left", "right"):
+        load = re.search(rf"bus {bus} .* load ([\d.]+)%", done.out)
+        assert load and float(load[1]) == pytest.approx(expected, rel=0.08)
 
 
 @pytest.mark.slow

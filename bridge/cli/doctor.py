@@ -23,11 +23,11 @@ _MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
 #: Optional packages: what needs them.
 EXTRAS = {
     "eclipse-zenoh": ("zenoh", "deployments over Zenoh"),
-    "scipy": ("fit", "cosim fit"),
+    "scipy": ("fit", "cosim fit and files for MATLAB"),
     "mujoco-core": ("mujoco", "scenes of MuJoCo"),
     "canopen": ("canopen", "drives with CANopen (CiA 402)"),
     "asammdf": ("mf4", "bus logs as MF4"),
-    "foxglove-sdk": ("foxglove", "cosim monitor for Foxglove"),
+    "foxglove-sdk": ("foxglove", "MCAP files and cosim monitor for Foxglove"),
     "distributed": ("cluster", "sweeps on a Dask cluster"),
 }
 #: Free space that a long run may need, bytes.

@@ -96,7 +96,8 @@ class Drawing:
     Of each joint: whether it is `prismatic`, and at zero the axes (9 numbers, row by row, columns
     are the axes) and the origin (3), m, of its frame in its parent's; it moves about or along its z
     axis. `tip`: the end in the last frame (3), m. `position` and `torque`: outputs of the
-    component. `planar`: it moves in the plane x, y of its base.
+    component. `planar`: it moves in the plane x, y of its base. `names` of the joints; empty:
+    joint1 and so on.
     """
 
     prismatic: tuple[bool, ...]
@@ -106,6 +107,7 @@ class Drawing:
     position: str = "q"
     torque: str = ""
     planar: bool = False
+    names: tuple[str, ...] = ()
 
     @property
     def joints(self) -> int:

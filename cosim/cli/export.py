@@ -1,4 +1,4 @@
-"""``cosim export``: a scenario for other tools, as an SSP, as one FMU, or as one FMU a node."""
+"""``cosim export``: a scenario as an SSP, one FMU or one FMU a node; a run as a file of data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,19 @@ _TOGETHER = (
 
 
 def export(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
+    scenario: Annotated[
+        Path, typer.Argument(help="Scenario file (.toml or .ssp), or with --to a run folder.")
+    ],
+    to: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write a run: .csv, .parquet, .mat (MATLAB), .mcap (Foxglove)."
+        ),
+    ] = None,
+    signal: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="With --to: these signals only; repeatable."),
+    ] = None,
     ssp: Annotated[Path | None, typer.Option(help="SSP 1.0 file to write.")] = None,
     fmu: Annotated[
         Path | None, typer.Option(help="FMI 2.0 FMU of the whole loop to write.")
@@ -52,7 +64,14 @@ def export(
     ] = "",
     set_: Set = None,
 ) -> None:
-    """Write a scenario for other tools: an SSP, one FMU, or a network FMU of each node."""
+    """Write a scenario or a run for other tools.
+
+    A scenario becomes an SSP, one FMU, or a network FMU of each node; a run, with --to, a file of
+    data. MCAP has joint states, frames and lines of the arms besides the signals.
+    """
+    if to is not None or signal:
+        _export_run(scenario, to, signal or [])
+        return
     from cosim.base.errors import ScenarioError
     from cosim.scenario.assemble import assemble
     from cosim.ssp import load as load_ssp
@@ -65,7 +84,8 @@ def export(
         raise ScenarioError(_TOGETHER, "cosim export")
     if ssp is None and fmu is None and nodes is None:
         raise ScenarioError(
-            "nothing to write; expected --ssp FILE, --fmu FILE or --nodes FOLDER", "cosim export"
+            "nothing to write; expected --ssp FILE, --fmu FILE, --nodes FOLDER or --to FILE",
+            "cosim export",
         )
     if nodes is not None:
         writer = importlib.import_module(NODES)
@@ -86,3 +106,15 @@ def export(
         for note in write_container(loaded, plan, fmu):
             typer.echo(f"note: {note}")
         typer.echo(f"{fmu}  FMI 2.0, {len(plan.components)} FMUs inside")
+
+
+def _export_run(folder: Path, to: Path | None, patterns: list[str]) -> None:
+    from cosim.base.errors import ScenarioError
+    from cosim.record import Run
+    from cosim.reporting.exported import export_run
+
+    if to is None:
+        raise ScenarioError("found --signal without --to, expected --to FILE", "cosim export")
+    run = Run.open(folder)
+    export_run(run, to, patterns)
+    typer.echo(f"{to}  {len(run)} rows of {folder}")

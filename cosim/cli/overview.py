@@ -27,7 +27,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "export": (
             "cosim.cli.export",
-            "Write a scenario for other tools: an SSP, one FMU, or a network FMU of each node.",
+            "Write a scenario or a run for other tools.",
         ),
         "new": (
             "cosim.cli.new",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -166,21 +166,35 @@ class Run:
         """File of each stored link table, by link name."""
         return stored_tables(self.path.parent)
 
-    def to_csv(self, path: str | Path) -> Path:
-        """Write everything as CSV: a line of names, then numbers that read back exactly.
+    def to_csv(self, path: str | Path, names: Sequence[str] = ()) -> Path:
+        """Write CSV: a line of names, then numbers that read back exactly.
 
-        Row groups are written one by one, so a long run need not fit into memory. Raises RunError
-        with the path.
+        `names` of the scalars to write besides ``t``; empty: all. Raises RunError with the path.
         """
         import pyarrow.csv as csv
 
+        return self._write(csv.CSVWriter, Path(path), names)
+
+    def to_parquet(self, path: str | Path, names: Sequence[str] = ()) -> Path:
+        """Write Parquet, with the unit of each column in its metadata; otherwise as `to_csv`."""
+        import pyarrow.parquet as pq
+
+        return self._write(pq.ParquetWriter, Path(path), names)
+
+    def _write(self, writer: Any, path: Path, names: Sequence[str]) -> Path:
+        """Write row groups one by one, so that a long run need not fit into memory."""
+        import pyarrow as pa
+
+        chosen = ["t", *(names or self.names)]
+        schema = self._file.schema_arrow
         try:
-            with csv.CSVWriter(str(path), self._file.schema_arrow) as writer:
+            kept = pa.schema([schema.field(name) for name in chosen], schema.metadata)
+            with writer(str(path), kept) as file:
                 for i in range(self._file.num_row_groups):
-                    writer.write_table(self._file.read_row_group(i))
+                    file.write_table(self._file.read_row_group(i, columns=chosen).select(chosen))
         except OSError as error:
             raise RunError(f"cannot write {path}: {reason(error)}") from error
-        return Path(path)
+        return path
 
 
 def _group(names: Mapping[str, str]) -> dict[str, tuple[str, ...]]:

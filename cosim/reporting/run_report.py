@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Iterator, Mapping
 from math import isfinite, nan
 from pathlib import Path
@@ -13,10 +12,10 @@ import numpy as np
 from cosim.analysis import declared_metrics
 from cosim.analysis.metric_result import MetricResult
 from cosim.analysis.metrics import evaluate
-from cosim.base.component import Drawing
-from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.errors import CosimError
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
+from cosim.reporting.arms import drawn_arms, recorded
 from cosim.reporting.html import (
     Array,
     Badge,
@@ -119,7 +118,7 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     for name in run.names:
         data.add(name, run.units[name], run.column(name), dt, SHOWN if name in shown else CHOSEN)
     data.frame = max(1.0 / RATE, data.end / FRAMES)
-    data.arms += list(_arms(run, facts, np.arange(0.0, data.end + data.frame, data.frame)))
+    data.arms += list(_arms(run, np.arange(0.0, data.end + data.frame, data.frame)))
     return data
 
 
@@ -152,41 +151,17 @@ def _declared(run: Run, spec: PanelSpec) -> PlottedPanel:
 # ---- arms -------------------------------------------------------------------------------------
 
 
-def _arms(run: Run, facts: Mapping[str, Any], t: Array) -> Iterator[dict[str, Any]]:
+def _arms(run: Run, t: Array) -> Iterator[dict[str, Any]]:
     """The components whose model can be drawn, at the times `t` (n,), s."""
-    scenario = facts.get("scenario", {})
-    folder = Path(scenario.get("path", ".")).parent
-    for name, spec in scenario.get("components", {}).items():
-        drawing = _drawing(str(spec.get("model", "")), spec.get("options") or {}, folder)
-        if drawing is None or not _recorded(run, f"{name}.{drawing.position}", drawing.joints):
-            continue
+    for name, drawing, *_ in drawn_arms(run):
         torque = f"{name}.{drawing.torque}"
-        forced = drawing.torque and _recorded(run, torque, drawing.joints)
+        forced = drawing.torque and recorded(run, torque, drawing.joints)
         yield {
             "name": name,
             **drawing.data(),
             "q": _frames(run, f"{name}.{drawing.position}", t),
             "torque": _frames(run, torque, t) if forced else [],
         }
-
-
-def _drawing(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
-    """What a model's module says of its shape; None: it has none, or cannot say."""
-    if not model.replace(".", "").isidentifier() or model.endswith(".fmu"):
-        return None
-    try:
-        hook = vars(importlib.import_module(model)).get("drawing")
-        found = None if hook is None else hook(options, folder)
-    except (CosimError, ImportError, OSError):  # the file of the robot may be elsewhere by now
-        return None
-    return found if isinstance(found, Drawing) else None
-
-
-def _recorded(run: Run, signal: str, joints: int) -> bool:
-    try:
-        return len(run.entries(signal)) == joints
-    except ScenarioError:
-        return False
 
 
 def _frames(run: Run, signal: str, t: Array) -> list[str]:

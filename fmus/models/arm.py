@@ -151,7 +151,10 @@ def drawing(options: Mapping[str, Any], folder: Path) -> Drawing | None:
     """
     if "urdf" not in options:
         return None
-    values = prepare(options, folder).values
+    from fmus.robots.options import robot_of
+
+    robot = robot_of(options, folder)
+    values = robot.table.values()
     mass, *moment = np.asarray(values["inertia"], dtype=np.float64)[-1][:4]
     return Drawing(
         tuple(bool(kind) for kind in values["joint_type"]),
@@ -159,4 +162,5 @@ def drawing(options: Mapping[str, Any], folder: Path) -> Drawing | None:
         tuple(tuple(np.ravel(r).tolist()) for r in values["origin"]),
         tuple(2.0 * x / mass if mass else 0.0 for x in moment),
         torque="tau_h",
+        names=robot.names,
     )

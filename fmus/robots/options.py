@@ -26,7 +26,7 @@ from cosim.base.convert import number, numbers
 from cosim.base.errors import ScenarioError
 from fmus.models.chain import unphysical
 from fmus.robots.body import Placement, RigidBody, symmetric
-from fmus.robots.serial import serial
+from fmus.robots.serial import Robot, serial
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,12 +45,7 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
     Of the values, those whose variable the model has. Raises ScenarioError for options or a file
     that cannot be.
     """
-    for key in options:
-        if key not in _KEYS:
-            raise ScenarioError(f"unknown key {key!r}; expected one of {', '.join(_KEYS)}")
-    urdf, base, tip = (_text(options, key) for key in _KEYS[:3])
-    path = folder / urdf
-    robot = serial(path, base, tip, _fixed(options), _payload(options))
+    robot = robot_of(options, folder)
     sizes = {"joints": robot.table.joints}
     declared = {v.name: v for v in model(**sizes).variables}
     found = {
@@ -66,7 +61,17 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
             raise ScenarioError("the model estimates nothing; expected no key 'estimate'")
         found["theta_hat"] = number(options["estimate"], "1", "estimate") * robot.table.inertia
     values = {name: value.tolist() for name, value in found.items() if name in declared}
-    return Preparation(sizes, values, {str(path): sha256(path.read_bytes()).hexdigest()})
+    file = robot.path
+    return Preparation(sizes, values, {str(file): sha256(file.read_bytes()).hexdigest()})
+
+
+def robot_of(options: Mapping[str, Any], folder: Path) -> Robot:
+    """The arm that options name; its file is relative to `folder`. Raises ScenarioError."""
+    for key in options:
+        if key not in _KEYS:
+            raise ScenarioError(f"unknown key {key!r}; expected one of {', '.join(_KEYS)}")
+    urdf, base, tip = (_text(options, key) for key in _KEYS[:3])
+    return serial(folder / urdf, base, tip, _fixed(options), _payload(options))
 
 
 def _text(options: Mapping[str, Any], key: str) -> str:

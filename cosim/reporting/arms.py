@@ -1,0 +1,52 @@
+"""The robots of a run that can be drawn: what their models say of their shape."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cosim.base.component import Drawing
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.record import Run
+
+
+class DrawnArm(NamedTuple):
+    """A component with the shape of its model, its `options`, and the `folder` of its scenario."""
+
+    name: str
+    drawing: Drawing
+    options: Mapping[str, Any]
+    folder: Path
+
+
+def drawn_arms(run: Run) -> Iterator[DrawnArm]:
+    """The components of a run whose model can be drawn and whose positions were recorded."""
+    scenario = run.metadata.get("scenario", {})
+    folder = Path(scenario.get("path", ".")).parent
+    for name, spec in scenario.get("components", {}).items():
+        options = spec.get("options") or {}
+        drawing = _drawing(str(spec.get("model", "")), options, folder)
+        if drawing is not None and recorded(run, f"{name}.{drawing.position}", drawing.joints):
+            yield DrawnArm(name, drawing, options, folder)
+
+
+def recorded(run: Run, signal: str, joints: int) -> bool:
+    """Whether a signal of so many entries was recorded."""
+    try:
+        return len(run.entries(signal)) == joints
+    except ScenarioError:
+        return False
+
+
+def _drawing(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
+    """What a model's module says of its shape; None: it has none, or cannot say."""
+    if not model.replace(".", "").isidentifier() or model.endswith(".fmu"):
+        return None
+    try:
+        hook = vars(importlib.import_module(model)).get("drawing")
+        found = None if hook is None else hook(options, folder)
+    except (CosimError, ImportError, OSError):  # the file of the robot may be elsewhere by now
+        return None
+    return found if isinstance(found, Drawing) else None

@@ -1,0 +1,120 @@
+"""Runs as files of other tools: the same numbers, and in MCAP arms that move as they did."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from mcap.reader import make_reader
+from scipy.io import loadmat
+
+from cosim.base.errors import ScenarioError
+from cosim.record import Run
+from cosim.reporting.arms import drawn_arms
+from cosim.reporting.exported import export_run, link_frames, quaternion
+from fmus.robots.serial import serial
+from tests.cli.command import Command
+from tests.cli.conftest import cosim as cosim  # the command as a fixture
+
+ROOT = Path(__file__).parents[3]
+URDF = ROOT / "configs" / "robots" / "openarm_right.urdf"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Half a second of two OpenArms."""
+    from cosim.engine.simulate import simulate
+    from cosim.loading.files import load
+
+    folder = tmp_path_factory.mktemp("run") / "run"
+    simulate(load(ROOT / "configs" / "openarm.toml", ["run.stop=0.5"]), folder)
+    return Run.open(folder)
+
+
+def test_tables_have_the_numbers_and_units_of_the_run(run: Run, tmp_path: Path) -> None:
+    export_run(run, tmp_path / "a.csv", ["master.*"])
+    found = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True, deletechars="")
+    assert found["master.q[3]"].tolist() == run.column("master.q[3]").tolist()
+    assert len(found.dtype.names or ()) == 1 + 14  # t, q and tau_h of seven joints
+    export_run(run, tmp_path / "a.parquet", ["slave.q", "master_control.tau[2]"])
+    table = pq.read_table(tmp_path / "a.parquet")
+    assert table.column_names == ["t", "master_control.tau[2]", *run.entries("slave.q")]
+    assert table.schema.field("master_control.tau[2]").metadata[b"unit"] == b"N.m"
+    assert table["slave.q[6]"].to_numpy().tolist() == run.column("slave.q[6]").tolist()
+
+
+def test_matlab_gets_a_struct_for_each_component(run: Run, tmp_path: Path) -> None:
+    found = loadmat(export_run(run, tmp_path / "a.mat"), simplify_cells=True)
+    assert found["t"].tolist() == run.t.tolist()
+    assert np.array_equal(found["master"]["q"], run.array("master.q"))
+    assert found["units"]["master"] == {"q": "rad", "tau_h": "N.m"}
+
+
+def messages(path: Path) -> dict[str, list[tuple[int, bytes]]]:
+    found: dict[str, list[tuple[int, bytes]]] = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, message.data))
+    return found
+
+
+def test_mcap_has_signals_joint_states_frames_and_the_robot(run: Run, tmp_path: Path) -> None:
+    path = export_run(run, tmp_path / "a.mcap")
+    found = messages(path)
+    assert found.keys() == {
+        "/master", "/slave", "/master_control", "/slave_control", "/tf", "/master/joint_states",
+        "/slave/joint_states", "/master/scene", "/slave/scene",
+    }  # fmt: skip
+    at, last = found["/master"][-1]
+    assert at == 500_000_000 and len(found["/master"]) == len(run)
+    assert json.loads(last)["q"] == run.array("master.q")[-1].tolist()
+    robot = serial(URDF, "body", "hand")
+    state = found["/master/joint_states"][-1][1]
+    assert all(name.encode() in state for name in robot.names)
+    assert len(found["/tf"]) == 2 * len(found["/master/joint_states"])
+    with path.open("rb") as file:
+        attached = {a.name: a.data for a in make_reader(file).iter_attachments()}
+    assert attached["openarm_right.urdf"] == URDF.read_bytes()
+    assert json.loads(attached["run.json"]) == run.metadata
+
+
+def test_frames_lead_to_the_end_of_the_arm_as_its_kinematics_say(run: Run) -> None:
+    """The origin of the last joint in the frame of the body: published numbers of OpenArm."""
+    drawing = next(drawn_arms(run)).drawing
+    q = np.array([0.3, 0.5, -0.4, 0.9, 0.2, -0.3, 0.4])
+    R, r = np.eye(3), np.zeros(3)
+    for turn, step in link_frames(drawing, q):
+        R, r = R @ turn, r + R @ step
+    assert r == pytest.approx([0.25009393, -0.2655209, 0.4168623], abs=1e-8)
+    x, y, z, w = quaternion(R)
+    v = np.array([0.2, -0.5, 0.7])
+    u = np.array([x, y, z])
+    turned = v + 2 * np.cross(u, np.cross(u, v) + w * v)
+    assert turned == pytest.approx(R @ v, abs=1e-12) and w >= 0
+
+
+@pytest.mark.parametrize(
+    ("name", "patterns", "said"),
+    [
+        ("a.xlsx", (), "found 'a.xlsx', expected a file ending in .csv, .parquet, .mat, .mcap"),
+        ("a.csv", ("maste.q",), "no signal 'maste.q' was recorded; did you mean 'master.q'"),
+    ],
+)
+def test_mistakes_are_said(
+    run: Run, tmp_path: Path, name: str, patterns: tuple[str, ...], said: str
+) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        export_run(run, tmp_path / name, patterns)
+    assert not (tmp_path / name).exists()
+
+
+def test_the_command_writes_what_is_asked_for(cosim: Command, run: Run) -> None:
+    folder: Any = run.path.parent
+    done = cosim("export", folder, "--to", "a.csv", "--signal", "master.q")
+    assert done.code == 0 and f"{len(run)} rows" in done.out
+    refused = cosim("export", folder, "--signal", "master.q")
+    assert refused.code == 2 and "expected --to FILE" in refused.err

@@ -78,7 +78,7 @@ def sweep(
     for path in summary.write(table, folder):
         say(f"{'table':<16} {path}")
     if plot:
-        say(f"{'report':<16} {page.write(table, loaded.title, folder, this_command())}")
+        say(f"{'report':<16} {page.write(table, loaded, folder, this_command())}")
         for path in figures.draw_all(loaded, table, folder):
             say(f"{'figure':<16} {path}")
     seal(folder, anew=True)

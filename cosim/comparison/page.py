@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from html import escape
 from itertools import groupby
 from pathlib import Path
 from statistics import median
+
+import numpy as np
 
 from cosim.analysis.contact_metrics import PortEnergy
 from cosim.comparison.comparison import Comparison
@@ -15,6 +18,12 @@ from cosim.comparison.variants import MetricColumn, PortMeasure
 from cosim.reporting.html import Badge, PageData, command, folded, table, write_page
 
 PAGE = "report.html"
+#: Points of a curve in a small picture, and the colour of its ground by how the run ended.
+MINI = 60
+_GROUNDS = {
+    "settling": "on-the-way", "moving": "on-the-way", "growing": "grows", "diverged": "grows",
+    "stopped": "stopped",
+}  # fmt: skip
 
 
 def write(comparison: Comparison, folder: Path, repeat: str) -> Path:
@@ -27,27 +36,40 @@ def write(comparison: Comparison, folder: Path, repeat: str) -> Path:
     ended = [row for row in every if all(o.verdict.stable for o in row.outcomes)]
     badge = Badge("finished", f"{len(ended)} of {len(every)} rows are stable")
     subtitle = f"{c.base.path} · {c.variants.path} · seeds {', '.join(map(str, c.seeds))}"
-    body = "".join(_blocks(c, every))
+    data = PageData(_until(c))
+    tables = "".join(_blocks(c, every, data))
+    reference = escape(json.dumps(list(c.variants.picture.reference)))
+    over = f'<section id="overlay" data-reference="{reference}"></section>' if data.signals else ""
     told = folded("Notes", "".join(f"<p>{escape(line)}</p>" for line in notes(c)), opened=True)
     rest = (
-        f"<p>✓ best, ✗ worst of a column where less is better, among stable rows. {_seeds(c)}</p>"
+        f"{tables}<p>✓ best, ✗ worst of a column where less is better, among stable rows. "
+        f"{_seeds(c)}</p>"
         f"{told}{_names(c)}<h2>Repeat it</h2>{command('repeat', repeat)}"
     )
-    return write_page(folder / PAGE, c.variants.title, subtitle, badge, body, PageData(0.0), rest)
+    return write_page(folder / PAGE, c.variants.title, subtitle, badge, over, data, rest)
 
 
 def _seeds(c: Comparison) -> str:
     return "Median [least, greatest] over the seeds." if len(c.seeds) > 1 else ""
 
 
-def _blocks(c: Comparison, every: Sequence[ComparisonRow]) -> Iterator[str]:
-    shown = columns(c)
+def _until(c: Comparison) -> float:
+    """Where the curves end, s."""
+    ends = [float(curve.t[-1]) for o in c.outcomes for curve in o.curves if len(curve.t)]
+    return min(c.variants.picture.until, max(ends, default=0.0))
+
+
+def _blocks(c: Comparison, every: Sequence[ComparisonRow], data: PageData) -> Iterator[str]:
+    """A table for each link law and operator, whose curves are added to `data`."""
+    shown, low, high, first = columns(c), *_heights(c), _moving(every)
     head = "".join(f"<th class='number'>{escape(header(x, unit))}</th>" for x, unit in shown)
     for (link, operator), group in groupby(every, key=lambda r: (r.link, r.operator)):
         block = list(group)
         marks = [_marks(block, column) for column, _ in shown]
+        laid = block[:2] if (link, operator) == first else []
         lines = "".join(
-            f"<tr><td>{escape(row.label)}</td>"
+            f"<tr><td class='name'>{escape(row.label)}</td>"
+            f"<td>{_mini(row, data, (low, high), laid=row in laid)}</td>"
             + "".join(
                 f'<td class="number{kinds.get(i, "")}">{escape(row.cell(x, unit))}</td>'
                 for (x, unit), kinds in zip(shown, marks, strict=True)
@@ -59,8 +81,57 @@ def _blocks(c: Comparison, every: Sequence[ComparisonRow]) -> Iterator[str]:
             f"<h2>{escape(link)}, {escape(operator)}</h2>"
             f"<p>{escape(c.variants.links[link].title)}; "
             f"{escape(c.variants.operators[operator].title)}</p><div class='scroll'><table><tr>"
-            f"<th>controller</th>{head}<th>stable?</th></tr>{lines}</table></div>"
+            f"<th class='name'>controller</th><th>curves</th>{head}<th>stable?</th></tr>{lines}"
+            "</table></div>"
         )
+
+
+def _heights(c: Comparison) -> tuple[float, float]:
+    """The least and greatest value in small pictures: around where runs start and should end."""
+    starts = [float(curve.y[0]) for o in c.outcomes for curve in o.curves if len(curve.t)]
+    values = [*c.variants.picture.reference, *starts, 0.0]
+    margin = 0.35 * (max(values) - min(values)) or 1.0
+    return min(values) - margin, max(values) + margin
+
+
+def _moving(every: Sequence[ComparisonRow]) -> tuple[str, str]:
+    """The first link law and operator that make the first controller move: shown at first."""
+    moved: dict[tuple[str, str], float] = {}
+    for row in every:
+        curves = row.outcomes[0].curves if row.outcomes[0].verdict.stable else ()
+        moved.setdefault(
+            (row.link, row.operator), max((float(np.ptp(x.y)) for x in curves), default=0.0)
+        )
+    most = max(moved.values(), default=0.0)
+    return next((key for key, value in moved.items() if value >= 0.5 * most), ("", ""))
+
+
+def _mini(row: ComparisonRow, data: PageData, heights: tuple[float, float], *, laid: bool) -> str:
+    """The curves of a row's first run, small; a button that lays them over those of other rows."""
+    outcome, (low, high) = row.outcomes[0], heights
+    if not outcome.curves:
+        return ""
+    names, lines = [], []
+    for k, curve in enumerate(outcome.curves):
+        label = f"{row.label}, {row.operator}, {row.link}: {curve.name}"
+        name = f"{len(data.signals)} {curve.name}"
+        data.add_curve(name, curve.name, "", curve.t, curve.y)
+        names.append(name)
+        inside = (curve.t <= data.end) & (curve.y >= low) & (curve.y <= high)
+        x, y = curve.t[inside] / data.end * 120, (high - curve.y[inside]) / (high - low) * 36
+        some = slice(None, None, max(1, len(x) // MINI))
+        at = " ".join(f"{a:.4g},{b:.3g}" for a, b in zip(x[some], y[some], strict=True))
+        lines.append(
+            f'<polyline points="{at}" fill="none" stroke="var(--s{k % 7})"><title>{escape(label)}'
+            "</title></polyline>"
+        )
+    described = escape(f"{row.label}, {row.operator}, {row.link}")
+    return (
+        f'<button class="mini {_GROUNDS.get(outcome.verdict.kind, "")}" data-signals="'
+        f'{escape("|".join(names))}" data-label="{described}" aria-pressed="{str(laid).lower()}" '
+        f'aria-label="Curves of {described}"><svg viewBox="0 0 120 36">{"".join(lines)}</svg>'
+        "</button>"
+    )
 
 
 def _marks(block: Sequence[ComparisonRow], column: MetricColumn) -> dict[int, str]:

@@ -105,6 +105,12 @@ class PageData:
             "unit": unit, "dt": dt, "i": packed(rows, "<u4"), "y": packed(values[rows], "<f4"),
         }  # fmt: skip
 
+    def add_curve(self, name: str, label: str, unit: str, t: NDArray[Any], y: NDArray[Any]) -> None:
+        """Add a curve, thinned already: `t` (s) and `y`, (n,)."""
+        self.signals[name] = {
+            "label": label, "unit": unit, "t": packed(t, "<f4"), "y": packed(y, "<f4"),
+        }  # fmt: skip
+
     def text(self) -> str:
         """As JSON that may stand inside an element of the page."""
         document = {
@@ -112,7 +118,12 @@ class PageData:
             "panels": [p.data() for p in self.panels], "events": [e.data() for e in self.events],
             "arms": self.arms,
         }  # fmt: skip
-        return json.dumps(document, separators=(",", ":")).replace("</", "<\\/")
+        return embedded(document)
+
+
+def embedded(document: Mapping[str, Any]) -> str:
+    """A document as JSON that may stand inside an element of the page."""
+    return json.dumps(document, separators=(",", ":")).replace("</", "<\\/")
 
 
 def packed(values: NDArray[Any], kind: str) -> str:
@@ -201,11 +212,19 @@ def histogram(title: str, unit: str, values: Array, marks: Mapping[str, float]) 
 
 
 def write_page(
-    path: Path, title: str, subtitle: str, verdict: Badge, summary: str, data: PageData, rest: str
+    path: Path,
+    title: str,
+    subtitle: str,
+    verdict: Badge,
+    summary: str,
+    data: PageData,
+    rest: str,
+    points: str = "",
 ) -> Path:
     """Write a report: `summary` and `rest` are HTML above and below the diagrams.
 
-    Raises RunError if the file cannot be written, CosimError where uPlot is not installed.
+    `points`: the runs of a study as JSON, for the elements of :mod:`cosim.reporting.points`. Raises
+    RunError if the file cannot be written, CosimError where uPlot is not installed.
     """
     moving = bool(data.arms)
     label = "Arms over time; drag to turn" if moving else ""
@@ -214,13 +233,18 @@ def write_page(
 {verdict.html}</header>{summary}{_BAR if data.signals else ""}
 <div class="top{"" if moving else " alone"}"><section id="panels" aria-label="Diagrams"></section>
 {f'<aside class="aside">{arm}</aside>' if moving else ""}</div>
-{_CHOOSER if data.signals else ""}{rest}
+{_CHOOSER if data.panels else ""}{rest}
 {_FOOT if data.signals else ""}</main>"""
-    script = ""
+    script = f"<script>{_own('common.js')}</script>"
     if data.signals:
-        script = (
+        script += (
             f'<script type="application/json" id="data">{data.text()}</script>'
             f"<script>{_library('uPlot.iife.js')}</script><script>{_own('report.js')}</script>"
+        )
+    if points:
+        script += (
+            f'<script type="application/json" id="points">{points}</script>'
+            f"<script>{_own('points.js')}</script>"
         )
     style = (_library("uPlot.min.css") if data.signals else "") + _own("report.css")
     page = f"""<!doctype html>

@@ -1,51 +1,76 @@
-"""``report.html`` of a sweep: how many runs are stable, the range of each measure, every run."""
+"""``report.html`` of a sweep: a map of the runs, axes that filter them, and a table of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import os
+import shlex
+from collections.abc import Iterator
 from html import escape
 from pathlib import Path
-from typing import Any
 
-from cosim.reporting.html import Badge, PageData, command, folded, table, write_page
-from cosim.sweeps.summary import cell, lines
-from cosim.sweeps.table import SweepTable
+from cosim.reporting.html import Badge, PageData, cards, command, folded, write_page
+from cosim.reporting.points import PointColumn, PointView, elements, points
+from cosim.sweeps.study import Study
+from cosim.sweeps.summary import lines
+from cosim.sweeps.table import SweepTable, column
 
 PAGE = "report.html"
-#: Runs that the page lists: a larger table is in ``table.parquet``.
-ROWS = 10_000
+#: Axes beside each other at most; further measures can be chosen for the map.
+PARALLEL = 12
+#: How the runs of a cell of the map become one number.
+_REDUCTIONS = {"mean": "mean", "median": "median", "min": "least", "max": "greatest"}
 
 
-def write(found: SweepTable, title: str, folder: Path, repeat: str) -> Path:
+def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
     """Write the report of a sweep. `repeat`: the command that made it.
 
     Raises CosimError if it cannot be written.
     """
-    lost = sum(bool(r["reason"]) for r in found.records)
-    stable = sum(bool(r["stable"]) for r in found.records)
-    said = f"{len(found.records)} of {found.points} runs, {stable} stable"
+    records = found.records
+    lost = sum(bool(r["reason"]) for r in records)
+    stable = sum(bool(r["stable"]) for r in records)
+    said = f"{len(records)} of {found.points} runs, {stable} stable"
     said += f", {lost} stopped before their end" if lost else ""
+    kept = study.keep == "trajectories"
+    drawn = points(
+        list(_columns(found)), list(_views(study, found)), [str(r["reason"]) for r in records],
+        folders=[str(r["run"]) for r in records] if kept else (),
+        repeat=f"cosim run {shlex.quote(os.path.relpath(study.scenario))}",
+        settings=[json.loads(r["settings"]) for r in records],
+    )  # fmt: skip
+    files = "<p>table.parquet has every run with its settings, summary.csv every point.</p>"
     text = escape("\n".join(lines(found)))
-    rest = f"<h2>Runs</h2>{_runs(found)}<h2>Repeat it</h2>{command('repeat', repeat)}" + folded(
-        "Files", "<p>table.parquet has every run, summary.csv every point.</p>"
+    rest = (
+        f"{elements(_REDUCTIONS) if records else ''}<h2>Repeat it</h2>{command('repeat', repeat)}"
+        f'{folded("Ranges", f"""<pre class="mono">{text}</pre>""")}{folded("Files", files)}'
     )
-    body = f'<pre class="mono">{text}</pre>'
-    badge = Badge("finished", said)
-    return write_page(folder / PAGE, title, folder.name, badge, body, PageData(0.0), rest)
+    numbers = [("runs", str(len(records))), ("stable", f"{stable}"), ("stopped", f"{lost}")]
+    return write_page(
+        folder / PAGE, study.title, folder.name, Badge("finished", said), cards(numbers),
+        PageData(0.0), rest, drawn if records else "",
+    )  # fmt: skip
 
 
-def _runs(found: SweepTable) -> str:
-    measures = [name for name in found.units if "." not in name]
-    head = ["", *found.axes, *(f"{name} [{found.units[name]}]" for name in measures), "why"]
-    rows = [
-        [_mark(r), *(cell(r[axis]) for axis in found.axes),
-         *(cell(r.get(name)) for name in measures), str(r["reason"])]
-        for r in found.records[:ROWS]
-    ]  # fmt: skip
-    more = len(found.records) - ROWS
-    note = f"<p>… and {more} runs in table.parquet</p>" if more > 0 else ""
-    return table(head, rows) + note
+def _columns(found: SweepTable) -> Iterator[PointColumn]:
+    """Axes, whether a run is stable, and measures; parts of measures only for the map."""
+    for name in found.axes:
+        values = [r[name] for r in found.records]
+        yield PointColumn(name, "", values, axis=True, parallel=True, listed=True)
+    stable = column(found.records, "stable").tolist()
+    yield PointColumn("stable", "", stable, axis=False, parallel=True, listed=False)
+    room = PARALLEL - len(found.axes) - 1
+    for name, unit in found.units.items():
+        main = "." not in name
+        room -= main
+        values = column(found.records, name).tolist()
+        yield PointColumn(name, unit, values, axis=False, parallel=main and room >= 0, listed=main)
 
 
-def _mark(record: Mapping[str, Any]) -> str:
-    return "✓ stable" if record["stable"] else "✗ stopped" if record["reason"] else "✗ not stable"
+def _views(study: Study, found: SweepTable) -> Iterator[PointView]:
+    """The figures of the study, then the first two columns with the share of stable runs."""
+    names = [*found.axes, *found.units, "stable"]
+    for name, spec in study.figures.items():
+        z = (spec.by or spec.x) if spec.kind == "line" else spec.z
+        yield PointView(spec.title or name, spec.x, spec.y, z, spec.reduce)
+    yield PointView("Stable runs", names[0], names[min(1, len(names) - 1)], "stable")

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import re
-import shutil
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +14,11 @@ from tests.system.runs import run as simulated
 from tests.system.runs import teleoperation
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
-BEFORE = """<script>window.said = [];
-addEventListener("error", (e) => said.push(`error: ${e.message}`));
-addEventListener("securitypolicyviolation", (e) => said.push(`policy: ${e.blockedURI}`));
-</script>"""
-AFTER = """<pre id="seen"></pre><script>
-const arm = (name) => document.querySelector(`polyline[data-arm="${name}"]`).getAttribute("points");
+SCRIPT = """
+const line = (name) => document.querySelector(`polyline[data-arm="${name}"]`);
+const arm = (name) => line(name).getAttribute("points");
 const now = () => document.getElementById("now").textContent;
-const seen = {ready: document.body.dataset.ready, start: arm("master")};
+const seen = {start: arm("master")};
 const bar = document.getElementById("time");
 bar.value = "1.5";
 bar.dispatchEvent(new Event("input"));
@@ -41,19 +32,10 @@ setTimeout(() => {
     document.querySelector("#signals input").click();
     seen.chosen = document.querySelectorAll("#chosen canvas").length;
     seen.panels = document.querySelectorAll("#panels canvas").length;
-    document.getElementById("seen").textContent = JSON.stringify({...seen, said});
+    tell(seen);
   }, 300);
 }, 300);
-</script>"""
-
-
-@pytest.fixture(scope="module")
-def chromium() -> str:
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
-    if found is None:
-        assert not os.environ.get("CI"), "no chromium"
-        pytest.skip("no chromium on this machine")
-    return found
+"""
 
 
 @pytest.fixture(scope="module")
@@ -64,23 +46,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     found = simulated(document, tmp_path_factory.mktemp("run") / "run")
     write_report(found)
     return found
-
-
-@pytest.fixture(scope="module")
-def browse(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
-    """A page after five seconds of its own time, as HTML; a picture of it with `shot`."""
-
-    def call(page: Path, *options: str) -> str:
-        profile = tmp_path_factory.mktemp("profile")
-        done = subprocess.run(
-            [chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-             f"--user-data-dir={profile}", "--window-size=1280,1600", "--virtual-time-budget=5000",
-             "--host-resolver-rules=MAP * ~NOTFOUND", *options, page.as_uri()],
-            capture_output=True, text=True, timeout=120, check=True,
-        )  # fmt: skip
-        return done.stdout
-
-    return call
 
 
 def tip(points: str) -> tuple[float, float]:
@@ -95,15 +60,8 @@ def expected(run: Run, name: str, t: float) -> tuple[float, float]:
     return np.cos(q[0]) + np.cos(angle), -(np.sin(q[0]) + np.sin(angle))
 
 
-def test_time_moves_the_arms_and_nothing_fails(run: Run, browse: Any, tmp_path: Path) -> None:
-    text = (run.path.parent / "report.html").read_text(encoding="utf-8")
-    text = text.replace("<style>", BEFORE + "<style>", 1).replace("</body>", AFTER + "</body>", 1)
-    page = tmp_path / "page.html"
-    page.write_text(text, encoding="utf-8")
-    found = re.search(r'<pre id="seen">(.*?)</pre>', browse(page, "--dump-dom"), re.S)
-    assert found is not None
-    seen = json.loads(found[1].replace("&gt;", ">").replace("&lt;", "<").replace("&amp;", "&"))
-    assert seen["said"] == [] and seen["ready"] == "yes"
+def test_time_moves_the_arms_and_nothing_fails(run: Run, ask: Any) -> None:
+    seen = ask(run.path.parent / "report.html", SCRIPT)
     assert tip(seen["start"]) == pytest.approx(expected(run, "master", 0.0), abs=1e-4)
     assert seen["now"] == "1.500 s"
     assert tip(seen["moved"]) == pytest.approx(expected(run, "master", 1.5), abs=2e-3)

@@ -1,40 +1,25 @@
 /* The moving parts of a report: plots with one cursor, arms, the time bar. Data: the element "data". */
 "use strict";
 (() => {
-  const data = JSON.parse(document.getElementById("data").textContent);
-  const find = (id) => document.getElementById(id);
-  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const make = (tag, attributes = {}, ...children) => {
-    const element = document.createElement(tag);
-    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-    element.append(...children);
-    return element;
-  };
-  const svg = (tag, attributes = {}) => {
-    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
-    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-    return element;
-  };
+  const { find, css, make, svg, bytes, short } = page;
+  const data = JSON.parse(find("data").textContent);
 
   // ---- signals --------------------------------------------------------------------------------
 
-  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
   const decoded = new Map();
   /** {t, y} of a signal: time in s, and value, null where it is no number. */
   function signal(name) {
     if (!decoded.has(name)) {
       const s = data.signals[name];
-      const rows = new Uint32Array(bytes(s.i));
+      const times = s.t ? new Float32Array(bytes(s.t)) : Array.from(new Uint32Array(bytes(s.i)), (i) => i * s.dt);
       const values = new Float32Array(bytes(s.y));
       decoded.set(name, {
-        t: Array.from(rows, (i) => Math.min(i * s.dt, data.end)),
+        t: Array.from(times, (t) => Math.min(t, data.end)),
         y: Array.from(values, (v) => (Number.isFinite(v) ? v : null)),
       });
     }
     return decoded.get(name);
   }
-  const short = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
-    ? v.toExponential(3) : Number(v.toPrecision(5)).toString());
 
   // ---- plots ----------------------------------------------------------------------------------
 
@@ -92,8 +77,8 @@
       axes: [{ ...axis, size: 34 }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
         values: (u, ticks) => ticks.map(short) }],
       series: [{ label: "t", value: (u, v) => (v === null ? "–" : `${v.toFixed(3)} s`) },
-        ...panel.series.map((s, i) => ({ label: s.label, stroke: () => css(`--s${i % 7}`), width: 1.6,
-          dash: DASHES[Math.floor(panel.series.length > 7 ? i / 7 : i % 4)], spanGaps: true, points: { show: false },
+        ...panel.series.map((s, i) => ({ label: s.label, stroke: () => css(`--s${(s.colour ?? i) % 7}`), width: 1.6,
+          dash: DASHES[s.dash ?? Math.floor(panel.series.length > 7 ? i / 7 : i % 4)], spanGaps: true, points: { show: false },
           value: (u, v, series, i) => short(v ?? before(u.data[series], i)) }))],
       hooks: {
         drawClear: [(u) => bands(u)],
@@ -284,35 +269,53 @@
   });
   find("whole").addEventListener("click", () => { for (const u of plots.slice(0, 1)) u.setScale("x", { min: 0, max: data.end }); });
 
-  // ---- choice of signals, copying, start ---------------------------------------------------------
+  // ---- small pictures that are laid over each other ---------------------------------------------
+
+  const laid = [];
+  let overlay = null;
+  function forget({ place, plot }) {
+    plots.splice(plots.indexOf(plot), 1);
+    plot.destroy();
+    place.remove();
+  }
+  function lay() {
+    if (overlay) forget(overlay);
+    const series = laid.flatMap((button, colour) => button.dataset.signals.split("|").map((name, dash) => (
+      { name, colour, dash: dash % 4, label: `${button.dataset.label}: ${data.signals[name].label}` })));
+    const reference = JSON.parse(find("overlay").dataset.reference);
+    overlay = series.length ? figure({ title: "Chosen runs", unit: data.signals[series[0].name].unit, reference, series }, find("overlay")) : null;
+    show(time);
+  }
+  for (const button of document.querySelectorAll("button[data-signals]")) {
+    if (button.getAttribute("aria-pressed") === "true") laid.push(button);
+    button.addEventListener("click", () => {
+      const at = laid.indexOf(button);
+      if (at < 0) laid.push(button); else laid.splice(at, 1);
+      button.setAttribute("aria-pressed", String(at < 0));
+      lay();
+    });
+  }
+
+  // ---- choice of signals, start ---------------------------------------------------------
 
   const chosen = new Map();
   function choose(name, on) {
     if (on) chosen.set(name, figure({ title: name, unit: data.signals[name].unit, reference: [], series: [{ name, label: name }] }, find("chosen")));
     else {
-      const { place, plot } = chosen.get(name);
-      plots.splice(plots.indexOf(plot), 1);
-      plot.destroy();
-      place.remove();
+      forget(chosen.get(name));
       chosen.delete(name);
     }
     show(time);
   }
   const list = find("signals");
-  for (const name of Object.keys(data.signals)) {
-    const box = make("input", { type: "checkbox" });
-    box.addEventListener("change", () => choose(name, box.checked));
-    list.append(make("label", { title: name }, box, ` ${name} [${data.signals[name].unit}]`));
-  }
-  find("filter").addEventListener("input", (e) => {
-    for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());
-  });
-  for (const button of document.querySelectorAll("button[data-copy]")) {
-    button.hidden = false;
-    button.addEventListener("click", async () => {
-      const text = find(button.dataset.copy);
-      try { await navigator.clipboard.writeText(text.textContent); button.textContent = "Copied"; }
-      catch { getSelection().selectAllChildren(text); }
+  if (list) {
+    for (const name of Object.keys(data.signals)) {
+      const box = make("input", { type: "checkbox" });
+      box.addEventListener("change", () => choose(name, box.checked));
+      list.append(make("label", { title: name }, box, ` ${name} [${data.signals[name].unit}]`));
+    }
+    find("filter").addEventListener("input", (e) => {
+      for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());
     });
   }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const u of plots) u.redraw(false, true); arms(time); });
@@ -321,5 +324,6 @@
   slider.max = String(data.end);
   slider.step = String(data.end / 2000);
   show(wanted ? Number(wanted[1]) : data.start);
+  if (laid.length) lay();
   document.body.dataset.ready = "yes";
 })();

@@ -1,0 +1,31 @@
+/* What the scripts of all pages share; buttons that copy a command. */
+"use strict";
+const page = (() => {
+  const find = (id) => document.getElementById(id);
+  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const make = (tag, attributes = {}, ...children) => {
+    const element = document.createElement(tag);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    element.append(...children);
+    return element;
+  };
+  const svg = (tag, attributes = {}) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+    return element;
+  };
+  /** The bytes of a text in base64. */
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  /** A number with five digits; a dash where there is none. */
+  const short = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
+    ? v.toExponential(3) : Number(v.toPrecision(5)).toString());
+  for (const button of document.querySelectorAll("button[data-copy]")) {
+    button.hidden = false;
+    button.addEventListener("click", async () => {
+      const text = find(button.dataset.copy);
+      try { await navigator.clipboard.writeText(text.textContent); button.textContent = "Copied"; }
+      catch { getSelection().selectAllChildren(text); }
+    });
+  }
+  return { find, css, make, svg, bytes, short };
+})();

@@ -72,7 +72,7 @@ def markdown(records: Sequence[Record], title: str) -> str:
     """All of it as a page."""
     from bridge.campaign.judgement import markdown as table
 
-    parts = [f"# {title or 'Soak'}\n", table([["", ""], *facts(records)]), table(kinds(records))]
+    parts = [f"# {title}\n", table([["", ""], *facts(records)]), table(kinds(records))]
     wrong = failures(records)
     parts += (
         ["Not as they had to be:\n\n" + "".join(f"* {line}\n" for line in wrong)] if wrong else []

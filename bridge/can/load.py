@@ -206,8 +206,16 @@ def load_of_log(
 
     `t_ns` is taken as the end of a frame. Error frames count as no time.
     """
+    return measured_load(rows["t_ns"], durations(rows, timing), window_ns)
+
+
+def durations(rows: NDArray[np.void], timing: BusTiming) -> IntArray:
+    """How long the frames of a log, (N,) as in :func:`load_of_log`, took, (N,) ns.
+
+    Raises TimingError where a frame cannot be one.
+    """
     bits = log_bits(rows["id"], rows["flags"], rows["length"], rows["data"])
-    return measured_load(rows["t_ns"], log_times(bits, timing), window_ns)
+    return log_times(bits, timing)
 
 
 class _Busy:

@@ -65,15 +65,16 @@ def campaign(
     if faults:
         _run_many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)
         return
-    from bridge.campaign import judgement
+    from bridge.campaign import judgement, page
     from bridge.campaign.spec import load_campaign
     from cosim.base.clock import stamp
     from cosim.cli.show import aligned
+    from cosim.cli.summary import this_command
 
     found = load_campaign(file)
     folder = out or Path("runs") / f"{file.stem}-{stamp()}"
     changes = [*found.settings, *(set_ or [])]
-    judged = []
+    judged: list[tuple[str, JudgedRun]] = []
     times = Counter[str]()
     for spec, script in found.runs:
         name = Path(spec.script).stem
@@ -83,12 +84,15 @@ def campaign(
         name += f"-{times[name]}" if times[name] > 1 else ""
         one = _one(found, spec, script, changes, interface, folder / name, realtime)
         typer.echo(f"{name:<12} {_said(one)}", err=True)
-        judged += [one] if one else []
-    rows = judgement.table(judged)
+        judged += [(name, one)] if one else []
+    rows = judgement.table([one for _, one in judged])
     typer.echo("\n".join(aligned(rows)))
     if markdown:
         markdown.write_text(judgement.markdown(rows), encoding="utf-8")
-    if not judged or any(j.failures for j in judged):
+    if judged:
+        path = page.write_campaign(judged, found.title, folder, this_command())
+        typer.echo(f"{'report':<16} {path}")
+    if not judged or any(one.failures for _, one in judged):
         raise typer.Exit(1)
 
 
@@ -104,12 +108,13 @@ def _run_many(
     realtime: bool,
 ) -> None:
     """A campaign of many faults, and its table."""
-    from bridge.campaign import driver, table
+    from bridge.campaign import driver, page, table
     from bridge.campaign.plan import load_many
     from bridge.campaign.soak_driver import RunsObserver
     from bridge.campaign.soak_table import failures, inconclusive
     from bridge.rehearsal import hosts
     from cosim.cli.show import aligned
+    from cosim.cli.summary import this_command
     from cosim.cli.sweep import interrupted, progress_of, stopping
 
     why = hosts.missing()
@@ -125,15 +130,18 @@ def _run_many(
             records = driver.campaign(job, faults, parallel, retry, observer)
         except KeyboardInterrupt:
             raise interrupted(progress, folder, "the same command") from None
-    typer.echo("\n".join(aligned(table.kinds(records))))
-    page = table.markdown(records, f"{job.many.spec.title}, seed {seed}")
+    kinds, title = table.kinds(records), f"{job.many.spec.title}, seed {seed}"
+    typer.echo("\n".join(aligned(kinds)))
+    text = table.markdown(records, title)
     for path in (folder / "summary.md", *([markdown] if markdown else [])):
-        path.write_text(page, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
+    report = page.write_many(records, kinds, title, folder, this_command())
     for line in inconclusive(records):
         typer.echo(f"inconclusive: {line}", err=True)
     wrong = failures(records)
     for line in wrong:
         typer.echo(line, err=True)
+    typer.echo(f"{'report':<16} {report}")
     typer.echo(f"{'folder':<16} {folder}")
     if wrong:
         raise typer.Exit(1)
@@ -180,8 +188,10 @@ def _rehearsed(
     from bridge.rehearsal import injector
     from bridge.rehearsal.supervisor import Rehearsal
     from bridge.results.outcome import begin, complete
+    from bridge.results.page import describe
     from cosim.base.errors import RunError
-    from cosim.record import claim_folder
+    from cosim.cli.summary import this_command
+    from cosim.record import claim_folder, seal
 
     announce_run_folder(folder)
     claim_folder(folder, force=False)
@@ -195,6 +205,8 @@ def _rehearsed(
             outcome = complete(
                 system, folder, rehearsal.ended, facts, with_twin=False, script=script
             )
+            describe(system, outcome, this_command())
+            seal(folder)
         except RunError as error:
             return judgement.failed_run(spec.script, error)
     return judgement.judge(system, spec, outcome)

@@ -101,12 +101,19 @@ def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
 def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.cli.diff import lines
     from bridge.replay.diff import compare_runs
+    from bridge.replay.page import write_diff_page
     from bridge.results.offline import recorded_inputs, run_offline
+    from cosim.record import seal
+    from cosim.reporting.run_report import REPORT
 
     given = ", ".join(inlet.target.name for _, inlet in recorded_inputs(system, rows)) or "no input"
     typer.echo(f"{'recorded inputs':<16} {given}; links whose samples all match use their tables")
-    found = compare_runs(run, run_offline(system, run, rows))
+    again = run_offline(system, run, rows)
+    found = compare_runs(run, again)
     typer.echo("\n".join(lines(found)))
+    page = write_diff_page(found, again / REPORT)
+    seal(again, changed=[REPORT])
+    typer.echo(f"{'report':<16} {page}")
     raise typer.Exit(found.exit_code)
 
 

@@ -68,10 +68,11 @@ def soak(
     the replay equals the run, and the arms synchronized or stopped safely. The same command
     continues an interrupted soak test. Exit status 1 if any check failed.
     """
-    from bridge.campaign import soak_table
+    from bridge.campaign import page, soak_table
     from bridge.campaign.soak_driver import SUMMARY, count
     from cosim.base.convert import number
     from cosim.cli.show import aligned
+    from cosim.cli.summary import this_command
 
     seconds = number(run, "s", "--run")
     job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)
@@ -79,15 +80,18 @@ def soak(
     if why:
         typer.echo(f"the runs are sequential and have no network faults: {why}", err=True)
     records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, retry, quiet)
+    kinds, title = soak_table.kinds(records), job.soak.spec.title or "Soak"
     if not quiet:
-        typer.echo("\n".join(aligned(soak_table.kinds(records))))
+        typer.echo("\n".join(aligned(kinds)))
         typer.echo("\n" + "\n".join(aligned(soak_table.facts(records))))
     path = job.folder / SUMMARY
-    path.write_text(soak_table.markdown(records, job.soak.spec.title), encoding="utf-8")
+    path.write_text(soak_table.markdown(records, title), encoding="utf-8")
+    report = page.write_many(records, kinds, title, job.folder, this_command())
     wrong = soak_table.failures(records)
     for line in wrong:
         typer.echo(f"not passed: {line}", err=True)
     if not quiet:
+        typer.echo(f"{'report':<16} {report}")
         typer.echo(f"{'folder':<16} {job.folder}")
     if wrong:
         raise typer.Exit(1)

@@ -96,7 +96,7 @@ def complete(
         faults = detection.find(script, shown, network)
     outcome = RehearsalOutcome(
         folder, found.ticks, rows, reports, found.ages, replayed, error, rms,
-        report.bus_lines(system, found.logs), ended.notes, faults,
+        report.bus_reports(system, found.logs, ended.start_ns), ended.notes, faults,
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     seal(folder)
@@ -242,7 +242,7 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
         if not i["granted"]
     ]
     said += report.age_lines(system, outcome.rows)
-    said += outcome.buses
+    said += [bus.text for bus in outcome.buses.values()]
     said += report.forward_lines(outcome.reports)
     said += report.fault_lines(outcome.reports)
     said += [report.line(f"fault {f.index}", f.text()) for f in outcome.faults]

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from bridge.deployment.system import System
+from bridge.results.outcome import lines, metric_lines
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
-from bridge.results.verdict import Verdict
+from bridge.results.timeline import lanes
+from bridge.results.verdict import Verdict, judge
 from bridge.wiring.wiring import Rows
 from cosim.record import Run
 from cosim.reporting.html import (
@@ -22,6 +25,16 @@ from cosim.reporting.html import (
     table,
 )
 from cosim.reporting.run_report import CHOSEN, write_report
+
+
+def describe(system: System, outcome: RehearsalOutcome, repeat: str) -> Path:
+    """Write the report of a rehearsal with its verdict and all lines of its summary.
+
+    `repeat`: the command that ran it. Raises CosimError if it cannot be written.
+    """
+    run = Run.open(outcome.folder)
+    said = [*metric_lines(system, outcome, run), *lines(system, outcome)]
+    return write_page(run, outcome, judge(system, outcome), said, repeat)
 
 
 def write_page(
@@ -39,9 +52,11 @@ def write_page(
         nodes = table(
             ["node", "lateness and end"], [(str(r.life), r.text()) for r in outcome.reports]
         )
-        faults = table(["fault"], [(f.text(),) for f in outcome.faults])
+        faults = table(["fault", ""], [(f"{f.index}", f.text()) for f in outcome.faults])
+        _loads(outcome, data)
         return (
-            f'<h2>Nodes</h2>{nodes}<section id="late"></section>'
+            f"<h2>Nodes</h2>{lanes(outcome, data.end)}{nodes}"
+            f'<section id="load"></section><section id="late"></section>'
             f'<div class="charts">{"".join(_lateness(outcome, data))}</div>'
             + (f"<h2>Faults</h2>{faults}" if outcome.faults else "")
             + folded("Summary", table(["", ""], [_pair(line) for line in said]))
@@ -64,6 +79,18 @@ def _lateness(outcome: RehearsalOutcome, data: PageData) -> Iterator[str]:
         yield histogram(name, "us", late, _marks(report))
     if series:
         data.panels.append(PlottedPanel("Lateness of each slot", "us", tuple(series), (), "late"))
+
+
+def _loads(outcome: RehearsalOutcome, data: PageData) -> None:
+    """Add the load of each CAN bus over time, a point for each tenth of a second."""
+    series = []
+    for name, bus in outcome.buses.items():
+        t = bus.start + 0.1 * np.arange(len(bus.load))
+        during = (t >= 0) & (t <= data.end)
+        data.add_curve(f"load of {name}", name, "%", t[during], 100 * bus.load[during])
+        series.append((f"load of {name}", name))
+    if series:
+        data.panels.append(PlottedPanel("Load of each bus", "%", tuple(series), (), "load"))
 
 
 def _period(rows: Rows) -> float:

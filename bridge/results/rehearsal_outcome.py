@@ -10,7 +10,7 @@ from bridge.records.lives import Life
 from bridge.records.records import LifeEnd, Note
 from bridge.replay import replay
 from bridge.results.findings import Evidence
-from bridge.results.report import NodeReport
+from bridge.results.report import BusReport, NodeReport
 from bridge.wiring.wiring import Rows
 from cosim.links.statistics import LinkStatistics
 
@@ -27,7 +27,7 @@ class RehearsalOutcome:
     replayed: replay.ReplayReport | None
     replay_error: str
     twin_rms: float
-    buses: Sequence[str]
+    buses: Mapping[str, BusReport]
     notes: Sequence[Note]
     faults: Sequence[Evidence] = ()
 

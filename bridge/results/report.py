@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.can.health import WRONG
-from bridge.can.load import load_of_log
+from bridge.can.load import durations, measured_load
 from bridge.can.log import FrameLog
 from bridge.deployment.cut import Inlet
 from bridge.deployment.system import System
@@ -146,25 +147,40 @@ def _ages(heard: Rows, link: bool) -> str:
 # ---- buses ----------------------------------------------------------------------------------
 
 
-def bus_lines(system: System, logs: Mapping[str, FrameLog]) -> list[str]:
-    """Frames and load of each CAN bus, from the bits of every frame that was logged."""
-    lines = []
+@dataclass(frozen=True, slots=True)
+class BusReport:
+    """A CAN bus: its line of a summary, and its load over time.
+
+    `load`: of windows of 0.1 s, (n,), 1 = always busy, from `start` on (s of the run).
+    """
+
+    text: str
+    start: float
+    load: NDArray[np.float64]
+
+
+def bus_reports(
+    system: System, logs: Mapping[str, FrameLog], start_ns: int
+) -> dict[str, BusReport]:
+    """Frames and load of each CAN bus, from the bits of every frame that was logged.
+
+    `start_ns`: time 0 of the run on the clock of the logs.
+    """
+    found = {}
     for name, log in logs.items():
         if not len(log.rows):
             continue
         bus = system.deployment.buses[name]
         timing = BusTiming(bus.bitrate, bus.data_bitrate if bus.fd else None)
-        load = load_of_log(log.rows, timing, window_ns=10**9)
+        taken = durations(log.rows, timing)
+        load = measured_load(log.rows["t_ns"], taken, window_ns=10**9)
         data_rate = timing.data_bitrate or timing.bitrate
         rate = f"{timing.bitrate / 1e6:g}" + (f"/{data_rate / 1e6:g}" if bus.fd else "")
-        lines.append(
-            line(
-                f"bus {name}",
-                f"{len(log.rows)} frames, load {load.mean:.1%} (busiest second {load.peak:.1%}) of "
-                f"{rate} Mbit/s",
-            )
-        )
-    return lines
+        text = f"{len(log.rows)} frames, load {load.mean:.1%} (busiest second {load.peak:.1%}) of "
+        begun = (int((log.rows["t_ns"] - taken).min()) - start_ns) * 1e-9
+        parts = measured_load(log.rows["t_ns"], taken).windows
+        found[name] = BusReport(line(f"bus {name}", f"{text}{rate} Mbit/s"), begun, parts)
+    return found
 
 
 # ---- gateways -------------------------------------------------------------------------------

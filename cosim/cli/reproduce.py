@@ -36,6 +36,9 @@ class Reproduction(Protocol):
     ) -> list[dict[str, Any]]:
         """Run, judge, draw into `folder`; the rows of the table."""
 
+    def write_report(self, rows: Sequence[Row], folder: Path, repeat: str) -> Path:
+        """Write ``report.html`` into `folder`; `repeat`: the command."""
+
 
 def reproduce(
     only: Annotated[
@@ -61,7 +64,7 @@ def reproduce(
 ) -> None:
     """Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims."""
     from cosim.base.clock import stamp, stopwatch
-    from cosim.cli.summary import progress_bar
+    from cosim.cli.summary import progress_bar, this_command
 
     wanted = [part.strip() for part in only.split(",") if part.strip()]
     paper = cast(Reproduction, importlib.import_module(PAPER))
@@ -72,6 +75,7 @@ def reproduce(
     watch = stopwatch()
     with progress_bar(quiet) as progress:
         rows = paper.reproduce(folder, wanted, seed=seed, jobs=jobs, force=force, progress=progress)
+    page = paper.write_report(rows, folder, this_command())
     failed = [row for row in rows if not row["passed"]]
     for line in _table(failed if quiet else rows, colour=sys.stdout.isatty()):
         typer.echo(line)
@@ -79,6 +83,7 @@ def reproduce(
         passed = len(rows) - len(failed)
         typer.echo(f"\n{len(rows)} claims: {passed} pass, {len(failed)} FAIL; {watch():.1f} s")
         typer.echo(f"figures, their numbers, runs and claims.json: {folder}")
+        typer.echo(f"report: {page}")
     if failed:
         raise typer.Exit(1)
 

@@ -144,13 +144,24 @@ def cards(numbers: Iterable[tuple[str, str]]) -> str:
     return f'<section class="cards" aria-label="Results">{found}</section>' if found else ""
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:
-    """A table of texts; its last `numbers` columns are aligned to the right."""
-    first = len(head) - numbers
+def table(
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    numbers: int = 0,
+    links: Mapping[str, str] | None = None,
+) -> str:
+    """A table of texts; its last `numbers` columns are aligned to the right.
+
+    `links`: where texts of the first column lead to, relative to the page.
+    """
+    first, links = len(head) - numbers, links or {}
 
     def cell(tag: str, i: int, text: str) -> str:
         kind = ' class="number"' if i >= first else ""
-        return f"<{tag}{kind}>{escape(text)}</{tag}>"
+        inside = escape(text)
+        if tag == "td" and i == 0 and text in links:
+            inside = f'<a href="{escape(links[text])}">{inside}</a>'
+        return f"<{tag}{kind}>{inside}</{tag}>"
 
     top = "".join(cell("th", i, text) for i, text in enumerate(head))
     body = "".join(
@@ -170,6 +181,18 @@ def command(name: str, text: str) -> str:
     return (
         f'<div class="copy"><code id="{name}">{escape(text)}</code>'
         f'<button data-copy="{name}" hidden>Copy</button></div>'
+    )
+
+
+def picture(path: Path, title: str) -> str:
+    """A PNG file inside the page. Raises RunError if it cannot be read."""
+    try:
+        data = base64.b64encode(path.read_bytes()).decode("ascii")
+    except OSError as error:
+        raise RunError(f"{path}: cannot be read: {error}") from None
+    return (
+        f'<figure><img src="data:image/png;base64,{data}" alt="{escape(title)}">'
+        f"<figcaption>{escape(title)}</figcaption></figure>"
     )
 
 

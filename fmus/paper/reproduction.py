@@ -5,6 +5,7 @@ What is written, under one folder::
     runs/CASE/           run folder of each case: trajectories, link tables, run.json
     figNN.png, .csv      each figure and its numbers
     claims.json          every claim: expected, measured, passed; seed and versions
+    report.html          the claims and the figures as one page
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ from fmus.paper.claims import ClaimSelection, cases, select
 from fmus.paper.experiments import Document
 from fmus.paper.figures import PaperFigure, draw_figure
 from fmus.paper.graphs import draw_graphs
+from fmus.paper.page import write as write_report
+
+__all__ = ["listing", "reproduce", "write_report"]
 
 RESULT = "claims.json"
 #: The graphs of Sec. VII-B that the figures show.

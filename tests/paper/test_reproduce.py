@@ -40,6 +40,9 @@ def test_a_table_figures_numbers_runs_and_json(tmp_path: Path) -> None:
     assert "\x1b[" not in text  # no terminal, no colour
     for name in ("fig01", "fig01-text", "fig02"):
         assert (tmp_path / f"out/{name}.png").read_bytes()[:4] == PNG
+    page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 3
+    assert page.count("<td>✓</td>") == len(rows) and f"{len(rows)} of {len(rows)} claims" in page
     assert not (tmp_path / "out/fig03.png").exists()
     assert not (tmp_path / "out/runs/pair-10").exists()
 

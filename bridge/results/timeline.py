@@ -1,0 +1,100 @@
+"""The nodes of a rehearsal over time, as a drawing: states, missed slots, and faults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+
+import numpy as np
+
+from bridge.native.safety import LifeState
+from bridge.records.lives import Life
+from bridge.results.findings import Evidence
+from bridge.results.rehearsal_outcome import RehearsalOutcome
+from bridge.wiring.wiring import Rows
+
+#: Sizes of the drawing: names of lanes, lanes, and the whole width; columns in which slots count.
+_LEFT, _LANE, _WIDTH, _COLUMNS = 150, 26, 1100, 400
+_COLOURS = {
+    LifeState.ACTIVE: "var(--s2)",
+    LifeState.STOPPING: "var(--s4)",
+    LifeState.FAULT: "var(--failed)",
+}
+
+
+def lanes(outcome: RehearsalOutcome, end: float) -> str:
+    """A lane for each life of a node, until `end` (s), and one for the faults."""
+    reports = [r for r in outcome.reports if len(outcome.rows[r.life])]
+    if not reports or end <= 0:
+        return ""
+    drawn: list[str] = []
+    for k, report in enumerate(reports):
+        rows, period = outcome.rows[report.life], report.lateness.period_ns
+        drawn += _lane(report.life, rows, period, k * _LANE, end)
+    if outcome.faults:
+        drawn += _faults(outcome.faults, len(reports) * _LANE, end)
+    height = (len(reports) + bool(outcome.faults)) * _LANE
+    legend = (
+        "green: active, yellow: ramping down, red: fault, grey: not started; black: missed slots"
+    )
+    inside = "".join(drawn) + _axis(height, end)
+    return (
+        f"<figure><figcaption>States, missed slots and faults ({legend})</figcaption>"
+        f'<svg viewBox="0 0 {_WIDTH} {height + 22}" role="img" aria-label="States of the nodes '
+        f'over time; the table below says how each ended">{inside}</svg></figure>'
+    )
+
+
+def _x(t: float, end: float) -> float:
+    return _LEFT + (_WIDTH - _LEFT - 10) * min(max(t / end, 0.0), 1.0)
+
+
+def _lane(life: Life, rows: Rows, period_ns: int, y: int, end: float) -> Iterator[str]:
+    yield f'<text x="0" y="{y + 17}">{escape(str(life))}</text>'
+    state = np.asarray(rows["state"])
+    edges = np.flatnonzero(np.diff(state)) + 1
+    h = period_ns * 1e-9
+    for first, last in zip([0, *edges], [*edges, len(state)], strict=True):
+        t0, t1 = rows["slot"][first] * h, (rows["slot"][last - 1] + 1) * h
+        kind = LifeState(int(state[first]))
+        yield _bar(
+            t0, t1, y, end, _COLOURS.get(kind, "var(--line)"), f"{life}: {kind.name.lower()}"
+        )
+    missed = rows["slot"][rows["woke_ns"] - rows["deadline_ns"] >= period_ns] * h
+    counts, at = np.histogram(missed, bins=_COLUMNS, range=(0.0, end))
+    for k in np.flatnonzero(counts):
+        said = f"{life}: {counts[k]} slots missed from {at[k]:.2f} s to {at[k + 1]:.2f} s"
+        yield (
+            f'<rect x="{_x(at[k], end):.1f}" y="{y + 2}" width="3" height="22" fill="var(--text)">'
+            f"<title>{escape(said)}</title></rect>"
+        )
+
+
+def _bar(t0: float, t1: float, y: int, end: float, colour: str, title: str) -> str:
+    x = _x(t0, end)
+    said = escape(f"{title} from {t0:.2f} s to {t1:.2f} s")
+    return (
+        f'<rect x="{x:.1f}" y="{y + 6}" width="{max(_x(t1, end) - x, 2):.1f}" height="14" '
+        f'fill="{colour}"><title>{said}</title></rect>'
+    )
+
+
+def _faults(faults: Sequence[Evidence], y: int, end: float) -> Iterator[str]:
+    yield f'<text x="0" y="{y + 17}">faults</text>'
+    for fault in faults:
+        unseen = fault.verdict == "unseen"
+        colour = "var(--failed)" if unseen else "var(--s1)"
+        yield _bar(fault.t0, max(fault.t0, fault.t1), y, end, colour, fault.text())
+        yield (
+            f'<text class="faint" x="{_x(fault.t0, end):.1f}" y="{y + 5}">{fault.index}'
+            f"{' unseen' if unseen else ''}</text>"
+        )
+
+
+def _axis(height: int, end: float) -> str:
+    ticks = [f"{end * k / 8:.3g}" for k in range(9)]
+    return "".join(
+        f'<text class="faint" x="{_x(float(t), end):.1f}" y="{height + 16}" text-anchor="'
+        f'{"end" if k == 8 else "middle"}">{t}{" s" if k == 8 else ""}</text>'
+        for k, t in enumerate(ticks)
+    )

@@ -1,0 +1,87 @@
+"""The lanes of the nodes, and the load of the buses, where they have to be."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.native.frame import frame_dtype
+from bridge.native.safety import LifeState
+from bridge.records.lives import Life
+from bridge.results.findings import Evidence, Place
+from bridge.results.report import bus_reports
+from bridge.results.timeline import lanes
+
+PERIOD = 5_000_000  # ns
+ROW = np.dtype([("slot", "<i8"), ("deadline_ns", "<i8"), ("woke_ns", "<i8"), ("state", "<i4")])
+#: Of the drawing: lanes are between these, in its units.
+LEFT, RIGHT = 150, 1090
+
+
+def outcome(faults: tuple[Evidence, ...] = ()) -> Any:
+    """A node of 10 s that stops at 6 s, and was late in two slots at 2.5 s."""
+    rows = np.zeros(2000, ROW)
+    rows["slot"] = np.arange(2000)
+    rows["deadline_ns"] = rows["woke_ns"] = rows["slot"] * PERIOD
+    rows["woke_ns"][500] += PERIOD
+    rows["woke_ns"][501] += 3 * PERIOD
+    rows["woke_ns"][502] += PERIOD - 1  # late, but in its period
+    rows["state"] = LifeState.ACTIVE
+    rows["state"][1200:] = LifeState.FAULT
+    life = Life("slave", 1)
+    report = SimpleNamespace(life=life, lateness=SimpleNamespace(period_ns=PERIOD))
+    return SimpleNamespace(reports=[report], rows={life: rows}, faults=faults)
+
+
+def at(t: float) -> float:
+    return LEFT + (RIGHT - LEFT) * t / 10
+
+
+def test_states_and_missed_slots_are_where_they_were() -> None:
+    text = lanes(outcome(), 10.0)
+    bars = re.findall(r'<rect x="([\d.]+)" y="6" width="([\d.]+)".*?<title>(.*?)</title>', text)
+    assert [title for *_, title in bars] == [
+        "slave: active from 0.00 s to 6.00 s", "slave: fault from 6.00 s to 10.00 s",
+    ]  # fmt: skip
+    assert [float(x) for x, *_ in bars] == pytest.approx([at(0), at(6)], abs=0.1)
+    assert sum(float(width) for _, width, _ in bars) == pytest.approx(RIGHT - LEFT, abs=0.2)
+    (missed,) = re.findall(r'<rect x="([\d.]+)" y="2".*?<title>(.*?)</title>', text)
+    assert float(missed[0]) == pytest.approx(at(2.5), abs=0.1)
+    assert missed[1].startswith("slave: 2 slots missed from 2.50 s")
+
+
+def test_a_fault_that_nothing_shows_is_marked() -> None:
+    seen = Evidence(index=3, kind="drop", targets=("slave",), t0=1.0, t1=2.0, places=())
+    unseen = Evidence(
+        index=4, kind="drop", targets=("slave",), t0=5.0, t1=5.0,
+        places=(Place(target="slave", done=2),),
+    )  # fmt: skip
+    text = lanes(outcome((seen, unseen)), 10.0)
+    marks = re.findall(r'<text class="faint" x="([\d.]+)" y="31">(.*?)</text>', text)
+    assert [label for _, label in marks] == ["3", "4 unseen"]
+    assert [float(x) for x, _ in marks] == pytest.approx([at(1), at(5)], abs=0.1)
+
+
+def test_a_run_without_slots_has_no_lanes() -> None:
+    empty: Any = SimpleNamespace(reports=[], rows={}, faults=())
+    assert lanes(empty, 10.0) == ""
+
+
+def test_the_load_of_a_bus_over_time_begins_with_its_first_frame() -> None:
+    """Frames of 111 bits and one stuff bit, 1 ms apart, from 0.5 s before the run on."""
+    rows = np.zeros(1000, frame_dtype())
+    rows["t_ns"] = 7_500_000_000 + 1_000_000 * np.arange(1000)
+    rows["id"], rows["length"], rows["data"][:, :8] = 0x555, 8, 0x55
+    bus = SimpleNamespace(bitrate=1_000_000, data_bitrate=None, fd=False)
+    system = SimpleNamespace(deployment=SimpleNamespace(buses={"left": bus, "idle": bus}))
+    logs = {"left": SimpleNamespace(rows=rows), "idle": SimpleNamespace(rows=rows[:0])}
+    found = bus_reports(system, logs, 8_000_000_000)  # type: ignore[arg-type]
+    assert list(found) == ["left"]
+    report = found["left"]
+    assert report.text.startswith("bus left") and "1000 frames, load 11.2%" in report.text
+    assert report.start == pytest.approx(-0.5 - 112e-6, abs=1e-9)
+    assert len(report.load) == 10 and report.load == pytest.approx(0.112, abs=0.002)

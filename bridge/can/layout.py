@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from fractions import Fraction
 
-from bridge.native.frame import DATA
+from bridge.native.frame import DATA, Flags
 from bridge.native.message import E2EProfile, FieldKind
 from cosim.base.errors import CosimError
+from cosim.bus.timing import LONG
 
 
 class LayoutError(CosimError, ValueError):
@@ -137,8 +138,17 @@ def stream(name: str, number: int, data_id: int, signals: Sequence[str]) -> Mess
     )
 
 
+#: Lengths of data, bytes, that frames of CAN FD can have.
+FD_LENGTHS = (*range(9), *LONG)
+
+
 def check(layout: MessageLayout) -> None:
     """Raise LayoutError for what the codec cannot do or a receiver could not tell apart."""
+    if layout.flags & Flags.FD and layout.length not in FD_LENGTHS:
+        raise LayoutError(
+            f"{layout.place} has {layout.length} bytes; expected 0 to 8, "
+            f"{', '.join(map(str, LONG[:-1]))} or {LONG[-1]}, as CAN FD has"
+        )
     taken: dict[int, str] = dict.fromkeys(range(8 * layout.profile.header), "")
     nibble = (
         range(12, 16) if layout.profile is E2EProfile.P02 else ()

@@ -30,8 +30,8 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "Write a scenario or a run for other tools.",
         ),
         "new": (
-            "cosim.cli.new",
-            "Write a controller in Python, a scenario it runs in, and a test.",
+            "bridge.cli.new",
+            "Write a scenario, its rehearsal and a test: for your controller or your arm.",
         ),
         "doctor": (
             "bridge.cli.doctor",

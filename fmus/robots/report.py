@@ -39,7 +39,7 @@ def joints(robot: Robot) -> Iterator[str]:
     Gravity torque (the greatest) and inertia (the least of M_ii) are those of random positions
     within the limits, without rotors.
     """
-    positions = _positions(robot)
+    positions = sampled_positions(robot)
     still = np.zeros(robot.table.joints)
     gravity = [np.abs(chain.inverse(robot.table, q, still, still)) for q in positions]
     inertia = [np.diag(chain.mass_matrix(robot.table, q)) for q in positions]
@@ -58,8 +58,8 @@ def joints(robot: Robot) -> Iterator[str]:
         yield "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
 
 
-def _positions(robot: Robot) -> Array:
-    """Random positions within the limits, a turn where a joint has none."""
+def sampled_positions(robot: Robot) -> Array:
+    """Random positions (POSITIONS, n) within the limits, a turn where a joint has none."""
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     share = np.random.default_rng(0).random((POSITIONS, robot.table.joints))

@@ -253,4 +253,5 @@ def scaffold(record: Record) -> None:
         say(record, "new", "new", "controller", "my_controller")
     for path in sorted(record.folder.rglob("*")):
         if path.is_file():
-            record.text(path.name, path.read_text(encoding="utf-8"))
+            name = str(path.relative_to(record.folder))
+            record.text(name, path.read_text(encoding="utf-8"))

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.scaffold import write_controller
 from cosim.base.errors import FmuError, ScenarioError
 from cosim.fmi.validation import problems
-from cosim.scaffold import write_controller
 from cosim.scenario.spec import build
 from fmus.build import build as build_fmu
 from fmus.python import build_class, load_module

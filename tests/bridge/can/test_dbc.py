@@ -5,16 +5,17 @@ from __future__ import annotations
 import importlib.util
 import io
 import logging
+from dataclasses import replace
 
 import cantools
 import numpy as np
 import pytest
 
-from bridge.can import dbc
+from bridge.can import dbc, link_dbc
 from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError
 from bridge.native.frame import Flags
-from bridge.native.message import E2EProfile
+from bridge.native.message import Decoded, E2EProfile
 from tests.bridge.can.layouts import CONFIGS, LINKS, layout, layouts
 
 NODES = range(1, 9)
@@ -184,3 +185,25 @@ def test_what_drives_make_of_zero():
     assert codec.decode(data)[1][0] == pytest.approx(54 / 4095)
     torque = Codec(layout("drives.dbc", "ODRIVE_SET_INPUT_TORQUE_1"))
     assert torque.encode([-1.5]).hex() == "0000c0bf00000000"
+
+
+@pytest.mark.parametrize("joints", range(1, 8))
+def test_frames_for_any_number_of_joints_have_a_length_of_can_fd(joints, tmp_path):
+    path = tmp_path / "arm.dbc"
+    messages = link_dbc.common((1, 2)) + link_dbc.fd(joints, (1, 2))
+    path.write_text(link_dbc.text(messages, "CAN FD", "An arm.", (1, 2)), encoding="ascii")
+    found = {layout.name: layout for layout in dbc.load(path)}
+    values = np.arange(2 * joints) / 8
+    assert set(found) >= {"LINK_1", "LINK_2", "STATE_1", "STATE_2"} and "LINK_3" not in found
+    codec = Codec(found["LINK_2"])
+    data = codec.encode(values, counter=1)
+    assert len(data) in (16, 24, 32, 48, 64)
+    result, again, _ = codec.decode(data)
+    assert result is Decoded.OK and again.tolist() == values.tolist()
+
+
+def test_a_length_that_no_frame_of_can_fd_has_is_refused():
+    """Such a frame grows on its way, and its receiver would count it as too long."""
+    found = replace(layout("link_fd2.dbc", "LINK_1"), length=25)
+    with pytest.raises(LayoutError, match=r"LINK_1 has 25 bytes; expected 0 to 8, 12, .* or 64"):
+        Codec(found)

@@ -327,7 +327,7 @@ def test_what_an_fmu_does_differently_is_said() -> None:
         ({"nodes": Path("x")}, "expected --deploy NAME --nodes FOLDER"),
         ({"deploy": "can"}, "expected --deploy NAME --nodes FOLDER"),
         ({"ssp": Path("x.ssp"), "node": ["master"]}, "expected --deploy NAME --nodes FOLDER"),
-        ({}, "expected --ssp FILE, --fmu FILE or --nodes FOLDER"),
+        ({}, "expected --ssp FILE, --fmu FILE, --nodes FOLDER or --to FILE"),
         ({"deploy": "can", "nodes": Path("x"), "node": ["me"]}, "found no node 'me', expected one"),
     ],
 )

@@ -1,0 +1,265 @@
+"""The files of ``cosim new arm NAME --urdf FILE``: two arms of the file coupled over a network.
+
+Gains follow from the file: in no posture does the damping K change a velocity by more than a third
+in one period, and the operator's stiffness is five times K. They are meant to be changed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from bridge.can.link_dbc import MOST_JOINTS
+from bridge.scaffold.files import check_name, dbc, write_files
+from cosim.base.errors import ScenarioError
+from fmus.models import chain
+from fmus.numeric import Array
+from fmus.robots.report import sampled_positions
+from fmus.robots.serial import Robot, serial
+from fmus.robots.urdf import Urdf, read
+
+#: Period of the controllers, s, and by which share K changes a velocity in it at the most.
+PERIOD, SHARE = 0.004, 0.33
+#: Reflected inertia of a geared motor, kg.m2 for each N.m of its torque: the least of three motors
+#: of docs/arm.md is 2.6e-4, the greatest 1.2e-3.
+ROTOR = 4e-4
+#: Where the file has no limit: torque (N.m), speed (rad/s), and position (rad) to either side.
+TORQUE, SPEED, REACH = 100.0, 20.0, 3.0
+
+_SCENARIO = """\
+# Two arms of {file}: the operator holds the master, and the slave follows over the network.
+# armature: rotor inertia times gear ratio squared, which the file does not have. It is guessed from
+# the torque of each joint. Replace it by that of your motors, and then K may be as much larger.
+
+title = "Two arms of {file}"
+
+[run]
+step = "1 ms"
+stop = "20 s"
+seed = 0
+record = {{ every = 4 }}
+
+[components.master]
+model = "fmus.models.arm"
+options = {options}
+parameters = {{ armature = {armature}, k_p = {k_p}, k_d = {K}, q_h = {q_h} }}
+start = {{ q = {q} }}
+inputs = {{ tau = "master_control.tau" }}
+
+[components.slave]
+model = "fmus.models.arm"
+options = {options}
+parameters = {{ armature = {armature} }}
+start = {{ q = {q} }}
+inputs = {{ tau = "slave_control.tau" }}
+
+[components.master_control]
+model = "fmus.models.arm_teleoperation"
+sizes = {{ joints = {n} }}
+options = {options}
+period = "4 ms"
+parameters = {{ armature = {armature}, K = {K}, alpha = 0.5, lambda = 2.0, lambda_M = 4.0 }}
+inputs = {{ q = "master.q", dq = "master.dq" }}
+
+[components.slave_control]
+model = "fmus.models.arm_teleoperation"
+sizes = {{ joints = {n} }}
+options = {options}
+period = "4 ms"
+parameters = {{ armature = {armature}, K = {K}, alpha = 0.5, lambda = 2.0, lambda_M = 4.0 }}
+inputs = {{ q = "slave.q", dq = "slave.dq" }}
+
+[[links]]
+from = "master_control.xi"
+to = "slave_control.xi_in[0]"
+semantics = "newest-stamp"
+delay = {{ law = "preset", name = "wifi5" }}
+
+[[links]]
+from = "slave_control.xi"
+to = "master_control.xi_in[0]"
+semantics = "newest-stamp"
+delay = {{ law = "preset", name = "wifi5" }}
+
+[metrics]
+together = {{ kind = "error", of = ["slave.q"], target = "master.q", within = 0.02 }}
+peak_torque = {{ kind = "peak", of = ["master_control.tau", "slave_control.tau"] }}
+"""
+
+_DEPLOYMENT = """\
+# The rehearsal of {name}.toml: four processes on a CAN FD bus.
+#
+#   master --STATE_1: q, dq--> master_control --LINK_2: tau, xi--> master, slave_control
+#   slave  --STATE_3: q, dq--> slave_control  --LINK_4: tau, xi--> slave, master_control
+#
+# The bus is simulated. On SocketCAN, also a virtual one: interface = "socketcan" and
+# channel = "vcan0".
+# Motors with their own protocol (Damiao, ODrive, CiA 402): docs/your-own-arm.md, section 3.
+
+title = "Two arms of {file} on a CAN FD bus"
+sync = "master"
+
+[buses.bench]
+interface = "cosim"
+channel = "bench"
+bitrate = 1_000_000
+data_bitrate = 5_000_000
+fd = true
+dbc = "../can/{name}.dbc"
+{nodes}
+[messages.STATE_1]
+bus = "bench"
+carries = ["master.q", "master.dq"]
+period = "4 ms"
+
+[messages.LINK_2]
+bus = "bench"
+carries = ["master_control.tau", "master_control.xi"]
+
+[messages.STATE_3]
+bus = "bench"
+carries = ["slave.q", "slave.dq"]
+period = "4 ms"
+
+[messages.LINK_4]
+bus = "bench"
+carries = ["slave_control.tau", "slave_control.xi"]
+
+[set]
+"components.master_control.parameters.tau_max" = {tau_max}
+"components.slave_control.parameters.tau_max" = {tau_max}
+"components.master_control.parameters.age_max" = "40 ms"
+"components.slave_control.parameters.age_max" = "40 ms"
+"components.master_control.parameters.age_fade" = "0.1 s"
+"components.slave_control.parameters.age_fade" = "0.1 s"
+"""
+
+_NODES = """
+[nodes.{side}]          # an emulated drive with the arm behind it
+components = ["{side}"]
+number = {drive}
+drive = {{ tau_max = {tau_max}, watchdog = "200 ms" }}
+
+[nodes.{side}_control]
+components = ["{side}_control"]
+number = {control}
+phase = "0.5 ms"        # the frame with the encoders of this period is there
+requires = ["{side}"]
+guard = {{ tau_max = {tau_max}, dq_max = {dq_max}, q_jump = "0.5 rad" }}
+[nodes.{side}_control.stale]
+"{side}_control.q" = {{ stop = "200 ms" }}
+"{side}_control.xi_in" = {{ age = "age[0]" }}
+"""
+
+_TEST = """\
+from pathlib import Path
+
+import numpy as np
+
+from cosim.engine.simulate import simulate
+from cosim.loading.files import load
+from cosim.record import Run
+
+
+def test_the_arms_come_together(tmp_path):
+    scenario = load(Path(__file__).with_name("{name}.toml"))
+    run = Run.open(simulate(scenario, tmp_path / "run").folder)
+    apart = run.array("slave.q") - run.array("master.q")  # (rows, {n}), rad or m
+    assert np.abs(apart[-1]).max() < 0.02
+"""
+
+
+def write_arm(
+    name: str, urdf: Path, folder: Path, base: str = "", tip: str = ""
+) -> tuple[list[Path], str]:
+    """Write a scenario, a deployment with a DBC file and a test of an arm from `base` to `tip`.
+
+    "": the root of the file, and its only end. Returns the paths, and why there is no deployment,
+    or "". Raises ScenarioError for a file that is no arm, ends that are not unique, and if one of
+    the files exists.
+    """
+    check_name(name, "a test", "my_arm")
+    found = read(urdf)
+    base = base or next(link for link in found.links if found.joint_above(link) is None)
+    tip = tip or _only_end(found, base)
+    robot = serial(urdf, base, tip)
+    words = _words(robot, name, folder, base, tip)
+    contents = {f"{name}.toml": _SCENARIO, f"test_{name}.py": _TEST}
+    files = {path: text.format(**words) for path, text in contents.items()}
+    missing = _without_bus(robot)
+    if not missing:
+        sides = (("master", 1, 2), ("slave", 3, 4))
+        nodes = (_NODES.format(side=s, drive=d, control=c, **words) for s, d, c in sides)
+        files[f"deploy/{name}.toml"] = _DEPLOYMENT.format(nodes="".join(nodes), **words)
+        files[f"can/{name}.dbc"] = dbc(robot.table.joints, 4)
+    return write_files(folder, files), missing
+
+
+def _only_end(found: Urdf, base: str) -> str:
+    """The link in which the only branch with moving joints ends; Raises ScenarioError."""
+    ends = sorted(name for name in found.links if not list(found.joints_on(name)))
+    if len(ends) != 1:
+        raise ScenarioError(
+            f"the arm may end in {', '.join(ends)}; expected --tip with one of them, or a link "
+            f"between them and {base}",
+            str(found.path),
+        )
+    return ends[0]
+
+
+def _words(robot: Robot, name: str, folder: Path, base: str, tip: str) -> dict[str, object]:
+    """What the templates need, as TOML."""
+    low = np.where(np.isfinite(robot.lower), robot.lower, -REACH)
+    high = np.where(np.isfinite(robot.upper), robot.upper, REACH)
+    effort = np.where(np.isfinite(robot.effort), robot.effort, TORQUE)
+    armature = ROTOR * effort
+    gain = _damping(robot, armature)
+    start = low + 0.45 * (high - low)
+    file = os.path.relpath(robot.path, folder)
+    return {
+        "name": name,
+        "file": robot.path.name,
+        "n": robot.table.joints,
+        "options": f'{{ urdf = "{file}", base = "{base}", tip = "{tip}" }}',
+        "K": _list(gain),
+        "k_p": _list(5 * gain),
+        "q": _list(start),
+        "q_h": _list(start + np.minimum(0.3, 0.1 * (high - low))),
+        "armature": _list(armature),
+        "tau_max": _list(effort),
+        "dq_max": _list(np.where(np.isfinite(robot.velocity), robot.velocity, SPEED)),
+    }
+
+
+def _damping(robot: Robot, armature: Array) -> Array:
+    """K (n,): shares of the least effective inertias, so that K T / M is SHARE at the most."""
+    inverses = [
+        np.linalg.inv(chain.mass_matrix(robot.table, q) + np.diag(armature))
+        for q in sampled_positions(robot)
+    ]
+    least = 1 / np.max([np.diag(inverse) for inverse in inverses], axis=0)
+    root = np.sqrt(least)
+    most = max(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1] for inverse in inverses)
+    return np.asarray(SHARE * least / (most * PERIOD))
+
+
+def _list(values: Array) -> str:
+    return f"[{', '.join(_number(v) for v in values)}]"
+
+
+def _number(value: float) -> str:
+    return repr(float(f"{value:.3g}"))
+
+
+def _without_bus(robot: Robot) -> str:
+    """Why the messages of the DBC file do not fit the arm, or ""."""
+    sliding: Iterable[str] = (
+        joint for joint, kind in zip(robot.names, robot.table.joint_type, strict=True) if kind
+    )
+    if prismatic := ", ".join(sliding):
+        return f"its messages have angles; prismatic: {prismatic}"
+    joints = robot.table.joints
+    return f"a frame has room for {MOST_JOINTS} of {joints} joints" if joints > MOST_JOINTS else ""

@@ -1,0 +1,43 @@
+"""Writing the files of a template: all of them, or none where one exists."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from bridge.can.link_dbc import common, fd, text
+from cosim.base.errors import ScenarioError
+
+
+def write_files(folder: Path, contents: Mapping[str, str]) -> list[Path]:
+    """Write texts by their path in `folder`; return the paths written.
+
+    Raises ScenarioError if one of the files exists, or cannot be written.
+    """
+    paths = {folder / name: text for name, text in contents.items()}
+    for path in paths:
+        if path.exists():
+            raise ScenarioError("exists already; choose another name or --dir", str(path))
+    try:
+        for path, content in paths.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content, encoding="utf-8")
+    except OSError as error:
+        raise ScenarioError(f"cannot be written: {error.strerror}", str(folder)) from None
+    return list(paths)
+
+
+def check_name(name: str, what: str, example: str) -> None:
+    """Raise ScenarioError for a name that is no Python identifier; `what` has this name."""
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or keyword.iskeyword(name):
+        raise ScenarioError(f"{name!r} is not a valid name of {what}; expected e.g. {example}")
+
+
+def dbc(joints: int, nodes: int) -> str:
+    """A DBC file for CAN FD: services, and LINK and STATE of so many joints for nodes 1, 2, ..."""
+    numbers = range(1, nodes + 1)
+    messages = common(numbers) + fd(joints, numbers)
+    comment = f"CAN FD, {nodes} nodes, arms of {joints} joints."
+    return text(messages, "CAN FD", comment, numbers, "cosim new")

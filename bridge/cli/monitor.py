@@ -49,6 +49,15 @@ def monitor(
             metavar="HOST:PORT", help="Send JSON by UDP to this address, such as 127.0.0.1:9870."
         ),
     ] = None,
+    web: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT",
+            min=0,
+            max=65535,
+            help="Serve a page for a browser of this machine at this port; 0: any free one.",
+        ),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw positions, torques, ages, lateness.")
     ] = None,
@@ -99,7 +108,7 @@ def monitor(
 
     if listen:
         _reject_file_options({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
-                 "--plot": plot, "a run folder": run})  # fmt: skip
+                 "--plot": plot, "--web": web, "a run folder": run})  # fmt: skip
         buses = (interface, channel or [], bitrate, data_bitrate, fd)
         system = _system(scenario, deploy, buses, set_ or [])
         _listen(system, once, connect or [], as_, bus or [])
@@ -111,7 +120,12 @@ def monitor(
         watched = stack.enter_context(LiveRun.open(folder, scenario, deploy))
         feed = _feed(stack, watched, mcap, foxglove, plotjuggler, force)
         try:
-            _look(watched, feed, once)
+            if web is None:
+                _look(watched, feed, once)
+            else:
+                from bridge.monitor.web import serve
+
+                serve(watched, web, lambda address: typer.echo(f"page             {address}"))
         except KeyboardInterrupt:
             typer.echo(
                 "monitor closed; the run continues" if watched.running else "monitor closed",

@@ -23,10 +23,11 @@ def draw(watched: LiveRun, path: Path, span: float | None = None) -> Path:
         raise ScenarioError("no node has completed a slot", str(watched.folder))
     title = watched.system.scenario.title
     held = JournalSignals(watched.system, rows, span, gaps=True)
-    return figures.draw(Figure(tuple(_panels(watched)), title), held, path)
+    return figures.draw(Figure(tuple(panels(watched)), title), held, path)
 
 
-def _panels(watched: LiveRun) -> Iterator[Panel]:
+def panels(watched: LiveRun) -> Iterator[Panel]:
+    """Positions, torques, ages of inputs and lateness of nodes: a panel of each that there is."""
     system = watched.system
     angles = [s for s in _outputs(watched, "continuous") if s.unit in ("rad", "m")]
     torques = [s for s in _outputs(watched, "discrete") if s.unit in ("N.m", "N")]

@@ -24,7 +24,7 @@ from bridge.records.lives import Life, files, lives_of
 from bridge.records.records import Statement
 from bridge.rehearsal.supervisor import STARTED
 from cosim.base.errors import ScenarioError
-from cosim.record.folder import METADATA, NODES, read_metadata
+from cosim.record.folder import METADATA, NODES, RUNNING, read_metadata
 
 Rows = NDArray[np.void]
 
@@ -90,11 +90,11 @@ def journals(folder: Path) -> dict[Life, Path]:
 def is_live(folder: Path) -> bool:
     """Whether a run's supervisor is running and has not finished the folder."""
     started = folder / STARTED
-    if not started.is_file() or (folder / METADATA).is_file():
-        return False
     try:
+        if not started.is_file() or read_metadata(folder).get("status", RUNNING) != RUNNING:
+            return False
         return alive(int(json.loads(started.read_text(encoding="utf-8"))["pid"]))
-    except (ValueError, KeyError):
+    except (OSError, ValueError, KeyError):
         return False
 
 

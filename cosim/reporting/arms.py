@@ -27,7 +27,7 @@ def drawn_arms(run: Run) -> Iterator[DrawnArm]:
     folder = Path(scenario.get("path", ".")).parent
     for name, spec in scenario.get("components", {}).items():
         options = spec.get("options") or {}
-        drawing = _drawing(str(spec.get("model", "")), options, folder)
+        drawing = drawing_of(str(spec.get("model", "")), options, folder)
         if drawing is not None and recorded(run, f"{name}.{drawing.position}", drawing.joints):
             yield DrawnArm(name, drawing, options, folder)
 
@@ -40,7 +40,7 @@ def recorded(run: Run, signal: str, joints: int) -> bool:
         return False
 
 
-def _drawing(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
+def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
     """What a model's module says of its shape; None: it has none, or cannot say."""
     if not model.replace(".", "").isidentifier() or model.endswith(".fmu"):
         return None

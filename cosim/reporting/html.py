@@ -25,9 +25,10 @@ from cosim.reporting.thinning import thin
 
 Array = NDArray[np.float64]
 #: The words of a verdict, everywhere the same; "finished": nothing was to be judged.
-Word = Literal["passed", "failed", "inconclusive", "error", "finished"]
+Word = Literal["passed", "failed", "inconclusive", "error", "finished", "running"]
 _MARKS: Mapping[str, str] = {
     "passed": "✓", "failed": "✗", "inconclusive": "?", "error": "✗", "finished": "●",
+    "running": "▶",
 }  # fmt: skip
 #: Scripts and styles of the page itself are all that it may use.
 _POLICY = (
@@ -88,7 +89,11 @@ class TimedEvent:
 
 @dataclass(slots=True)
 class PageData:
-    """What the page draws: signals until `end` (s), diagrams, events, arms."""
+    """What the page draws: signals until `end` (s), diagrams, events, arms.
+
+    `live`: the address, below that of the page, from which values of the signals come while it is
+    open; the joints of its arms are names of signals.
+    """
 
     end: float
     frame: float = 0.05
@@ -97,6 +102,7 @@ class PageData:
     events: list[TimedEvent] = field(default_factory=list)
     arms: list[dict[str, Any]] = field(default_factory=list)
     start: float = 0.0
+    live: str = ""
 
     def add(self, name: str, unit: str, values: Array, dt: float, most: int) -> None:
         """Add a signal (n,) with a value every `dt` s: at most `most` of them, every extreme."""
@@ -116,7 +122,7 @@ class PageData:
         document = {
             "end": self.end, "start": self.start, "frame": self.frame, "signals": self.signals,
             "panels": [p.data() for p in self.panels], "events": [e.data() for e in self.events],
-            "arms": self.arms,
+            "arms": self.arms, "live": self.live,
         }  # fmt: skip
         return embedded(document)
 
@@ -234,8 +240,7 @@ def histogram(title: str, unit: str, values: Array, marks: Mapping[str, float]) 
 # ---- the page ---------------------------------------------------------------------------------
 
 
-def write_page(
-    path: Path,
+def page_text(
     title: str,
     subtitle: str,
     verdict: Badge,
@@ -243,11 +248,11 @@ def write_page(
     data: PageData,
     rest: str,
     points: str = "",
-) -> Path:
-    """Write a report: `summary` and `rest` are HTML above and below the diagrams.
+) -> str:
+    """The text of a page: `summary` and `rest` are HTML above and below the diagrams.
 
     `points`: the runs of a study as JSON, for the elements of :mod:`cosim.reporting.points`. Raises
-    RunError if the file cannot be written, CosimError where uPlot is not installed.
+    CosimError where uPlot is not installed.
     """
     moving = bool(data.arms)
     label = "Arms over time; drag to turn" if moving else ""
@@ -270,12 +275,30 @@ def write_page(
             f"<script>{_own('points.js')}</script>"
         )
     style = (_library("uPlot.min.css") if data.signals else "") + _own("report.css")
-    page = f"""<!doctype html>
+    policy = _POLICY + ("; connect-src 'self'" if data.live else "")
+    return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
-<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{style}</style></head>
 <body>{body}{script}</body></html>
 """
+
+
+def write_page(
+    path: Path,
+    title: str,
+    subtitle: str,
+    verdict: Badge,
+    summary: str,
+    data: PageData,
+    rest: str,
+    points: str = "",
+) -> Path:
+    """Write a report: :func:`page_text` as a file.
+
+    Raises RunError if it cannot be written, CosimError where uPlot is not installed.
+    """
+    page = page_text(title, subtitle, verdict, summary, data, rest, points)
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:

@@ -11,6 +11,7 @@
   function signal(name) {
     if (!decoded.has(name)) {
       const s = data.signals[name];
+      if (data.live) { decoded.set(name, { t: [], y: [] }); return decoded.get(name); }
       const times = s.t ? new Float32Array(bytes(s.t)) : Array.from(new Uint32Array(bytes(s.i)), (i) => i * s.dt);
       const values = new Float32Array(bytes(s.y));
       decoded.set(name, {
@@ -76,7 +77,7 @@
       cursor: { y: false, sync: { key: "time", setSeries: false }, drag: { x: true, y: false } },
       axes: [{ ...axis, size: 34 }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
         values: (u, ticks) => ticks.map(short) }],
-      series: [{ label: "t", value: (u, v) => (v === null ? "–" : `${v.toFixed(3)} s`) },
+      series: [{ label: "t", value: (u, v) => (v === null || v === undefined ? "–" : `${v.toFixed(3)} s`) },
         ...panel.series.map((s, i) => ({ label: s.label, stroke: () => css(`--s${(s.colour ?? i) % 7}`), width: 1.6,
           dash: DASHES[s.dash ?? Math.floor(panel.series.length > 7 ? i / 7 : i % 4)], spanGaps: true, points: { show: false },
           value: (u, v, series, i) => short(v ?? before(u.data[series], i)) }))],
@@ -94,6 +95,7 @@
       },
     };
     const plot = new uPlot(options, joined, place);
+    plot.panel = panel;
     plots.push(plot);
     return plot;
   }
@@ -132,8 +134,8 @@
 
   // ---- arms -----------------------------------------------------------------------------------
 
-  const frames = data.arms.map((arm) => ({ ...arm, q: arm.q.map((b) => new Float32Array(bytes(b))),
-    torque: (arm.torque || []).map((b) => new Float32Array(bytes(b))) }));
+  const track = (b) => (data.live ? signal(b) : new Float32Array(bytes(b)));
+  const frames = data.arms.map((arm) => ({ ...arm, q: arm.q.map(track), torque: (arm.torque || []).map(track) }));
   let yaw = -0.6, pitch = 0.45;
   const flat = frames.every((arm) => arm.planar);
   const times = (R, v) => [0, 1, 2].map((r) => R[3 * r] * v[0] + R[3 * r + 1] * v[1] + R[3 * r + 2] * v[2]);
@@ -141,6 +143,7 @@
     return A[r] * B[c] + A[r + 1] * B[c + 3] + A[r + 2] * B[c + 6]; });
   const add = (a, b) => a.map((x, i) => x + b[i]);
   function at(values, t) {
+    if (data.live) return values.y[values.t.findLastIndex((x) => x <= t)] ?? values.y[values.y.length - 1] ?? 0;
     const k = Math.min(Math.max(t / data.frame, 0), values.length - 1), i = Math.floor(k);
     const next = values[Math.min(i + 1, values.length - 1)];
     return values[i] + (k - i) * (next - values[i]);
@@ -178,16 +181,17 @@
   const middles = frames.map((arm) => {
     const all = [];
     for (let k = 0; k <= 40; k++) all.push(...points(arm, arm.q.map((values) => at(values, (k * data.end) / 40))));
-    return flat ? [0, 0, 0] : [0, 1, 2].map((i) => (Math.min(...all.map((p) => p[i])) + Math.max(...all.map((p) => p[i]))) / 2);
+    return flat || data.live ? [0, 0, 0] : [0, 1, 2].map((i) => (Math.min(...all.map((p) => p[i])) + Math.max(...all.map((p) => p[i]))) / 2);
   });
   const radius = Math.max(0.05, ...frames.map((arm, k) => {
+    if (data.live) return arm.reach;
     let most = 0;
     for (let i = 0; i <= 40; i++) for (const p of points(arm, arm.q.map((values) => at(values, (i * data.end) / 40))))
       most = Math.max(most, Math.hypot(...p.map((x, j) => x - middles[k][j])));
     return most;
   }));
   if (scene) {
-    for (const arm of frames) for (const tau of arm.torque) for (const v of tau) strongest = Math.max(strongest, Math.abs(v));
+    for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
     if (!flat) {
       let held = null;
       scene.addEventListener("pointerdown", (e) => { held = [e.clientX, e.clientY]; scene.setPointerCapture(e.pointerId); });
@@ -242,7 +246,7 @@
   function show(t, source) {
     if (moving) return;
     moving = true;
-    time = Math.min(Math.max(t, 0), data.end);
+    time = Math.min(Math.max(t, 0), data.end || t);
     slider.value = String(time);
     output.textContent = `${time.toFixed(3)} s`;
     slider.setAttribute("aria-valuetext", output.textContent);
@@ -254,13 +258,19 @@
   slider.addEventListener("input", () => { stop(); show(Number(slider.value)); });
   slider.addEventListener("change", remember);
   let running = 0, last = 0;
-  function stop() { cancelAnimationFrame(running); running = 0; play.textContent = "▶ Play"; }
+  function stop() {
+    if (data.live) { follow(false); return; }
+    cancelAnimationFrame(running);
+    running = 0;
+    play.textContent = "▶ Play";
+  }
   function advance(now) {
     show(time + ((now - last) / 1000) * Number(speed.value));
     last = now;
     if (time >= data.end) { stop(); remember(); } else running = requestAnimationFrame(advance);
   }
   play.addEventListener("click", () => {
+    if (data.live) { follow(!following); return; }
     if (running) { stop(); remember(); return; }
     if (time >= data.end) show(0);
     play.textContent = "❚❚ Pause";
@@ -320,6 +330,56 @@
   }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const u of plots) u.redraw(false, true); arms(time); });
   for (const panel of data.panels) figure(panel, find(panel.place || "panels"));
+  // ---- values that come while a run goes on --------------------------------------------------------
+
+  const WINDOW = 30; // s
+  let following = Boolean(data.live);
+  function follow(on) {
+    following = on;
+    play.textContent = on ? "❚❚ Pause" : "▶ Follow";
+  }
+  function take(news) {
+    for (const [name, y] of Object.entries(news.signals)) {
+      const s = signal(name), known = s.t[s.t.length - 1] ?? -Infinity;
+      const first = news.t.findIndex((t) => t > known);
+      if (first < 0) continue;
+      s.t.push(...news.t.slice(first));
+      s.y.push(...y.slice(first));
+      const old = s.t.findIndex((t) => t > news.now - WINDOW - 5);
+      if (old > 0) { s.t.splice(0, old); s.y.splice(0, old); }
+    }
+    const place = find("status");
+    place.replaceChildren(make("p", {}, news.head), ...news.tables.map(({ title, head, rows, marked }) => {
+      const lines = rows.map((row, i) => make("tr", marked.includes(i) ? { class: "marked" } : {}, ...row.map((c) => make("td", {}, c))));
+      return make("div", { class: "scroll" }, make("h3", {}, title), make("table", {}, make("tr", {}, ...head.map((c) => make("th", {}, c))), ...lines));
+    }));
+    if (following) move(news.now);
+    if (news.ended) report(60);
+  }
+  function move(now) {
+    zooming = true; // each diagram gets its limits here
+    for (const u of plots) {
+      u.setData([signal(u.panel.series[0].name).t, ...u.panel.series.map((s) => signal(s.name).y)], false);
+      u.setScale("x", { min: Math.max(0, now - WINDOW), max: Math.max(now, 1) });
+    }
+    zooming = false;
+    show(now);
+  }
+  /** The report of the run, as soon as it is written. */
+  async function report(left) {
+    source.close();
+    const answer = await fetch("report");
+    if (answer.status === 200) location.assign("report");
+    else if (left > 0) setTimeout(() => report(left - 1), 1000);
+  }
+  const source = data.live ? new EventSource(data.live) : null;
+  if (source) {
+    follow(true);
+    speed.hidden = true;
+    find("whole").hidden = true;
+    source.onmessage = (event) => take(JSON.parse(event.data));
+  }
+
   const wanted = /^#t=([\d.]+)$/.exec(location.hash);
   slider.max = String(data.end);
   slider.step = String(data.end / 2000);

@@ -283,7 +283,9 @@ def test_the_newest_run_that_goes_on_is_found(made, tmp_path):
         (runs / name / "rehearsal.json").write_text(facts.replace('"pid": 0', f'"pid": {pid}'))
     (runs / "empty").mkdir()
     assert find_run(runs).name == "old"
-    (runs / "old" / "run.json").write_text("{}")
+    (runs / "old" / "run.json").write_text('{"status": "running"}')  # as from its start on
+    assert find_run(runs).name == "old"
+    (runs / "old" / "run.json").write_text('{"status": "finished"}')
     os.utime(runs / "new")
     assert find_run(runs).name == "new"
     assert read_facts(runs / "new").settings == ("run.stop=2",)

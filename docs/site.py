@@ -1,0 +1,246 @@
+"""Build the documentation site: ``python docs/site.py FOLDER`` in the checkout.
+
+The pages are those of docs/, as they are. What can be generated is: every command from its help,
+every key of every file from the structs that read it, the Python API, and a gallery of reports,
+which are made by the commands that it shows. Sphinx treats warnings as errors. Needs
+``pip install -e '.[site]'``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+COSIM = str(Path(sys.executable).with_name("cosim"))
+
+#: The pages by what a reader wants; every page of docs/ stands in one of them.
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "Begin": ("tutorial", "running", "python", "own-component", "your-own-arm"),
+    "Simulate": ("arm", "mujoco", "fmi", "ssp", "sweep", "fit", "analysis", "benchmark"),
+    "Rehearse": ("rehearsal", "can", "vcan", "bus", "ls-bus", "hardware", "monitor", "faults"),
+    "Networks": ("network", "ping"),
+    "Studies": ("bus-load", "bus-cases", "openarm-reports"),
+    "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
+    "Reference": ("commands", "keys", "api", "models", "benchmarks", "golden"),
+    "中文": ("zh/index", "zh/tutorial"),
+}
+#: Pages that are made here, and pages of the checkout outside docs/.
+GENERATED = ("commands", "keys", "api")
+OUTSIDE = {"benchmarks": "benchmarks/README.md", "golden": "tests/golden/README.md"}
+
+#: Modules with the structs that files are read into, by kind of file.
+FILES: Mapping[str, tuple[str, ...]] = {
+    "Scenario": ("cosim.scenario.spec", "cosim.scenario.bus_spec", "cosim.links.spec"),
+    "Study": ("cosim.sweeps.spec",),
+    "Deployment": (
+        "bridge.deployment.spec", "bridge.deployment.motors", "bridge.deployment.signal_spec",
+        "bridge.safety.limits", "bridge.drives.model",
+    ),
+    "Faults, campaigns, soak tests": (
+        "bridge.faults.spec", "bridge.campaign.spec", "bridge.campaign.plan",
+        "bridge.campaign.soak_spec",
+    ),
+}  # fmt: skip
+
+#: Reports of the gallery: name, title, and the command that makes it into the folder {out}.
+GALLERY = (
+    ("run", "A run: teleoperation over delays of 0.3 to 1.2 s",
+     "run configs/teleoperation.toml --out {out}"),
+    ("openarm", "Two arms of seven joints", "run configs/openarm.toml --out {out}"),
+    ("rehearsal", "A rehearsal with a process that stands still",
+     "rehearse configs/teleoperation.toml --deploy can -i cosim --clock simulated "
+     "--set run.stop=8 --out {out}"),
+    ("comparison", "Controllers side by side",
+     "compare configs/teleoperation.toml --controllers paper,pd,p+d,nuno --operators light,tight "
+     "--out {out}"),
+    ("sweep", "A map of 1000 runs", "sweep configs/studies/lambda_M_K.toml --out {out}"),
+    ("reproduction", "The paper, claim by claim", "reproduce --out {out}"),
+)  # fmt: skip
+
+CONF = """
+project = "cosim-bridge"
+author = "the maintainers"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+myst_heading_anchors = 4
+myst_enable_extensions = ["colon_fence"]
+suppress_warnings = ["myst.header", "misc.highlighting_failure"]
+html_theme = "furo"
+html_title = "cosim-bridge"
+html_extra_path = ["extra"]
+copybutton_prompt_text = "$ "
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+"""
+
+
+def main() -> None:
+    """Build the site into the folder that is named."""
+    if len(sys.argv) != 2:
+        sys.exit("expected one folder: python docs/site.py FOLDER")
+    out = Path(sys.argv[1])
+    with TemporaryDirectory() as scratch:
+        source = Path(scratch) / "source"
+        write_sources(source)
+        write_gallery(source / "extra" / "gallery")
+        sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+        subprocess.run([*sphinx, str(source), str(out)], check=True, cwd=ROOT)
+    print(f"site: {out / 'index.html'}")
+
+
+def write_sources(source: Path) -> None:
+    """Write everything that Sphinx reads into `source`; a page in no group ends the program."""
+    source.mkdir(parents=True)
+    pages = {str(p.relative_to(DOCS).with_suffix("")): p for p in DOCS.rglob("*.md")}
+    pages |= {name: ROOT / path for name, path in OUTSIDE.items()}
+    grouped = list(chain.from_iterable(GROUPS.values()))
+    if wrong := set(pages) - {"index"} ^ (set(grouped) - set(GENERATED)):
+        sys.exit(f"docs/site.py: GROUPS and docs/ differ in {', '.join(sorted(wrong))}")
+    for name, path in pages.items():
+        place = source / f"{name}.md"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(_linked(path.read_text(encoding="utf-8")), encoding="utf-8")
+    for picture in DOCS.glob("*.png"):
+        shutil.copy(picture, source)
+    generated = {"commands": commands(), "keys": keys(), "api": api()}
+    for name, text in generated.items():
+        (source / f"{name}.md").write_text(text, encoding="utf-8")
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    (source / "index.md").write_text(f"{index}\n{_gallery_list()}\n{_trees()}", encoding="utf-8")
+    (source / "conf.py").write_text(CONF, encoding="utf-8")
+
+
+def _linked(text: str) -> str:
+    """A page with links to other pages of the site instead of to files of the checkout."""
+    for name, path in OUTSIDE.items():
+        text = text.replace(f"](../{path}", f"]({name}.md")
+    text = re.sub(r"\]\(\.\./README\.md(#[^)]*)?\)", "](index.md)", text)
+    return re.sub(r"\[([^\]]+)\]\(\.\./(?!zh/)[^)]*\)", r"\1", text)
+
+
+def _trees() -> str:
+    return "\n".join(
+        f"```{{toctree}}\n:hidden:\n:caption: {title}\n\n" + "\n".join(names) + "\n```\n"
+        for title, names in GROUPS.items()
+    )
+
+
+# ---- generated pages ----------------------------------------------------------------------------
+
+
+def commands() -> str:
+    """Every command with its help."""
+    from cosim.cli.overview import GROUPS as KINDS
+
+    parts = ["# Commands\n"]
+    for title, found in KINDS.items():
+        parts.append(f"## {title}\n")
+        for name in found:
+            help_ = subprocess.run(
+                [COSIM, name, "--help"], capture_output=True, text=True, check=True, cwd=ROOT,
+                env={"COLUMNS": "100", "PATH": "", "NO_COLOR": "1", "TERM": "dumb"},
+            )  # fmt: skip
+            parts.append(f"### cosim {name}\n\n```text\n{help_.stdout.rstrip()}\n```\n")
+    return "\n".join(parts)
+
+
+def keys() -> str:
+    """Every key of every file, from the structs; what they mean is on the pages of the files."""
+    parts = [
+        "# Keys\n\nThe tables of each file with their keys: type, and default where there is one. "
+        'Values with a unit may be written as text, such as `"5 ms"`.\n'
+    ]
+    for title, modules in FILES.items():
+        parts.append(f"## {title}\n")
+        for module in modules:
+            for struct in _structs(module):
+                parts.append(f"### {struct.__name__}\n\n{_first(struct)}\n\n{_table(struct)}\n")
+    return "\n".join(parts)
+
+
+def _structs(module: str) -> Iterator[type[msgspec.Struct]]:
+    """Structs whose fields are keys, in the order of the file."""
+    found = vars(import_module(module)).values()
+    mine = [
+        x for x in found
+        if inspect.isclass(x) and issubclass(x, msgspec.Struct) and x.__module__ == module
+        and x.__struct_fields__
+    ]  # fmt: skip
+    yield from sorted(mine, key=lambda x: inspect.getsourcelines(x)[1])
+
+
+def _first(struct: type) -> str:
+    """The documentation of a struct, as text of a page."""
+    text = inspect.getdoc(struct) or ""
+    return re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text).replace("``", "`").replace("<", "&lt;")
+
+
+def _table(struct: type[msgspec.Struct]) -> str:
+    """The keys of a struct, also those that it inherits."""
+    bases = [x for x in reversed(struct.__mro__) if issubclass(x, msgspec.Struct)]
+    types = {name: str(kind) for base in bases for name, kind in base.__annotations__.items()}
+    rows = ["| key | type | default |", "|---|---|---|"]
+    for field in msgspec.structs.fields(struct):
+        kind = types.get(field.name, "").replace("|", "\\|")
+        rows.append(f"| `{field.encode_name}` | `{kind}` | {_default(field)} |")
+    return "\n".join(rows) + "\n"
+
+
+def _default(field: msgspec.structs.FieldInfo) -> str:
+    if field.required:
+        return "needed"
+    if field.default is msgspec.NODEFAULT:
+        return "empty"
+    return f"`{field.default!r}`" if field.default not in (None, "", ()) else ""
+
+
+def api() -> str:
+    """The names that ``import cosim`` offers."""
+    stub = (ROOT / "cosim" / "__init__.pyi").read_text(encoding="utf-8")
+    parts = ["# Python API\n\nExamples: [python.md](python.md).\n\n```{eval-rst}"]
+    for module, name in re.findall(r"from (\S+) import \S+ as (\S+)", stub):
+        found = getattr(import_module(module), name)
+        kind = "autoclass" if inspect.isclass(found) else "autofunction"
+        parts.append(
+            f".. {kind}:: cosim.{name}" + ("\n   :members:\n" if kind == "autoclass" else "\n")
+        )
+    return "\n".join([*parts, "```\n"])
+
+
+# ---- gallery ------------------------------------------------------------------------------------
+
+
+def _gallery_list() -> str:
+    """The reports of the gallery with the commands that make them."""
+    lines = ["## Reports\n\nMade by these commands; each is one file.\n"]
+    for name, title, command in GALLERY:
+        text = command.replace(" --out {out}", "")
+        lines.append(f"* <a href='gallery/{name}.html'>{title}</a>: `cosim {text}`")
+    return "\n".join(lines) + "\n"
+
+
+def write_gallery(folder: Path) -> None:
+    """Run the commands of the gallery, and keep their reports. Raises CalledProcessError."""
+    folder.mkdir(parents=True)
+    with TemporaryDirectory() as scratch:
+        for name, _, command in GALLERY:
+            out = Path(scratch) / name
+            call = shlex.split(command.format(out=out))
+            subprocess.run([COSIM, *call], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+            shutil.copy(out / "report.html", folder / f"{name}.html")
+
+
+if __name__ == "__main__":
+    main()

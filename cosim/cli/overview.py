@@ -51,6 +51,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "cosim.cli.analyze",
             "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
         ),
+        "linearize": (
+            "cosim.cli.linearize",
+            "Linearize a scenario at a time of its run: A, B, C, D and the poles.",
+        ),
         "compare": (
             "cosim.cli.compare",
             "Compare controllers: run each with every operator and link law, and print one table.",

@@ -1,0 +1,5 @@
+"""Linear models of a scenario at an operating point: A, B, C, D with units and names.
+
+Input: a scenario and a time. Output: matrices of one component, or of the whole sampled loop with
+its rates and delays, over one period of the loop.
+"""

@@ -1,0 +1,210 @@
+"""The derivatives of one step of a component, by central differences over its start values.
+
+The states are the outputs and local variables of a component whose start values can be set. The
+component is started again where the run has it, with one state or input changed, and makes one
+step. A state whose start value is the output of the first step itself is seen after the second.
+Derivatives are extrapolated from two differences, with the step given and half of it, so that their
+error is of order four; how much the two differ tells where a component is not smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.errors import CosimError, RunError
+from cosim.fmi.components import begin_at, fmu_of
+from cosim.fmi.failures import sentence
+from cosim.schedule.parts import Slot, Step
+
+Matrix = NDArray[np.float64]
+#: Relative difference at which a step made again is taken for the one of the run.
+AGAIN = 1e-9
+#: Steps after which a component that was started again is compared with one that goes on.
+AHEAD = 3
+
+
+@dataclass(frozen=True, slots=True)
+class StepDerivatives:
+    """x+ = `A` x + `B` u and y = `C` x + `D` u of one step; y are all outputs after the step.
+
+    Shapes (n, n), (n, m), (p, n), (p, m), in the units of the states (`states`, n scalars in all),
+    inputs and outputs of the component. `x0`, (n,), is where it is; `error` how much the
+    derivatives changed with the size of the differences, relative to the greatest of them.
+    """
+
+    name: str
+    states: tuple[Slot, ...]
+    x0: Matrix
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+    error: float
+
+
+def state_slots(step: Step) -> tuple[Slot, ...]:
+    """Slots of the outputs and locals whose start values can be set: the states."""
+    fmu, given = fmu_of(step.component), {p.name: p for p in step.component.parameters}
+
+    def is_state(slot: Slot) -> bool:
+        real = slot.port in given and given[slot.port].type == "real"
+        if fmu is None or not real:
+            return real
+        return fmu.groups[slot.port].first.causality in ("output", "local")
+
+    return tuple(slot for slot in step.outputs if is_state(slot))
+
+
+def step_derivatives(
+    step: Step, seen: Sequence[Matrix], t: float, h: float, size: float
+) -> StepDerivatives:
+    """The derivatives of the step from `t` of length `h` (s).
+
+    `seen`: signals (n_signals,) before the tick of the step, once its inputs
+    are there, and after the step. `size`: the change of a state or an input, in its
+    unit, for values up to 1, and relative above. Raises RunError for a component that does not go
+    on as before when it is started with these values, or that cannot be stepped here.
+    """
+    try:
+        started = _Started(step, seen, t, h)
+        found = started.derivatives(size)
+        started.check_goes_on(size)
+    except CosimError as error:
+        raise RunError(
+            f"{step.name}: cannot be linearized at t = {t:.6g} s: {sentence(error, step.name)}",
+            component=step.name,
+        ) from error
+    finally:
+        if (fmu := fmu_of(step.component)) is not None:
+            fmu.close()
+    return found
+
+
+class _Started:
+    """A component that is started again and again near one state, and stepped."""
+
+    def __init__(self, step: Step, seen: Sequence[Matrix], t: float, h: float) -> None:
+        before, gathered, after = seen
+        self._step, self._t, self._h = step, t, h
+        self._states = state_slots(step)
+        self._parameters = {p.name: p for p in step.component.parameters}
+        self._u = _flat(gathered, step.inputs)
+        self._seen = _places(step.outputs, self._states)
+        self._x, self._after = self._where_it_is(before, after)
+        self._late = np.zeros(self._x.size, bool)  # states that the second step shows
+
+    def _where_it_is(self, before: Matrix, after: Matrix) -> tuple[Matrix, Matrix]:
+        """The states of the run, and the outputs after its step.
+
+        The start values of a sampled component are its outputs before the step, or those of the
+        step; the ones with which the step is that of the run.
+        """
+        candidates = [before, after] if self._step.kind == "sampled" else [before]
+        for signals in candidates:
+            x = _flat(signals, self._states)
+            y, _ = self._outputs(x, self._u)
+            if _same(y, _flat(after, self._step.outputs)):
+                return x, y
+        raise RunError(
+            "started with its values at this time it does not compute what it did in the run; "
+            "expected a component whose states are all outputs or locals with start values"
+        )
+
+    def _outputs(self, x: Matrix, *inputs: Matrix, late: int = 0) -> list[Matrix]:
+        """Outputs after a step from `x` with each of `inputs`, and after one more with the last.
+
+        `late`: steps by which it begins after the time of the others.
+        """
+        step, found = self._step, []
+        begin_at(step.component, self._t + late * self._h)
+        step.component.initialize(self._values(x))
+        step.component.initial(_shaped(inputs[0], step.inputs))
+        for k, u in enumerate((*inputs, inputs[-1]), late):
+            y = step.component.step(self._t + k * self._h, self._h, _shaped(u, step.inputs))
+            values = [np.array(y[s.port], float).reshape(-1) for s in step.outputs]
+            found.append(np.concatenate([np.zeros(0), *values]))
+        return found
+
+    def _values(self, x: Matrix) -> Mapping[str, Matrix]:
+        values = {
+            k: np.array(v, float).reshape(self._parameters[k].shape)
+            for k, v in self._step.values.items()
+        }
+        return values | _shaped(x, self._states)
+
+    def derivatives(self, size: float) -> StepDerivatives:
+        """Differences with `size` and half of it, extrapolated."""
+        n, p = self._x.size, self._after.size
+        nominal = np.concatenate([self._x, self._u])
+        scale = size * np.maximum(1.0, np.abs(nominal))
+        first = np.empty((2, p, nominal.size))
+        second = np.empty((2, p, nominal.size))
+        late = np.ones(n, bool)
+        for j, change in enumerate(scale):
+            for i, part in enumerate((1.0, 0.5)):
+                ends = []
+                for sign in (1.0, -1.0):
+                    z = nominal.copy()
+                    z[j] += sign * part * change
+                    y, later = self._outputs(z[:n], z[n:])
+                    late &= y[self._seen] == z[:n]
+                    ends.append((y, later))
+                first[i, :, j] = (ends[0][0] - ends[1][0]) / (2.0 * part * change)
+                second[i, :, j] = (ends[0][1] - ends[1][1]) / (2.0 * part * change)
+        self._late = late
+        states = np.where(late[:, None], second[:, self._seen], first[:, self._seen])
+        rows = np.concatenate([states, first], axis=1)
+        found = (4.0 * rows[1] - rows[0]) / 3.0
+        top = float(np.abs(found).max(initial=0.0))
+        error = float(np.abs(rows[1] - rows[0]).max(initial=0.0)) / (top or 1.0)
+        A, B, C, D = found[:n, :n], found[:n, n:], found[n:, :n], found[n:, n:]
+        return StepDerivatives(self._step.name, self._states, self._x, A, B, C, D, error)
+
+    def check_goes_on(self, size: float) -> None:
+        """Raise RunError if the states do not say how it goes on after a step.
+
+        Everything is changed a little, one step is made, and the component goes on; then it is
+        started in the state in which the step ended.
+        """
+        sign = np.where(np.arange(self._u.size) % 2, -0.7, 1.0)
+        changed = self._u + size * sign * np.maximum(1.0, np.abs(self._u))
+        y, *on = self._outputs(self._x, changed, *[self._u] * AHEAD)
+        x = np.where(self._late, on[0][self._seen], y[self._seen])
+        again = self._outputs(x, *[self._u] * AHEAD, late=1)
+        if not all(_same(a, b) for a, b in zip(on[:AHEAD], again, strict=False)):
+            raise RunError(
+                "after a step it does not go on as one that is started with the values of its "
+                "outputs; expected a component whose states are all outputs or locals with start "
+                "values"
+            )
+
+
+def _same(a: Matrix, b: Matrix) -> bool:
+    return bool((np.abs(a - b) <= AGAIN * np.maximum(1.0, np.abs(b))).all())
+
+
+def _flat(signals: Matrix, slots: Sequence[Slot]) -> Matrix:
+    return np.concatenate([np.zeros(0), *(signals[s.start : s.start + s.size] for s in slots)])
+
+
+def _shaped(values: Matrix, slots: Sequence[Slot]) -> dict[str, Matrix]:
+    found, first = {}, 0
+    for slot in slots:
+        found[slot.port] = values[first : first + slot.size].reshape(slot.shape)
+        first += slot.size
+    return found
+
+
+def _places(slots: Sequence[Slot], some: Sequence[Slot]) -> NDArray[np.intp]:
+    """Places of `some` in the flattened values of `slots`."""
+    first, places = 0, [np.zeros(0, np.intp)]
+    chosen = {s.name for s in some}
+    for slot in slots:
+        if slot.name in chosen:
+            places.append(np.arange(first, first + slot.size))
+        first += slot.size
+    return np.concatenate(places)

@@ -1,0 +1,274 @@
+"""The linear model of a plan at a time: its operations over one period, with matrices for steps.
+
+Every signal, state and sample in flight is a row of factors of what there was at the start of the
+period and of the inputs. The operations of the plan copy, send and receive these rows; a step
+multiplies them by the derivatives of its component. So rates, order and delays are those of the
+run; a link that jumps has the delays of this one period.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import lcm
+
+import numpy as np
+
+from cosim.base.errors import ScenarioError
+from cosim.engine.engine import Engine
+from cosim.linear.component import Matrix, StepDerivatives, step_derivatives
+from cosim.native.structs import Code
+from cosim.schedule.operations import Operation
+from cosim.schedule.parts import Slot
+from cosim.schedule.plan import Plan
+
+#: What has a linear counterpart here.
+_KNOWN = {Code.COPY, Code.SCALE, Code.PUSH, Code.PULL, Code.STEP, Code.RECORD, Code.AGE, Code.PLAY}
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """Where a plan is linearized: `tick`, the first of a period of `ticks` ticks.
+
+    `signals`: rows of the signal vector, (ticks + 1, n_signals), before each tick and at the end;
+    `tables`: the numbers of the samples that each link holds at its hits in the period.
+    """
+
+    tick: int
+    ticks: int
+    signals: Matrix
+    tables: Mapping[str, Sequence[int]]
+
+
+def operating_point(plan: Plan, time: float) -> OperatingPoint:
+    """Run `plan` to the period that contains `time` (s). Raises ScenarioError, RunError."""
+    period = lcm(*(c.period for c in plan.components))
+    if not 0.0 <= time <= plan.ticks * plan.h:
+        raise ScenarioError(
+            f"--at {time:g}: expected a time of the run, 0 to {plan.ticks * plan.h:g} s"
+        )
+    begin = int(time / plan.h + 1e-6) // period * period
+    tables: defaultdict[str, list[int]] = defaultdict(list)
+    rows = []
+    with Engine(plan, lambda name, found: tables[name].extend(found.tolist())) as engine:
+        engine.initialize()
+        engine.run(begin)
+        tables.clear()
+        for _ in range(period):
+            rows.append(engine.signals.copy())
+            engine.run(1)
+        rows.append(engine.signals.copy())
+        if engine.ended is not None:
+            raise ScenarioError(f"the run is {engine.ended}, expected it to reach {time:g} s")
+    return OperatingPoint(begin, period, np.array(rows), dict(tables))
+
+
+@dataclass(frozen=True, slots=True)
+class LinearLoop:
+    """z+ = `F` z + `G` u and y = `H` z + `J` u over a period (s), in the units of the signals.
+
+    `names` and `units` are those of z: first the `n_states` states of components, then held
+    signals and samples in flight. y is what a recorded row has at the start of the period.
+    """
+
+    period: float
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    n_states: int
+    n_held: int
+    F: Matrix
+    G: Matrix
+    H: Matrix
+    J: Matrix
+    components: tuple[StepDerivatives, ...]
+
+
+def linear_loop(
+    plan: Plan,
+    at: OperatingPoint,
+    inputs: Sequence[Slot],
+    outputs: Sequence[Slot],
+    size: float,
+    only: str = "",
+    say: Callable[[str], None] = lambda text: None,
+) -> LinearLoop:
+    """The linear model from `inputs`, added to what arrives there and held for a period.
+
+    `size` as for :func:`cosim.linear.component.step_derivatives`; `only`: of this component alone.
+    Raises RunError and ScenarioError.
+    """
+    _check(plan, only)
+    models = {}
+    for i, step in enumerate(plan.components):
+        if only in ("", step.name):
+            say(step.name)
+            end = at.signals[1 if step.kind == "sampled" else step.period]
+            if step.name not in plan.order:
+                end = at.signals[step.period]
+            seen = (at.signals[0], at.signals[1], end)
+            models[i] = step_derivatives(
+                step, seen, at.tick * plan.h, step.period * plan.h, size
+            )  # fmt: skip
+    return _Period(plan, at, models, inputs, only).run(inputs, outputs)
+
+
+def _check(plan: Plan, only: str) -> None:
+    unknown = {o.code for o in plan.operations} - _KNOWN
+    if unknown and not only:
+        what = "signals over a simulated bus" if Code.GATE in unknown else "extrapolated inputs"
+        raise ScenarioError(
+            f"the scenario has {what}, which have no linear model here; expected wires and links"
+        )
+
+
+class _Period:
+    """The rows of one period. Columns: z, then the inputs."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        at: OperatingPoint,
+        models: Mapping[int, StepDerivatives],
+        inputs: Sequence[Slot],
+        only: str,
+    ) -> None:
+        self._plan, self._at, self._models = plan, at, models
+        chosen = [o for o in plan.operations if _belongs(o, models, only)]
+        self._operations = chosen
+        self._n_x = sum(m.x0.size for m in models.values())
+        self._depths = [] if only else [_depth(plan, at, i) for i in range(len(plan.links))]
+        self._n_flight = sum(
+            d * x.source.size for d, x in zip(self._depths, plan.links, strict=False)
+        )
+        self._n_z = self._n_x + plan.n_signals + self._n_flight
+        self._width = self._n_z + sum(s.size for s in inputs)
+        self._added = np.zeros((plan.n_signals, self._width))
+        first = self._n_z
+        for slot in inputs:
+            for i in range(slot.size):
+                self._added[slot.start + i, first + i] = 1.0
+            first += slot.size
+        unit = np.eye(self._n_z, self._width)
+        self._x = dict(self._split(unit))
+        self._signals = unit[self._n_x : self._n_x + plan.n_signals]
+        self._unfed()
+        self._samples = self._flights(unit[self._n_x + plan.n_signals :])
+
+    def _split(self, unit: Matrix) -> list[tuple[int, Matrix]]:
+        found, first = [], 0
+        for i, model in self._models.items():
+            found.append((i, unit[first : first + model.x0.size].copy()))
+            first += model.x0.size
+        return found
+
+    def _unfed(self) -> None:
+        """Inputs that nothing feeds do not change, and neither do signals of others."""
+        written = np.zeros(self._plan.n_signals, bool)
+        for o in self._operations:
+            if o.code in (Code.COPY, Code.SCALE, Code.PULL):
+                written[o.target : o.target + o.count] = True
+        for i in self._models:
+            for slot in self._plan.components[i].outputs:
+                written[slot.start : slot.start + slot.size] = True
+        self._signals = np.where(written[:, None], self._signals, 0.0)
+
+    def _flights(self, rows: Matrix) -> list[dict[int, Matrix]]:
+        """Samples on their way at the start, by their number, of each link."""
+        found, first = [], 0
+        for depth, link in zip(self._depths, self._plan.links, strict=False):
+            last = self._at.tick // self._plan.component(link.source.component).period - 1
+            width, samples = link.source.size, {}
+            for j in range(depth):
+                samples[last - j] = rows[first : first + width]
+                first += width
+            found.append(samples)
+        return found
+
+    def run(self, inputs: Sequence[Slot], outputs: Sequence[Slot]) -> LinearLoop:
+        """All operations of the period."""
+        self._hits = [0] * len(self._plan.links)
+        recorded = self._signals
+        for tick in range(self._at.ticks):
+            for o in self._operations:
+                if (tick - o.first) % o.period == 0:
+                    self._do(o, tick)
+                    if o.code is Code.RECORD and tick == 0:
+                        recorded = self._signals.copy()
+        rows = [*self._x.values(), self._signals, *self._arrived()]
+        after = np.concatenate(rows)
+        places = np.concatenate([np.arange(s.start, s.start + s.size) for s in outputs])
+        y, n = recorded[places], self._n_z
+        names, units = self._names()
+        return LinearLoop(
+            self._at.ticks * self._plan.h, names, units, self._n_x, self._plan.n_signals,
+            after[:, :n], after[:, n:], y[:, :n], y[:, n:], tuple(self._models.values()),
+        )  # fmt: skip
+
+    def _do(self, o: Operation, tick: int) -> None:
+        s = self._signals
+        target = slice(o.target, o.target + o.count)
+        source = slice(o.source, o.source + o.count)
+        if o.code in (Code.COPY, Code.SCALE):
+            s[target] = o.gain * s[source]
+        elif o.code is Code.PUSH:
+            number = (self._at.tick + tick) // o.period
+            self._samples[o.index][number] = o.gain * s[source]
+        elif o.code is Code.PULL:
+            row = self._at.tables[self._plan.links[o.index].name][self._hits[o.index]]
+            self._hits[o.index] += 1
+            s[target] = self._samples[o.index][row] if row >= 0 else 0.0
+        elif o.code is Code.STEP:
+            self._step(o.index)
+
+    def _step(self, index: int) -> None:
+        model, step, s = self._models[index], self._plan.components[index], self._signals
+        places = [np.arange(p.start, p.start + p.size) for p in step.inputs]
+        fed = np.concatenate([np.zeros(0, np.intp), *places])
+        x, u = self._x[index], s[fed] + self._added[fed]
+        self._x[index], y = model.A @ x + model.B @ u, model.C @ x + model.D @ u
+        first = 0
+        for slot in step.outputs:
+            s[slot.start : slot.start + slot.size] = y[first : first + slot.size]
+            first += slot.size
+
+    def _arrived(self) -> list[Matrix]:
+        """Samples on their way at the end of the period."""
+        found = []
+        for depth, link, samples in zip(
+            self._depths, self._plan.links, self._samples, strict=False
+        ):
+            period = self._plan.component(link.source.component).period
+            last = (self._at.tick + self._at.ticks) // period - 1
+            found += [samples[last - j] for j in range(depth)]
+        return found
+
+    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        named = [(n, s.unit) for m in self._models.values() for s in m.states for n in s.scalars()]
+        held = [("", "1")] * self._plan.n_signals
+        for c in self._plan.components:
+            for s in (*c.inputs, *c.outputs):
+                for i, n in enumerate(s.scalars()):
+                    held[s.start + i] = (f"{n} (held)", s.unit)
+        flights = [
+            (f"{n} ({j + 1} before, link {link.name})", link.source.unit)
+            for depth, link in zip(self._depths, self._plan.links, strict=False)
+            for j in range(depth)
+            for n in link.source.scalars()
+        ]
+        names, units = zip(*(named + held + flights), strict=True)
+        return names, units
+
+
+def _belongs(o: Operation, models: Mapping[int, StepDerivatives], only: str) -> bool:
+    if not only:
+        return True
+    return o.code is Code.RECORD or (o.code is Code.STEP and o.index in models)
+
+
+def _depth(plan: Plan, at: OperatingPoint, index: int) -> int:
+    """How many of the samples sent before the period a link still needs in it."""
+    link = plan.links[index]
+    sent = at.tick // plan.component(link.source.component).period
+    held = [row for row in at.tables[link.name] if row >= 0]
+    return max(0, sent - min(held, default=sent))

@@ -92,7 +92,7 @@ def of_run(folder: str | Path, chosen: str = "") -> Subject:
     names = {name.split("[")[0] for name in run.names}
     known, spec, title, remark = None, AnalysisSpec(), folder.name, ""
     try:
-        scenario = _stored(run.metadata)
+        scenario = stored_scenario(run.metadata)
         title, spec = scenario.title, scenario.analysis
         known = system(scenario, assemble(scenario))
     except CosimError as error:
@@ -131,7 +131,7 @@ def _recordable(spec: AnalysisSpec) -> AnalysisSpec:
     )
 
 
-def _stored(metadata: dict[str, Any]) -> Scenario:
+def stored_scenario(metadata: dict[str, Any]) -> Scenario:
     """The scenario that a run keeps. Raises ScenarioError."""
     data = metadata.get("scenario")
     if not isinstance(data, dict):

@@ -6,7 +6,7 @@ import textwrap
 from shutil import get_terminal_size
 
 #: Of each group of commands: module and first line of help of a command, whose function has its
-#: name. Those of the bridge are here by name only: this package does not know it.
+#: name. Those of the bridge and of robots are here by name only: this package knows neither.
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Simulate": {
         "run": (
@@ -66,6 +66,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "fit": (
             "cosim.cli.fit",
             "Fit parameters of a scenario or an FMU to measured data, with confidence intervals.",
+        ),
+        "identify": (
+            "fmus.robots.identify",
+            "Identify the base parameters of an arm from a recorded run, with intervals.",
         ),
         "diff": (
             "bridge.cli.diff",

@@ -27,9 +27,9 @@ from fmus.numeric import Array, np
 
 
 @cache
-def _units() -> tuple[Array, ...]:
-    """The spatial inertia (6, 6) of each of the ten parameters alone."""
-    return tuple(chain.spatial_inertia(theta) for theta in np.eye(10))
+def _units() -> Array:
+    """The spatial inertia of each of the ten parameters alone, (10, 6, 6)."""
+    return np.array([chain.spatial_inertia(theta) for theta in np.eye(10)])
 
 
 def regressor(table: Table, q: Array, dq: Array, z: Array, dz: Array, g: Array) -> Array:
@@ -46,7 +46,7 @@ def regressor(table: Table, q: Array, dq: Array, z: Array, dz: Array, g: Array) 
         turned = chain.motion_cross(v) @ S * z[i] + chain.motion_cross(w) @ S * dq[i]
         a = X @ a + S * dz[i] + 0.5 * turned
         v_cross, w_cross = -chain.motion_cross(v).T, -chain.motion_cross(w).T
-        for k, inertia in enumerate(_units()):
-            gyration = v_cross @ inertia @ w + w_cross @ inertia @ v
-            Y[:, i, k] = J.T @ (inertia @ a + 0.5 * gyration)
+        units = _units()
+        gyration = (units @ w) @ v_cross.T + (units @ v) @ w_cross.T
+        Y[:, i] = J.T @ (units @ a + 0.5 * gyration).T
     return Y

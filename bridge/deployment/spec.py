@@ -19,6 +19,7 @@ from bridge.safety.limits import GuardSpec
 from cosim.base import toml
 from cosim.base.convert import Number, convert, convert_each, number
 from cosim.base.errors import ScenarioError
+from cosim.base.names import unknown
 from cosim.base.settings import as_toml, change
 from cosim.bus.settings import QueueKind
 from cosim.bus.timing import BusTiming
@@ -208,8 +209,8 @@ def find(scenario: str | Path, given: str) -> Path:
         return path
     found = folder / f"{given}.toml"
     if not found.is_file():
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
-        raise ScenarioError(f"no deployment {given!r}; there are: {known}", str(folder))
+        known = [p.stem for p in folder.glob("*.toml")]
+        raise ScenarioError(unknown(given, known, "deployment"), str(folder))
     return found
 
 

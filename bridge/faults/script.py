@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from hashlib import sha256
 from math import isinf
@@ -25,6 +24,7 @@ from bridge.native.faults import Fault, Injector
 from bridge.native.frame import Flags
 from bridge.native.message import Message
 from cosim.base.errors import ScenarioError
+from cosim.base.names import unknown
 
 Action = Literal[
     "kill", "start", "freeze", "thaw", "bus-down", "bus-up", "babble", "hush", "clock-jump",
@@ -262,6 +262,4 @@ def _rule(fault: FrameFault, accept: Accept, random: int) -> Fault:
 def _known(name: str, names: Sequence[str], what: str, place: str) -> None:
     if any(fnmatchcase(n, name) for n in names):
         return
-    near = get_close_matches(name, names, 1)
-    hint = f"; did you mean {near[0]}?" if near else ""
-    raise ScenarioError(f"no {what} {name!r}; there are: {', '.join(sorted(names))}{hint}", place)
+    raise ScenarioError(unknown(name, names, what), place)

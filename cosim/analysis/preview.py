@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import final
 
 import numpy as np
 
 from cosim.analysis.signals import Array
 from cosim.base.errors import ScenarioError
+from cosim.base.names import unknown
 
 
 @final
@@ -34,11 +34,7 @@ class Preview:
         found = tuple(name for name in self._units if name.split("[")[0] == prefix)
         if not found:
             whole = sorted({name.split("[")[0] for name in self._units})
-            near = get_close_matches(prefix, whole, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise ScenarioError(
-                f"no recorded signal {prefix!r}{hint} (there are: {', '.join(whole) or 'none'})"
-            )
+            raise ScenarioError(unknown(prefix, whole, "recorded signal"))
         return found
 
     def array(self, prefix: str) -> Array:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -10,6 +11,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import msgspec
 
 from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.names import unknown
 from cosim.base.units import Unit, quantity, unit_text
 
 Number = int | float | str
@@ -27,18 +29,48 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        message, _, inside = str(error).partition(" - at `$")
-        if not inside and "unknown field" in message:
-            message += f"; expected one of {', '.join(_keys(kind))}"
-        if words := _allowed_words(kind, inside.strip(".`")) if "enum" in message else ():
-            message += f"; expected one of {', '.join(map(str, words))}"
-        at = f"{place}{inside.rstrip('`')}".lstrip(".")
+        message, inside = sentence(error, kind)
+        at = f"{place}{inside}".lstrip(".")
         raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
 
 
-def _keys(kind: type[Any]) -> list[str]:
-    """The keys a table may have."""
-    return [field.encode_name for field in msgspec.structs.fields(kind)]
+def sentence(error: msgspec.ValidationError, kind: Any) -> tuple[str, str]:
+    """What is wrong with data for `kind`, with the nearest key there is, and where in the data."""
+    message, _, inside = str(error).partition(" - at `$")
+    inside = inside.rstrip("`")
+    keys = [key for key in inside.split(".") if key]
+    if key := _quoted(r"Object contains unknown field `(.*)`", message):
+        structs = _structs_at(kind, keys)
+        known = [f.encode_name for t in structs for f in msgspec.structs.fields(t)]
+        message = unknown(key, known, "key") if known else f"unknown key {key!r}"
+    elif word := _quoted(r"Invalid value '(.*)'", message):
+        tags = [str(struct.__struct_config__.tag) for struct in _structs_at(kind, keys[:-1])]
+        message = unknown(word, tags, "kind")
+    elif words := _allowed_words(kind, inside.strip(".")) if "enum" in message else ():
+        message += f"; expected one of {', '.join(map(str, words))}"
+    return message, inside
+
+
+def _quoted(pattern: str, message: str) -> str:
+    """What a message of msgspec quotes, or "" if it is another."""
+    found = re.fullmatch(pattern, message)
+    return found[1] if found else ""
+
+
+def _structs_at(kind: Any, keys: Sequence[str]) -> list[type[msgspec.Struct]]:
+    """The structs that a table at a place below `kind` may be; none where that cannot be told."""
+    for key in keys:
+        name = key.partition("[")[0]
+        fields = [f for t in _structs(kind) for f in msgspec.structs.fields(t)]
+        kind = next((f.type for f in fields if f.encode_name == name), None)
+    return _structs(kind)
+
+
+def _structs(kind: Any) -> list[type[msgspec.Struct]]:
+    """The structs that a type is or has, such as those of a union."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return [kind]
+    return [struct for part in get_args(kind) for struct in _structs(part)]
 
 
 def _allowed_words(kind: Any, key: str) -> tuple[str, ...]:

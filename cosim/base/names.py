@@ -1,4 +1,4 @@
-"""The sentence for a name that is not known."""
+"""The sentence for a name that is not known, with the known name that it resembles."""
 
 from __future__ import annotations
 
@@ -6,9 +6,23 @@ import difflib
 from collections.abc import Iterable
 
 
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The known name that is most like `name`, also if only its case differs; "": none is."""
+    names = sorted(known)
+    folded = {other.casefold(): other for other in reversed(names)}
+    if name.casefold() in folded:
+        return folded[name.casefold()]
+    return next(iter(difflib.get_close_matches(name, names, 1)), "")
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """``; did you mean 'X'?`` for a name that is not known, or "" where none is like it."""
+    found = nearest(name, known)
+    return f"; did you mean {found!r}?" if found else ""
+
+
 def unknown(name: str, known: Iterable[str], what: str) -> str:
     """The sentence for a name that is not there, with the nearest that is."""
     names = sorted(known)
-    close = difflib.get_close_matches(name, names, 1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    return f"no {what} {name!r}{hint} (there are: {', '.join(names) or 'none'})"
+    listed = ", ".join(names) or "none"
+    return f"no {what} {name!r}{hint(name, names)} (there are: {listed})"

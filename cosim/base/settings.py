@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.base import toml
 from cosim.base.errors import ScenarioError
+from cosim.base.names import hint
 
 
 def change(document: dict[str, Any], setting: str) -> None:
@@ -54,9 +55,10 @@ def _child(node: Any, part: str, above: str, setting: str) -> Any:
     if not isinstance(node, dict):
         raise ScenarioError(f"--set {setting!r}: {above} is not a table")
     if part not in node and above in ("", "components", "metrics", "figures"):
-        known = ", ".join(sorted(node)) or "nothing"
+        known = ", ".join(sorted(node)) or "none"
         raise ScenarioError(
-            f"--set {setting!r}: no {part!r} in {above or 'the file'}; it has {known}"
+            f"--set {setting!r}: no {part!r} in {above or 'the file'}{hint(part, node)} "
+            f"(there are: {known})"
         )
     return node.setdefault(part, {})
 

@@ -18,6 +18,7 @@ from typer.main import get_command
 
 from cosim.base.errors import CosimError, FolderWarning, shortage
 from cosim.base.interrupts import exit_code, signals_as_interrupt
+from cosim.base.names import hint
 from cosim.cli.overview import COMMANDS, overview
 
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
@@ -34,6 +35,8 @@ class _Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command of that name, or None."""
         if cmd_name not in COMMANDS:
+            if found := hint(cmd_name, COMMANDS):
+                ctx.fail(f"no command {cmd_name!r}{found}")
             return None
         module = importlib.import_module(COMMANDS[cmd_name][0])
         alone = typer.Typer(

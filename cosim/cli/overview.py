@@ -37,6 +37,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "bridge.cli.doctor",
             "Check this machine: Python, engine, compiler, networks, CAN, real time; with cures.",
         ),
+        "completion": (
+            "cosim.cli.completion",
+            'Print the completion of a shell: eval "$(cosim completion bash)".',
+        ),
         "report": (
             "cosim.cli.report",
             "Write the report of a run again: a page with diagrams, arms that move, and results.",

@@ -17,6 +17,7 @@ import cosim
 from cosim.base.clock import stopwatch
 from cosim.base.errors import Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import stop_on_signal
+from cosim.base.names import unknown
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
 from cosim.fmi.components import facts, simulator_facts
@@ -76,7 +77,7 @@ def _named(wanted: str, every: Mapping[str, Slot], place: str) -> Sequence[str]:
     """The signals that an entry of ``record.signals`` names."""
     found = matching(wanted, every) if is_pattern(wanted) else [wanted] * (wanted in every)
     if not found:
-        raise ScenarioError(f"no signal {wanted!r}; there are: {', '.join(every)}", place)
+        raise ScenarioError(unknown(wanted, every, "signal"), place)
     return found
 
 

@@ -31,10 +31,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import msgspec
 
+from cosim.base.convert import sentence
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.units import quantity
 from cosim.links.grid import Grid
@@ -142,8 +143,17 @@ def _decode(value: Any, kind: Any, key: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        message, _, path = str(error).partition(" - at `$")
-        raise ScenarioError(message, f"{key}{path.rstrip('`')}") from None
+        message, inside = sentence(error, _tagged(kind, value) or kind)
+        raise ScenarioError(message, f"{key}{inside}") from None
+
+
+def _tagged(kind: Any, value: Mapping[str, Any]) -> type[msgspec.Struct] | None:
+    """The struct of a union that the value names, if it names one."""
+    for struct in get_args(kind):
+        config = struct.__struct_config__
+        if config.tag is not None and value.get(config.tag_field) == config.tag:
+            return cast(type[msgspec.Struct], struct)
+    return None
 
 
 def delay_law(delay: DelaySpec | Mapping[str, Any], folder: Path) -> Law:

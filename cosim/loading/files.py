@@ -9,6 +9,7 @@ from typing import Any
 from cosim.base import toml
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import change
+from cosim.loading import kinds
 from cosim.scenario.spec import Scenario, build
 
 
@@ -35,13 +36,18 @@ def load(
 
         return build(one_fmu.document(path, settings, table), path)
     document = read_document(path)
+    if other := kinds.of_document(document, path):
+        raise ScenarioError(other, str(path))
     for setting in settings:
         change(document, setting)
     return build(document, path)
 
 
 def read_document(path: str | Path) -> dict[str, Any]:
-    """A TOML file, parsed; an SSP or an FMU in the same words. Raises CosimError."""
+    """A TOML file, parsed; an SSP or an FMU in the same words.
+
+    Raises ScenarioError for a file of another kind, CosimError for one that cannot be read.
+    """
     path = Path(path)
     if path.suffix == ".fmu":
         from cosim.loading import one_fmu
@@ -51,4 +57,6 @@ def read_document(path: str | Path) -> dict[str, Any]:
         from cosim.ssp.document import document
 
         return document(path)
+    if other := kinds.of_path(path):
+        raise ScenarioError(other, str(path))
     return toml.read(path)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
+from cosim.base.names import unknown
 from cosim.record.run import Run
 
 Array = NDArray[np.float64]
@@ -70,8 +71,7 @@ class Recording:
     def _stacked(self, name: str) -> Array:
         found = {_index(column): column for column in self.columns if _belongs(column, name)}
         if not found:
-            there = ", ".join(self.columns)
-            raise ScenarioError(f"no signal {name!r}; there are: {there}", str(self.path))
+            raise ScenarioError(unknown(name, self.columns, "signal"), str(self.path))
         shape = tuple(max(at) + 1 for at in zip(*found, strict=True))
         missing = [at for at in np.ndindex(shape) if at not in found]
         if missing:

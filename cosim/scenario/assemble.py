@@ -124,8 +124,7 @@ def _values(
     }
     if spec.preset is not None:
         if spec.preset not in presets:
-            known = ", ".join(sorted(presets)) or "none"
-            raise ScenarioError(f"no preset {spec.preset!r}; there are: {known}", f"{place}.preset")
+            raise ScenarioError(connect.unknown(spec.preset, presets, "preset"), f"{place}.preset")
         given |= {k: (v, f"{place}.preset") for k, v in presets[spec.preset].items()}
     given |= {k: (v, f"{place}.parameters.{k}") for k, v in spec.parameters.items()}
     given |= {k: (v, f"{place}.start.{k}") for k, v in spec.start.items()}

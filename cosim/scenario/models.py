@@ -8,6 +8,7 @@ discovered or registered.
 from __future__ import annotations
 
 import importlib
+import pkgutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -16,6 +17,7 @@ from cosim import mujoco
 from cosim.base.component import Component, Kind, Parameter, Port, Preparation
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, MujocoError, ScenarioError
+from cosim.base.names import hint
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
@@ -189,6 +191,18 @@ def _has_terminal(fmu: FmuComponent) -> bool:
     return file.is_file() and b"org.fmi-ls-bus" in file.read_bytes()
 
 
+def _beside(name: str) -> list[str]:
+    """Modules in the package of a module that is not there."""
+    package, _, _ = name.rpartition(".")
+    if not package.replace(".", "").isidentifier():
+        return []
+    try:
+        places = importlib.import_module(package).__path__
+    except Exception:  # it may do anything
+        return []
+    return [f"{package}.{found.name}" for found in pkgutil.iter_modules(places)]
+
+
 def _module(name: str, place: str) -> ModuleType:
     try:
         if not all(part.isidentifier() for part in name.split(".")):
@@ -196,8 +210,8 @@ def _module(name: str, place: str) -> ModuleType:
         return importlib.import_module(name)
     except ImportError as error:
         raise ScenarioError(
-            f"cannot import {name!r}: {error}; expected a path ending in .fmu, a module such as "
-            "'fmus.models.planar2r', or 'module:attribute'",
+            f"cannot import {name!r}: {error}{hint(name, _beside(name))}; expected a path ending "
+            "in .fmu, a module such as 'fmus.models.planar2r', or 'module:attribute'",
             f"{place}.model",
         ) from None
     except Exception as error:

@@ -16,7 +16,6 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +23,7 @@ import numpy as np
 
 from cosim.analysis.signals import Array
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.names import unknown
 from cosim.record.folder import reason
 from cosim.reporting.figures import DPI, load
 from cosim.sweeps.spec import SweepFigureSpec
@@ -62,10 +62,9 @@ def check(study: Study, axes: Sequence[str], units: Mapping[str, str]) -> None:
         for key, known in wanted:
             given = getattr(spec, key)
             if given not in known:
-                near = get_close_matches(given, known, 1)
-                hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(known)}"
                 raise ScenarioError(
-                    f"no {given!r} for a {spec.kind}; {hint}", study.place("figures", name, key)
+                    unknown(given, known, "column"),
+                    study.place("figures", name, key),
                 )
 
 

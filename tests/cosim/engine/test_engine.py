@@ -228,7 +228,7 @@ def test_weights_of_a_switching_graph_feed_inputs():
         ({"two.u": [2]}, {}, "at topology.weights"),
         ({"two.u": [2, 1]}, {"graphs": "star"}, "at topology: graphs = 'star'"),
         ({"two.u": [2, 1]}, {"dwell": -1}, "at topology: dwell"),
-        ({"two.u": [2, 1]}, {"gap": 1}, "unknown field `gap`"),
+        ({"two.u": [2, 1]}, {"gap": 1}, "no key 'gap'"),
     ],
 )
 def test_a_wrong_topology_is_refused_with_its_place(weights, extra, message):

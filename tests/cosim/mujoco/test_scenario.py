@@ -27,7 +27,11 @@ SHIPPED = CONFIGS / "teleoperation.toml"
         ({"kind": "sampled"}, 1e-3, "found sampled, expected continuous"),
         ({"isolate": True}, 1e-3, "components.arm.isolate: found a key that a scene of MuJoCo"),
         ({"sizes": {"joints": 2}}, 1e-3, "components.arm.sizes: found a key"),
-        ({"options": {"joint": ["a"]}}, 1e-3, "unknown field `joint`; expected one of joints, gro"),
+        (
+            {"options": {"joint": ["a"]}},
+            1e-3,
+            "no key 'joint'; did you mean 'joints'?",
+        ),
         ({"options": {"joints": ["a"]}}, 1e-3, "no joint 'a' (there are: elbow, shoulder)"),
         ({"options": {"joints": ["elbow"], "groups": {"a": ["elbow"]}}}, 1e-3, "one of the two"),
         ({"start": {"q": [1, 2, 3]}}, 1e-3, "expected shape [2], found 3 entries"),

@@ -71,8 +71,11 @@ def test_settings_change_one_value(file, setting, read, value):
     [
         ("seed", "expected path=value"),
         ("=3", "expected path=value"),
-        ("components.pant.period=1", "no 'pant' in components; it has control, plant"),
-        ("run.seeds=1", "at run: Object contains unknown field `seeds`"),
+        (
+            "components.pant.period=1",
+            "no 'pant' in components; did you mean 'plant'?",
+        ),
+        ("run.seeds=1", "at run: no key 'seeds'; did you mean 'seed'? (there are: "),
         ("run.seed='x'", "at run.seed: Expected `int`, got `str`"),
         ("links.3.name='x'", "'3' is not a valid index; expected an integer below 1"),
         ("links.x=3", "'x' is not a valid index; expected an integer below 1"),
@@ -81,7 +84,7 @@ def test_settings_change_one_value(file, setting, read, value):
             "components.plant.kind=both",
             "components.plant.kind: Invalid enum value 'both'; expected one of sampled, continuous",
         ),
-        ("runn.step=1", "no 'runn' in the file; it has components, links, run, title"),
+        ("runn.step=1", "no 'runn' in the file; did you mean 'run'? (there are: components, "),
     ],
 )
 def test_a_wrong_setting_is_refused(file, setting, message):
@@ -100,7 +103,10 @@ def test_a_wrong_setting_is_refused(file, setting, message):
         (TEXT.replace("stop = 2", ""), "at run: Object missing required field `stop`"),
         (TEXT.replace("[components.control]", '[components."a b"]'), "'a b' is not an identifier"),
         (TEXT.replace("[[links]]", "[links]"), "expected an array of tables, [[links]]"),
-        (TEXT.replace("to = ", "too = "), "at links.0: Object contains unknown field `too`"),
+        (
+            TEXT.replace("to = ", "too = "),
+            "at links.0: no key 'too'; did you mean 'to'?",
+        ),
     ],
 )
 def test_a_wrong_file_says_what_and_where(tmp_path, text, message):

@@ -247,7 +247,7 @@ def test_what_events_change_is_recorded() -> None:
         ({"points": [[0, 1]], "column": "u"}, "found column with points"),
         ({"points": [[1, 1], [1, 2]]}, "the times of the points do not increase"),
         ({"table": "gone.csv"}, "cannot be read"),
-        ({"table": "u.csv", "column": "v"}, "no signal 'v'; there are: u"),
+        ({"table": "u.csv", "column": "v"}, "no signal 'v' (there are: u)"),
     ],
 )
 def test_inputs_that_fit_nothing_are_refused(given: Any, message: str, tmp_path: Path) -> None:

@@ -135,9 +135,9 @@ CHECKED = [
     (gain(1, "[metrics.rest]\nkind = 'peak'\nof = ['plant.y']\n"), "at metrics.rest: "),
     (gain(1, "[metrics.a]\nkind = 'peak'\nof = ['plant.x']\n"), "no recorded signal 'plant.x'"),
     (gain(1, "[figures.a]\nkind = 'map'\nx = 'gain'\ny = 'gian'\nz = 'rest'\n"),
-     "at figures.a.y: no 'gian' for a map; did you mean 'gain'?"),
+     "at figures.a.y: no column 'gian'; did you mean 'gain'?"),
     (gain(1, "[figures.a]\nkind = 'line'\nx = 'gain'\ny = 'effort'\n"),
-     "at figures.a.y: no 'effort' for a line; there are: stable, rest, rest.final"),
+     "at figures.a.y: no column 'effort' (there are: rest, rest.final, "),
 ]  # fmt: skip
 
 

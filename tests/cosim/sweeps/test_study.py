@@ -143,7 +143,7 @@ BAD = [
     (STUDY + "values = [1]\nlabels = ['a', 'b']", "at vary.gain.labels: 2 labels for 1 values"),
     (STUDY + "range = [1, 2]", "at vary.gain: missing key 'count' (number of points)"),
     (STUDY + "range = [0, 2]\ncount = 3\nscale = 'log'", "at vary.gain.range: found [0, 2]"),
-    (STUDY + "valeus = [1]", "at vary.gain: Object contains unknown field `valeus`; expected one"),
+    (STUDY + "valeus = [1]", "at vary.gain: no key 'valeus'; did you mean 'values'?"),
     (STUDY + "uniform = [1, 2]", "gain to be drawn; missing key 'count' of [sample]"),
     (STUDY + "uniform = [2, 1]", "at vary.gain.uniform: found [2, 1], expected [low, high]"),
     (STUDY + "loguniform = [0, 1]", "at vary.gain.loguniform: found low = 0, expected"),

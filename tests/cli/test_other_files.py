@@ -1,0 +1,63 @@
+"""A file that is no scenario is said to be what it is, with the command that it is for."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from cosim.cli.overview import COMMANDS
+from tests.cli.command import ROOT, Command
+from tests.cli.conftest import cosim as cosim  # the command as a fixture
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("studies/delay.toml", "is a study, not a scenario; it is for `cosim sweep "),
+        ("deploy/can.toml", "is a deployment, not a scenario; it is for `cosim rehearse SCENARIO"),
+        ("faults/drop.toml", "is a fault script, not a scenario; it is for `cosim rehearse SCENAR"),
+        ("faults/campaign.toml", "is a campaign, not a scenario; it is for `cosim campaign "),
+        ("compare/bilateral.toml", "is a file of variants, not a scenario; it is for `cosim comp"),
+        ("can/link.dbc", "is a DBC file, not a scenario; it is for dbc in a bus"),
+        ("can/generate.py", 'is a Python file, not a scenario; it is for model = "MODULE:CLASS"'),
+        ("robots/fr3.urdf", "is a robot, not a scenario; it is for `cosim new arm NAME --urdf "),
+    ],
+)
+def test_a_file_for_another_command(cosim: Command, file: str, said: str) -> None:
+    done = cosim("run", ROOT / "configs" / file)
+    assert done.code == 2 and f"configs/{file}: {said}" in done.err
+
+
+def test_the_folder_of_a_run(cosim: Command, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text("{}", encoding="utf-8")
+    done = cosim("run", tmp_path)
+    assert done.code == 2 and "is the folder of a run, not a scenario" in done.err
+
+
+def test_a_command_that_is_not_there(cosim: Command) -> None:
+    done = cosim("rehears")
+    assert done.code == 2 and "no command 'rehears'; did you mean 'rehearse'?" in done.err
+    done = cosim("completion", "Bash")
+    assert done.code == 2 and "did you mean 'bash'?" in done.err
+
+
+def test_bash_completes_commands_options_and_files(cosim: Command, tmp_path: Path) -> None:
+    script = cosim("completion", "bash").out
+    (tmp_path / "scenario.toml").touch()
+    fake = 'cosim() { echo "  --set PATH --seed N"; }\n'  # what the script asks for options
+
+    def completed(*words: str) -> list[str]:
+        line = " ".join(f"'{word}'" for word in words)
+        ask = f"COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; _cosim; echo ${{COMPREPLY[@]}}"
+        call = ["bash", "-c", script + fake + ask]
+        return subprocess.run(
+            call, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.split()
+
+    assert completed("cosim", "re") == [name for name in COMMANDS if name.startswith("re")]
+    assert completed("cosim", "run", "--se") == ["--set", "--seed"]
+    assert completed("cosim", "run", "sce") == ["scenario.toml"]
+    assert "compinit" in cosim("completion", "zsh").out
+    assert "__fish_use_subcommand" in cosim("completion", "fish").out

@@ -1,0 +1,67 @@
+"""A name that is not known: the nearest is named, also where only the case differs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cosim.base.convert import convert
+from cosim.base.errors import ScenarioError
+from cosim.base.names import hint, nearest, unknown
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("k", "K"), ("LAMBDA_m", "lambda_M"), ("lamda_M", "lambda_M"), ("x", ""), ("", "")],
+)
+def test_the_nearest(name: str, found: str) -> None:
+    assert nearest(name, ["K", "lambda_M", "Gamma"]) == found
+    assert hint(name, ["K", "lambda_M"]) == (f"; did you mean {found!r}?" if found else "")
+
+
+def test_the_sentence_lists_what_there_is() -> None:
+    said = "no signal 'q'; did you mean 'Q'? (there are: Q, tau)"
+    assert unknown("q", ["tau", "Q"], "signal") == said
+    assert unknown("q", [], "signal") == "no signal 'q' (there are: none)"
+
+
+class Inner(msgspec.Struct, forbid_unknown_fields=True, tag="inner", tag_field="law"):
+    """A part of a file."""
+
+    low: float = 0.0
+
+
+class Other(msgspec.Struct, forbid_unknown_fields=True, tag="other", tag_field="law"):
+    """Another one."""
+
+    high: float = 0.0
+
+
+class Outer(msgspec.Struct, forbid_unknown_fields=True):
+    """A file."""
+
+    parts: list[Inner | Other] = []
+    named: dict[str, Inner] = {}
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({"part": 1}, ": no key 'part'; did you mean 'parts'? (there are: named, parts)"),
+        (
+            {"parts": [{"law": "inner", "lwo": 1}]},
+            ".parts[0]: no key 'lwo'; did you mean 'low'? (there are: high, low)",
+        ),
+        (
+            {"parts": [{"law": "iner"}]},
+            ".parts[0].law: no kind 'iner'; did you mean 'inner'? (there are: inner, other)",
+        ),
+        ({"named": {"a": {"low": "x"}}}, ".named[...].low: Expected `float`, got `str`"),
+    ],
+)
+def test_a_key_of_a_file_that_is_not_known(value: object, said: str) -> None:
+    with pytest.raises(ScenarioError) as error:
+        convert(value, Outer, Path("x.toml"), "top")
+    assert str(error.value) == f"x.toml at top{said}"

@@ -95,8 +95,8 @@ def linear_loop(
 ) -> LinearLoop:
     """The linear model from `inputs`, added to what arrives there and held for a period.
 
-    `size` as for :func:`cosim.linear.component.step_derivatives`; `only`: of this component alone.
-    Raises RunError and ScenarioError.
+    `size`: the change of a value for the differences, in the unit of its signal up to 1 and
+    relative above; `only`: of this component alone. Raises RunError and ScenarioError.
     """
     _check(plan, only)
     models = {}

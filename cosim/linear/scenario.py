@@ -35,7 +35,8 @@ def linearized(
     By default at the end of the run, from the inputs that nothing feeds to the outputs of the
     continuous components, or from all inputs to all outputs of `component`. An input that is fed
     gets what arrives and the input of the model. `size`: the change of each value for the
-    differences, in its unit, for values up to 1, and relative above. Raises CosimError.
+    differences, in its unit, for values up to 1, and relative above. Raises ScenarioError for names
+    and times that are not there, RunError for what has no linear model.
     """
     plan = _plan(path, settings)
     if component and component not in {c.name for c in plan.components}:

@@ -26,6 +26,9 @@ from cosim.schedule.plan import Plan
 #: What has a linear counterpart here.
 _KNOWN = {Code.COPY, Code.SCALE, Code.PUSH, Code.PULL, Code.STEP, Code.RECORD, Code.AGE, Code.PLAY}
 
+#: States, signals and values in flight at the most: eigenvalues of more take minutes.
+MOST = 3000
+
 
 @dataclass(frozen=True, slots=True)
 class OperatingPoint:
@@ -142,6 +145,7 @@ class _Period:
             d * x.source.size for d, x in zip(self._depths, plan.links, strict=False)
         )
         self._n_z = self._n_x + plan.n_signals + self._n_flight
+        _check_size(self._n_z, self._n_flight)
         self._width = self._n_z + sum(s.size for s in inputs)
         self._added = np.zeros((plan.n_signals, self._width))
         first = self._n_z
@@ -258,6 +262,15 @@ class _Period:
         ]
         names, units = zip(*(named + held + flights), strict=True)
         return names, units
+
+
+def _check_size(n_z: int, n_flight: int) -> None:
+    if n_z > MOST:
+        raise ScenarioError(
+            f"the loop has {n_z} states and signals, {n_flight} of them values on their way over "
+            f"links; expected at most {MOST}: shorten the delays with --set, or take one "
+            "--component"
+        )
 
 
 def _belongs(o: Operation, models: Mapping[int, StepDerivatives], only: str) -> bool:

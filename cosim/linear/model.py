@@ -55,7 +55,10 @@ class LinearModel:
     def modes(self) -> list[Mode]:
         """The eigenvalues other than 0, the slowest first; of a pair, the one above the axis."""
         z, vectors = np.linalg.eig(self.A)
-        inverse = np.linalg.pinv(vectors)
+        try:
+            inverse = np.linalg.inv(vectors)
+        except np.linalg.LinAlgError:
+            inverse = np.linalg.pinv(vectors)
         parts = np.abs(vectors * inverse.T)
         order = [i for i in np.argsort(-np.abs(z)) if abs(z[i]) > 1e-12 and z[i].imag >= 0.0]
         return [self._mode(complex(z[i]), parts[:, i]) for i in order]

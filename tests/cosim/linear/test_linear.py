@@ -228,6 +228,12 @@ def test_names_and_times_that_are_not_there_are_refused(tmp_path: Path) -> None:
             model(tmp_path, WIRED, **options)
 
 
+def test_too_many_values_in_flight_are_refused(tmp_path: Path) -> None:
+    text = LINKED.replace("0.034", "3.4").replace('stop = "1 s"', 'stop = "3.6 s"')
+    with pytest.raises(ScenarioError, match=r"34\d\d of them values on their way"):
+        model(tmp_path, text)
+
+
 def test_command_prints_poles_and_writes_both_files(cosim: Command, tmp_path: Path) -> None:
     (tmp_path / "mass.toml").write_text(WIRED)
     done = cosim(

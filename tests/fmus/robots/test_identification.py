@@ -12,7 +12,7 @@ from cosim.base.errors import RunError
 from fmus.models import chain
 from fmus.models.chain import Table
 from fmus.numeric import Array
-from fmus.robots.identification import Identified, base, columns, identified, names
+from fmus.robots.identification import Identified, _long_run, base, columns, identified, names
 from fmus.robots.serial import serial
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
@@ -161,3 +161,9 @@ def test_every_parameter_has_a_name_and_a_unit() -> None:
     assert dict(zip(every, units, strict=True))["Iyz[2]"] == "kg.m2"
     assert every[30:] == tuple(f"{k}[{i}]" for k in ("armature", "damping", "friction")
                                for i in range(3))  # fmt: skip
+
+
+def test_errors_of_neighbouring_values_widen_the_intervals() -> None:
+    same, turning = np.ones((3, 1)), np.array([[1.0], [-1.0], [1.0]])
+    assert _long_run(same) == pytest.approx(3.0 + 2.0 * (2.0 * 2.0 / 3.0 + 1.0 / 3.0))
+    assert _long_run(turning) == pytest.approx(3.0 - 2.0 * (2.0 * 2.0 / 3.0 - 1.0 / 3.0))

@@ -69,6 +69,25 @@ def write_many(
     return write_page(folder / PAGE, title, folder.name, badge, summary, PageData(0.0), rest)
 
 
+def campaign_as_data(judged: Sequence[tuple[str, JudgedRun]], folder: Path) -> dict[str, Any]:
+    """The runs of a campaign as plain data; `torque`: the greatest share of its limit."""
+    runs = [
+        {
+            "name": name, "passed": not run.failures, "failures": list(run.failures),
+            "corrupted": run.corrupted, "accepted": run.undetected, "torque": run.torque,
+            "replay_exact": run.exact, "ended": {str(x): why for x, why in run.ended.items()},
+        }
+        for name, run in judged
+    ]  # fmt: skip
+    return {"folder": str(folder), "runs": runs}
+
+
+def many_as_data(records: Sequence[Record], folder: Path) -> dict[str, Any]:
+    """The runs of a soak test or a campaign of many faults as plain data."""
+    keys = ("run", "verdict", "faults", "reason")
+    return {"folder": str(folder), "runs": [{k: r.get(k, "") for k in keys} for r in records]}
+
+
 def _said(count: int, wrong: Sequence[str]) -> str:
     if not wrong:
         return f"all {count} runs were as expected" if count else "no run"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.rehearse import Interface, Realtime, Set
+from cosim.cli.json_file import write_json
+from cosim.cli.options import Json
 from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ def campaign(
             "--blind", help="Disable the checks of receivers; the campaign must then fail."
         ),
     ] = False,
+    json: Json = None,
 ) -> None:
     """Run a rehearsal with each fault script of a campaign, and check each run.
 
@@ -63,7 +66,7 @@ def campaign(
     campaign. Exit status 1 if a run failed or gave no result.
     """
     if faults:
-        _run_many(file, faults, seed, parallel, out, markdown, retry, blind, realtime)
+        _run_many(file, faults, seed, parallel, out, markdown, retry, blind, realtime, json)
         return
     from bridge.campaign import judgement, page
     from bridge.campaign.spec import load_campaign
@@ -91,6 +94,8 @@ def campaign(
         markdown.write_text(judgement.markdown(rows), encoding="utf-8")
     if judged:
         path = page.write_campaign(judged, found.title, folder, this_command())
+        if json is not None:
+            write_json(json, page.campaign_as_data(judged, folder))
         typer.echo(f"{'report':<16} {path}")
     if not judged or any(one.failures for _, one in judged):
         raise typer.Exit(1)
@@ -106,6 +111,7 @@ def _run_many(
     retry: bool,
     blind: bool,
     realtime: bool,
+    json: Path | None,
 ) -> None:
     """A campaign of many faults, and its table."""
     from bridge.campaign import driver, page, table
@@ -136,6 +142,8 @@ def _run_many(
     for path in (folder / "summary.md", *([markdown] if markdown else [])):
         path.write_text(text, encoding="utf-8")
     report = page.write_many(records, kinds, title, folder, this_command())
+    if json is not None:
+        write_json(json, page.many_as_data(records, folder))
     for line in inconclusive(records):
         typer.echo(f"inconclusive: {line}", err=True)
     wrong = failures(records)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.numbers import finite
+from cosim.cli.options import Json
 
 if TYPE_CHECKING:
     from bridge.replay.diff import RunDifference
@@ -34,9 +35,7 @@ def diff(
             help="Allowed difference, RMS and maximum, in the unit of each signal.",
         ),
     ] = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", help="Write all results to this JSON file.")
-    ] = None,
+    json: Json = None,
     html: Annotated[
         Path | None, typer.Option("--html", metavar="FILE", help="Write a page to look at both.")
     ] = None,
@@ -62,7 +61,9 @@ def diff(
     found = compare_runs(run_a, run_b, signals or (), tolerance)
     typer.echo("\n".join(lines(found)))
     if json is not None:
-        _write(json, found)
+        from cosim.cli.json_file import write_json
+
+        write_json(json, found.as_data())
     if html is not None:
         write_diff_page(found, html)
     if junit is not None:
@@ -92,15 +93,3 @@ def lines(found: RunDifference) -> list[str]:
         if only:
             text.append(f"only in {run}: {', '.join(only)}")
     return [*text, *found.remarks, f"verdict: {found.sentence()}"]
-
-
-def _write(path: Path, found: RunDifference) -> None:
-    import json
-    import os
-
-    from cosim.base.errors import RunError
-
-    try:
-        path.write_text(json.dumps(found.as_data(), indent=1, ensure_ascii=False) + "\n", "utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Force, Pdf, Png, Quiet, Report, Strict
+from cosim.cli.options import Force, Json, Pdf, Png, Quiet, Report, Strict
 from cosim.cli.supervise import allow_terminal_input, announce_run_folder
 
 if TYPE_CHECKING:
@@ -114,6 +114,7 @@ def rehearse(
     png: Png = False,
     pdf: Pdf = False,
     strict: Strict = False,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario in real time, one process per node, on real buses; then check the run.
@@ -158,6 +159,7 @@ def rehearse(
         tuple(log or ("log",)),
         {"report": plot, "png": png, "pdf": pdf},
         quiet,
+        json,
     )
 
 
@@ -190,6 +192,7 @@ def _run(
     formats: tuple[str, ...],
     drawn: Mapping[str, bool],
     quiet: bool,
+    json: Path | None,
 ) -> None:
     from dataclasses import replace
 
@@ -197,9 +200,11 @@ def _run(
     from bridge.preflight import host
     from bridge.rehearsal import injector
     from bridge.rehearsal.supervisor import Rehearsal
+    from bridge.results.data import as_data
     from bridge.results.outcome import begin, clear, complete
     from cosim.base.errors import Interrupted
     from cosim.base.interrupts import exit_code
+    from cosim.cli.json_file import write_json
     from cosim.cli.summary import progress_bar
     from cosim.record import claim_folder
 
@@ -227,6 +232,8 @@ def _run(
             system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats, script=script
         )
     verdict = _say(system, outcome, drawn, quiet)
+    if json is not None:
+        write_json(json, as_data(system, outcome))
     if interrupted:
         typer.echo(f"interrupted; recorded until then: {folder}", err=True)
         raise typer.Exit(exit_code())

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from cosim.cli.options import Verify
+from cosim.cli.options import Json, Verify
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.records.lives import Life
+    from bridge.replay.replay import ReplayReport
     from bridge.wiring.wiring import Rows
 
 
@@ -37,6 +38,7 @@ def replay(
         ),
     ] = False,
     check: Verify = True,
+    json: Json = None,
 ) -> None:
     """Recompute a recorded run offline, and compare every signal of every node.
 
@@ -49,6 +51,7 @@ def replay(
 
     from bridge.replay import replay as again
     from cosim.base.clock import stopwatch
+    from cosim.cli.json_file import write_json
     from cosim.record import verify
     from cosim.record.folder import NODES
 
@@ -64,6 +67,8 @@ def replay(
     watch = stopwatch()
     with TemporaryDirectory() as scratch:
         found = again.replay(system, rows, again.received_by_life(run / NODES), Path(scratch))
+    if json is not None:
+        write_json(json, _data(found))
     seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
     for life, slots in found.slots.items():
         typer.echo(f"{life!s:<16} {slots} slots")
@@ -79,6 +84,18 @@ def replay(
         return
     typer.echo(f"{'difference':<16} up to {found.greatest:.6g}; first: {found.first}")
     raise typer.Exit(1)
+
+
+def _data(found: ReplayReport) -> dict[str, Any]:
+    """What a replay found, as plain data."""
+    return {
+        "exact": found.first is None and not found.altered,
+        "slots": {str(life): slots for life, slots in found.slots.items()},
+        "greatest": found.greatest,
+        "first": None if found.first is None else str(found.first),
+        "altered": [str(sample) for sample in found.altered],
+        "not_compared": list(found.alone),
+    }
 
 
 def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:

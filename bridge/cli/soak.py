@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.rehearse import Interface, Realtime, Set
+from cosim.cli.json_file import write_json
 from cosim.cli.numbers import finite
-from cosim.cli.options import Quiet
+from cosim.cli.options import Json, Quiet
 
 if TYPE_CHECKING:
     from bridge.campaign.soak import SoakSetup
@@ -60,6 +61,7 @@ def soak(
     set_: Set = None,
     interface: Interface = None,
     realtime: Realtime = True,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a soak test: many rehearsals with random faults, several at once.
@@ -87,6 +89,8 @@ def soak(
     path = job.folder / SUMMARY
     path.write_text(soak_table.markdown(records, title), encoding="utf-8")
     report = page.write_many(records, kinds, title, job.folder, this_command())
+    if json is not None:
+        write_json(json, page.many_as_data(records, job.folder))
     wrong = soak_table.failures(records)
     for line in wrong:
         typer.echo(f"not passed: {line}", err=True)

@@ -92,6 +92,7 @@ def run(
     pdf: bool,
     strict: bool,
     quiet: bool,
+    json: Path | None = None,
 ) -> None:
     """Run the twin into a run folder, and print its numbers.
 
@@ -107,7 +108,8 @@ def run(
     from cosim.analysis.metrics import evaluate
     from cosim.base.clock import stamp, stopwatch
     from cosim.base.interrupts import exit_code
-    from cosim.cli.summary import pictures
+    from cosim.cli.json_file import write_json
+    from cosim.cli.summary import metrics_as_data, pictures
     from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
@@ -139,6 +141,9 @@ def run(
     found = pictures(system.scenario, result, report=report, png=png, pdf=pdf)
     said += [line(what, str(path)) for what, path in found]
     seal(folder)
+    if json is not None:
+        found_metrics = metrics_as_data(system.scenario, result)
+        write_json(json, {"folder": str(folder), "wall_s": wall, "metrics": found_metrics})
     said.append(line("run folder", str(folder)))
     if not quiet:
         typer.echo("\n".join(said))

@@ -36,6 +36,7 @@ from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
 from cosim.analysis import declared_metrics
+from cosim.analysis.metrics import Metric, MetricResult
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError
 from cosim.engine.simulate import metadata, stop_metadata
@@ -215,18 +216,28 @@ def _metadata(
     }
 
 
-def metric_lines(system: System, outcome: RehearsalOutcome, run: Run) -> Iterator[str]:
-    """The metrics of the scenario, or of which signals they lack: those of nodes elsewhere."""
+def metrics(
+    system: System, outcome: RehearsalOutcome, run: Run
+) -> Iterator[tuple[Metric, MetricResult | None]]:
+    """The metrics of the scenario with their results; None: a signal is of a node elsewhere."""
     ran = {report.life.node for report in outcome.reports}
     here = {name for node in ran for name in system.deployment.nodes[node].components}
     for metric in declared_metrics.metrics(system.scenario):
-        away = [name for name in metric.signals if name.partition(".")[0] not in here]
-        if away:
-            text = f"not computed: {', '.join(away)}, of a node that did not run here"
-            yield report.line(metric.label or metric.name, text)
-        else:
-            result = metric.evaluate(run)
+        there = all(name.partition(".")[0] in here for name in metric.signals)
+        yield metric, metric.evaluate(run) if there else None
+
+
+def metric_lines(system: System, outcome: RehearsalOutcome, run: Run) -> Iterator[str]:
+    """The metrics of the scenario as lines of text, or which signals they lack."""
+    ran = {report.life.node for report in outcome.reports}
+    here = {name for node in ran for name in system.deployment.nodes[node].components}
+    for metric, result in metrics(system, outcome, run):
+        if result is not None:
             yield report.line(result.label, result.text)
+            continue
+        away = [name for name in metric.signals if name.partition(".")[0] not in here]
+        text = f"not computed: {', '.join(away)}, of a node that did not run here"
+        yield report.line(metric.label or metric.name, text)
 
 
 def lines(system: System, outcome: RehearsalOutcome) -> list[str]:

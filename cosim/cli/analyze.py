@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.numbers import finite
-from cosim.cli.options import Plot, Set, Verify
+from cosim.cli.options import Json, Plot, Set, Verify
 
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis
@@ -35,9 +35,7 @@ def analyze(
             callback=finite, help="Frequency of the slowest test force, rad/s.", min=1e-4, max=10.0
         ),
     ] = 0.03,
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers as JSON.")
-    ] = None,
+    json: Json = None,
     plot: Plot = True,
     out: Annotated[
         Path | None,
@@ -71,7 +69,9 @@ def analyze(
     for line in report(found):
         typer.echo(line)
     if json is not None:
-        write(json, found)
+        from cosim.cli.json_file import write_json
+
+        write_json(json, found.as_data())
         typer.echo(f"\n{'numbers':<12} {json}")
     if plot:
         from cosim.reporting.analysis import draw
@@ -123,16 +123,3 @@ def _table(quantities: Sequence[Quantity], footnotes: dict[str, int]) -> list[st
         rows.append((q.label, q.text if not q.missing else "-", form, notes if not q.missing
                      else f"{notes} no number: {q.note}"))  # fmt: skip
     return aligned(rows)
-
-
-def write(path: Path, found: Analysis) -> None:
-    """The numbers as JSON. Raises RunError."""
-    import json
-    import os
-
-    from cosim.base.errors import RunError
-
-    try:
-        path.write_text(json.dumps(found.as_data(), indent=1, ensure_ascii=False) + "\n", "utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.numbers import finite
-from cosim.cli.options import Set
+from cosim.cli.options import Json, Set
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -37,9 +37,7 @@ def check(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with status 1 for warnings as well.")
     ] = False,
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the findings as JSON.")
-    ] = None,
+    json: Json = None,
     bitrate: Annotated[
         float, typer.Option(callback=finite, min=1.0, help="Bit rate for a .dbc file, bit/s.")
     ] = 1e6,
@@ -77,7 +75,10 @@ def check(
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     typer.echo("\n" + ", ".join(f"{n} {s}{'' if n == 1 else 's'}" for s, n in counts.items()))
     if json is not None:
-        _write(json, scenario, found)
+        from cosim.cli.json_file import write_json
+
+        findings = [f.as_data() for f in found]
+        write_json(json, {"scenario": str(scenario), "findings": findings})
     if counts["error"] or (strict and counts["warning"]):
         raise typer.Exit(1)
 
@@ -135,16 +136,3 @@ def _print_findings(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:
         raise ScenarioError("; ".join(lines), "--strict")
     for line in lines if not quiet else ():
         typer.echo(f"{MARK}{line}", err=True)
-
-
-def _write(path: Path, scenario: Path, found: tuple[Finding, ...]) -> None:
-    import json
-    import os
-
-    from cosim.base.errors import RunError
-
-    data = {"scenario": str(scenario), "findings": [f.as_data() for f in found]}
-    try:
-        path.write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", "utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error

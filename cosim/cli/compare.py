@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Quiet, Strict
+from cosim.cli.options import Json, Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
@@ -53,11 +53,13 @@ def compare(
         bool, typer.Option("--list", help="List the variants, without running them.")
     ] = False,
     strict: Strict = False,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Compare controllers: run each with every operator and link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.check import report_unconnected_inputs
+    from cosim.cli.json_file import write_json
     from cosim.cli.summary import progress_bar
     from cosim.comparison import page, report
     from cosim.comparison.comparison import compare as compare_all
@@ -87,6 +89,8 @@ def compare(
         paths.insert(0, _draw(found, folder / report.FIGURE))
         paths.insert(0, page.write(found, folder, _command()))
     seal(folder, anew=True)
+    if json is not None:
+        write_json(json, report.as_data(found, _command()))
     if quiet:
         return
     typer.echo(_title(known, chosen, scenario, seeds, len(found.outcomes)))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from cosim.cli.json_file import write_json
+from cosim.cli.options import Json
 
 if TYPE_CHECKING:
     from cosim.links.preset_statistics import DelayFigures
@@ -20,8 +23,11 @@ def delays(
         Path | None,
         typer.Option(metavar="FOLDER", help="Write the frozen traces as CSV, with SHA256SUMS."),
     ] = None,
+    json: Json = None,
 ) -> None:
     """List delays by name: presets of networks, and frozen traces with their SHA-256 sums."""
+    if json is not None:
+        write_json(json, _data())
     if write is not None:
         typer.echo(f"{_write(write)} traces written to {write}")
     elif verify:
@@ -30,6 +36,22 @@ def delays(
         typer.echo("\n".join(_described(name)))
     else:
         typer.echo("\n".join(_listing()))
+
+
+def _data() -> list[dict[str, Any]]:
+    """Every preset and frozen trace with its figures, delays in s."""
+    from dataclasses import asdict
+
+    from cosim.links.frozen_traces import TRACES
+    from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+    from cosim.links.presets import PRESETS
+
+    presets = (("preset", n, p.title, figures_of_preset(n)) for n, p in PRESETS.items())
+    traces = (("frozen", n, t.title, figures_of_trace(n)) for n, t in TRACES.items())
+    return [
+        {"law": law, "name": name, "title": title, **asdict(figures)}
+        for law, name, title, figures in (*presets, *traces)
+    ]
 
 
 def _verify() -> int:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.options import Quiet
+from cosim.cli.json_file import write_json
+from cosim.cli.options import Json, Quiet
 
 if TYPE_CHECKING:
     from cosim.fitting.fit import Fit
@@ -49,9 +50,7 @@ def fit(
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
     ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Runs at the most.")] = 1000,
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
-    ] = None,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Fit parameters of a scenario or an FMU to measured data, with confidence intervals."""
@@ -181,13 +180,11 @@ def _again(path: Path, plan: Plan, found: Fit) -> str:
 
 
 def _write(found: Fit, path: Path) -> None:
-    import json
-
     data = {
         "parameters": [
             {
                 "name": p.varied.name, "unit": p.varied.unit, "start": p.varied.start,
-                "value": p.value, "interval_95": None if isnan(p.interval) else p.interval,
+                "value": p.value, "interval_95": p.interval,
                 "low": p.varied.low, "high": p.varied.high, "at_bound": p.at_bound,
             }
             for p in found.parameters
@@ -196,4 +193,4 @@ def _write(found: Fit, path: Path) -> None:
                 for n, (a, b, u) in found.differences.items()},
         "runs": found.runs, "converged": found.converged, "reason": found.reason,
     }  # fmt: skip
-    path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    write_json(path, data)

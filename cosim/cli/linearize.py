@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json as json_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.json_file import write_json
 from cosim.cli.numbers import finite
-from cosim.cli.options import Quiet, Set
+from cosim.cli.options import Json, Quiet, Set
 
 if TYPE_CHECKING:
     from cosim.linear.model import LinearModel
@@ -55,9 +55,7 @@ def linearize(
         ),
     ] = 1e-3,
     set_: Set = None,
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the model as JSON.")
-    ] = None,
+    json: Json = None,
     mat: Annotated[
         Path | None, typer.Option("--mat", metavar="FILE", help="Write the model for MATLAB.")
     ] = None,
@@ -77,7 +75,7 @@ def linearize(
             lambda name: say(f"derivatives of {name}"),
         )  # fmt: skip
     if json is not None:
-        _save(json, (json_.dumps(found.as_data(), indent=1) + "\n").encode())
+        write_json(json, found.as_data())
     if mat is not None:
         _save(mat, _matlab(found))
     if not quiet:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -19,6 +20,9 @@ Png = Annotated[bool, typer.Option("--png", help="Also draw the figures of the s
 Pdf = Annotated[bool, typer.Option("--pdf", help="Also draw the figures of the scenario as PDF.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings before the run as errors.")]
+Json = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
+]
 Verify = Annotated[
     bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
 ]

@@ -12,6 +12,8 @@ from typing import Annotated, Any, Protocol, cast
 
 import typer
 
+from cosim.cli.options import Json
+
 #: The reproduction; imported by name, for `cosim` knows no model.
 PAPER = "fmus.paper.reproduction"
 
@@ -58,12 +60,14 @@ def reproduce(
     force: Annotated[
         bool, typer.Option("--force", help="Replace the results of an earlier reproduction.")
     ] = False,
+    json: Json = None,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print only the claims that fail.")
     ] = False,
 ) -> None:
     """Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims."""
     from cosim.base.clock import stamp, stopwatch
+    from cosim.cli.json_file import write_json
     from cosim.cli.summary import progress_bar, this_command
 
     wanted = [part.strip() for part in only.split(",") if part.strip()]
@@ -76,6 +80,8 @@ def reproduce(
     with progress_bar(quiet) as progress:
         rows = paper.reproduce(folder, wanted, seed=seed, jobs=jobs, force=force, progress=progress)
     page = paper.write_report(rows, folder, this_command())
+    if json is not None:
+        write_json(json, {"folder": str(folder), "claims": rows})
     failed = [row for row in rows if not row["passed"]]
     for line in _table(failed if quiet else rows, colour=sys.stdout.isatty()):
         typer.echo(line)

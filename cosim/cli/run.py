@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.numbers import finite
-from cosim.cli.options import Force, Pdf, Png, Quiet, Report, Strict
+from cosim.cli.options import Force, Json, Pdf, Png, Quiet, Report, Strict
 
 if TYPE_CHECKING:
     from cosim.scenario.spec import Scenario
@@ -90,6 +90,7 @@ def run(
         bool, typer.Option("--fmu-log", help="Write the log of every FMU to NAME.fmu.log.")
     ] = False,
     strict: Strict = False,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
@@ -98,7 +99,16 @@ def run(
     from cosim.base.interrupts import exit_code
     from cosim.base.settings import as_toml
     from cosim.cli.check import print_warnings
-    from cosim.cli.summary import check, header, late_ticks, pictures, progress_bar, summary
+    from cosim.cli.json_file import write_json
+    from cosim.cli.summary import (
+        as_data,
+        check,
+        header,
+        late_ticks,
+        pictures,
+        progress_bar,
+        summary,
+    )
     from cosim.cli.supervise import announce_run_folder
     from cosim.engine.simulate import columns, simulate
     from cosim.loading.files import load
@@ -116,7 +126,7 @@ def run(
         twin = importlib.import_module(TWIN)
         twin.run(
             scenario, deploy, clock, settings, out,
-            force=force, report=plot, png=png, pdf=pdf, strict=strict, quiet=quiet,
+            force=force, report=plot, png=png, pdf=pdf, strict=strict, quiet=quiet, json=json,
         )  # fmt: skip
         return
     loaded = load(scenario, settings, table)
@@ -160,6 +170,8 @@ def run(
     for what, path in pictures(loaded, result, report=plot, png=png, pdf=pdf):
         say(f"{what:<16} {path}")
     seal(folder)
+    if json is not None:
+        write_json(json, as_data(loaded, result, outcome))
     say(f"{'run folder':<16} {folder}")
 
 

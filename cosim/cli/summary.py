@@ -5,9 +5,9 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import ScenarioError
 
@@ -117,6 +117,34 @@ def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
         )
     )
     return lines
+
+
+def as_data(scenario: Scenario, run: Run, outcome: RunOutcome) -> dict[str, Any]:
+    """The numbers of a run as plain data; ages in s."""
+    return {
+        "folder": str(run.path.parent),
+        "seconds": outcome.seconds,
+        "wall_s": outcome.wall,
+        "ended": str(outcome.ended) if outcome.ended is not None else None,
+        "metrics": metrics_as_data(scenario, run),
+        "link_ages": {
+            name: {"mean_s": s.age_mean, "p95_s": s.age_p95, "max_s": s.age_maximum}
+            for name, s in outcome.ages.items()
+        },
+    }
+
+
+def metrics_as_data(scenario: Scenario, run: Run) -> dict[str, Any]:
+    """The metrics of a scenario by name: value, unit, parts; without those of missing signals."""
+    from cosim.analysis import declared_metrics
+
+    found = {}
+    for metric in declared_metrics.metrics(scenario):
+        with suppress(ScenarioError):
+            r = metric.evaluate(run)
+            parts = dict(r.parts)
+            found[r.name] = {"label": r.label, "value": r.value, "unit": r.unit, "parts": parts}
+    return found
 
 
 def _line(label: str, text: str) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Plot, Quiet, Strict
+from cosim.cli.options import Json, Plot, Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.sweeps.execute import PlannedRuns
@@ -46,10 +46,12 @@ def sweep(
     ] = None,
     plot: Plot = True,
     strict: Strict = False,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a parameter study: simulate every point; write a table and figures. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
+    from cosim.cli.json_file import write_json
     from cosim.cli.summary import this_command
     from cosim.record import seal
     from cosim.sweeps import execute, figures, page, summary
@@ -82,6 +84,8 @@ def sweep(
         for path in figures.draw_all(loaded, table, folder):
             say(f"{'figure':<16} {path}")
     seal(folder, anew=True)
+    if json is not None:
+        write_json(json, {"folder": str(folder), **summary.as_data(table)})
     summary.refuse_lost_runs(table)
 
 

@@ -18,6 +18,7 @@ import os
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.comparison.comparison import Comparison
@@ -106,10 +107,10 @@ def table_csv(comparison: Comparison) -> str:
     return out.getvalue()
 
 
-def as_json(comparison: Comparison, command: str) -> str:
+def as_data(comparison: Comparison, command: str) -> dict[str, Any]:
     """Everything: runs, columns with units, link tables, variants, versions."""
     c = comparison
-    data = {
+    return {
         "title": c.variants.title,
         "command": command,
         "scenario": str(c.base.path),
@@ -123,7 +124,6 @@ def as_json(comparison: Comparison, command: str) -> str:
         "versions": versions(),
         "runs": runs_as_data(c),
     }
-    return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 # ---- files --------------------------------------------------------------------------------------
@@ -153,10 +153,11 @@ def write(comparison: Comparison, folder: Path, command: str) -> Iterator[Path]:
 
     Raises RunError with the path that cannot be written.
     """
+    data = as_data(comparison, command)
     for name, content in (
         ("table.md", markdown(comparison, command)),
         ("table.csv", table_csv(comparison)),
-        (RESULT, as_json(comparison, command)),
+        (RESULT, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"),
     ):
         path = folder / name
         try:

@@ -83,6 +83,22 @@ def _ranges(table: SweepTable) -> list[str]:
     ]  # fmt: skip
 
 
+def as_data(table: SweepTable) -> dict[str, Any]:
+    """How many runs there are and are stable, and the range of each measure, as plain data."""
+    found = {"points": table.points, "runs": len(table.records)}
+    found["stable"] = sum(bool(r["stable"]) for r in table.records)
+    found["failed"] = sum(bool(r["reason"]) for r in table.records)
+    measures = {}
+    for name, unit in table.units.items():
+        x = column(table.records, name)
+        x = np.sort(x[~np.isnan(x)])
+        low, middle, high = (x[0], x[len(x) // 2], x[-1]) if len(x) else (nan, nan, nan)
+        measures[name] = {
+            "unit": unit, "least": float(low), "median": float(middle), "largest": float(high),
+        }  # fmt: skip
+    return {**found, "measures": measures}
+
+
 def _number(value: float) -> str:
     return f"{value:.4g}" if isfinite(value) else "never" if value > 0 else "none"
 

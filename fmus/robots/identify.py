@@ -194,10 +194,7 @@ def _expression(p: BaseParameter) -> str:
 
 
 def _write(path: Path, found: Identified) -> None:
-    import json
-    import os
-
-    from cosim.base.errors import RunError
+    from cosim.cli.json_file import write_json
 
     data: Mapping[str, Any] = {
         "parameters": [
@@ -212,7 +209,4 @@ def _write(path: Path, found: Identified) -> None:
         "without_effect": list(found.without_effect),
         "unexcited": list(found.unexcited),
     }  # fmt: skip
-    try:
-        path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    write_json(path, data)

@@ -6,7 +6,12 @@ import re
 from pathlib import Path
 
 from bridge.campaign.judgement import JudgedRun
-from bridge.campaign.page import write_campaign, write_many
+from bridge.campaign.page import (
+    campaign_as_data,
+    many_as_data,
+    write_campaign,
+    write_many,
+)
 from bridge.records.lives import Life
 
 
@@ -30,6 +35,10 @@ def test_a_run_that_was_not_as_expected_fails_the_campaign(tmp_path: Path) -> No
         runs[:1], "Faults", tmp_path, ""
     ).read_text("utf-8")  # fmt: skip
     assert 'class="verdict failed"' in write_campaign([], "", tmp_path, "").read_text("utf-8")
+    found = campaign_as_data(runs, tmp_path)["runs"]
+    assert [(x["name"], x["passed"], x["corrupted"]) for x in found] == [
+        ("drop", True, 3), ("drop-2", False, 3),
+    ]  # fmt: skip
 
 
 def record(run: str, verdict: str, reason: str = "") -> dict[str, object]:
@@ -52,4 +61,7 @@ def test_many_runs_have_one_word(tmp_path: Path) -> None:
     assert '<a href="runs/00001/">00001</a>' in page and "runs/00000" not in page
     assert page.index("00001/") < page.index("<td>00000</td>")  # what failed stands first
     assert word(write_many([good, slow], kinds, "", tmp_path, "")) == "passed"
+    assert [r["verdict"] for r in many_as_data([good, bad], tmp_path)["runs"]] == [
+        "passed", "failed",
+    ]  # fmt: skip
     assert word(write_many([slow], kinds, "", tmp_path, "")) == "inconclusive"

@@ -1,0 +1,86 @@
+"""``--json``: what a command prints, as data; it is the same for a program to read."""
+
+from __future__ import annotations
+
+import json
+from math import inf, nan
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cosim.base.errors import RunError
+from cosim.cli.json_file import write_json
+from tests.cli.command import ROOT, Command
+from tests.cli.conftest import cosim as cosim  # the command as a fixture
+from tests.cosim.sweeps.studies import STUDY, written
+
+CONFIG = ROOT / "configs" / "teleoperation.toml"
+
+
+def test_numbers_that_are_not_finite_are_null(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_json(path, {"a": [nan, 1.0, (inf, 2)], "b": {"c": -inf}})
+    assert json.loads(path.read_text("utf-8")) == {"a": [None, 1.0, [None, 2]], "b": {"c": None}}
+    with pytest.raises(RunError, match=r"cannot write .*none/a.json"):
+        write_json(tmp_path / "none" / "a.json", [])
+
+
+@pytest.fixture
+def said(cosim: Command, tmp_path: Path) -> Any:
+    """What a command says and writes."""
+
+    def call(*arguments: str | Path) -> tuple[Any, str]:
+        path = tmp_path / "said.json"
+        done = cosim(*arguments, "--json", path)
+        assert done.code == 0, done.err
+        return json.loads(path.read_text("utf-8")), done.out
+
+    return call
+
+
+def test_a_run_and_its_twin(said: Any, tmp_path: Path) -> None:
+    short = ("--set", "run.stop=2", "--no-plot")
+    found, text = said("run", CONFIG, *short, "--out", tmp_path / "run")
+    assert found["folder"] == str(tmp_path / "run") and found["seconds"] == 2.0
+    effort = found["metrics"]["effort"]
+    assert f"{effort['value']:.4g} {effort['unit']}" in text
+    assert len(found["link_ages"]) == 2
+    twin, text = said("run", CONFIG, "--deploy", "zenoh", *short, "--out", tmp_path / "twin")
+    assert f"{twin['metrics']['effort']['value']:.4g}" in text
+
+
+def test_a_rehearsal_and_its_replay(said: Any, tmp_path: Path) -> None:
+    found, text = said(
+        "rehearse", CONFIG, "--deploy", "can", "-i", "cosim", "--clock", "simulated", "--set",
+        "run.stop=0.5", "--no-twin", "--no-plot", "--out", tmp_path / "run",
+    )  # fmt: skip
+    assert f"verdict          {found['verdict']}" in text and found["exit_code"] == 0
+    assert found["replay"] == {"exact": True, "greatest": 0.0, "first": None}
+    assert {n: x["slots"] for n, x in found["nodes"].items()} == {
+        "master": 500, "slave": 500, "master_control": 100, "slave_control": 100,
+    }  # fmt: skip
+    again, text = said("replay", tmp_path / "run")
+    assert again["exact"] and again["slots"]["master"] == 500 and "exactly 0" in text
+
+
+def test_a_sweep_and_a_comparison(said: Any, tmp_path: Path) -> None:
+    study = written(tmp_path, STUDY + "values = [1, 10, 205]\n[stable]\nrest = 1.0\n")
+    found, _ = said("sweep", study, "--out", tmp_path / "sweep", "--jobs", "1", "--no-plot")
+    assert (found["points"], found["runs"], found["stable"], found["failed"]) == (3, 3, 2, 0)
+    assert found["measures"]["rest"]["largest"] > 1.0
+    found, _ = said(
+        "compare", CONFIG, "--controllers", "paper", "--operators", "light", "--links", "paper",
+        "--set", "run.stop=1 s", "--jobs", "1", "--no-plot", "--out", tmp_path / "compared",
+    )  # fmt: skip
+    table = (tmp_path / "compared" / "table.json").read_text("utf-8")
+    assert found["runs"] == json.loads(table)["runs"]
+
+
+def test_delays_and_claims(said: Any, tmp_path: Path) -> None:
+    found, text = said("delays")
+    wifi = next(x for x in found if x["name"] == "wifi5")
+    assert wifi["law"] == "preset" and f"{1e3 * wifi['p50']:.3g}" in text
+    found, text = said("reproduce", "--only", "o1", "--jobs", "1", "--out", tmp_path / "paper")
+    assert found["claims"] and all(claim["passed"] for claim in found["claims"])
+    assert f"{len(found['claims'])} claims" in text
